@@ -39,9 +39,6 @@ MAX_REJECTED = 0.05
 # of the diffuse heading prior: above it, the measurements said less than 3 times as much of the
 # heading as the prior, next to nothing
 NO_BETTER = 0.5
-# A place that strays by more, on a unit noisier than its model, is neither: it rolls unseen (side
-# motion of 0.02 m/s leaves 0.06 to 0.09 m over half a minute).
-LARGEST_SWAY_OF_NOISY_M = 0.03
 BIAS_BIN_S = 300.0
 # measurements beyond the gate and no further apart are one stretch: 1.5 steps (STILL_STEP_S of
 # the filter, 10 s)
@@ -181,8 +178,7 @@ def _judged(result: Alignment, solution: Solution, twin: TwinModel) -> Alignment
         return replace(result, verdict=AlignmentVerdict.REFUSED, reasons=(nothing,))
     scale = solution.fitted.scale.unit
     unexplained = nis_verdict(result.nis_mean, result.dof) is not None
-    both = scale > 1.0 and solution.displacement_sigma_m > LARGEST_SWAY_OF_NOISY_M
-    if unexplained or both or rejected_share(solution) >= MAX_REJECTED:
+    if unexplained or solution.fitted.rolls or rejected_share(solution) >= MAX_REJECTED:
         moves = because(AlignmentReason.MOVES, scale=NOISE_SCALES[-1], source=twin.source)
         return replace(result, verdict=AlignmentVerdict.REFUSED, reasons=(moves,))
     if scale <= 1.0:
@@ -248,7 +244,7 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
         dof=dof,
         C_nb=C_nb,
         used_share=_used_share(solution),
-        level=solution.fitted.found,
+        level=solution.level,
     )
 
 

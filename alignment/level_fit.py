@@ -11,9 +11,8 @@ Source: innovations likelihood, Schweppe (1965); t-distributed weights, Lange, L
 (1989), section 3. Pinned by: tests/alignment/test_parked_level.py
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,24 +20,42 @@ from numpy.typing import NDArray
 from alignment.motion.kinds import STILL
 from alignment.motion.level import ParkedLevel
 from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
+from alignment.swing import Swing
 from ins.filters import error_model as em
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
 from ins.kalman import nis_band
 
 SURE = 3.0  # nats of log-likelihood for each parameter: odds of 20 to 1
-FACTORS = (0.5, 0.71, 1.41, 2.0)  # of a parameter in a round of the search
-ROUNDS = 8
-# of a vehicle that stands, per square root of a second: 0.3 m in 20 min. One that rolls unseen has
-# side motion of 0.04 m (0.02 m/s over 2 s)
+FINENESS = 2  # sizes of a parameter for each doubling
+STRIDES = (2, 1)  # in sizes: of a parameter in the search, wide ones first
+ROUNDS = 4
+# of a vehicle that stands, per square root of a second: 0.3 m in 20 min. What walks farther swings,
+# or rolls.
 LARGEST_WALK_M = 0.01
+# of one that rolls unseen: 0.04 m by side motion of 0.02 m/s over 2 s, more on a rough road
+ROLLING_WALK_M = 0.3
+# Swings that are tried: from what several steps of the filter resolve to what a walk describes as
+# well; lightly damped (mooring lines), well damped (fenders, a soft quay).
+PERIODS_S, DAMPINGS = (30.0, 60.0, 120.0, 240.0), (0.15, 0.5)
+FIRST_SWING_M = 0.125
+FINER = (2.0**-0.5, 2.0**0.5)  # of period and damping, once the likeliest swing is known
+OF_SWING = 2  # numbers of a swing beside its RMS: period and damping
+# nats by which a place that swings must be likelier than one that walks off. Both are sketches of
+# what they stand for: straight rolls of 100 to 900 s gained up to 15, a moored ship 40 in ten
+# minutes and 300 in an hour (tests/alignment/test_swing.py)
+COMES_BACK = 20.0
 LARGEST_PLACE_M = 1.0  # a moored ship
 LARGEST_YAW_WALK_RAD = 1e-3
 # Of the local level: where the search for a walk over ten seconds and for a larger level begins.
 # Place and its walk are alike in size; a heading that people turn by arcseconds walks a hundred
 # times its quiet jitter, which may be a gyro's last bit, and less than that shows nothing.
-FIRST_WALKS = {"place": (0.25,), "yaw": (0.25, 4.0, 60.0)}
-FIRST_FACTORS = {"place": (1.41,), "yaw": (1.41, 8.0, 60.0)}
+SMALLEST_WALK = 0.25
+FIRST_WALKS = {"place": (SMALLEST_WALK,), "yaw": (SMALLEST_WALK, 4.0, 64.0)}
+FIRST_FACTORS = {"place": (2.0**0.5,), "yaw": (2.0**0.5, 8.0, 64.0)}
 SHOWN_BY = {"place": ("still", "stop"), "yaw": ("heading held",)}  # measurements of each level
+# mean squared innovation over its variance, ten sigmas on end: a filter that believes in a quiet
+# level is led astray by what it is shown
+ABSURD = 100.0
 # nats that a step of the search must gain: a parameter 0.4 of its sigma off costs less
 HIGHER = 0.1
 STRAYS = 13.8  # squared innovation of a place (2 degrees of freedom) that is chance once in 1,000
@@ -51,7 +68,8 @@ LEAST_ALIKE, FEWEST_ALIKE = 0.25, 12
 
 class Scale(NamedTuple):
     """What multiplies the local level of place and heading, and the walks beside them (of the
-    local level, over ten seconds); unit: what multiplies the unit's own noise.
+    local level, over ten seconds); unit: what multiplies the unit's own noise; swing_m: RMS of a
+    place that swings; free: it may walk as far as that of a vehicle that rolls.
     """
 
     place: float = 1.0
@@ -59,6 +77,14 @@ class Scale(NamedTuple):
     yaw: float = 1.0
     yaw_walk: float = 0.0
     unit: float = 1.0
+    swing: Swing | None = None
+    swing_m: float = 0.0
+    free: bool = False
+
+    def sized(self, name: str, size: float) -> "Scale":
+        """The scale with another size of one parameter."""
+        sizes: dict[str, Any] = {name: size}
+        return self._replace(**sizes)
 
 
 QUIET = Scale()
@@ -68,7 +94,8 @@ QUIET = Scale()
 class LevelFound:
     """How the parked vehicle moved: RMS of its place, per axis [m], and heading [rad] in the middle
     of its steps and at their roughest, walks of both over ten seconds, scale of the unit's noise;
-    sigma_cost: heading sigma under this level over that on a calm vehicle.
+    sigma_cost: heading sigma under this level over that on a calm vehicle; swing_m, swing_s: RMS
+    and period of a place that swings, None where it does not.
     """
 
     place_m: float
@@ -79,19 +106,29 @@ class LevelFound:
     yaw_walk_rad: float
     unit_noise: float
     sigma_cost: float
+    swing_m: float = 0.0
+    swing_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A filter that has run, and the level that it ran under."""
+    """A filter that has run, and the level that it ran under; rolls: its place walks off."""
 
     filter: ErrorFilter
     parked: ParkedConstraint
     scale: Scale
-    found: LevelFound
+    rolls: bool = False
 
 
-Run = Callable[[ParkedConstraint, float], ErrorFilter]  # the last: scale of the unit's noise
+class Run(Protocol):
+    """A filter over the steps of a pass, from its start."""
+
+    def __call__(
+        self, parked: ParkedConstraint, unit: float, *, first_stand: bool = False
+    ) -> ErrorFilter:
+        """unit: scale of the unit's noise; first_stand: only up to where the vehicle first rolls,
+        whose steps are many and say nothing of a stand.
+        """
 
 
 @dataclass(frozen=True)
@@ -117,7 +154,8 @@ class Stretch:
         place, yaw = self.level.place_m[self.plan.last], self.level.yaw_rad[self.plan.last]
         dt = self.time_s[self.plan.last] - self.time_s[self.plan.first]
         tenth = np.sqrt(dt / 10.0)
-        walk = np.minimum(scale.place_walk * place * tenth, LARGEST_WALK_M * np.sqrt(dt))
+        most = ROLLING_WALK_M if scale.free else LARGEST_WALK_M
+        walk = np.minimum(scale.place_walk * place * tenth, most * np.sqrt(dt))
         # gusts are no multiple of the quiet jitter, which may be a gyro's last bit
         quiet = float(np.min(yaw)) if yaw.size else 0.0
         turn = np.minimum(scale.yaw_walk * quiet * tenth, LARGEST_YAW_WALK_RAD * np.sqrt(dt))
@@ -128,25 +166,52 @@ class Stretch:
             place_walk_m=walk,
             yaw_walk_rad=turn,
             gate=gate,
+            swing=scale.swing,
+            swing_m=scale.swing_m,
         )
 
 
 def fit(
-    run: Run, stretch: Stretch, units: tuple[float, ...] = (1.0,), *, rough: bool = False
+    run: Run,
+    stretch: Stretch,
+    units: tuple[float, ...] = (1.0,),
+    *,
+    rough: bool = False,
+    near: Scale = QUIET,
 ) -> Fitted:
     """The filter under the likeliest level.
 
     units: rising scales of the unit's own noise to choose from. Beyond the likeliest, the first
     under which the residuals are no larger than their band is taken, the last where none is.
-    rough: of an early pass, whose level is not looked for.
+    rough: of an early pass, whose level is looked for only where a quiet one is absurd. near: what
+    was likeliest for a solution close to this one.
     """
     search = _Search(run, stretch)
-    scale = QUIET if rough else search.likeliest(units)
+    scale = QUIET if rough and search.plausible() else search.likeliest(units, near)
     fitted = search.under(scale)
     for unit in units:
         if unit > scale.unit and not explained(fitted.filter):
             fitted = search.under(scale._replace(unit=unit))
     return fitted
+
+
+def found(fitted: Fitted, run: Run, stretch: Stretch) -> LevelFound:
+    """The level that a filter ran under, in numbers."""
+    calm = run(stretch.calm(), 1.0)
+    flt, parked = fitted.filter, fitted.parked
+    still, down = stretch.plan.kind == STILL, em.THETA.stop - 1
+    return LevelFound(
+        place_m=_middle(parked.displacement_sigma_m, still),
+        largest_place_m=_largest(parked.displacement_sigma_m, still),
+        place_walk_m=_middle(parked.place_walk_m, still),
+        yaw_rad=_middle(parked.yaw_jitter_rad, still),
+        largest_yaw_rad=_largest(parked.yaw_jitter_rad, still),
+        yaw_walk_rad=_middle(parked.yaw_walk_rad, still),
+        unit_noise=fitted.scale.unit,
+        swing_m=parked.swing_m,
+        swing_s=None if parked.swing is None else parked.swing.period_s,
+        sigma_cost=float(np.sqrt(flt.P[down, down] / calm.P[down, down])),
+    )
 
 
 def explained(flt: ErrorFilter) -> bool:
@@ -160,7 +225,9 @@ class _Search:
 
     def __init__(self, run: Run, stretch: Stretch) -> None:
         self._run, self._stretch = run, stretch
-        self._filters: dict[Scale, ErrorFilter] = {}
+        self._values: dict[Scale, float] = {}
+        self._quiet: ErrorFilter | None = None
+        self.rolls = False
 
     def under(self, scale: Scale) -> Fitted:
         """The filter under a scale, single strays widened, what is beyond the gate left out."""
@@ -168,18 +235,28 @@ class _Search:
         ungated = self._ungated(scale)
         slower = _slower(ungated, _strayed(ungated, plan, parked))
         strayed = replace(slower, gate=GATE_SIGMA)
-        flt = self._run(strayed, scale.unit)
-        calm = self._run(self._stretch.calm(), 1.0)
-        return Fitted(flt, strayed, scale, _found(flt, calm, strayed, scale.unit, plan))
+        return Fitted(self._run(strayed, scale.unit), strayed, scale, self.rolls)
 
-    def likeliest(self, units: tuple[float, ...]) -> Scale:
+    def plausible(self) -> bool:
+        """Whether a quiet level leaves residuals that may still be errors of the solution."""
+        tally = self._ungated(QUIET).tally
+        return all(
+            tally.nis[name] < ABSURD * tally.dof[name] for name in PARKED if name in tally.nis
+        )
+
+    def likeliest(self, units: tuple[float, ...], near: Scale = QUIET) -> Scale:
         """The likeliest scale, each parameter beyond its quiet value penalised."""
+        if near != QUIET and near.unit == 1.0 and not self._wanders(near._replace(free=True)):
+            again = self._climb(near, _moved(near))
+            if self._value(again) - _penalty(again) > self._value(QUIET):
+                return again
         scale, best = self._with_unit(QUIET, self._value(QUIET))
         for unit in units[1:]:
-            louder = scale._replace(unit=unit)
-            if max(map(self._value, (louder, QUIET._replace(unit=unit)))) <= best + SURE:
+            louder, alone = scale._replace(unit=unit), QUIET._replace(unit=unit)
+            beside = self._value(louder) - self._value(scale)
+            if max(beside, self._value(alone) - best) <= SURE:
                 break
-            found, value = self._with_unit(QUIET._replace(unit=unit), -np.inf)
+            found, value = self._with_unit(alone, -np.inf)
             if value <= best + SURE:
                 break
             scale, best = found, value
@@ -188,21 +265,58 @@ class _Search:
     def _with_unit(self, scale: Scale, best: float) -> tuple[Scale, float]:
         """The likeliest level beside one scale of the unit's noise, and its penalised value."""
         best = max(best, self._value(scale))
-        for own, walk in (("place", "place_walk"), ("yaw", "yaw_walk")):
-            if own == "yaw" and not self._stretch.hold_heading:
-                continue
+        gains = {own: self._most_to_gain(own, scale) for own in self._shown()}
+        # what is most off first: it spoils the states that the other is judged by
+        for own in sorted(gains, key=lambda own: -gains[own]):
             if self._most_to_gain(own, scale) < 0.5 * SURE:
                 continue
-            walks = [scale._replace(**{walk: size}) for size in FIRST_WALKS[own]]
-            wider = [scale._replace(**{own: size}) for size in FIRST_FACTORS[own]]
+            walk = f"{own}_walk"
+            walks = [scale.sized(walk, size) for size in FIRST_WALKS[own]]
+            wider = [scale.sized(own, size) for size in FIRST_FACTORS[own]]
             start = max((*walks, *wider), key=self._value)
             if self._value(start) - SURE <= best:
                 continue
-            found = self._climb(start, (own, walk))
-            penalty = SURE * sum(a != b for a, b in zip(found, scale))
+            found = self._climb(start._replace(free=own == "place"), (walk, own))
+            found = self._swung(found) if self._wanders(found) else found._replace(free=False)
+            penalty = _penalty(found) - _penalty(scale)
             if self._value(found) - penalty > best:
                 best, scale = self._value(found) - penalty, found
         return scale, best
+
+    def _shown(self) -> tuple[str, ...]:
+        """What the vehicle is held by."""
+        return ("place", "yaw") if self._stretch.hold_heading else ("place",)
+
+    def _wanders(self, scale: Scale) -> bool:
+        """Whether a place that may walk freely walks farther than a vehicle that stands can."""
+        most, held = (
+            np.max(self._stretch.constraint(scale._replace(free=free)).place_walk_m, initial=0.0)
+            for free in (scale.free, False)
+        )
+        return bool(most > held)
+
+    def _swung(self, walks: Scale) -> Scale:
+        """A place that swings where it is likelier than one that walks off; what walks off is given
+        no more than a standing vehicle's walk, which does not explain it.
+        """
+        names = ("swing_m", "place", "place_walk")
+        stands = QUIET._replace(unit=walks.unit, yaw=walks.yaw, yaw_walk=walks.yaw_walk)
+        swings = [
+            stands._replace(swing=Swing(period_s, damping), swing_m=FIRST_SWING_M)
+            for period_s in PERIODS_S
+            for damping in DAMPINGS
+        ]
+        best = self._climb(max(swings, key=self._value), names)
+        for name in ("period_s", "damping"):
+            for factor in FINER:
+                assert best.swing is not None
+                finer = replace(best.swing, **{name: factor * getattr(best.swing, name)})
+                best = max(best, best._replace(swing=finer), key=self._value)
+        best = self._climb(best, names)
+        if self._value(best) - _penalty(best) > self._value(walks) - _penalty(walks) + COMES_BACK:
+            return best
+        self.rolls = True
+        return self._climb(walks._replace(free=False), ("place", "place_walk"))
 
     def _most_to_gain(self, own: str, scale: Scale) -> float:
         """About the log-likelihood [nats] that any level of place or heading could add.
@@ -223,46 +337,64 @@ class _Search:
         return gain
 
     def _climb(self, scale: Scale, names: tuple[str, ...]) -> Scale:
-        """Up the likelihood by one parameter after another, until none of the factors helps."""
-        for _ in range(ROUNDS):
-            before = scale
-            for name in names:
-                for factor in FACTORS:
-                    size = factor * (getattr(scale, name) or FIRST_WALKS[names[0]][0])
-                    tried = scale._replace(**{name: size})
-                    if min(tried.place, tried.yaw) < 1.0:
-                        continue
-                    if self._value(tried) > self._value(scale) + HIGHER:
-                        scale = tried
-            if scale == before:
+        """Up the likelihood by one parameter after another, until none of the strides helps."""
+        for stride in STRIDES:
+            for _ in range(ROUNDS):
+                before = scale
+                for name in names:
+                    scale = self._along(scale, name, stride)
+                if scale == before:
+                    break
+        return scale
+
+    def _along(self, scale: Scale, name: str, stride: int) -> Scale:
+        """Up the likelihood by one parameter, as long as a stride helps."""
+        for direction in (stride, -stride):
+            began = scale
+            while True:
+                size = _size(getattr(scale, name) or SMALLEST_WALK, direction)
+                tried = scale.sized(name, size)
+                allowed = min(tried.place, tried.yaw) >= 1.0 and tried.swing_m <= LARGEST_PLACE_M
+                allowed = allowed and (size >= SMALLEST_WALK or name == "swing_m")
+                if not allowed or self._value(tried) <= self._value(scale) + HIGHER:
+                    break
+                scale = tried
+            if scale != began:
                 break
         return scale
 
     def _value(self, scale: Scale) -> float:
         """Log-likelihood of what was measured of the standing vehicle."""
-        told = self._ungated(scale).tally.log_likelihood
-        return sum(told.get(name, 0.0) for name in PARKED)
+        if scale not in self._values:
+            parked = self._stretch.constraint(scale)
+            told = self._run(parked, scale.unit, first_stand=True).tally.log_likelihood
+            self._values[scale] = sum(told.get(name, 0.0) for name in PARKED)
+        return self._values[scale]
 
     def _ungated(self, scale: Scale) -> ErrorFilter:
-        if scale not in self._filters:
-            self._filters[scale] = self._run(self._stretch.constraint(scale), scale.unit)
-        return self._filters[scale]
+        if scale != QUIET:
+            return self._run(self._stretch.constraint(scale), scale.unit)
+        if self._quiet is None:
+            self._quiet = self._run(self._stretch.constraint(QUIET), 1.0)
+        return self._quiet
 
 
-def _found(
-    flt: ErrorFilter, calm: ErrorFilter, parked: ParkedConstraint, unit: float, plan: StepPlan
-) -> LevelFound:
-    still, down = plan.kind == STILL, em.THETA.stop - 1
-    return LevelFound(
-        place_m=_middle(parked.displacement_sigma_m, still),
-        largest_place_m=_largest(parked.displacement_sigma_m, still),
-        place_walk_m=_middle(parked.place_walk_m, still),
-        yaw_rad=_middle(parked.yaw_jitter_rad, still),
-        largest_yaw_rad=_largest(parked.yaw_jitter_rad, still),
-        yaw_walk_rad=_middle(parked.yaw_walk_rad, still),
-        unit_noise=unit,
-        sigma_cost=float(np.sqrt(flt.P[down, down] / calm.P[down, down])),
-    )
+def _moved(scale: Scale) -> tuple[str, ...]:
+    """The parameters of the level that are beyond their quiet values."""
+    names = ("swing_m", "place", "place_walk", "yaw", "yaw_walk")
+    return tuple(name for name in names if getattr(scale, name) != getattr(QUIET, name))
+
+
+def _penalty(scale: Scale) -> float:
+    """What a level must gain beyond a quiet one [nats]: SURE for each number."""
+    return SURE * (len(_moved(scale)) + (0 if scale.swing is None else OF_SWING))
+
+
+def _size(size: float, steps: int) -> float:
+    """A size so many steps of the search from another, of a grid that all searches share: what was
+    run once need not run again.
+    """
+    return float(2.0 ** ((round(FINENESS * np.log2(size)) + steps) / FINENESS))
 
 
 def _middle(value: NDArray | float, still: NDArray) -> float:

@@ -12,10 +12,12 @@ from alignment import level_fit
 from alignment.inertial_start import start_attitude
 from alignment.motion import imu_faults, level, stillness
 from alignment.motion.inertial import Where
+from alignment.motion.kinds import ROLLING
 from alignment.motion.shake import Shaking
 from alignment.navigation_filter import (
     Aid,
     FilterPass,
+    LaidDown,
     ParkedConstraint,
     bin_of,
     declared_sway_m,
@@ -23,6 +25,7 @@ from alignment.navigation_filter import (
 )
 from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior, Solution
+from alignment.swing import Swing
 from ins.attitude import dcm_from_rotation_vector
 from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
@@ -135,22 +138,30 @@ def solve(
     bins = len(prior.edges_s) - 1
     start = _Start(start_attitude(log.imu, log.site, log.rest), np.zeros((bins, 3)), np.zeros(3))
     before: _Judged | None = None
+    near = level_fit.QUIET
     for number in range(MAX_PASSES):
         history = _navigated(log, prior, course, start)
         final = number == MAX_PASSES - 1
         judged = before if before is not None and final else _judge(history, log, before, number)
         last, stretch = _laid_out(log, twin, prior, course, (history, judged), start)
-        fitted = level_fit.fit(
-            _runner(last, sigma0 or {}, aids), stretch, course.noise_scales, rough=number == 0
-        )
+        run = _runner(last, sigma0 or {}, aids)
+        fitted = level_fit.fit(run, stretch, course.noise_scales, rough=number == 0, near=near)
         small = np.linalg.norm(fitted.filter.x[em.THETA_START]) < CONVERGED_RAD
         if final or (small and judged.settled):
             break
-        before = judged
+        before, near = judged, fitted.scale
         start = start.corrected(fitted.filter)
     last = replace(last, parked=fitted.parked, twin=scaled_noise(twin, fitted.scale.unit))
     return Solution(
-        history, judged.motion, last.plan, prior, start.gyro_rad_s, course.clone_at_s, fitted, last
+        history,
+        judged.motion,
+        last.plan,
+        prior,
+        start.gyro_rad_s,
+        course.clone_at_s,
+        fitted,
+        level_fit.found(fitted, run, stretch),
+        last,
     )
 
 
@@ -215,10 +226,19 @@ def _laid_out(
 
 def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.Run:
     """A pass of the filter under any level and any scale of the unit's noise."""
-    laid = last.lay_down(aids)
+    rolls = np.flatnonzero(last.plan.kind >= ROLLING)
+    until = int(rolls[0]) if rolls.size else len(last.plan.kind)
+    first = replace(last, plan=last.plan.until(until)) if until else last
+    programs: dict[tuple[bool, Swing | None], LaidDown] = {}
 
-    def run(parked: ParkedConstraint, scale: float) -> ErrorFilter:
-        return replace(last, parked=parked, twin=scaled_noise(last.twin, scale)).over(laid, sigma0)
+    def run(parked: ParkedConstraint, unit: float, *, first_stand: bool = False) -> ErrorFilter:
+        part = first if first_stand else last
+        held = parked.until(len(part.plan.kind))
+        key = (part is first, parked.swing)
+        if key not in programs:
+            programs[key] = replace(part, parked=held).lay_down(aids)
+        under = replace(part, parked=held, twin=scaled_noise(last.twin, unit))
+        return under.over(programs[key], sigma0)
 
     return run
 

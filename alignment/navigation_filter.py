@@ -9,7 +9,7 @@ odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid dow
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL
 from alignment.motion.stillness import Motion
+from alignment.swing import STATES, Swing, lay
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
 from ins.filters import error_model as em
@@ -56,6 +57,22 @@ class StepPlan:
     jolt_rad: NDArray
     velocity_jump_m_s: NDArray | None = None
     turn_jump_rad: NDArray | None = None
+
+    def until(self, count: int) -> "StepPlan":
+        """The first steps alone."""
+
+        def cut(column: NDArray | None) -> NDArray | None:
+            return None if column is None else column[:count]
+
+        return StepPlan(
+            self.first[:count],
+            self.last[:count],
+            self.kind[:count],
+            self.bin_index[:count],
+            self.jolt_rad[:count],
+            cut(self.velocity_jump_m_s),
+            cut(self.turn_jump_rad),
+        )
 
 
 @dataclass(frozen=True)
@@ -242,6 +259,8 @@ def new_filter(
     bias_mean: NDArray,
     bias_covariance: NDArray,
     level_earth_rate_rad_s: float,
+    *,
+    swings: bool = False,
 ) -> ErrorFilter:
     """A filter at the start of a parked solution: level and heading wide.
 
@@ -260,6 +279,7 @@ def new_filter(
         noise=process_noise(twin),
         bias_mean=bias_mean,
         bias_covariance=bias_covariance,
+        beside=STATES if swings else 0,
     )
     sigma = diffuse_heading_rad(bias_covariance, level_earth_rate_rad_s)
     flt.widen_prior(em.THETA.stop - 1, sigma)
@@ -270,7 +290,8 @@ def new_filter(
 @dataclass(frozen=True)
 class ParkedConstraint:
     """How the standing vehicle is held: noise of its place [m] and heading [rad] at the end of a
-    step, whether its heading holds, and by what place and heading go elsewhere within a step.
+    step, whether its heading holds, and by what place and heading go elsewhere within a step; RMS
+    of a place that swings [m], and how.
 
     One value for all steps, or one each (K,); walks that are one value for all must be zero.
     """
@@ -281,6 +302,22 @@ class ParkedConstraint:
     place_walk_m: NDArray | float = 0.0
     yaw_walk_rad: NDArray | float = 0.0
     gate: float = GATE_SIGMA
+    swing: Swing | None = None
+    swing_m: float = 0.0
+
+    def until(self, count: int) -> "ParkedConstraint":
+        """The same of the first steps."""
+
+        def cut(value: NDArray | float) -> NDArray | float:
+            return value[:count] if isinstance(value, np.ndarray) and value.ndim else value
+
+        return replace(
+            self,
+            displacement_sigma_m=cut(self.displacement_sigma_m),
+            yaw_jitter_rad=cut(self.yaw_jitter_rad),
+            place_walk_m=cut(self.place_walk_m),
+            yaw_walk_rad=cut(self.yaw_walk_rad),
+        )
 
 
 def lay_down(
@@ -290,14 +327,16 @@ def lay_down(
     *,
     aids: Sequence[Aid] = (),
     clone_at_s: float = np.inf,
+    beside: int = em.BASE,
 ) -> "LaidDown":
     """The filter's program over the plan, ready for any level of the parked vehicle's motion.
 
-    theta is cloned at the end of the step that reaches `clone_at_s`.
+    theta is cloned at the end of the step that reaches `clone_at_s`; beside: the first state behind
+    the bins.
     """
     views = views_of(history, plan, float(np.median(parked.displacement_sigma_m)))
     program = FilterProgram(filter_steps(views))
-    places = hold_position(program, views, parked)
+    places = hold_position(program, views, parked, beside)
     headings = hold_heading(program, views, parked) if parked.hold_heading else ()
     for aid in aids:
         aid.measure(program, views)
@@ -334,7 +373,14 @@ class FilterPass:
 
     def lay_down(self, aids: Sequence[Aid]) -> "LaidDown":
         """The pass's program, ready for any level of the parked vehicle's motion."""
-        return lay_down(self.history, self.plan, self.parked, aids=aids, clone_at_s=self.clone_at_s)
+        return lay_down(
+            self.history,
+            self.plan,
+            self.parked,
+            aids=aids,
+            clone_at_s=self.clone_at_s,
+            beside=em.BASE + len(self.bias_covariance),
+        )
 
     def over(self, laid: "LaidDown", sigma0: Mapping[str, float]) -> ErrorFilter:
         """The filter after a program that was laid down, the heading prior withdrawn."""
@@ -344,6 +390,7 @@ class FilterPass:
             -self.applied_rad_s.ravel(),
             self.bias_covariance,
             self.level_earth_rate_rad_s,
+            swings=self.parked.swing is not None,
         )
         flt.x[em.ACCEL] = -self.applied_accel_m_s2[:2]
         flt.run(laid.under(self.parked))
@@ -357,13 +404,14 @@ class FilterPass:
 @dataclass(frozen=True)
 class Held:
     """Rows of a program whose variance is the parked vehicle's: of which steps, and of what (a
-    field of `ParkedConstraint`); each step has so many of them on end.
+    field of `ParkedConstraint`); each step has so many of them on end. share: of that variance.
     """
 
     rows: slice
     steps: NDArray
     of: str
     each: int = 1
+    share: NDArray | float = 1.0
 
 
 @dataclass(frozen=True)
@@ -379,7 +427,7 @@ class LaidDown:
         for part in self.held:
             value = variance_of(parked, part.of)
             of_steps = value[part.steps] if value.ndim else np.full(part.steps.shape, value)
-            variance[part.rows] = np.repeat(of_steps, part.each)
+            variance[part.rows] = np.repeat(part.share * of_steps, part.each)
         return self.program.under(variance, dict.fromkeys(PARKED, parked.gate))
 
 
@@ -390,11 +438,12 @@ def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
 
 
 def hold_position(
-    program: FilterProgram, views: StepViews, parked: ParkedConstraint
+    program: FilterProgram, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
 ) -> tuple[Held, ...]:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
     the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
-    the same but counts the jitter twice.)
+    the same but counts the jitter twice.) beside: the first state behind the bins, for a place that
+    swings.
     """
     variance = _each(variance_of(parked, "displacement_sigma_m"), views)
     walk = _each(variance_of(parked, "place_walk_m"), views)
@@ -409,13 +458,21 @@ def hold_position(
         if np.ndim(parked.place_walk_m):
             held.append(_held(program, at, "place_walk_m"))
             program.widen(at, index, walk[at])
+    swung = None
+    if parked.swing is not None:
+        swung = lay(program, parked.swing, still, (em.S.start, em.S.start + 1), beside)
+        for part in swung.noise:
+            rows_of = slice(part.first_row, part.first_row + part.steps.size)
+            held.append(Held(rows_of, part.steps, "swing_m", share=part.share))
     way = np.cumsum(np.where(still[:, None], views.displacement_b_m[:, :2], 0.0), axis=0)
     before = np.where(stops > 0, stops - 1, 0)
     origin = np.where(stops[:, None] > 0, way[before], 0.0)
     moved = way[at] - origin[np.searchsorted(stops, at, side="right") - 1]
     rolled = np.cumsum(views.kind == ROLLING)[at] > 0
-    rows: list[Row] = [{em.S.start: 1.0}, {em.S.start + 1: 1.0}]
     for name, where in (("still", ~rolled), ("stop", rolled)):
+        rows: list[Row] = [{em.S.start: 1.0}, {em.S.start + 1: 1.0}]
+        if swung is not None:
+            rows = [{**row, **swung.place(axis, at[where])} for axis, row in enumerate(rows)]
         noise = variance[at[where]]
         held.append(_held(program, at[where], "displacement_sigma_m", each=2))
         program.measure(name, at[where], moved[where].T, rows, [noise, noise], gate=parked.gate)

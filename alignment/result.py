@@ -29,7 +29,8 @@ class Solution:
     """A navigation solution linearised about itself, and the filter's last state of its errors.
 
     applied_bias_rad_s (N, 3): what the last pass had subtracted beyond the table. `clone_s`: the
-    time of the theta clone. last: that pass, which can be run again under other aids.
+    time of the theta clone. level: of the motion that it ran under. last: that pass, which can be
+    run again under other aids.
     """
 
     history: NavHistory
@@ -39,6 +40,7 @@ class Solution:
     applied_bias_rad_s: NDArray
     clone_s: float
     fitted: Fitted
+    level: LevelFound
     last: FilterPass
 
     @property
@@ -49,7 +51,7 @@ class Solution:
     @property
     def displacement_sigma_m(self) -> float:
         """RMS of the parked vehicle about its place [m], in the middle of its steps."""
-        return self.fitted.found.place_m
+        return self.level.place_m
 
     @property
     def bias(self) -> tuple[NDArray, NDArray]:

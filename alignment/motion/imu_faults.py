@@ -101,7 +101,7 @@ def repair(
             break  # nothing to compare with
         if end is None and b - a > LONGEST_S and not _lost_in_a_shake(seconds, (a, b), jump, quiet):
             break  # the vehicle drives off
-        if end is None or end == k or seconds.lost[a:b].any():
+        if (end is None or end == k or seconds.lost[a:b].any()) and seconds.abrupt[a:b].any():
             fault, edit = _judge(seconds, (a, b), jump, quiet, stays=end is None)
             faults.append(fault)
             edits += [edit] if np.isfinite(edit.rate).any() else []

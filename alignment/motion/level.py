@@ -60,7 +60,7 @@ def standing(history: NavHistory, motion: Motion) -> Motion:
     """
     kind, cause = motion.kind.copy(), motion.cause.copy()
     for a, b in runs_of_true(kind == ROLLING):
-        if _sways(history, a, b):
+        if _sways(history, motion.kind, a, b):
             kind[a:b] = STILL
     apart = ~near(motion.time_s, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
     for a, b in runs_of_true(kind == DISTURBED):
@@ -93,16 +93,35 @@ def _stays(history: NavHistory, first: int, end: int) -> bool:
     return bool(np.ptp(way, axis=0).max() < PUSHED_M)
 
 
-def _sways(history: NavHistory, first: int, end: int) -> bool:
-    """Whether what looks like rolling is slow all the while, comes back, and keeps its heading."""
-    v = history.v_n_m_s[first:end, :2]
-    if abs(turn_about_down(history)[first:end].sum()) > PUSH_TURN_RAD:
+def _sways(history: NavHistory, kind: NDArray, first: int, end: int) -> bool:
+    """Whether what looks like rolling is slow all the while, comes back, and keeps its heading,
+    about the drift of the solution on either side.
+    """
+    if abs(turn_about_down(history)[first:end].sum()) > PUSH_TURN_RAD or end - first < PIECE_S:
         return False
-    if end - first < PIECE_S or np.linalg.norm(v, axis=1).max() > FASTEST_SWAY_M_S:
+    v = history.v_n_m_s[first:end, :2] - _drift(history, kind, first, end)
+    if np.linalg.norm(v, axis=1).max() > FASTEST_SWAY_M_S:
         return False
     way = np.cumsum(v - v.mean(axis=0), axis=0)
     straight = np.linalg.norm(v.sum(axis=0))
     return bool(np.ptp(way, axis=0).max() < LONGEST_SWAY_M and straight < LONGEST_SWAY_M)
+
+
+def _drift(history: NavHistory, kind: NDArray, first: int, end: int) -> NDArray:
+    """Velocity (n, 2) that a solution has in some epochs by what it has as long before and after,
+    where the vehicle goes nowhere fast: between the two; zero where neither is known.
+    """
+    t, v = history.time_s, history.v_n_m_s[:, :2]
+    slow = (kind <= DISTURBED) | (np.linalg.norm(v, axis=1) < FASTEST_SWAY_M_S)
+    sides = []
+    for rows in (slice(max(2 * first - end, 0), first), slice(end, 2 * end - first)):
+        if np.count_nonzero(slow[rows]) >= PIECE_S:
+            sides.append((t[rows][slow[rows]].mean(), v[rows][slow[rows]].mean(axis=0)))
+    if not sides:
+        return np.zeros((end - first, 2))
+    (t0, v0), (t1, v1) = sides[0], sides[-1]
+    share = np.zeros(end - first) if t1 == t0 else (t[first:end] - t0) / (t1 - t0)
+    return np.asarray(v0 + (v1 - v0) * share[:, None])
 
 
 def parked_level(history: NavHistory, motion: Motion) -> ParkedLevel:

@@ -21,6 +21,10 @@ from ins.robust import robust_sigmas
 # times the quiet second's largest deviation (1.5 to 3 sigmas of a row): about 10 sigmas
 PEAK_SPREADS = 4.0
 SECOND_SIGMAS = 8.0  # of a second's mean: 1e-15 of Gaussian ones lie beyond
+# of the median spread of rows within a second, beside what force and rate change by from second to
+# second: less than any touched second of a unit at rest has (6 sigmas off 3 of spread), more than
+# the crest of a swell (tests/alignment/test_imu_faults.py)
+ABRUPT_SPREADS = 2.0
 # the reader holds the next row's rate over so much; more of it is worse than a quiet jump: a sway
 # of 0.02 m/s at 0.28 Hz (R1) is 5 mm/s in it
 LOST_S = 0.15
@@ -234,14 +238,15 @@ def _three_on_end(same: NDArray, first: NDArray) -> NDArray:
 class Seconds:
     """Seconds (m) of a stretch against its own quiet level; columns as in `LogSeconds`.
 
-    start_s, end_s (m,); integral (m, 6): running sums less the quiet `level` (6,) per second;
-    channels (m, 6): where rows or the sum lie beyond the quiet level; stuck (m,): three rows on end
-    read the stretch's largest or smallest value; lost (m,): a row that stands for more than LOST_S
-    of lost ones; longest_s, high, low: of the rows.
+    start_s, end_s (m,); mean (m, 6): specific force and rate; integral (m, 6): running sums less
+    the quiet `level` (6,) per second; channels (m, 6): where rows or the sum lie beyond the quiet
+    level; stuck (m,): three rows on end read the stretch's largest or smallest value; lost (m,): a
+    row that stands for more than LOST_S of lost ones; longest_s, high, low: of the rows.
     """
 
     start_s: NDArray
     end_s: NDArray
+    mean: NDArray
     integral: NDArray
     level: NDArray
     channels: NDArray
@@ -254,6 +259,20 @@ class Seconds:
     @cached_property
     def touched(self) -> NDArray:
         return np.asarray(self.channels.any(axis=1) | self.lost)
+
+    @cached_property
+    def abrupt(self) -> NDArray:
+        """Touched seconds (m,) that do not follow from the seconds beside them, as the crest of a
+        swell does: their rows spread by more than the change from second to second, or their mean
+        is off that of its neighbours.
+        """
+        beside = np.pad(self.mean, ((1, 1), (0, 0)), mode="edge")
+        change = 0.5 * np.abs(beside[2:] - beside[:-2])
+        off = self.mean - 0.5 * (beside[2:] + beside[:-2])
+        spread = self.high - self.low
+        sudden = spread - change > ABRUPT_SPREADS * np.median(spread, axis=0)
+        sudden |= np.abs(off) > SECOND_SIGMAS * robust_sigmas(off) + 1e-9
+        return np.asarray((sudden & self.channels).any(axis=1) | self.lost | self.stuck)
 
 
 def judged(part: LogSeconds) -> Seconds | None:
@@ -272,6 +291,7 @@ def judged(part: LogSeconds) -> Seconds | None:
     return Seconds(
         start_s=part.start_s,
         end_s=part.end_s,
+        mean=mean,
         integral=np.cumsum(part.sums - level * part.dt_s[:, None], axis=0),
         level=level,
         channels=channels,

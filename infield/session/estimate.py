@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from alignment.motion.kinds import UNKNOWN
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.stillness import Motion
+from alignment.motion.sway import Sway
 from alignment.motion.turn_between import Turn
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
@@ -31,12 +32,13 @@ class SessionEarth:
 @dataclass(frozen=True)
 class ParkedStretch:
     """A stretch of rest: white noise taken (3,), the larger of twin and log; noise_scale: of the
-    log over the twin.
+    log over the twin; sway: the spectrum of one that sways.
     """
 
     seconds: ParkedSeconds
     walk_deg_sqrt_h: NDArray
     noise_scale: float
+    sway: Sway | None = None
 
     @property
     def still_s(self) -> float:

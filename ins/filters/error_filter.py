@@ -59,7 +59,7 @@ class Tally:
 
 
 class ErrorFilter:
-    """State x (n,) and covariance P (n, n) of the error filter, n = 35 + 3 bins.
+    """State x (n,) and covariance P (n, n) of the error filter, n = 35 + 3 bins + beside.
 
     Parameters
     ----------
@@ -70,6 +70,8 @@ class ErrorFilter:
         Prior of the gyro bias [rad/s].
     bias_covariance : ndarray, shape (3 bins, 3 bins)
         In (rad/s)^2.
+    beside : int
+        How many states follow the bins; known to be zero until a program assigns them.
 
     Attributes
     ----------
@@ -85,16 +87,18 @@ class ErrorFilter:
         noise: em.ProcessNoise,
         bias_mean: NDArray,
         bias_covariance: NDArray,
+        beside: int = 0,
     ) -> None:
-        n = em.BASE + bias_mean.size
+        self._bins = slice(em.BASE, em.BASE + bias_mean.size)
+        n = self._bins.stop + beside
         self.noise = noise
         self.x, self.P = np.zeros(n), np.zeros((n, n))
         for name, sigma in sigma0.items():
             index = getattr(em, name)
             for i in range(index.start, index.stop) if isinstance(index, slice) else (index,):
                 self.P[i, i] = sigma**2
-        self.x[em.BASE :] = bias_mean
-        self.P[em.BASE :, em.BASE :] = bias_covariance
+        self.x[self._bins] = bias_mean
+        self.P[self._bins, self._bins] = bias_covariance
         self.filtered = np.full((bias_mean.size // 3, 2, 3), np.nan)
         self.clone_start()
         self.tally = Tally()
@@ -224,4 +228,4 @@ class ErrorFilter:
     @property
     def bias(self) -> tuple[NDArray, NDArray]:
         """Mean (3 bins,) [rad/s] and covariance (3 bins, 3 bins) of the gyro bias bins."""
-        return self.x[em.BASE :].copy(), self.P[em.BASE :, em.BASE :].copy()
+        return self.x[self._bins].copy(), self.P[self._bins, self._bins].copy()

@@ -12,6 +12,7 @@ from tests.infield.sessions import PARKED as HALF_HOUR
 from tests.infield.sessions import estimate_of, simulated
 from tests.scenarios.gate_study import swaying
 from trajectories.runs.imu_stream import imu_log
+from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.faults import clipped_accelerometer, stuck_at_full_scale
 from trajectories.simulator.segments import Park, Stop, Straight
 from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push
@@ -156,3 +157,10 @@ def test_a_session_goes_on_after_a_burst(sensor, axis, total):
     sigma = np.sqrt(np.diag(before.covariance))
     assert np.sqrt(np.mean(((after.mean_deg_h - before.mean_deg_h) / sigma) ** 2)) < 0.25
     assert np.all(np.sqrt(np.diag(after.covariance)) < 1.03 * sigma)
+
+
+def test_the_crest_of_a_swell_is_no_shock():
+    """A moored ship rolls by three times its RMS now and then, over seconds."""
+    for seed in range(3):
+        run = parked(seed, environments=(Environment(kind="ship"),))
+        assert repair(run.imu)[1] == ()

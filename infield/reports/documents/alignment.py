@@ -28,7 +28,8 @@ class FilterDocument:
 @dataclass(frozen=True, kw_only=True)
 class LevelDocument:
     """How the parked vehicle moved (RMS in the middle and at its roughest, walk over ten seconds),
-    and what that cost: heading sigma over that on a calm vehicle.
+    and what that cost: heading sigma over that on a calm vehicle; RMS and period of a place that
+    swings, null where it does not.
     """
 
     place_mm: float
@@ -39,6 +40,8 @@ class LevelDocument:
     yaw_walk_arcsec: float
     unit_noise_scale: float
     sigma_cost: float
+    swing_mm: float | None
+    swing_s: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,4 +113,6 @@ def level_document(level: LevelFound) -> LevelDocument:
         yaw_walk_arcsec=level.yaw_walk_rad / ARCSEC,
         unit_noise_scale=level.unit_noise,
         sigma_cost=level.sigma_cost,
+        swing_mm=None if level.swing_s is None else 1e3 * level.swing_m,
+        swing_s=level.swing_s,
     )

@@ -133,7 +133,7 @@ def _estimated(
         claim_chain=None if parked else _chain(session.chain, e),
         zero_rate=parked_document.zero_rate(e) if parked else None,
         doubted=sentences(s.reason for s in session.doubted) or None,
-        motion_level=None if parked else level_document(e.navigated.fitted.found),
+        motion_level=None if parked else level_document(e.navigated.level),
         environment=None if parked else environment(e.navigated),
         taxi=_taxi(e.rolling),
     )

@@ -25,6 +25,7 @@ from alignment import levelling
 from alignment.gyrocompass import LEVEL_SHARE
 from alignment.motion.parked_seconds import ParkedSeconds, parked_places
 from alignment.motion.seconds import LogSeconds
+from alignment.motion.sway import averages, sway_of
 from alignment.motion.turn_between import turn_between
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, ParkedStretch, SessionEstimate
@@ -98,10 +99,8 @@ def estimate_parked(
         run, places, turns, twin, settings, survey=surveyed_first(run, rests, places[0])
     )
     rate, used_s = _bin_rates(bins, stretches, stretch, earth.known)
-    walk = np.stack([s.walk_deg_sqrt_h for s in stretches])[stretch]
-    measured = _measured(
-        rate, walk**2 / (np.maximum(used_s, 1.0)[:, None] / HOUR), earth.covariance, stretch
-    )
+    noise = _noise(bins, stretches, stretch, used_s)
+    measured = _measured(rate, noise, earth.covariance, stretch)
     left_out = tuple(sorted([*rests.left_out, *left_out], key=lambda span: span.start_s))
     evidence = ParkedEvidence(
         stretches, stretch, rate, used_s, earth, turns, left_out, *_shape_nis(bins, *measured)
@@ -141,7 +140,7 @@ def _settled(
         places = parked_places(log, start, end)
         before = len(kept)
         for seconds in places:
-            stretch = ParkedStretch(seconds, *white_noise(seconds, twin))
+            stretch = _stretch(seconds, twin)
             a, b = float(seconds.start_s[0]), float(seconds.end_s[-1])
             if stretch.still_s < MIN_PARKED_S:
                 continue
@@ -161,6 +160,19 @@ def _settled(
             )
             left_out.append(LeftOut(start_s=start, end_s=end, reason=not_still))
     return tuple(kept), tuple(left_out)
+
+
+def _stretch(seconds: ParkedSeconds, twin: TwinModel) -> ParkedStretch:
+    """A stretch with its noise: white, or where it is noisier than the twin and sways the spectrum
+    of its sway.
+    """
+    walk, scale = white_noise(seconds, twin)
+    sway = sway_of(seconds) if scale > NOISIER else None
+    if sway is None:
+        return ParkedStretch(seconds, walk, scale)
+    declared = declared_walk(twin)
+    slow = sway.walk_deg_sqrt_h
+    return ParkedStretch(seconds, np.maximum(slow, declared), float(slow.max() / declared), sway)
 
 
 def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
@@ -190,9 +202,31 @@ def white_noise(seconds: ParkedSeconds, twin: TwinModel) -> tuple[NDArray, float
     over the twin's.
     """
     seen = seconds.walk() / DEG_PER_SQRT_HOUR
+    declared = declared_walk(twin)
+    return np.maximum(seen, declared), float(seen.max() / declared)
+
+
+def declared_walk(twin: TwinModel) -> float:
+    """Angle random walk of the twin [deg/sqrt(h)], the vehicle's yaw creep with it."""
     creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG
-    declared = float(np.hypot(twin.gyro.arw_deg_sqrt_h, creep))
-    return np.maximum(seen, declared), float(seen.max() / max(declared, 1e-12))
+    return max(float(np.hypot(twin.gyro.arw_deg_sqrt_h, creep)), 1e-12)
+
+
+def _noise(
+    bins: SessionBins, stretches: tuple[ParkedStretch, ...], stretch: NDArray, used_s: NDArray
+) -> NDArray:
+    """Covariance (3N, 3N) [(deg/h)^2] of what noise and sway leave in the bins' mean rates."""
+    walk = np.stack([s.walk_deg_sqrt_h for s in stretches])[stretch]
+    R = np.diag((walk**2 / (np.maximum(used_s, 1.0)[:, None] / HOUR)).ravel())
+    for k, one in enumerate(stretches):
+        if one.sway is None:
+            continue
+        of = np.flatnonzero(stretch == k)
+        weights = averages(one.seconds, bins.start_s[of], bins.end_s[of])
+        for axis in range(3):
+            own = 3 * of + axis
+            R[np.ix_(own, own)] = one.sway.covariance(weights, axis)
+    return R
 
 
 def _bin_rates(
@@ -207,15 +241,15 @@ def _bin_rates(
 
 
 def _measured(
-    rate: NDArray, white: NDArray, common: NDArray, stretch: NDArray
+    rate: NDArray, noise: NDArray, common: NDArray, stretch: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Rows of the bins that were still, their rates (m,) and the covariance (m, m) of rates less
-    biases; white (N, 3), common (3S, 3S): of the stretches.
+    biases; noise (3N, 3N), common (3S, 3S): of the stretches.
     """
     kept = np.isfinite(rate).all(axis=1)
     of = (3 * stretch[kept][:, None] + np.arange(3)).ravel()
-    R = common[np.ix_(of, of)] + np.diag(white[kept].ravel())
-    return np.flatnonzero(np.repeat(kept, 3)), rate[kept].ravel(), R
+    rows = np.flatnonzero(np.repeat(kept, 3))
+    return rows, rate[kept].ravel(), common[np.ix_(of, of)] + noise[np.ix_(rows, rows)]
 
 
 def _posterior(bins: SessionBins, rows: NDArray, y: NDArray, R: NDArray) -> tuple[NDArray, NDArray]:
