@@ -12,7 +12,7 @@ Source: innovations likelihood, Schweppe (1965); t-distributed weights, Lange, L
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +83,7 @@ class Scale(NamedTuple):
 
     def sized(self, name: str, size: float) -> "Scale":
         """The scale with another size of one parameter."""
-        sizes: dict[str, Any] = {name: size}
-        return self._replace(**sizes)
+        return self._make(size if own == name else as_is for own, as_is in self._asdict().items())
 
 
 QUIET = Scale()
@@ -273,10 +272,14 @@ class _Search:
             walk = f"{own}_walk"
             walks = [scale.sized(walk, size) for size in FIRST_WALKS[own]]
             wider = [scale.sized(own, size) for size in FIRST_FACTORS[own]]
-            start = max((*walks, *wider), key=self._value)
-            if self._value(start) - SURE <= best:
+            if max(map(self._value, (*walks, *wider))) - SURE <= best:
                 continue
-            found = self._climb(start._replace(free=own == "place"), (walk, own))
+            free = own == "place"
+            found = max(  # one explains what the other does, as far as it can: from either side
+                self._climb(max(walks, key=self._value)._replace(free=free), (walk, own)),
+                self._climb(max(wider, key=self._value)._replace(free=free), (own, walk)),
+                key=self._value,
+            )
             found = self._swung(found) if self._wanders(found) else found._replace(free=False)
             penalty = _penalty(found) - _penalty(scale)
             if self._value(found) - penalty > best:

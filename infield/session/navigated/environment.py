@@ -64,11 +64,11 @@ class Environment:
 def environment(solution: Solution) -> Environment:
     """What a solution shows of its parked vehicle."""
     history, motion = solution.history, solution.motion
-    found = solution.fitted.found
+    found = solution.level
     bands = _bands(_paths(history), motion)
     tilt_rad = float(np.sqrt(sum(b.tilt_rad**2 for b in bands))) if bands else np.nan
     return Environment(
-        sway_m=found.place_m,
+        sway_m=float(np.hypot(found.place_m, found.swing_m)),
         tilt_rad=tilt_rad,
         yaw_rad=found.yaw_rad,
         bands=bands,
