@@ -28,7 +28,7 @@ from ins.kalman import nis_band
 SURE = 3.0  # nats of log-likelihood for each parameter: odds of 20 to 1
 FINENESS = 2  # sizes of a parameter for each doubling
 STRIDES = (2, 1)  # in sizes: of a parameter in the search, wide ones first
-ROUNDS = 4
+ROUNDS = 8
 # of a vehicle that stands, per square root of a second: 0.3 m in 20 min. What walks farther swings,
 # or rolls.
 LARGEST_WALK_M = 0.01
@@ -44,18 +44,19 @@ OF_SWING = 2  # numbers of a swing beside its RMS: period and damping
 # what they stand for: straight rolls of 100 to 900 s gained up to 15, a moored ship 40 in ten
 # minutes and 300 in an hour (tests/alignment/test_swing.py)
 COMES_BACK = 20.0
-LARGEST_PLACE_M = 1.0  # a moored ship
+# a moored ship: PIANC (1995) stops work at 1 m of surge
+LARGEST_PLACE_M = 1.0
 LARGEST_YAW_WALK_RAD = 1e-3
 # Of the local level: where the search for a walk over ten seconds and for a larger level begins.
 # Place and its walk are alike in size; a heading that people turn by arcseconds walks a hundred
 # times its quiet jitter, which may be a gyro's last bit, and less than that shows nothing.
-SMALLEST_WALK = 0.25
+SMALLEST_WALK = 0.25  # of the local level in ten seconds: a variance of 6 % beside it
 FIRST_WALKS = {"place": (SMALLEST_WALK,), "yaw": (SMALLEST_WALK, 4.0, 64.0)}
 FIRST_FACTORS = {"place": (2.0**0.5,), "yaw": (2.0**0.5, 8.0, 64.0)}
 SHOWN_BY = {"place": ("still", "stop"), "yaw": ("heading held",)}  # measurements of each level
-# mean squared innovation over its variance, ten sigmas on end: a filter that believes in a quiet
+# mean squared innovation over its variance: 10 sigmas on end. A filter that believes in a quiet
 # level is led astray by what it is shown
-ABSURD = 100.0
+LED_ASTRAY = 100.0
 # nats that a step of the search must gain: a parameter 0.4 of its sigma off costs less
 HIGHER = 0.1
 STRAYS = 13.8  # squared innovation of a place (2 degrees of freedom) that is chance once in 1,000
@@ -240,7 +241,7 @@ class _Search:
         """Whether a quiet level leaves residuals that may still be errors of the solution."""
         tally = self._ungated(QUIET).tally
         return all(
-            tally.nis[name] < ABSURD * tally.dof[name] for name in PARKED if name in tally.nis
+            tally.nis[name] < LED_ASTRAY * tally.dof[name] for name in PARKED if name in tally.nis
         )
 
     def likeliest(self, units: tuple[float, ...], near: Scale = QUIET) -> Scale:

@@ -26,12 +26,12 @@ from alignment.motion.parked_seconds import ParkedSeconds
 from ins.units import DEG_PER_HOUR, HOUR
 
 SEGMENT_S = 600  # of the spectrum: swings of a minute and a half stand apart from the bias's wander
-SHARE = 4  # a stretch of less than so many segments is cut into so many
+PIECES = 4  # a stretch of less than so many segments is cut into so many
 SHORTEST_SEGMENT_S = 30  # of two or three swells
-FLAT = 2  # lowest frequencies that a segment's own trend reaches
+FROM_TREND = 2  # lowest frequencies that a segment's own trend reaches
 SMOOTH = 3  # neighbouring frequencies that are averaged
-# of the median power: as much is white noise in one of a thousand logs (a dozen degrees of freedom
-# to a frequency, a few hundred frequencies)
+# of the median power: white noise does not reach it (chi-square of 12 degrees of freedom beyond
+# eight medians: 3e-14)
 STANDS_OUT = 8.0
 
 
@@ -63,17 +63,17 @@ class Sway:
 def sway_of(seconds: ParkedSeconds) -> Sway | None:
     """The spectrum of a stretch that sways; None where nothing stands out of its noise."""
     rate = seconds.sums[:, 3:] / seconds.dt_s[:, None] / DEG_PER_HOUR
-    segment = int(np.clip(len(rate) // SHARE, SHORTEST_SEGMENT_S, SEGMENT_S))
+    segment = int(np.clip(len(rate) // PIECES, SHORTEST_SEGMENT_S, SEGMENT_S))
     if len(rate) < 2 * segment:
         return None
     frequency, power = welch(rate, fs=1.0, nperseg=segment, detrend="linear", axis=0)
     power = 0.5 * power  # of one side
     kernel = np.ones(SMOOTH) / SMOOTH
     power = np.stack([np.convolve(p, kernel, "same") for p in power.T], axis=1)
-    inner = power[FLAT:-1]
+    inner = power[FROM_TREND:-1]
     if not (inner.max(axis=0) > STANDS_OUT * np.median(inner, axis=0)).any():
         return None
-    power[:FLAT] = power[FLAT]
+    power[:FROM_TREND] = power[FROM_TREND]
     power[-1] = power[-2]
     return Sway(frequency, power)
 

@@ -43,7 +43,7 @@ from ins.verdicts import LeftOut, Reason, because
 
 SHORTEST_RATE_BIN_S, MOST_BINS = 60.0, 60
 USED_SHARE = 0.5  # of a bin that must be still: its sigma is at most 1.41 of that of a whole one
-NOISIER = 1.2  # times the twin's white noise: worth saying
+NOISIER = 1.2  # times the twin's white noise: 20 % of a sigma is worth saying
 # times the twin's white noise, and nothing is taken: 100 times the variance is another unit or no
 # rest
 TOO_NOISY = 10.0
