@@ -235,7 +235,9 @@ class _Search:
         ungated = self._ungated(scale)
         slower = _slower(ungated, _strayed(ungated, plan, parked))
         strayed = replace(slower, gate=GATE_SIGMA)
-        return Fitted(self._run(strayed, scale.unit), strayed, scale, self.rolls)
+        # what was found to walk off under one noise of the unit may stand under another
+        rolls = self.rolls and scale.swing is None and scale.place_walk > 0.0
+        return Fitted(self._run(strayed, scale.unit), strayed, scale, rolls)
 
     def plausible(self) -> bool:
         """Whether a quiet level leaves residuals that may still be errors of the solution."""
