@@ -84,7 +84,7 @@ class Scale(NamedTuple):
 
     def sized(self, name: str, size: float) -> "Scale":
         """The scale with another size of one parameter."""
-        return self._make(size if own == name else as_is for own, as_is in self._asdict().items())
+        return Scale._make(size if own == name else as_is for own, as_is in self._asdict().items())
 
 
 QUIET = Scale()

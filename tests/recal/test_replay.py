@@ -108,7 +108,7 @@ def test_two_revisions_are_flown_and_compared(folder):
     sigmas = [t["predicted"]["sigma_nm_h"] for t in document["tables"]]
     difference = document["difference"]
     assert difference["sigma_rate_nm_h"] == pytest.approx(np.hypot(*sigmas))  # two imports
-    assert difference["significant"] is (abs(rate["change"]) > 2 * np.hypot(*sigmas))
+    assert difference["significant"] is bool(abs(rate["change"]) > 2 * np.hypot(*sigmas))
     active = document["tables"][0]
     assert active["gnss"] is not None and active["scoring_only"]["source"] == "reference"
     assert (
@@ -239,6 +239,7 @@ def test_wrong_latitude_is_exit_code_5(folder):
         gnss=None,
     )
     write_run(folder / "wrong", wrong)
+    stored(table(0.0))  # raw gyros, 0.1 deg/h, could not tell
     assert "latitude entered" in result_of("wrong", exit_code=5)["reasons"][-1]
 
 

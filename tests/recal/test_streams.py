@@ -18,8 +18,10 @@ from typer.testing import CliRunner
 
 import recal
 from infield.store.table_store import TableStore
+from ins.twin_file import default_twin, twin_to_dict
 from recal.cli.app import COMMANDS, GROUPS, app
 from recal.cli.console import linked
+from simreal.twin.exchange import kalibr_text
 from tests.recal.test_table import table_file
 
 ROOT = Path(recal.__file__).parent.parent
@@ -114,6 +116,8 @@ QUICK = {  # the words after the name; every command has its line here
     "fleet update": ["runs", *OUTPUT],
     "twin fit": ["run", *OUTPUT],
     "twin check": ["run", "--twin", "twin.json"],
+    "twin import": ["imu.yaml", "--from", "kalibr", "-o", "imported.json"],
+    "twin export": ["unit.json", "--to", "kalibr"],
 }
 REPORTS = {
     "demo": "update",
@@ -150,6 +154,9 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(SLOW["simulate"], lambda *_, **more: SimulationShown())
     monkeypatch.setattr("recal.service.tables.decide", refused)
     monkeypatch.setattr("recal.fleet.update.update_fleet", lambda *_: FleetShown())
+    unit = tmp_path / "unit.json"
+    unit.write_text(json.dumps(twin_to_dict(default_twin("mems"))))
+    (tmp_path / "imu.yaml").write_text(kalibr_text(default_twin("mems"), rate_hz=100.0))
     with TableStore.open("sqlite:///recal.db", create=True) as store:
         data = table_file(tmp_path)
         store.import_table(data)

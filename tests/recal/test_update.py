@@ -33,9 +33,9 @@ def folder(drawn_folder, undrawn):
     return drawn_folder
 
 
-def update():
+def update(*more):
     return CliRunner().invoke(
-        app, ["update", "run", "--store", URL, "-o", "out", "--commit", "--json"]
+        app, ["update", "run", "--store", URL, "-o", "out", "--commit", "--json", *more]
     )
 
 
@@ -89,7 +89,7 @@ def test_where_the_store_cannot_be_written_the_report_stays_as_a_proposal(
 
 def test_where_the_report_cannot_be_written_nothing_is_committed(folder):
     (folder / "out/update.html").mkdir(parents=True)
-    done = update()
+    done = update("--force")
     assert isinstance(done.exception, InputError) and "update.html: cannot be written" in str(
         done.exception
     )
