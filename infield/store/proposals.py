@@ -81,12 +81,12 @@ class ProposalStore:
             raise ValueError("the first table is not the parent that the update is proposed for")
         text = canonical_json(table_to_dict(table))
         values: dict[str, Any] = {
-            "proposed_by": _one_line(by, "by", needed=False),
+            "proposed_by": signed_line(by, "by", needed=False),
             "parent_sha256": parent_sha256,
             "sha256": text_sha256(text),
             "report_sha256": text_sha256(report_json),
             "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]),
-            "note": _text(note, "note", needed=False),
+            "note": signed_text(note, "note", needed=False),
         }
 
         def work(c: Connection) -> Proposal:
@@ -165,7 +165,7 @@ class ProposalStore:
         """
         if verdict not in tuple(Decided):
             raise InputError(f"verdict {verdict[:40]!r}, needed approved or rejected")
-        by, reason = _one_line(by, "by"), _text(reason, "reason")
+        by, reason = signed_line(by, "by"), signed_text(reason, "reason")
 
         def work(c: Connection) -> Proposal:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode, having=proposal)))
@@ -199,7 +199,7 @@ def signed_note(by: str, reason: str, what: str = "") -> str:
     """The note of a revision that a person answers for; InputError where name or reason is
     missing.
     """
-    return f"{what}{_one_line(by, 'by')}: {_text(reason, 'reason')}"
+    return f"{what}{signed_line(by, 'by')}: {signed_text(reason, 'reason')}"
 
 
 def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str) -> int:
@@ -241,7 +241,7 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
     return None
 
 
-def _one_line(text: str, name: str, *, needed: bool = True) -> str:
+def signed_line(text: str, name: str, *, needed: bool = True) -> str:
     """A name, trimmed; InputError where it is empty, too long or no single line."""
     text = text.strip()
     if (needed and not text) or len(text) > LONGEST_NAME or not text.isprintable():
@@ -252,7 +252,7 @@ def _one_line(text: str, name: str, *, needed: bool = True) -> str:
     return text
 
 
-def _text(text: str, name: str, *, needed: bool = True) -> str:
+def signed_text(text: str, name: str, *, needed: bool = True) -> str:
     """A reason, trimmed; InputError where it is empty or too long."""
     text = "\n".join(line.rstrip() for line in text.strip().splitlines())
     if (

@@ -17,11 +17,18 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-SCHEMA_REVISION = "0004"  # the newest migration
+SCHEMA_REVISION = "0005"  # the newest migration
 # older stores that a reading command opens as they are
-READABLE = ("0001", "0002", "0003", SCHEMA_REVISION)
-# by triggers on PostgreSQL, 0004
-GUARDED = ("recal_contradiction", "recal_decision", "recal_proposal", "recal_revision")
+READABLE = ("0001", "0002", "0003", "0004", SCHEMA_REVISION)
+# by triggers on PostgreSQL, 0004 and 0005
+GUARDED = (
+    "recal_contradiction",
+    "recal_decision",
+    "recal_priors",
+    "recal_priors_decision",
+    "recal_proposal",
+    "recal_revision",
+)
 metadata = MetaData()
 
 # One gyro triad: the key that a table belongs to, and the twin record that its noise model comes
@@ -140,4 +147,40 @@ decision = Table(
     ),
     UniqueConstraint("unit_id", "proposal_number", name="uq_recal_decision_proposal"),
     CheckConstraint("verdict IN ('approved', 'rejected')", name="ck_recal_decision_verdict"),
+)
+
+# Append-only: what the sessions of a technology were found to say of its units. record_sha256
+# covers the row (its text by sha256) and the technology's record before it.
+priors = Table(
+    "recal_priors",
+    metadata,
+    Column("gyro_technology", String(20), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("learnt_utc", String(40), nullable=False),
+    Column("learnt_by", String(200), nullable=False),
+    Column("note", Text, nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("priors_json", Text, nullable=False),
+    Column("record_sha256", String(64), nullable=False),
+)
+
+# Append-only: the last approval of a technology names the priors that are in use; priors that were
+# in use before may be approved again.
+priors_decision = Table(
+    "recal_priors_decision",
+    metadata,
+    Column("gyro_technology", String(20), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("priors_number", Integer, nullable=False),
+    Column("verdict", String(20), nullable=False),
+    Column("decided_utc", String(40), nullable=False),
+    Column("decided_by", String(200), nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("record_sha256", String(64), nullable=False),
+    ForeignKeyConstraint(
+        ["gyro_technology", "priors_number"],
+        ["recal_priors.gyro_technology", "recal_priors.number"],
+        name="fk_recal_priors_decision",
+    ),
+    CheckConstraint("verdict IN ('approved', 'rejected')", name="ck_recal_priors_verdict"),
 )

@@ -25,6 +25,7 @@ from infield.store.errors import (
     UnknownUnit,
 )
 from infield.store.overview import UnitSummary, read_overview
+from infield.store.priors import PriorsStore
 from infield.store.proposals import FullProposal, Proposal, ProposalStore
 from infield.store.rows import (
     MergedRun,
@@ -40,6 +41,7 @@ from infield.store.rows import (
     lock_unit,
     provenance_runs,
     read_revision,
+    runs_held,
     runs_of,
     set_runs,
     tag_number,
@@ -73,7 +75,7 @@ __all__ = [
 ]
 
 
-class TableStore(ProposalStore):
+class TableStore(ProposalStore, PriorsStore):
     """Thermal tables by unit. Every method raises InputError where the store cannot be read or is
     damaged.
     """
@@ -94,6 +96,15 @@ class TableStore(ProposalStore):
         clock: tells the time that rows get, ISO 8601 in UTC.
         """
         return cls(Database(url, create=create, any_clock=any_clock, clock=clock))
+
+    def reports(self, serial: str, technology: str, mode: str) -> list[Revision]:
+        """All revisions of a unit whose runs the active table holds, and those without runs, oldest
+        first: what its sessions were found to say.
+        """
+        history = self.history(serial, technology, mode)
+        with self._database.reading() as c:
+            held = runs_held(c, find_unit(c, serial, technology, mode))
+        return [r for r in history if not r.runs or any(run.sha256 in held for run in r.runs)]
 
     def close(self) -> None:
         self._database.close()

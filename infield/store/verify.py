@@ -18,6 +18,7 @@ from sqlalchemy import Connection, Table, exc, inspect, select, text
 from infield.store.contradictions import contradiction_sha256
 from infield.store.database import schema_of
 from infield.store.errors import RowFault
+from infield.store.priors_rows import priors_faults
 from infield.store.proposal_rows import proposals_of, read_full
 from infield.store.rows import (
     UnitKey,
@@ -87,7 +88,7 @@ def check_store(c: Connection) -> StoreCheck:
     units = c.execute(
         select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
     ).all()
-    faults = (*_damage(c), *_orphans(c, {row.id for row in units}))
+    faults = (*_damage(c), *_orphans(c, {row.id for row in units}), *priors_faults(c))
     return StoreCheck(tuple(_checked(c, row) for row in units), faults)
 
 

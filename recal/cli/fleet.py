@@ -16,6 +16,7 @@ from recal.cli.console import (
     NoSeed,
     OutputPath,
     Quiet,
+    Seed,
     StoreUrl,
     Verbose,
     answer,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from recal.fleet.document_records import FleetDocument
     from recal.fleet.records import RunOutcome
 
+TECHNOLOGIES = ("rlg", "fog", "mems")
 NOTES_SHOWN = 3  # kinds of notes on the terminal; all are in fleet.json
 
 app = typer.Typer(
@@ -180,6 +182,134 @@ def update(
         report=request.output / "fleet.html",
     )
     finish(document.verdict)
+
+
+@app.command(cls=Command)
+def learn(
+    store: StoreUrl = DEFAULT_STORE,
+    technology: Annotated[
+        str | None, typer.Option("--technology", help="rlg, fog or mems; default: all.")
+    ] = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="One unit alone; default: all.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Store nothing, only report.")] = False,
+    by: Annotated[
+        str | None, typer.Option("--by", help="Who learns; default: your login name.")
+    ] = None,
+    note: Annotated[str, typer.Option("--note", help="Kept with the priors.")] = "",
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: Seed = 0,
+) -> None:
+    """Turn-on, flicker, ageing and outliers of a fleet's units, from the sessions its store keeps.
+
+    Example: recal fleet learn --store sqlite:///recal.db
+
+    They are kept for approval (recal fleet approve); recal update goes by approved ones.
+    """
+    from recal.cli.progress import Progress
+    from recal.service.priors.learn import LearnRequest, learn_priors
+
+    require_technology(technology)
+    keep = None if dry_run else (login_name() if by is None else by, note)
+    request = LearnRequest(
+        store_url=store,
+        technology=technology,
+        serial=serial,
+        keep=keep,
+        output=output,
+        seed=seed or 0,
+    )
+    with Progress("learning from the sessions of the store", quiet=quiet):
+        result = learn_priors(request)
+    answer(result.document, as_json=as_json, verbose=verbose)
+    for line in result.lines(verbose=verbose):
+        say(line, quiet=quiet)
+    say(f"report: {(output or Path('recal-fleet-learn')) / 'priors.html'}", quiet=quiet)
+    finish(result.verdict)
+
+
+@app.command("priors", cls=Command)
+def priors_list(
+    store: StoreUrl = DEFAULT_STORE,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """The learnt priors of a store, their state and who decided, oldest first.
+
+    Example: recal fleet priors --store sqlite:///recal.db
+    """
+    from recal.service.priors.records import listed_priors
+
+    listed = listed_priors(store)
+    if answer(listed.document, as_json=as_json, verbose=verbose) or quiet:
+        return
+    for line in listed.lines():
+        print(line)
+
+
+@app.command(cls=Command)
+def approve(
+    number: Annotated[int, typer.Argument(help="The number of the priors.")],
+    by: Annotated[str, typer.Option("--by", help="Who decides.")],
+    reason: Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")],
+    technology: Annotated[str, typer.Option("--technology", help="rlg, fog or mems.")] = "rlg",
+    store: StoreUrl = DEFAULT_STORE,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Put learnt priors to use; older ones may be approved again.
+
+    Example: recal fleet approve 1 --by "K. Reviewer" --reason "240 sessions, innovation 1.00"
+    """
+    _decide(store, (technology, number, "approved"), (by, reason), as_json, quiet)
+
+
+@app.command(cls=Command)
+def reject(
+    number: Annotated[int, typer.Argument(help="The number of the priors.")],
+    by: Annotated[str, typer.Option("--by", help="Who decides.")],
+    reason: Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")],
+    technology: Annotated[str, typer.Option("--technology", help="rlg, fog or mems.")] = "rlg",
+    store: StoreUrl = DEFAULT_STORE,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Reject learnt priors, for good.
+
+    Example: recal fleet reject 2 --by "K. Reviewer" --reason "one aircraft was in the hangar"
+    """
+    _decide(store, (technology, number, "rejected"), (by, reason), as_json, quiet)
+
+
+def _decide(
+    store: str, about: tuple[str, int, str], signed: tuple[str, str], as_json: bool, quiet: bool
+) -> None:
+    from recal.service.priors.records import decide
+
+    require_technology(about[0])
+    decided = decide(store, *about, by=signed[0], reason=signed[1])
+    answer(decided.document, as_json=as_json, verbose=False)
+    for line in decided.lines():
+        say(line, quiet=quiet)
+    finish(about[2])
+
+
+def require_technology(name: str | None) -> None:
+    """A usage error where there is no such technology."""
+    if name not in (None, *TECHNOLOGIES):
+        raise typer.BadParameter(
+            f"{name!r}, needed one of {', '.join(TECHNOLOGIES)}", param_hint="--technology"
+        )
 
 
 def cores() -> int:

@@ -73,6 +73,13 @@ def command(
         Path | None,
         typer.Option("--config", help="Settings file (TOML) with the sections session and ageing."),
     ] = None,
+    priors: Annotated[
+        str,
+        typer.Option(
+            "--priors",
+            help="Learnt ageing and turn-on: approved (of the store), default, or a priors.json.",
+        ),
+    ] = "approved",
     thermal_model: ThermalModelPath = None,
     output: OutputPath = None,
     force: Force = False,
@@ -113,6 +120,7 @@ def command(
                 accept_step=accept_step,
                 twin=twin,
                 config=config,
+                priors=priors,
                 thermal_model=thermal_model,
                 output=output,
                 retries=retry,

@@ -14,7 +14,7 @@ from pathlib import Path
 from infield.reports import update_page
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.documents.update import Kept, update_document
-from infield.reports.documents.update_records import RunDocument, UpdateDocument
+from infield.reports.documents.update_records import PriorsUseDocument, RunDocument, UpdateDocument
 from infield.reports.words.sentences import sentence
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
@@ -38,6 +38,14 @@ from recal.service.inputs.unit_inputs import (
     opened,
     unit_inputs,
     with_thermal_model,
+)
+from recal.service.priors.use import (
+    APPROVED,
+    PriorsUse,
+    ageing_of,
+    priors_in_use,
+    settings_of,
+    with_priors,
 )
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
@@ -124,8 +132,9 @@ def update(
     twin : TwinModel or path, optional
         Noise model; else the store's, else the defaults of the technology.
     store : str or TableStore, optional
-        Looked in for the table, the noise model, and the runs that the table holds already; give it
-        where the result is to be committed to a store that knows the unit.
+        Looked in for the table, the noise model, approved priors of the technology, and the runs
+        that the table holds already; give it where the result is to be committed to a store that
+        knows the unit.
     config : path, optional
         Settings (TOML), sections session and ageing.
     thermal_model : path, optional
@@ -173,6 +182,7 @@ class UpdateRequest:
     """An update with a store. propose: who proposes and their note; without it and `commit`,
     nothing is stored.
 
+    priors: `approved` (those of the store), `default`, or a file that `recal fleet learn` wrote.
     new_store, new_unit: a store that is not there is made, a unit that the store does not hold
     begins with the default of its technology; else either is refused.
 
@@ -189,6 +199,7 @@ class UpdateRequest:
     accept_step: bool = False
     twin: AnyTwin | None = None
     config: Path | None = None
+    priors: str = APPROVED
     thermal_model: Path | None = None
     output: Path | None = None
     html: bool = True
@@ -210,6 +221,7 @@ def update_in_store(request: UpdateRequest) -> Update:
         ageing=ageing,
         accept_step=request.accept_step,
         thermal_model=request.thermal_model,
+        priors=request.priors,
     )
     loaded = runs_of(list(request.runs))
     files = partial(_files, output_directory(request.output, "update"), html=request.html)
@@ -233,6 +245,7 @@ class _Job:
     ageing: AgeingModel
     accept_step: bool
     thermal_model: Path | None
+    priors: str = APPROVED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,6 +259,7 @@ class _Facts:
     thermal_model: ThermalUseDocument | None
     unit: UnitInputs
     agreement: Agreement | None = None
+    priors: PriorsUse | None = None
     runs: Sequence[AnyRun] = ()
     lost: tuple[str, ...] = ()
 
@@ -254,6 +268,12 @@ def _estimate(
     runs: list[Run], unit: UnitInputs, database: TableStore | None, job: _Job
 ) -> tuple[UpdateResult, UnitInputs, _Facts]:
     """One estimate against the unit's table as given."""
+    priors = priors_in_use(job.priors, database, unit)
+    if priors is not None:
+        unit = with_priors(unit, priors)
+        job = replace(job, settings=settings_of(priors, job.settings))
+        if job.ageing == AgeingModel():
+            job = replace(job, ageing=ageing_of(priors))
     unit, runs, use = with_thermal_model(unit, runs, job.thermal_model)
     result = update_calibration(
         runs,
@@ -264,7 +284,9 @@ def _estimate(
         ageing=job.ageing,
         accept_step=job.accept_step,
     )
-    facts = _Facts(table_before=unit.table_dict, thermal_model=use(result.after), unit=unit)
+    facts = _Facts(
+        table_before=unit.table_dict, thermal_model=use(result.after), unit=unit, priors=priors
+    )
     return result, unit, replace(facts, agreement=update_agreement(result))
 
 
@@ -300,7 +322,12 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         noise_source=facts.unit.noise_source,
         noise_note=None if note is None else sentence(note),
         noise_fit=noise_fit(facts.agreement, facts.runs),
+        priors=None if facts.priors is None else _priors_document(facts.priors),
     )
+
+
+def _priors_document(use: PriorsUse) -> PriorsUseDocument:
+    return PriorsUseDocument(**vars(use), text=use.words())
 
 
 def _made(result: UpdateResult, unit: UnitInputs, document: UpdateDocument) -> Update:

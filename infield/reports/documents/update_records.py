@@ -166,6 +166,21 @@ class DisagreementDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PriorsUseDocument:
+    """The learnt priors that the update went by: source (`approved` or a file), scope (the unit or
+    its technology), and their values by name; text: the same for people.
+    """
+
+    source: str
+    gyro_technology: str
+    scope: str
+    revision: int | None
+    sha256: str | None
+    parameters: Mapping[str, float]
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class UpdateDocument:
     """The whole file. Tables and noise model stand as formats.md writes them.
 
@@ -202,6 +217,7 @@ class UpdateDocument:
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
     noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
+    priors: PriorsUseDocument | None = field(default=None, metadata=OMIT_NONE)
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)

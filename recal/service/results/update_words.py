@@ -110,6 +110,7 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
     lines += [f"  note: {document.noise_note}"] if document.noise_note else []
     if document.noise_fit is not None and not document.noise_fit.fits:
         lines.append(f"  note: {document.noise_fit.text}")
+    lines += [f"  {document.priors.text}"] if document.priors else []
     shown = [term for term in document.hysteresis if verbose or term.action in SHOWN_ACTIONS]
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []

@@ -1,0 +1,1 @@
+"""Priors learnt from the sessions kept in a store: learn, keep, use."""

@@ -1,0 +1,234 @@
+"""`recal.priors/1` (formats.md, section 6): what the sessions kept in a store say of each
+technology, of its types and of its units.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from infield.learning.learn import Learnt, LearntFleet, Parameters
+from infield.learning.parameters import UNITS, PriorName, defaults_of
+from ins.json_file import JsonObject
+from ins.records import InputError
+from ins.verdicts import OMIT_NONE, Outcome, record_of
+from recal.service.priors.kept import LeftOut
+
+SCHEMA = "recal.priors/1"
+OUTLIER_NAMED = 0.5  # probability from which a session is named as an outlier
+METHOD = (
+    "marginal likelihood of the session points with their covariances; turn-on, flicker, random"
+    " walk, ageing, heading errors and table nodes integrated out; log-normal priors about the"
+    " defaults; outliers as a mixture; weighed draws about the largest posterior"
+)
+
+
+class PriorsReason(StrEnum):
+    """Why nothing was learnt, or what could not be."""
+
+    NO_SESSIONS = "no_sessions"
+    FEW_SESSIONS = "few_sessions"
+    ONE_UNIT = "one_unit"
+    NOT_SETTLED = "not_settled"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorValue:
+    """A parameter: value (median) with sigma, 95 % interval, n sessions; shown: the sessions said
+    something of it, else it is the default's; sigma_log: of its natural logarithm.
+    """
+
+    value: float
+    sigma: float
+    n: int
+    interval_95: tuple[float, float]
+    sigma_log: float
+    default: float
+    unit: str
+    shown: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScopeDocument:
+    """The parameters of a technology, a type or a unit."""
+
+    name: str
+    units: int
+    sessions: int
+    parameters: Mapping[str, PriorValue]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutlierDocument:
+    """A session that departs from the others as a whole."""
+
+    imu_serial: str
+    run_id: str
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckDocument:
+    """Squared innovation of the sessions over its expectation, each session against what was known
+    before it, outliers left out: with what was learnt, and with the defaults. draws, effective: of
+    the check of the curvature.
+    """
+
+    squared_innovation: float | None
+    squared_innovation_defaults: float | None
+    draws: int
+    effective_draws: float
+    from_draws: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class TechnologyPriors:
+    """What was learnt of one technology; revision: under which it is kept in the store."""
+
+    gyro_technology: str
+    technology: ScopeDocument
+    types: Sequence[ScopeDocument]
+    units: Sequence[ScopeDocument]
+    outliers: Sequence[OutlierDocument]
+    check: CheckDocument
+    notes: Sequence[str] = ()
+    note_codes: Sequence[str] = ()
+    revision: int | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOutDocument:
+    """A session that could not be learnt from."""
+
+    imu_serial: str
+    run_id: str
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorsDocument:
+    """The whole file."""
+
+    schema: str = SCHEMA
+    verdict: Outcome | str
+    reasons: Sequence[str]
+    reason_codes: Sequence[str]
+    store: str | None
+    issued_utc: str
+    version: str
+    method: str = METHOD
+    technologies: Sequence[TechnologyPriors] = ()
+    left_out: Sequence[LeftOutDocument] = ()
+
+
+def technology_priors(found: LearntFleet) -> TechnologyPriors:
+    """The document of one technology."""
+    notes = _notes(found)
+    defaults = defaults_of(found.technology)
+
+    def scope(name: str, of: Parameters, units: int, sessions: int) -> ScopeDocument:
+        return ScopeDocument(
+            name=name,
+            units=units,
+            sessions=sessions,
+            parameters={str(n): _value(n, learnt, defaults[n]) for n, learnt in of.items()},
+        )
+
+    kinds = [unit.kind for unit in found.units]
+    return TechnologyPriors(
+        gyro_technology=found.technology,
+        technology=scope(found.technology, found.parameters, len(found.units), found.sessions),
+        types=[
+            scope(
+                name,
+                parameters,
+                kinds.count(name),
+                sum(len(unit.sessions) for unit in found.units if unit.kind == name),
+            )
+            for name, parameters in found.types.items()
+        ],
+        units=[
+            scope(unit.name, parameters, 1, len(unit.sessions))
+            for unit, parameters in zip(found.units, found.of_units)
+        ],
+        outliers=_outliers(found),
+        check=_check(found),
+        notes=list(notes.values()),
+        note_codes=[str(code) for code in notes],
+    )
+
+
+def _value(name: PriorName, learnt: Learnt, default: float) -> PriorValue:
+    return PriorValue(
+        value=learnt.value,
+        sigma=learnt.sigma,
+        n=learnt.n,
+        interval_95=learnt.interval_95,
+        sigma_log=learnt.sigma_log,
+        default=default,
+        unit=UNITS[name],
+        shown=learnt.shown,
+    )
+
+
+def _outliers(found: LearntFleet) -> list[OutlierDocument]:
+    told = []
+    for u, unit in enumerate(found.units):
+        for k, session in enumerate(unit.sessions):
+            probability = float(found.evidence.outlier[u, k])
+            if probability >= OUTLIER_NAMED:
+                told.append(
+                    OutlierDocument(
+                        imu_serial=unit.imu_serial, run_id=session.run_id, probability=probability
+                    )
+                )
+    return told
+
+
+def _check(found: LearntFleet) -> CheckDocument:
+    sound = (found.evidence.outlier < OUTLIER_NAMED) & (found.evidence.dof > 0)
+    dof = float(found.evidence.dof[sound].sum())
+    squared = [float(e.nis[sound].sum()) / dof for e in (found.evidence, found.defaults) if dof]
+    learnt, default = squared or (None, None)
+    return CheckDocument(
+        squared_innovation=learnt,
+        squared_innovation_defaults=default,
+        draws=found.check.draws,
+        effective_draws=found.check.effective,
+        from_draws=found.check.used,
+    )
+
+
+def _notes(found: LearntFleet) -> dict[PriorsReason, str]:
+    """What these sessions cannot say."""
+    hidden = [str(name) for name, learnt in found.parameters.items() if not learnt.shown]
+    notes = {}
+    if hidden:
+        notes[PriorsReason.FEW_SESSIONS] = (
+            f"{found.sessions} sessions do not show {', '.join(hidden)}: there the default stands"
+        )
+    if len({unit.imu_serial for unit in found.units}) == 1:
+        notes[PriorsReason.ONE_UNIT] = (
+            "one unit: what is said of the technology is said of this unit, widened by the spread"
+            " from unit to unit that is assumed"
+        )
+    if not found.settled:
+        notes[PriorsReason.NOT_SETTLED] = (
+            "the search did not settle: take the values as the defaults, more sessions would help"
+        )
+    return notes
+
+
+def left_out_documents(left_out: Sequence[LeftOut]) -> list[LeftOutDocument]:
+    """What could not be learnt from."""
+    return [LeftOutDocument(**vars(item)) for item in left_out]
+
+
+def priors_of(data: JsonObject, *, name: str) -> PriorsDocument:
+    """The document that a file or a store holds; InputError where it is none."""
+    if data.get("schema") != SCHEMA:
+        raise InputError(f"{name}: schema {data.get('schema')!r}, needed {SCHEMA!r}")
+    try:
+        document: PriorsDocument = record_of(PriorsDocument, data)
+    except (TypeError, ValueError, AttributeError, KeyError) as error:
+        raise InputError(f"{name}: not a document of {SCHEMA}: {error}") from None
+    return document

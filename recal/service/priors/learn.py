@@ -1,0 +1,177 @@
+"""`fleet learn`: what the sessions kept in a store say of its units, kept in the store for
+approval.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from infield.learning.kept import KeptUnit
+from infield.learning.learn import learn
+from infield.learning.parameters import UNITS, PriorName
+from infield.store.errors import NoStore
+from infield.store.priors_rows import PriorsRecord
+from infield.store.table_store import TableStore
+from ins.verdicts import Outcome
+from recal.service.inputs.unit_inputs import open_store
+from recal.service.priors.document import (
+    PriorsDocument,
+    PriorsReason,
+    ScopeDocument,
+    TechnologyPriors,
+    left_out_documents,
+    technology_priors,
+)
+from recal.service.priors.kept import kept_units
+from recal.service.priors.page import priors_html
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.result import Result
+from recal.service.results.text import result_text
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class LearntPriors(Result[PriorsDocument]):
+    """What was learnt; `kept`: the records in the store, one a technology."""
+
+    kept: Sequence[PriorsRecord] = ()
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Verdict, and for each technology its parameters beside the defaults."""
+        return summary(self.record)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnRequest:
+    """What to learn from. technology, serial: None for all; keep: who keeps it in the store and
+    their note, None to store nothing.
+    """
+
+    store_url: str
+    technology: str | None = None
+    serial: str | None = None
+    keep: tuple[str, str] | None = None
+    output: Path | None = None
+    seed: int = 0
+
+
+def learn_priors(request: LearnRequest) -> LearntPriors:
+    """Learn, write priors.json and priors.html, and keep each technology's priors in the store,
+    where they wait for an approval.
+
+    Raises
+    ------
+    InputError
+        Where there is no store, or it cannot be read.
+    """
+    store = open_store(request.store_url)
+    if store is None:
+        raise NoStore(f"no store at {request.store_url}")
+    everything, left_out = kept_units(store)
+    units = [unit for unit in everything if _asked_for(unit, request)]
+    document = PriorsDocument(
+        verdict=Outcome.PROPOSED,
+        reasons=[],
+        reason_codes=[],
+        store=store.name,
+        issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        version=program_version(),
+        left_out=left_out_documents(left_out),
+    )
+    with_sessions = [unit for unit in units if unit.sessions]
+    if not with_sessions:
+        why = (
+            f"store {store.name}: {len(units)} units"
+            f" and no session of them that can be learnt from; {len(left_out)} were left out;"
+            " recal update --commit keeps sessions"
+        )
+        refused = replace(
+            document,
+            verdict=Outcome.REFUSED,
+            reasons=[why],
+            reason_codes=[str(PriorsReason.NO_SESSIONS)],
+        )
+        return _written(request, refused, ())
+    technologies = list(dict.fromkeys(unit.gyro_technology for unit in with_sessions))
+    found = []
+    for name in technologies:
+        of_name = [unit for unit in with_sessions if unit.gyro_technology == name]
+        found.append(technology_priors(learn(of_name, seed=request.seed)))
+    document = replace(document, technologies=found)
+    kept: list[PriorsRecord] = []
+    if request.keep is not None:
+        kept = _keep(request, document, request.keep)
+        numbered = [replace(priors, revision=record.number) for priors, record in zip(found, kept)]
+        document = replace(document, technologies=numbered)
+    return _written(request, document, kept)
+
+
+def _asked_for(unit: KeptUnit, request: LearnRequest) -> bool:
+    technology = request.technology in (None, unit.gyro_technology)
+    return technology and request.serial in (None, unit.imu_serial)
+
+
+def _keep(
+    request: LearnRequest, document: PriorsDocument, signed: tuple[str, str]
+) -> list[PriorsRecord]:
+    """A record for each technology: the document of that technology alone."""
+    with TableStore.open(request.store_url, create=True) as store:
+        return [
+            store.keep_priors(
+                priors.gyro_technology,
+                result_text(replace(document, technologies=[priors])),
+                by=signed[0],
+                note=signed[1],
+            )
+            for priors in document.technologies
+        ]
+
+
+def _written(
+    request: LearnRequest, document: PriorsDocument, kept: Sequence[PriorsRecord]
+) -> LearntPriors:
+    """The result, its JSON and its page in the folder."""
+    result = LearntPriors(document, page=lambda: priors_html(document), kept=kept)
+    folder = output_directory(request.output, "fleet-learn")
+    files = {
+        folder / "priors.json": result.to_json(),
+        folder / "priors.html": priors_html(document),
+    }
+    write_files(files)
+    return result
+
+
+def summary(document: PriorsDocument) -> list[str]:
+    """The result in a few lines for people."""
+    lines = [f"priors: {document.verdict}", *(f"  because {why}" for why in document.reasons)]
+    for priors in document.technologies:
+        lines += _technology_lines(priors)
+    whys = Counter(item.why for item in document.left_out)
+    lines += [f"  {count} sessions left out: {why}" for why, count in whys.items()]
+    return lines
+
+
+def _technology_lines(priors: TechnologyPriors) -> list[str]:
+    of = priors.technology
+    kept = "" if priors.revision is None else f", kept as priors {priors.revision}"
+    lines = [f"{of.name}: {of.sessions} sessions of {of.units} units{kept}"]
+    lines += [f"  {line}" for line in parameter_lines(of)]
+    check = priors.check
+    if check.squared_innovation is not None and check.squared_innovation_defaults is not None:
+        lines.append(
+            f"  squared innovation {check.squared_innovation:.2f} of what is expected, with the"
+            f" defaults {check.squared_innovation_defaults:.2f}"
+        )
+    named = [f"{o.run_id} ({o.probability:.0%})" for o in priors.outliers]
+    lines += [f"  outliers: {', '.join(named[:5])}"] if named else []
+    return [*lines, *(f"  note: {note}" for note in priors.notes)]
+
+
+def parameter_lines(scope: ScopeDocument) -> list[str]:
+    """Each parameter with its interval and its default."""
+    return [
+        f"{name:28s} {v.value:.3g} ({v.interval_95[0]:.3g} to {v.interval_95[1]:.3g})"
+        f" {UNITS[PriorName(name)]}, default {v.default:.3g}{'' if v.shown else ', not shown'}"
+        for name, v in scope.parameters.items()
+    ]

@@ -1,0 +1,65 @@
+"""priors.html: the priors document as one page that fetches nothing. Computes nothing."""
+
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from infield.reports.figures import BLUE, GREY, axis_text, in_style, new_figure, svg_text
+from infield.reports.page import render_page, significant
+from recal.service.priors.document import PriorsDocument, TechnologyPriors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
+WORDS = {
+    "turn_on": "turn-on, from one power-on to the next",
+    "flicker": "flicker (bias instability)",
+    "random_walk": "rate random walk",
+    "ageing_common_per_sqrt_year": "ageing, common to all temperatures",
+    "ageing_shape_per_sqrt_year": "ageing of the shape over temperature",
+    "length_degC": "correlation of the shape over temperature",
+    "yaw_creep": "yaw creep of the parked airframe",
+    "outlier_share": "share of outlier sessions",
+    "crab": "crab, from one taxi to the next",
+}
+MOST_UNITS = 60  # rows of a table of units
+
+
+def priors_html(document: PriorsDocument) -> str:
+    """The page of a document."""
+    return render_page(
+        "priors.html.j2",
+        d=document,
+        verdict=VERDICTS[str(document.verdict)],
+        words=WORDS,
+        drawings={t.gyro_technology: _drawing(t) for t in document.technologies},
+        significant=significant,
+        most=MOST_UNITS,
+    )
+
+
+@in_style
+def _drawing(priors: TechnologyPriors) -> Markup:
+    """Each parameter over its default: the technology as a bar, units as ticks."""
+    figure, grid = new_figure(height=3.6)
+    axes = grid[0, 0]
+    names = list(priors.technology.parameters)
+    for row, name in enumerate(reversed(names)):
+        _row(axes, priors, name, row)
+    axes.axvline(1.0, color=GREY, linewidth=1.0)
+    axes.set_xscale("log")
+    axes.set_yticks(
+        range(len(names)), [name.split("_per")[0].replace("_", " ") for name in reversed(names)]
+    )
+    axis_text(axes, x="times the default of the technology", y="")
+    return svg_text(figure, "Learnt parameters over their defaults")
+
+
+def _row(axes: "Axes", priors: TechnologyPriors, name: str, row: int) -> None:
+    value = priors.technology.parameters[name]
+    low, high = (end / value.default for end in value.interval_95)
+    axes.plot([low, high], [row, row], color=BLUE, linewidth=3.0, solid_capstyle="butt")
+    axes.plot([value.value / value.default], [row], "o", color=BLUE)
+    units = [u.parameters[name].value / value.default for u in priors.units if name in u.parameters]
+    axes.plot(units, [row - 0.25] * len(units), "|", color=GREY, markersize=5.0)

@@ -1,0 +1,130 @@
+"""The priors that an update goes by: those approved in the store, those of a file, or none."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from infield.learning.parameters import PriorName
+from infield.session.settings import SessionSettings
+from infield.store.table_store import TableStore
+from infield.table.thermal_table import AgeingModel
+from ins.json_file import read_json_object
+from ins.records import InputError, TwinModel
+from recal.service.inputs.unit_inputs import NoiseSource, UnitInputs
+from recal.service.priors.document import PriorValue, TechnologyPriors, priors_of
+
+APPROVED, DEFAULT = "approved", "default"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorsUse:
+    """What an update took from learnt priors: source (`approved` or a file), scope (the unit, else
+    its technology), and the values by name.
+    """
+
+    source: str
+    gyro_technology: str
+    scope: str
+    revision: int | None
+    sha256: str | None
+    parameters: dict[str, float]
+
+    def words(self) -> str:
+        """For people."""
+        which = f"revision {self.revision}" if self.source == APPROVED else self.source
+        common, shape = (
+            self.parameters[name] for name in (PriorName.AGEING_COMMON, PriorName.AGEING_SHAPE)
+        )
+        return (
+            f"priors of {self.gyro_technology}, {which}, for {self.scope}: ageing {common:.2g}"
+            f" deg/h common and {shape:.2g} deg/h shape per square root of a year"
+        )
+
+
+def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> PriorsUse | None:
+    """The priors of a unit by `choice`: approved, default (none), or a file; None: the defaults
+    stand.
+
+    Raises
+    ------
+    InputError
+        Where the file is none, or says nothing of the technology.
+    """
+    technology = unit.table.gyro_technology
+    if choice == DEFAULT:
+        return None
+    if choice != APPROVED:
+        found = _of_technology(read_json_object(Path(choice)), choice, technology)
+        if found is None:
+            raise InputError(f"{choice}: says nothing of {technology}")
+        return _use(found, choice, None, unit)
+    record = None if store is None else store.priors_in_use(technology)
+    if record is None:
+        return None
+    name = f"priors {record.number} of {technology}"
+    found = _of_technology(json.loads(record.priors_json), name, technology)
+    if found is None:
+        raise InputError(f"{name}: says nothing of {technology}")
+    return replace(
+        _use(found, APPROVED, record.sha256, unit), revision=record.number, sha256=record.sha256
+    )
+
+
+def _of_technology(data: dict, name: str, technology: str) -> TechnologyPriors | None:
+    document = priors_of(data, name=name)
+    return next((t for t in document.technologies if t.gyro_technology == technology), None)
+
+
+def _use(found: TechnologyPriors, source: str, sha256: str | None, unit: UnitInputs) -> PriorsUse:
+    """Of the unit where it was learnt from, else of its technology."""
+    name = " ".join(filter(None, (unit.table.imu_serial, unit.table.gyro_mode)))
+    scope = next((u for u in found.units if u.name == name), found.technology)
+    values: dict[str, PriorValue] = {**found.technology.parameters, **scope.parameters}
+    return PriorsUse(
+        source=source,
+        gyro_technology=found.gyro_technology,
+        scope=scope.name,
+        revision=None,
+        sha256=sha256,
+        parameters={key: value.value for key, value in values.items()},
+    )
+
+
+def with_priors(unit: UnitInputs, use: PriorsUse) -> UnitInputs:
+    """The unit with what was learnt of its noise, where its noise model rests on defaults: a twin
+    of its own stands.
+    """
+    if unit.noise is not NoiseSource.DEFAULTS:
+        return unit
+    value, twin = use.parameters, unit.twin
+    gyro = replace(
+        twin.gyro,
+        turn_on_deg_h=value[PriorName.TURN_ON],
+        bias_instability_deg_h=value[PriorName.FLICKER],
+        rate_random_walk_deg_h_sqrt_h=value[PriorName.RANDOM_WALK],
+    )
+    vehicle = replace(twin.vehicle, yaw_creep_arcsec_sqrt_h=value[PriorName.YAW_CREEP])
+    return replace(unit, twin=_named(replace(twin, gyro=gyro, vehicle=vehicle), use))
+
+
+def _named(twin: TwinModel, use: PriorsUse) -> TwinModel:
+    which = f"revision {use.revision}" if use.source == APPROVED else use.source
+    return replace(twin, source=f"{twin.source}, priors {which}")
+
+
+def ageing_of(use: PriorsUse) -> AgeingModel:
+    """How the tables of the unit age."""
+    value = use.parameters
+    return AgeingModel(
+        common_deg_h_sqrt_year=value[PriorName.AGEING_COMMON],
+        shape_deg_h_sqrt_year=value[PriorName.AGEING_SHAPE],
+        length_degC=value[PriorName.LENGTH],
+    )
+
+
+def settings_of(use: PriorsUse, settings: SessionSettings) -> SessionSettings:
+    """Settings with the crab that taxis of the technology showed, where nobody set another."""
+    crab = use.parameters.get(PriorName.CRAB)
+    if crab is None or settings.sigma_crab_mrad != SessionSettings().sigma_crab_mrad:
+        return settings
+    return replace(settings, sigma_crab_mrad=crab)

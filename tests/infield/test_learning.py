@@ -1,0 +1,160 @@
+"""Learning from kept sessions: the likelihood against one dense normal distribution, the tree
+against its own, values against the truth of a fleet that another generator made.
+"""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from benchmarks.fleet_made import made_fleet
+from infield.learning.hierarchy import Said, solve
+from infield.learning.kept import KeptUnit, covering
+from infield.learning.learn import learn
+from infield.learning.likelihood import FleetLikelihood
+from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
+from infield.table.merge import session_covariance
+from infield.table.thermal_table import AgeingModel
+from ins.records import GyroNoise
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    return made_fleet(7, units=8, sessions=4)
+
+
+def dense_log_likelihood(unit, value):
+    """All sessions of a unit at once: nodes at every session's date, jointly normal."""
+    table = covering(unit)
+    ageing = AgeingModel(
+        common_deg_h_sqrt_year=value[PriorName.AGEING_COMMON],
+        shape_deg_h_sqrt_year=value[PriorName.AGEING_SHAPE],
+        length_degC=value[PriorName.LENGTH],
+    )
+    gyro = GyroNoise(
+        bias_instability_deg_h=value[PriorName.FLICKER],
+        rate_random_walk_deg_h_sqrt_h=value[PriorName.RANDOM_WALK],
+        turn_on_deg_h=value[PriorName.TURN_ON],
+    )
+    H, y, R, P = [], [], [], []
+    for s in unit.sessions:
+        rows = np.zeros((s.axis_index.size, table.n_parameters))
+        for axis in range(3):
+            chosen = s.axis_index == axis
+            rows[chosen] = table.basis(axis, s.temperature_degC[chosen])
+        creep = np.diag(s.creep_variance) * value[PriorName.YAW_CREEP] ** 2
+        own = session_covariance(
+            axis_index=s.axis_index,
+            time_s=s.time_s,
+            duration_s=s.duration_s,
+            gyro=gyro,
+            run_length_s=s.run_length_s,
+        )
+        H.append(rows)
+        y.append(s.bias_deg_h - rows @ table.parameters)
+        R.append(s.covariance_without_creep + creep + own)
+        P.append(table.aged(365.25 * (s.year - unit.year), ageing).covariance)
+    S = np.block([[H[i] @ P[min(i, j)] @ H[j].T for j in range(len(H))] for i in range(len(H))])
+    at = 0
+    for part in R:
+        S[at : at + len(part), at : at + len(part)] += part
+        at += len(part)
+    return multivariate_normal(cov=S).logpdf(np.concatenate(y))
+
+
+def test_the_filter_gives_the_likelihood_of_all_sessions_at_once(fleet):
+    """With next to no outliers, 72 points of a unit: agreement to rounding."""
+    made, value = fleet
+    value = {**value, PriorName.OUTLIER_SHARE: 1e-12}
+    units = [m.kept for m in made[:3]]
+    got = FleetLikelihood(units)(logs_of(value)).log_likelihood
+    want = [dense_log_likelihood(unit, value) for unit in units]
+    assert got == pytest.approx(want, abs=1e-5)
+
+
+def test_units_with_fewer_sessions_change_nothing_of_the_others(fleet):
+    made, value = fleet
+    theta = logs_of(value)
+    first, second = (m.kept for m in made[:2])
+    short = KeptUnit(**{**vars(second), "sessions": second.sessions[:2]})
+    together = FleetLikelihood([first, short])(theta)
+    alone = [FleetLikelihood([unit])(theta).log_likelihood[0] for unit in (first, short)]
+    assert together.log_likelihood == pytest.approx(alone, abs=1e-8)
+    assert (together.dof[1] > 0).tolist() == [True, True, False, False]
+
+
+def test_an_outlier_is_found_and_moves_nothing(fleet):
+    made, value = fleet
+    sound = next(m.kept for m in made if not any(m.outliers))
+    theta = logs_of({**value, PriorName.OUTLIER_SHARE: 0.02})
+    before = FleetLikelihood([sound])(theta)
+    sigma = float(np.sqrt(np.diag(before.covariance[0]).max()))
+    bad = sound.sessions[-1]
+    shifted = type(bad)(**{**vars(bad), "bias_deg_h": bad.bias_deg_h + 30.0 * sigma})
+    after = FleetLikelihood(
+        [KeptUnit(**{**vars(sound), "sessions": (*sound.sessions[:-1], shifted)})]
+    )(theta)
+    assert after.outlier[0, -1] > 0.99
+    assert np.abs(after.mean - before.mean).max() < 2.0 * sigma
+
+
+def test_the_tree_is_solved_as_one_normal_distribution():
+    """Technology, two types, three units: against the dense information matrix of all of them."""
+    rng = np.random.default_rng(3)
+    p, spreads = 2, (0.3, 0.25)
+    units = []
+    for _ in range(3):
+        A = rng.standard_normal((p, p))
+        units.append(Said(A @ A.T, rng.standard_normal(p)))
+    prior = Said(np.eye(p), np.zeros(p))
+    about, types = np.array([1.0, -2.0]), ["a", "a", "b"]
+    tree = solve(prior, units, types, type_spread=spreads[0], unit_spread=spreads[1], about=about)
+    parents = [None, 0, 0, 1, 1, 2]  # technology, a, b, then the units
+    J, h = np.zeros((6 * p, 6 * p)), np.zeros(6 * p)
+    J[:p, :p] += prior.information
+    for node, parent in enumerate(parents):
+        if parent is None:
+            continue
+        own, above = slice(p * node, p * node + p), slice(p * parent, p * parent + p)
+        weight = np.eye(p) / spreads[0 if parent == 0 else 1] ** 2
+        J[own, own] += weight
+        J[above, above] += weight
+        J[own, above] -= weight
+        J[above, own] -= weight
+    for k, said in enumerate(units):
+        own = slice(p * (3 + k), p * (4 + k))
+        J[own, own] += said.information
+        h[own] += said.vector
+    covariance = np.linalg.inv(J)
+    mean = covariance @ h
+    found = [tree.technology, tree.types["a"], tree.types["b"], *tree.units]
+    for node, normal in enumerate(found):
+        own = slice(p * node, p * node + p)
+        assert normal.mean == pytest.approx(about + mean[own])
+        assert normal.covariance == pytest.approx(covariance[own, own])
+
+
+def test_a_fleet_teaches_what_its_sessions_show(fleet):
+    """Within four sigmas each; the squared innovation comes to what is expected."""
+    made, value = fleet
+    found = learn([m.kept for m in made])
+    assert found.settled
+    for name in OF_POINTS:
+        learnt = found.parameters[name]
+        assert abs(np.log(learnt.value / value[name])) < 4.0 * learnt.sigma_log, name
+        assert learnt.interval_95[0] < learnt.value < learnt.interval_95[1]
+    sound = ~np.array([m.outliers for m in made])
+    nis = found.evidence.nis[sound].sum() / found.evidence.dof[sound].sum()
+    assert nis == pytest.approx(1.0, abs=0.2)
+    assert len(found.of_units) == 8 and set(found.types) == {"rlg"}
+
+
+def test_three_sessions_of_one_unit_leave_the_defaults(fleet):
+    """What they do not show stays where it was, and says so."""
+    made, _ = fleet
+    unit = KeptUnit(**{**vars(made[0].kept), "sessions": made[0].kept.sessions[:3]})
+    found = learn([unit])
+    defaults = defaults_of("rlg")
+    hidden = [n for n in OF_POINTS if not found.parameters[n].shown]
+    assert len(hidden) >= 3 and PriorName.OUTLIER_SHARE in hidden
+    for name in hidden:
+        assert abs(np.log(found.parameters[name].value / defaults[name])) < np.log(3.0), name

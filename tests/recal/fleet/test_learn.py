@@ -1,0 +1,106 @@
+"""`recal fleet learn`, `priors`, `approve`, and `recal update --priors` on a small store."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from infield.store.table_store import TableStore
+from recal.cli.app import app
+from tests.infield.sessions import factory_dict, simulated
+from trajectories.runs.directory import write_run
+
+URL = "sqlite:///recal.db"
+
+
+def recal(*words):
+    return CliRunner().invoke(app, [*words, "--store", URL])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A store with three committed sessions of one unit, and a fourth run."""
+    folder = tmp_path_factory.mktemp("learn")
+    for k in range(4):
+        start = ("ambient", "cold", "hot", "ambient")[k]
+        run = simulated(51 + k, start=start, start_utc=f"2026-0{k + 1}-01T05:00:00Z").run
+        write_run(folder / f"run-{k}", run)
+    url = f"sqlite:///{folder}/recal.db"
+    with TableStore.open(url, create=True) as store:
+        store.import_table(factory_dict())
+    for k in range(3):
+        words = ["update", str(folder / f"run-{k}"), "--commit", "--store", url, "-q"]
+        done = CliRunner().invoke(app, [*words, "-o", str(folder / "out")])
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path, monkeypatch, undrawn):
+    monkeypatch.chdir(tmp_path)
+    Path("recal.db").write_bytes((made / "recal.db").read_bytes())
+    return made
+
+
+def test_learnt_approved_used_and_taken_back(folder):
+    """Three sessions of one unit: what they say is kept and named; an update goes by it once it is
+    approved, and by the defaults where asked.
+    """
+    done = recal("fleet", "learn", "--json", "--by", "night fleet", "-o", "out")
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert document["schema"] == "recal.priors/1" and document["verdict"] == "proposed"
+    assert json.loads(Path("out/priors.json").read_text()) == document
+    (priors,) = document["technologies"]
+    assert (priors["gyro_technology"], priors["revision"]) == ("rlg", 1)
+    assert priors["technology"]["sessions"] == 3 and priors["units"][0]["name"] == "SN-0042"
+    turn_on = priors["technology"]["parameters"]["turn_on"]
+    assert turn_on["default"] == 0.003 and turn_on["unit"] == "deg/h" and turn_on["n"] == 3
+    assert {"few_sessions", "one_unit"} <= set(priors["note_codes"])
+    assert "one unit: what is said" in done.stderr
+    page = Path("out/priors.html").read_text()
+    assert "turn-on, from one power-on to the next" in page and "recal fleet approve 1" in page
+
+    before = json.loads(recal("update", str(folder / "run-3"), "--json", "-o", "u").stdout)
+    assert "priors" not in before and "rlg priors 1  open" in recal("fleet", "priors").stdout
+    signed = ("--by", "K. Reviewer", "--reason", "fits")
+    assert recal("fleet", "approve", "1", *signed).exit_code == 0
+    listed = recal("fleet", "priors").stdout
+    assert "rlg priors 1  in use" in listed and "approved by K. Reviewer" in listed
+    used = recal("update", str(folder / "run-3"), "--json", "-o", "u")
+    after = json.loads(used.stdout)
+    assert (after["priors"]["source"], after["priors"]["revision"]) == ("approved", 1)
+    assert "priors of rlg, revision 1, for SN-0042: ageing" in used.stderr
+    assert "priors of rlg, revision 1" in Path("u/update.html").read_text()
+    assert after["noise_model"]["source"] == "defaults of rlg, priors revision 1"
+    assert after["noise_model"]["gyro"]["turn_on_deg_h"] != 0.003
+    words = ("update", str(folder / "run-3"), "--json", "-o", "u", "--priors")
+    assert "priors" not in json.loads(recal(*words, "default").stdout)
+    of_file = json.loads(recal(*words, "out/priors.json").stdout)
+    assert of_file["priors"]["source"] == "out/priors.json"
+    assert of_file["observability"] == after["observability"]
+
+
+def test_what_cannot_be_learnt_from_is_named(folder):
+    done = recal("fleet", "learn", "--technology", "fog", "--json")
+    assert done.exit_code == 4
+    document = json.loads(done.stdout)
+    assert document["reason_codes"] == ["no_sessions"] and "0 units" in document["reasons"][0]
+    assert recal("fleet", "learn", "--technology", "ring").exit_code == 2
+    assert recal("fleet", "approve", "7", "--by", "K.", "--reason", "x").exception
+    wrong = CliRunner().invoke(app, ["fleet", "learn", "--store", "sqlite:///none.db"])
+    assert "no store at sqlite:///none.db" in str(wrong.exception)
+    assert not Path("none.db").exists()
+    Path("p.json").write_text('{"schema": "recal.table/1"}')
+    bad = recal("update", str(folder / "run-3"), "--priors", "p.json")
+    assert "p.json: schema 'recal.table/1', needed 'recal.priors/1'" in str(bad.exception)
+
+
+def test_an_empty_store_and_a_dry_run_keep_nothing(folder):
+    with TableStore.open("sqlite:///empty.db", create=True):
+        pass
+    done = CliRunner().invoke(app, ["fleet", "learn", "--store", "sqlite:///empty.db"])
+    assert done.exit_code == 4 and "no session of them that can be learnt from" in done.stderr
+    assert recal("fleet", "learn", "--dry-run", "-q").exit_code == 0
+    assert "holds no priors" in recal("fleet", "priors").stdout
