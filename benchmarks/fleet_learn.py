@@ -2,7 +2,8 @@
 
 Example: nice -n 5 .venv/bin/python -m benchmarks.fleet_learn --fleets 40 --out FLEETS.jsonl
 
-A line a fleet; --summary prints the figures of docs/fleet_learn.md from such a file.
+A line a fleet; --summary prints the figures of docs/fleet_learn.md from such a file, --forecast
+those of its forecasts.
 """
 
 import argparse
@@ -14,11 +15,21 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fleet_made import NODES, made_fleet
+from benchmarks.fleet_made import NODES, made_fleet, wave
+from infield.learning.forecast import (
+    HORIZON_YEARS,
+    LEVEL_GYROS,
+    LIMIT_NM_H,
+    NM_H_PER_DEG_H,
+    STEPS_PER_YEAR,
+    outlook,
+    state_of,
+    works_at,
+)
 from infield.learning.kept import covering
-from infield.learning.learn import learn
+from infield.learning.learn import Learnt, learn
 from infield.learning.likelihood import FleetLikelihood
-from infield.learning.parameters import OF_POINTS, defaults_of, logs_of
+from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
 
 VISITED_WITHIN = 5.0  # degC of a point of the unit's sessions
 
@@ -87,6 +98,63 @@ def rms(fleet, evidence):
     }
 
 
+def forecasts(line):
+    """Of each unit of a fleet that was learnt from: dates forecast after all its sessions, and when
+    the true drift passes the limit. Units that pass it today in 5 % of the paths, or beyond the
+    horizon in half of them, have no date to judge.
+    """
+    fleet, value = made_fleet(line["seed"], **{"sessions": 9, **line["options"]})
+    told = line["parameters"]
+    learnt = {
+        name: Learnt(told[name]["value"], told[name]["sigma_log"], (0.0, 0.0), True, 0)
+        for name in OF_POINTS
+    }
+    evidence = FleetLikelihood([m.kept for m in fleet])(
+        logs_of({name: learnt[name].value for name in OF_POINTS})
+    )
+    found = []
+    for u, made in enumerate(fleet):
+        first = covering(made.kept)
+        n = sum(t.size for t in first.temperature_degC)
+        known = first.replaced(parameters=first.parameters + evidence.mean[u, :n])
+        state = state_of(made.kept, evidence.mean[u], evidence.covariance[u], known)
+        T = works_at(made.kept)
+        seen = outlook(state, learnt, T, year=made.kept.sessions[-1].year, seed=u)
+        if seen.year_95 <= 0.0 or not np.isfinite(seen.year_50):
+            continue
+        passed = true_passage(made.true, known, T, value)
+        found.append([seen.year_50, seen.year_95, passed])
+    return found
+
+
+def true_passage(true, table, T, value):
+    """Years until the true drift passes the limit, the unit ageing on."""
+    rng, dt = true.rng, 1.0 / STEPS_PER_YEAR
+    error = [true.bias(a, T[a]) - table.bias_deg_h(a, T[a]) for a in LEVEL_GYROS]
+    start = 2.0 * (value[PriorName.TURN_ON] ** 2 + (0.664 * value[PriorName.FLICKER]) ** 2)
+    for step in range(int(HORIZON_YEARS * STEPS_PER_YEAR) + 1):
+        drift = NM_H_PER_DEG_H * np.sqrt(sum(np.mean(e**2) for e in error) + start)
+        if drift > LIMIT_NM_H:
+            return step * dt
+        for a in LEVEL_GYROS:
+            level = value[PriorName.AGEING_COMMON] * np.sqrt(dt) * rng.standard_normal()
+            size = value[PriorName.AGEING_SHAPE] * np.sqrt(dt)
+            error[a] = error[a] + level + wave(rng, size, value[PriorName.LENGTH])(T[a])
+    return np.inf
+
+
+def forecast_summary(lines):
+    """How often the dates were right, over all fleets."""
+    found = np.array([row for line in lines for row in forecasts(line)])
+    right_50 = np.mean(found[:, 2] >= found[:, 0])
+    right_95 = np.mean(found[:, 2] >= found[:, 1])
+    return [
+        f"{len(found)} units with dates to judge: the drift passes the limit after the 50 % date in"
+        f" {right_50:.1%}, after the 95 % date in {right_95:.1%}; dates at"
+        f" {np.median(found[:, 1]):.2f} and {np.median(found[:, 0]):.2f} years (median)"
+    ]
+
+
 def summary(lines):
     """Figures over all fleets, as text."""
     told = []
@@ -132,10 +200,15 @@ def main(arguments=None):
     parser.add_argument("--spread", type=float, default=0.0)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--summary", type=Path)
+    parser.add_argument("--forecast", type=Path, help="judge forecasts of the fleets of a file")
     asked = parser.parse_args(arguments)
     if asked.summary:
         lines = [json.loads(line) for line in asked.summary.read_text().splitlines()]
         print("\n".join(summary(lines)))
+        return
+    if asked.forecast:
+        lines = [json.loads(line) for line in asked.forecast.read_text().splitlines()]
+        print("\n".join(forecast_summary(lines)))
         return
     lines = []
     for seed in range(asked.first, asked.first + asked.fleets):

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# share of the largest curvature below which a direction is taken for not seen
-FLAT = 1e-9
+# share of the largest curvature below which a direction is taken for not seen: differences of
+# float64 log likelihoods of 1e4 keep 1e-10
+LEAST_CURVATURE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def said_by(gradient: NDArray, curvature: NDArray) -> Said:
     direction in which it bends upwards says nothing.
     """
     values, vectors = np.linalg.eigh(-0.5 * (curvature + curvature.T))
-    seen = values > FLAT * max(float(np.max(np.abs(values))), 1e-300)
+    seen = values > LEAST_CURVATURE * max(float(np.max(np.abs(values))), 1e-300)
     V = vectors[:, seen]
     return Said((V * values[seen]) @ V.T, V @ (V.T @ gradient))
 

@@ -24,19 +24,21 @@ from infield.learning.parameters import (
 
 STEP = 0.1  # of a logarithm, for differences: a tenth of what forty sessions can tell
 LARGEST_MOVE = 1.0  # of a logarithm in one iteration: a factor e
-SETTLED = 0.01  # of a posterior sigma that the last iteration may move by
+SETTLED_SIGMAS = 0.01  # of a posterior sigma that the last iteration may move by: 1 % of it
 MOST_ITERATIONS = 30
 # of the check: from the curvature and in each further round, and along the ridge of each parameter
 FIRST_DRAWS, RIDGE_DRAWS, MOST_ROUNDS = 150, 30, 6
 ENOUGH_EFFECTIVE = 120.0  # effective draws: three beyond each end of a 95 % interval
 LARGEST_WEIGHT = 0.05  # of one draw as a round is laid out: else the next stands about it alone
 LEAST_SPREAD = 0.1  # of the curvature's covariance that every round keeps
-TAIL = 5.0  # degrees of freedom of the draws: heavier tails than a normal distribution
-# effective draws below which the weights say little, and the curvature stands
+TAIL_FREEDOM = 5.0  # degrees of freedom of the draws: 5 have heavier tails than a normal one
+# effective draws below which the weights say little, and the curvature stands: one beyond each
+# end of a 95 % interval
 FEWEST_EFFECTIVE = 40.0
-# of the hyperprior's sigma: a parameter that stays as uncertain was not shown by the sessions
+# of the hyperprior's sigma: a parameter that stays as uncertain was not shown by the sessions, as
+# with sigmas of an axis (formats.md, section 5)
 NOT_SHOWN = 0.9
-GRID = 241  # values of the crab's sigma that are tried
+CRAB_VALUES = 241  # values of the crab's sigma that are tried
 
 
 @dataclass(frozen=True)
@@ -162,13 +164,13 @@ class _Search:
             A = information + _positive(-curvatures.sum(axis=0))
             move = np.linalg.solve(A, g)
             size = np.abs(move) * np.sqrt(np.diag(A))
-            if np.max(size) < SETTLED:
+            if np.max(size) < SETTLED_SIGMAS:
                 settled = True
                 break
             move *= min(1.0, LARGEST_MOVE / float(np.max(np.abs(move))))
             theta, better = self._along(theta, move, best)
             if better <= best:
-                settled = bool(np.max(size) < 10.0 * SETTLED)
+                settled = bool(np.max(size) < 10.0 * SETTLED_SIGMAS)
                 break
             best = better
         gradients, curvatures = self._differences(theta)
@@ -214,7 +216,7 @@ def _positive(A: NDArray) -> NDArray:
 
 @dataclass(frozen=True)
 class _Proposal:
-    """A distribution with heavy tails (Student's, TAIL degrees of freedom) to draw from."""
+    """A distribution with heavy tails (Student's, TAIL_FREEDOM degrees of freedom) to draw from."""
 
     mean: NDArray
     covariance: NDArray
@@ -222,7 +224,10 @@ class _Proposal:
     def draw(self, rng: np.random.Generator, count: int) -> NDArray:
         L = np.linalg.cholesky(self.covariance)
         z = rng.standard_normal((count, len(self.mean)))
-        return self.mean + (z * np.sqrt(TAIL / rng.chisquare(TAIL, count))[:, None]) @ L.T
+        return (
+            self.mean
+            + (z * np.sqrt(TAIL_FREEDOM / rng.chisquare(TAIL_FREEDOM, count))[:, None]) @ L.T
+        )
 
     def log_density(self, draws: NDArray) -> NDArray:
         """Up to a constant that all proposals share."""
@@ -230,7 +235,8 @@ class _Proposal:
         z = np.linalg.solve(L, (draws - self.mean).T)
         p = len(self.mean)
         return np.asarray(
-            -0.5 * (TAIL + p) * np.log1p(np.sum(z**2, axis=0) / TAIL) - np.sum(np.log(np.diag(L)))
+            -0.5 * (TAIL_FREEDOM + p) * np.log1p(np.sum(z**2, axis=0) / TAIL_FREEDOM)
+            - np.sum(np.log(np.diag(L)))
         )
 
 
@@ -351,10 +357,10 @@ def _crab(units: Sequence[KeptUnit], technology: str) -> Learnt | None:
         return None
     value, sigma = np.array(seen).T
     width = WIDTHS[PriorName.CRAB]
-    theta = np.log(defaults_of(technology)[PriorName.CRAB]) + np.linspace(-4.0, 4.0, GRID)
+    theta = np.log(defaults_of(technology)[PriorName.CRAB]) + np.linspace(-4.0, 4.0, CRAB_VALUES)
     variance = np.exp(2.0 * theta)[:, None] + sigma**2
     log_posterior = -0.5 * np.sum(value**2 / variance + np.log(variance), axis=1)
-    log_posterior -= 0.5 * (np.linspace(-4.0, 4.0, GRID) / width) ** 2
+    log_posterior -= 0.5 * (np.linspace(-4.0, 4.0, CRAB_VALUES) / width) ** 2
     weight = np.exp(log_posterior - log_posterior.max())
     weight /= weight.sum()
     mean = float(weight @ theta)

@@ -119,11 +119,11 @@ class FleetLikelihood:
             nis.append(step.nis)
             dof.append(session.points)
             outlier.append(step.outlier)
-        return Evidence(total, _columns(nis), _columns(dof), _columns(outlier), x, P)
+        return Evidence(total, self._by_unit(nis), self._by_unit(dof), self._by_unit(outlier), x, P)
 
-
-def _columns(rows: list[NDArray]) -> NDArray:
-    return np.stack(rows, axis=1)
+    def _by_unit(self, rows: list[NDArray]) -> NDArray:
+        """Values of each session in turn as (u, s)."""
+        return np.array(rows).reshape(len(rows), len(self.units)).T
 
 
 class _Step:

@@ -46,9 +46,9 @@ UNITS: Mapping[PriorName, str] = {
 }
 # Width of the hyperprior, one sigma of the natural logarithm: ln 3, a default that is a factor 3
 # off lies at one sigma; the length of correlation and the crab are known better.
-WIDE = float(np.log(3.0))
+FACTOR_THREE = float(np.log(3.0))
 WIDTHS: Mapping[PriorName, float] = {
-    **dict.fromkeys(PriorName, WIDE),
+    **dict.fromkeys(PriorName, FACTOR_THREE),
     PriorName.LENGTH: 0.5,
     PriorName.CRAB: 0.7,
 }
@@ -58,8 +58,8 @@ TYPE_SPREAD = 0.3
 UNIT_SPREAD = 0.25
 DEFAULT_CRAB_MRAD = 10.0  # infield.session.settings, sigma_crab_mrad
 DEFAULT_OUTLIER_SHARE = 0.02  # of sessions that the gates let pass; docs/rates_gate.md
-# ageing in a year relative to the sigma of a unit without a table: physics.md 6.8, 0.006 and 0.004
-# of 0.01 deg/h
+# ageing in a year relative to the sigma of a unit without a table: 0.006 and 0.004 of 0.01 deg/h
+# (the Monte Carlo of physics.md 6.8)
 AGEING_COMMON_SHARE = 0.6
 AGEING_SHAPE_SHARE = 0.4
 # size of an outlier's common shift relative to the sigma of a unit without a table: 0.05 deg/h for

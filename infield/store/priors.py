@@ -2,8 +2,6 @@
 and their history.
 """
 
-from typing import Any
-
 from sqlalchemy import Connection, insert
 
 from infield.store.database import Database
@@ -31,7 +29,7 @@ class PriorsStore:
         self, technology: str, priors_json: str, *, by: str = "", note: str = ""
     ) -> PriorsRecord:
         """Append priors, open until somebody decides; the newest again is not kept twice."""
-        values: dict[str, Any] = {
+        values: dict[str, str | int] = {
             "gyro_technology": technology,
             "learnt_by": signed_line(by, "by", needed=False),
             "note": signed_text(note, "note", needed=False),
@@ -84,7 +82,7 @@ class PriorsStore:
                     f"{technology}: priors {number} were {chosen.decisions[-1].words()} before"
                 )
             decisions = sorted((d for r in kept for d in r.decisions), key=lambda d: d.number)
-            values = {
+            values: dict[str, str | int] = {
                 "gyro_technology": technology,
                 "number": len(decisions) + 1,
                 "priors_number": number,

@@ -4,7 +4,6 @@ works inside the caller's transaction.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy import Connection, inspect, select
 
@@ -96,13 +95,13 @@ def _decisions(c: Connection, technology: str) -> list[PriorsDecision]:
     return found
 
 
-def record_of_priors(values: Mapping[str, Any], before: str) -> str:
+def record_of_priors(values: Mapping[str, str | int], before: str) -> str:
     """The hash of a row without its text (its hash is in it), and of the record before it."""
     left_out = ("priors_json", "record_sha256")
     return row_sha256([before, {k: v for k, v in values.items() if k not in left_out}])
 
 
-def record_of_decision(values: Mapping[str, Any], before: str) -> str:
+def record_of_decision(values: Mapping[str, str | int], before: str) -> str:
     """The hash of a decision's row and of the decision before it."""
     return row_sha256([before, {k: v for k, v in values.items() if k != "record_sha256"}])
 

@@ -74,6 +74,15 @@ NewUnit = Annotated[
 NewStore = Annotated[
     bool, typer.Option("--new-store", help="Make the store if it is not there yet.")
 ]
+PriorsChoice = Annotated[
+    str,
+    typer.Option(
+        "--priors",
+        metavar="CHOICE",
+        help="Where learnt ageing and turn-on come from: approved (those approved in the store),"
+        " default (none), or a priors.json of recal fleet learn.",
+    ),
+]
 StoreUrl = Annotated[
     str,
     typer.Option(

@@ -15,6 +15,7 @@ from recal.cli.console import (
     NewUnit,
     NoSeed,
     OutputPath,
+    PriorsChoice,
     Quiet,
     Seed,
     StoreUrl,
@@ -188,16 +189,23 @@ def update(
 def learn(
     store: StoreUrl = DEFAULT_STORE,
     technology: Annotated[
-        str | None, typer.Option("--technology", help="rlg, fog or mems; default: all.")
+        str | None,
+        typer.Option("--technology", help="Only units of rlg, fog or mems. Default: all."),
     ] = None,
     serial: Annotated[
-        str | None, typer.Option("--serial", help="One unit alone; default: all.")
+        str | None, typer.Option("--serial", help="Only the unit of this serial. Default: all.")
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Store nothing, only report.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Store nothing, only write the report.")
+    ] = False,
     by: Annotated[
-        str | None, typer.Option("--by", help="Who learns; default: your login name.")
+        str | None,
+        typer.Option(
+            "--by",
+            help="Who learns. Default: the operator of your config.toml, else your login name.",
+        ),
     ] = None,
-    note: Annotated[str, typer.Option("--note", help="Kept with the priors.")] = "",
+    note: Annotated[str, typer.Option("--note", help="A note kept with the priors.")] = "",
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -210,7 +218,7 @@ def learn(
 
     They are kept for approval (recal fleet approve); recal update goes by approved ones.
     """
-    from recal.cli.progress import Progress
+    from recal.cli.terminal.progress import Progress
     from recal.service.priors.learn import LearnRequest, learn_priors
 
     require_technology(technology)
@@ -225,10 +233,56 @@ def learn(
     )
     with Progress("learning from the sessions of the store", quiet=quiet):
         result = learn_priors(request)
-    answer(result.document, as_json=as_json, verbose=verbose)
-    for line in result.lines(verbose=verbose):
-        say(line, quiet=quiet)
-    say(f"report: {(output or Path('recal-fleet-learn')) / 'priors.html'}", quiet=quiet)
+    answer(
+        result.document,
+        result.lines(verbose=verbose),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=(output or Path("recal-fleet-learn")) / "priors.html",
+    )
+    finish(result.verdict)
+
+
+@app.command(cls=Command)
+def forecast(
+    store: StoreUrl = DEFAULT_STORE,
+    limit: Annotated[
+        float, typer.Option("--limit", min=0.01, help="The limit of the drift in NM/h.")
+    ] = 0.8,
+    technology: Annotated[
+        str | None,
+        typer.Option("--technology", help="Only units of rlg, fog or mems. Default: all."),
+    ] = None,
+    priors: PriorsChoice = "approved",
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """When the free-inertial drift of each unit will pass a limit, the most urgent first, and which
+    session would put that off.
+
+    Example: recal fleet forecast --store sqlite:///recal.db --limit 0.8
+    """
+    from recal.service.priors.forecast import ForecastRequest
+    from recal.service.priors.forecast import forecast as forecast_units
+
+    require_technology(technology)
+    result = forecast_units(
+        ForecastRequest(
+            store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
+        )
+    )
+    answer(
+        result.document,
+        result.lines(verbose=verbose),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=(output or Path("recal-fleet-forecast")) / "forecast.html",
+    )
     finish(result.verdict)
 
 
@@ -247,18 +301,17 @@ def priors_list(
     from recal.service.priors.records import listed_priors
 
     listed = listed_priors(store)
-    if answer(listed.document, as_json=as_json, verbose=verbose) or quiet:
-        return
-    for line in listed.lines():
-        print(line)
+    answer(listed.document, listed.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @app.command(cls=Command)
 def approve(
     number: Annotated[int, typer.Argument(help="The number of the priors.")],
-    by: Annotated[str, typer.Option("--by", help="Who decides.")],
-    reason: Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")],
-    technology: Annotated[str, typer.Option("--technology", help="rlg, fog or mems.")] = "rlg",
+    by: Annotated[str, typer.Option("--by", help="The name of who decides.")],
+    reason: Annotated[str, typer.Option("--reason", help="Why, kept with the decision.")],
+    technology: Annotated[
+        str, typer.Option("--technology", help="The technology: rlg, fog or mems.")
+    ] = "rlg",
     store: StoreUrl = DEFAULT_STORE,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -269,15 +322,18 @@ def approve(
 
     Example: recal fleet approve 1 --by "K. Reviewer" --reason "240 sessions, innovation 1.00"
     """
-    _decide(store, (technology, number, "approved"), (by, reason), as_json, quiet)
+    decided = _decided(store, (technology, number, "approved"), (by, reason))
+    answer(decided.document, decided.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @app.command(cls=Command)
 def reject(
     number: Annotated[int, typer.Argument(help="The number of the priors.")],
-    by: Annotated[str, typer.Option("--by", help="Who decides.")],
-    reason: Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")],
-    technology: Annotated[str, typer.Option("--technology", help="rlg, fog or mems.")] = "rlg",
+    by: Annotated[str, typer.Option("--by", help="The name of who decides.")],
+    reason: Annotated[str, typer.Option("--reason", help="Why, kept with the decision.")],
+    technology: Annotated[
+        str, typer.Option("--technology", help="The technology: rlg, fog or mems.")
+    ] = "rlg",
     store: StoreUrl = DEFAULT_STORE,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -288,20 +344,15 @@ def reject(
 
     Example: recal fleet reject 2 --by "K. Reviewer" --reason "one aircraft was in the hangar"
     """
-    _decide(store, (technology, number, "rejected"), (by, reason), as_json, quiet)
+    decided = _decided(store, (technology, number, "rejected"), (by, reason))
+    answer(decided.document, decided.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
 
 
-def _decide(
-    store: str, about: tuple[str, int, str], signed: tuple[str, str], as_json: bool, quiet: bool
-) -> None:
+def _decided(store: str, about: tuple[str, int, str], signed: tuple[str, str]) -> Any:
     from recal.service.priors.records import decide
 
     require_technology(about[0])
-    decided = decide(store, *about, by=signed[0], reason=signed[1])
-    answer(decided.document, as_json=as_json, verbose=False)
-    for line in decided.lines():
-        say(line, quiet=quiet)
-    finish(about[2])
+    return decide(store, *about, by=signed[0], reason=signed[1])
 
 
 def require_technology(name: str | None) -> None:

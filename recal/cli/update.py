@@ -14,6 +14,7 @@ from recal.cli.console import (
     NewUnit,
     NoSeed,
     OutputPath,
+    PriorsChoice,
     Quiet,
     StoreUrl,
     ThermalModelPath,
@@ -73,13 +74,7 @@ def command(
         Path | None,
         typer.Option("--config", help="Settings file (TOML) with the sections session and ageing."),
     ] = None,
-    priors: Annotated[
-        str,
-        typer.Option(
-            "--priors",
-            help="Learnt ageing and turn-on: approved (of the store), default, or a priors.json.",
-        ),
-    ] = "approved",
+    priors: PriorsChoice = "approved",
     thermal_model: ThermalModelPath = None,
     output: OutputPath = None,
     force: Force = False,

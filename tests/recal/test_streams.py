@@ -88,6 +88,10 @@ SLOW = {  # the verb that a command calls
     "thermal apply": "recal.service.thermal.take_out",
     "twin fit": "recal.service.twin.fit.fit_twin",
     "twin check": "recal.service.twin.check.check_twin",
+    "fleet learn": "recal.service.priors.learn.learn_priors",
+    "fleet forecast": "recal.service.priors.forecast.forecast",
+    "fleet approve": "recal.service.priors.records.decide",
+    "fleet reject": "recal.service.priors.records.decide",
 }
 QUICK = {  # the words after the name; every command has its line here
     "demo": OUTPUT,
@@ -116,8 +120,16 @@ QUICK = {  # the words after the name; every command has its line here
     "fleet update": ["runs", *OUTPUT],
     "twin fit": ["run", *OUTPUT],
     "twin check": ["run", "--twin", "twin.json"],
+<<<<<<< HEAD
     "twin import": ["imu.yaml", "--from", "kalibr", "-o", "imported.json"],
     "twin export": ["unit.json", "--to", "kalibr"],
+=======
+    "fleet learn": OUTPUT,
+    "fleet forecast": OUTPUT,
+    "fleet priors": [],
+    "fleet approve": ["1", "--by", "K.", "--reason", "why"],
+    "fleet reject": ["1", "--by", "K.", "--reason", "why"],
+>>>>>>> 7227043 (Forecast when a unit's drift passes a limit)
 }
 REPORTS = {
     "demo": "update",
@@ -129,6 +141,8 @@ REPORTS = {
     "thermal rlg": "thermal_rlg",
     "thermal fog": "thermal_fog",
     "fleet update": "fleet",
+    "fleet learn": "priors",
+    "fleet forecast": "forecast",
 }
 
 

@@ -8,14 +8,14 @@ from enum import StrEnum
 
 from infield.learning.learn import Learnt, LearntFleet, Parameters
 from infield.learning.parameters import UNITS, PriorName, defaults_of
-from ins.json_file import JsonObject
+from ins.json_file import Json
 from ins.records import InputError
 from ins.verdicts import OMIT_NONE, Outcome, record_of
 from recal.service.priors.kept import LeftOut
 
-SCHEMA = "recal.priors/1"
-OUTLIER_NAMED = 0.5  # probability from which a session is named as an outlier
-METHOD = (
+PRIORS_SCHEMA = "recal.priors/1"
+OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
+HOW_LEARNT = (
     "marginal likelihood of the session points with their covariances; turn-on, flicker, random"
     " walk, ageing, heading errors and table nodes integrated out; log-normal priors about the"
     " defaults; outliers as a mixture; weighed draws about the largest posterior"
@@ -108,14 +108,14 @@ class LeftOutDocument:
 class PriorsDocument:
     """The whole file."""
 
-    schema: str = SCHEMA
+    schema: str = PRIORS_SCHEMA
     verdict: Outcome | str
     reasons: Sequence[str]
     reason_codes: Sequence[str]
     store: str | None
     issued_utc: str
     version: str
-    method: str = METHOD
+    method: str = HOW_LEARNT
     technologies: Sequence[TechnologyPriors] = ()
     left_out: Sequence[LeftOutDocument] = ()
 
@@ -223,12 +223,12 @@ def left_out_documents(left_out: Sequence[LeftOut]) -> list[LeftOutDocument]:
     return [LeftOutDocument(**vars(item)) for item in left_out]
 
 
-def priors_of(data: JsonObject, *, name: str) -> PriorsDocument:
+def priors_of(data: Mapping[str, Json], *, name: str) -> PriorsDocument:
     """The document that a file or a store holds; InputError where it is none."""
-    if data.get("schema") != SCHEMA:
-        raise InputError(f"{name}: schema {data.get('schema')!r}, needed {SCHEMA!r}")
+    if data.get("schema") != PRIORS_SCHEMA:
+        raise InputError(f"{name}: schema {data.get('schema')!r}, needed {PRIORS_SCHEMA!r}")
     try:
         document: PriorsDocument = record_of(PriorsDocument, data)
     except (TypeError, ValueError, AttributeError, KeyError) as error:
-        raise InputError(f"{name}: not a document of {SCHEMA}: {error}") from None
+        raise InputError(f"{name}: not a document of {PRIORS_SCHEMA}: {error}") from None
     return document

@@ -11,8 +11,8 @@ from recal.service.priors.document import PriorsDocument, TechnologyPriors
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
-WORDS = {
+PRIORS_VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
+PARAMETER_WORDS = {
     "turn_on": "turn-on, from one power-on to the next",
     "flicker": "flicker (bias instability)",
     "random_walk": "rate random walk",
@@ -31,8 +31,8 @@ def priors_html(document: PriorsDocument) -> str:
     return render_page(
         "priors.html.j2",
         d=document,
-        verdict=VERDICTS[str(document.verdict)],
-        words=WORDS,
+        verdict=PRIORS_VERDICTS[str(document.verdict)],
+        words=PARAMETER_WORDS,
         drawings={t.gyro_technology: _drawing(t) for t in document.technologies},
         significant=significant,
         most=MOST_UNITS,

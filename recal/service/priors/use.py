@@ -1,6 +1,7 @@
 """The priors that an update goes by: those approved in the store, those of a file, or none."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from infield.learning.parameters import PriorName
 from infield.session.settings import SessionSettings
 from infield.store.table_store import TableStore
 from infield.table.thermal_table import AgeingModel
-from ins.json_file import read_json_object
+from ins.json_file import Json, read_json_object
 from ins.records import InputError, TwinModel
 from recal.service.inputs.unit_inputs import NoiseSource, UnitInputs
 from recal.service.priors.document import PriorValue, TechnologyPriors, priors_of
@@ -54,7 +55,7 @@ def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> Pr
     if choice == DEFAULT:
         return None
     if choice != APPROVED:
-        found = _of_technology(read_json_object(Path(choice)), choice, technology)
+        found = technology_of(read_json_object(Path(choice)), choice, technology)
         if found is None:
             raise InputError(f"{choice}: says nothing of {technology}")
         return _use(found, choice, None, unit)
@@ -62,7 +63,7 @@ def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> Pr
     if record is None:
         return None
     name = f"priors {record.number} of {technology}"
-    found = _of_technology(json.loads(record.priors_json), name, technology)
+    found = technology_of(json.loads(record.priors_json), name, technology)
     if found is None:
         raise InputError(f"{name}: says nothing of {technology}")
     return replace(
@@ -70,7 +71,7 @@ def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> Pr
     )
 
 
-def _of_technology(data: dict, name: str, technology: str) -> TechnologyPriors | None:
+def technology_of(data: Mapping[str, Json], name: str, technology: str) -> TechnologyPriors | None:
     document = priors_of(data, name=name)
     return next((t for t in document.technologies if t.gyro_technology == technology), None)
 

@@ -58,7 +58,8 @@ def test_learnt_approved_used_and_taken_back(folder):
     turn_on = priors["technology"]["parameters"]["turn_on"]
     assert turn_on["default"] == 0.003 and turn_on["unit"] == "deg/h" and turn_on["n"] == 3
     assert {"few_sessions", "one_unit"} <= set(priors["note_codes"])
-    assert "one unit: what is said" in done.stderr
+    words = recal("fleet", "learn", "--dry-run", "-o", "words").stdout
+    assert "one unit: what is said" in words and words.endswith("words/priors.html\n")
     page = Path("out/priors.html").read_text()
     assert "turn-on, from one power-on to the next" in page and "recal fleet approve 1" in page
 
@@ -71,7 +72,7 @@ def test_learnt_approved_used_and_taken_back(folder):
     used = recal("update", str(folder / "run-3"), "--json", "-o", "u")
     after = json.loads(used.stdout)
     assert (after["priors"]["source"], after["priors"]["revision"]) == ("approved", 1)
-    assert "priors of rlg, revision 1, for SN-0042: ageing" in used.stderr
+    assert "priors of rlg, revision 1, for SN-0042: ageing" in after["priors"]["text"]
     assert "priors of rlg, revision 1" in Path("u/update.html").read_text()
     assert after["noise_model"]["source"] == "defaults of rlg, priors revision 1"
     assert after["noise_model"]["gyro"]["turn_on_deg_h"] != 0.003
@@ -101,6 +102,6 @@ def test_an_empty_store_and_a_dry_run_keep_nothing(folder):
     with TableStore.open("sqlite:///empty.db", create=True):
         pass
     done = CliRunner().invoke(app, ["fleet", "learn", "--store", "sqlite:///empty.db"])
-    assert done.exit_code == 4 and "no session of them that can be learnt from" in done.stderr
+    assert done.exit_code == 4 and "no session of them that can be learnt from" in done.stdout
     assert recal("fleet", "learn", "--dry-run", "-q").exit_code == 0
     assert "holds no priors" in recal("fleet", "priors").stdout

@@ -1,0 +1,199 @@
+"""When the free-inertial drift of a unit will pass a limit, and which session would put that off.
+
+The error e of a unit's table at the temperatures where it works is what the sessions leave of it
+(`FleetLikelihood`), and ages on as the learnt parameters say. The drift of a power-on at time t is
+
+    D(t) = 60 NM/h per deg/h * sqrt(mean over T of (e_x^2 + e_y^2) + 2 (turn-on^2 + flicker^2))
+
+(physics.md 6.3, 7: mean of a Schuler period, RMS over power-ons). Paths of e are drawn, each with
+parameters of its own from their uncertainty; a date is a quantile of the first passage of D.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.learning.kept import KeptSession, KeptUnit, covering
+from infield.learning.learn import Learnt, Parameters
+from infield.learning.parameters import PriorName
+from infield.table.merge import session_covariance
+from infield.table.prior import smooth_kernel
+from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable
+from ins.noise import FLICKER_FLOOR
+from ins.records import AXES, GyroNoise
+
+NM_H_PER_DEG_H = 60.0  # mean drift of a level gyro's bias: R u, physics.md 6.3
+LIMIT_NM_H = 0.8  # physics.md 7: the export-control line of a navigation-grade system
+LEVEL_GYROS = (0, 1)
+TEMPERATURES = 5  # where a unit works: evenly spaced quantiles of what its sessions saw
+WORKS_AT_degC = (10.0, 40.0)  # of a unit without sessions
+PATHS = 400
+STEPS_PER_YEAR = 24
+HORIZON_YEARS = 12.0
+JITTER = 1e-9  # of a kernel's diagonal, so that it has a root
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """Drift of a unit from now on. years (k,): from now; median, high (k,) [NM/h]: of the paths,
+    high is passed by 5 %; passes (paths,): first passage in years, infinite beyond the horizon.
+    """
+
+    years: NDArray
+    median: NDArray
+    high: NDArray
+    passes: NDArray
+
+    @property
+    def year_50(self) -> float:
+        """By then half the paths have passed the limit; infinite beyond the horizon."""
+        return _quantile(self.passes, 0.5)
+
+    @property
+    def year_95(self) -> float:
+        """Until then 95 % of the paths stay below the limit."""
+        return _quantile(self.passes, 0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class UnitState:
+    """What is known of a unit: its first table, the departure of its nodes from it after the last
+    session (mean, covariance, values of x, y, z alone), and the table in use. year: of the last
+    session.
+    """
+
+    first: ThermalTable
+    mean: NDArray
+    covariance: NDArray
+    active: ThermalTable
+    year: float
+
+    def level_error(self, temperature_degC: Sequence[NDArray]) -> tuple[NDArray, NDArray]:
+        """Error of the table in use at temperatures of x and y: mean and covariance, x then y."""
+        rows = [self.rows(k, temperature_degC[k]) for k in LEVEL_GYROS]
+        A = np.vstack(rows)
+        offset = [
+            self.first.bias_deg_h(k, T) - self.active.bias_deg_h(k, T)
+            for k, T in zip(LEVEL_GYROS, temperature_degC)
+        ]
+        return np.concatenate(offset) + A @ self.mean, A @ self.covariance @ A.T
+
+    def rows(self, axis: int, temperature_degC: NDArray) -> NDArray:
+        """Of the node values, at temperatures of an axis."""
+        every = self.first.basis(axis, temperature_degC)
+        return np.asarray(every[:, : self.mean.size])
+
+    def with_session(self, session: KeptSession, value: Parameters, year: float) -> "UnitState":
+        """After one more session like this one, merged at `year` into the table in use: what is
+        expected of the error is taken out, its covariance shrinks.
+        """
+        P = self.aged(value, year).covariance
+        H = np.zeros((session.axis_index.size, self.mean.size))
+        for axis in range(len(AXES)):
+            chosen = session.axis_index == axis
+            H[chosen] = self.rows(axis, session.temperature_degC[chosen])
+        creep = value[PriorName.YAW_CREEP].value ** 2 * np.diag(session.creep_variance)
+        own = session_covariance(
+            axis_index=session.axis_index,
+            time_s=session.time_s,
+            duration_s=session.duration_s,
+            gyro=GyroNoise(
+                bias_instability_deg_h=value[PriorName.FLICKER].value,
+                rate_random_walk_deg_h_sqrt_h=value[PriorName.RANDOM_WALK].value,
+                turn_on_deg_h=value[PriorName.TURN_ON].value,
+            ),
+            run_length_s=session.run_length_s,
+        )
+        S = H @ P @ H.T + session.covariance_without_creep + creep + own
+        after = P - P @ H.T @ np.linalg.solve(S, H @ P)
+        known = np.zeros(self.first.n_parameters)
+        known[: self.mean.size] = self.mean
+        table = self.first.replaced(parameters=self.first.parameters + known)
+        return UnitState(self.first, self.mean, 0.5 * (after + after.T), table, year)
+
+    def aged(self, value: Parameters, year: float) -> "UnitState":
+        """The same at a later year."""
+        ageing = AgeingModel(
+            common_deg_h_sqrt_year=value[PriorName.AGEING_COMMON].value,
+            shape_deg_h_sqrt_year=value[PriorName.AGEING_SHAPE].value,
+            length_degC=value[PriorName.LENGTH].value,
+        )
+        days = DAYS_PER_YEAR * max(year - self.year, 0.0)
+        grown = self.first.aged(days, ageing).covariance - self.first.covariance
+        n = self.mean.size
+        return UnitState(
+            self.first,
+            self.mean,
+            self.covariance + grown[:n, :n],
+            self.active,
+            max(year, self.year),
+        )
+
+
+def state_of(unit: KeptUnit, mean: NDArray, covariance: NDArray, active: ThermalTable) -> UnitState:
+    """From a row of `Evidence`: the unit's nodes stand first there."""
+    first = covering(unit)
+    n = sum(t.size for t in first.temperature_degC)
+    year = unit.sessions[-1].year if unit.sessions else unit.year
+    return UnitState(first, mean[:n], covariance[:n, :n], active, year)
+
+
+def works_at(unit: KeptUnit) -> tuple[NDArray, NDArray]:
+    """Temperatures of gyros x and y where the unit works: quantiles of what its sessions saw."""
+    levels = (np.arange(TEMPERATURES) + 0.5) / TEMPERATURES
+    found = []
+    for axis in LEVEL_GYROS:
+        seen = [s.temperature_degC[s.axis_index == axis] for s in unit.sessions]
+        every = np.concatenate(seen) if seen else np.array(WORKS_AT_degC)
+        found.append(np.quantile(every if every.size else np.array(WORKS_AT_degC), levels))
+    return found[0], found[1]
+
+
+def outlook(
+    state: UnitState,
+    value: Parameters,
+    temperature_degC: tuple[NDArray, NDArray],
+    *,
+    year: float,
+    limit_nm_h: float = LIMIT_NM_H,
+    seed: int = 0,
+) -> Outlook:
+    """The drift from `year` on."""
+    rng = np.random.default_rng(seed)
+    mean, P = state.level_error(temperature_degC)
+    n = len(temperature_degC[0])
+    steps = int(HORIZON_YEARS * STEPS_PER_YEAR)
+    drawn = {name: _drawn(value[name], rng) for name in value}
+    since = max(year - state.year, 0.0)
+    spans = np.concatenate(([since], np.full(steps, 1.0 / STEPS_PER_YEAR)))
+    values, vectors = np.linalg.eigh(P)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    error = mean + rng.standard_normal((PATHS, 2 * n)) @ root.T
+    kernels = [smooth_kernel(T, value[PriorName.LENGTH].value) for T in temperature_degC]
+    roots = [np.linalg.cholesky(K + JITTER * np.eye(n)) for K in kernels]
+    start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + (FLICKER_FLOOR * drawn[PriorName.FLICKER]) ** 2)
+    drift = np.zeros((PATHS, steps + 1))
+    for k, span in enumerate(spans):
+        for a in LEVEL_GYROS:
+            level = drawn[PriorName.AGEING_COMMON][:, None] * rng.standard_normal((PATHS, 1))
+            smooth = rng.standard_normal((PATHS, n)) @ roots[a].T
+            shape = drawn[PriorName.AGEING_SHAPE][:, None] * smooth
+            error[:, a * n : (a + 1) * n] += np.sqrt(span) * (level + shape)
+        drift[:, k] = NM_H_PER_DEG_H * np.sqrt(np.sum(error**2, axis=1) / n + start)
+    years = np.arange(steps + 1) / STEPS_PER_YEAR
+    beyond = drift > limit_nm_h
+    first = np.where(beyond.any(axis=1), years[np.argmax(beyond, axis=1)], np.inf)
+    median, high = np.quantile(drift, [0.5, 0.95], axis=0)
+    return Outlook(years, median, high, first)
+
+
+def _drawn(learnt: Learnt, rng: np.random.Generator) -> NDArray:
+    """Values of a parameter, one a path, from its uncertainty."""
+    return np.asarray(learnt.value * np.exp(learnt.sigma_log * rng.standard_normal(PATHS)))
+
+
+def _quantile(passes: NDArray, share: float) -> float:
+    """The time by which a share of the paths has passed."""
+    return float(np.sort(passes)[int(np.ceil(share * len(passes))) - 1])

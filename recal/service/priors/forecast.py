@@ -1,0 +1,293 @@
+"""`fleet forecast`: for each unit of a store, when its drift will pass a limit, and the session
+that would put that off the longest. `recal.forecast/1`.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from infield.learning.forecast import (
+    LEVEL_GYROS,
+    LIMIT_NM_H,
+    STEPS_PER_YEAR,
+    Outlook,
+    UnitState,
+    outlook,
+    state_of,
+    works_at,
+)
+from infield.learning.kept import KeptSession, KeptUnit
+from infield.learning.learn import Learnt
+from infield.learning.likelihood import FleetLikelihood
+from infield.learning.parameters import OF_POINTS, WIDTHS, PriorName, defaults_of, logs_of
+from infield.store.errors import NoStore
+from infield.store.table_store import TableStore
+from infield.table.thermal_table import DAYS_PER_YEAR
+from ins.json_file import read_json_object
+from recal.service.inputs.unit_inputs import open_store
+from recal.service.priors.document import PriorValue, TechnologyPriors
+from recal.service.priors.forecast_page import forecast_html
+from recal.service.priors.forecast_records import (
+    BestSession,
+    ForecastDocument,
+    NoForecast,
+    TrendDocument,
+    UnitForecast,
+)
+from recal.service.priors.kept import EPOCH, kept_units
+from recal.service.priors.use import APPROVED, DEFAULT, technology_of
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.result import Result
+
+# Mean temperature of a session below or above which it counts as a cold or a hot start: packaged
+# starts at -5, 20 and 45 degC lie on either side (trajectories/simulator/thermal.py).
+COLD_degC, HOT_degC = 10.0, 30.0
+TREND_EVERY = STEPS_PER_YEAR // 4  # a point of the trend each quarter
+DATE = "%Y-%m-%d"
+
+
+class ForecastVerdict(StrEnum):
+    """What came of a forecast."""
+
+    OK = "ok"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForecastRequest:
+    """What to forecast. priors: as of `recal update`; sessions: also which session would help; now:
+    from when on, None for the time of this machine.
+    """
+
+    store_url: str
+    limit_nm_h: float = LIMIT_NM_H
+    technology: str | None = None
+    priors: str = APPROVED
+    sessions: bool = True
+    now: datetime | None = None
+    output: Path | None = field(default=None)
+    write: bool = True
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Forecast(Result[ForecastDocument]):
+    """Units by urgency."""
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """The most urgent units first."""
+        return summary(self.record, most=None if verbose else UNITS_TOLD)
+
+
+UNITS_TOLD = 10  # units on the terminal
+
+
+def forecast(request: ForecastRequest) -> Forecast:
+    """Forecast every unit; writes forecast.json and forecast.html unless told not to.
+
+    Raises
+    ------
+    InputError
+        Where there is no store, or it cannot be read.
+    """
+    store = open_store(request.store_url)
+    if store is None:
+        raise NoStore(f"no store at {request.store_url}")
+    now = request.now or datetime.now(UTC)
+    every, _ = kept_units(store)
+    newest = {(u.gyro_technology, u.imu_serial, u.gyro_mode): u for u in every}
+    chosen = [u for u in newest.values() if request.technology in (None, u.gyro_technology)]
+    found: list[UnitForecast] = []
+    without: list[NoForecast] = []
+    for technology in dict.fromkeys(unit.gyro_technology for unit in chosen):
+        units = [unit for unit in chosen if unit.gyro_technology == technology]
+        if technology == "mems":
+            why = "gyros that find no heading do not navigate free-inertially"
+            without += [NoForecast(imu_serial=u.imu_serial, why=why) for u in units]
+            continue
+        found += _Technology(store, units, request, now).forecasts()
+    found.sort(key=lambda f: (f.date_95_utc or "9999", -f.drift_now_nm_h))
+    document = ForecastDocument(
+        verdict=ForecastVerdict.OK if found else ForecastVerdict.REFUSED,
+        reasons=[] if found else [f"store {store.name}: no unit whose drift could be forecast"],
+        store=store.name,
+        issued_utc=now.strftime("%Y-%m-%dT%H:%M:%SZ"),
+        version=program_version(),
+        limit_nm_h=request.limit_nm_h,
+        units=found,
+        without=without,
+    )
+    result = Forecast(document, page=lambda: forecast_html(document))
+    if request.write:
+        folder = output_directory(request.output, "fleet-forecast")
+        files = {
+            folder / "forecast.json": result.to_json(),
+            folder / "forecast.html": forecast_html(document),
+        }
+        write_files(files)
+    return result
+
+
+class _Technology:
+    """The units of one technology, with the parameters that they go by."""
+
+    def __init__(
+        self, store: TableStore, units: Sequence[KeptUnit], request: ForecastRequest, now: datetime
+    ) -> None:
+        self._store, self._units, self._request = store, units, request
+        self._now, self._year = now, (now - EPOCH).total_seconds() / 86400.0 / DAYS_PER_YEAR
+        technology = units[0].gyro_technology
+        self._rests_on, self._priors = _priors(request.priors, store, technology)
+        values = [self._values(unit) for unit in units]
+        self._value = values
+        theta = np.array([logs_of({n: v[n].value for n in OF_POINTS}) for v in values])
+        self._evidence = FleetLikelihood(units)(theta)
+        self._candidates = _candidates(units) if request.sessions else {}
+
+    def forecasts(self) -> list[UnitForecast]:
+        return [self._one(u) for u in range(len(self._units))]
+
+    def _values(self, unit: KeptUnit) -> dict[PriorName, Learnt]:
+        """Of the unit where it was learnt from, else of its technology, else the defaults."""
+        scopes = [] if self._priors is None else [self._priors.technology]
+        if self._priors is not None:
+            scopes += [s for s in self._priors.units if s.name == unit.name]
+        said: dict[str, PriorValue] = {}
+        for scope in scopes:
+            said |= scope.parameters
+        defaults = defaults_of(unit.gyro_technology)
+        return {
+            name: Learnt(said[name].value, said[name].sigma_log, said[name].interval_95, True, 0)
+            if name in said
+            else Learnt(defaults[name], WIDTHS[name], (0.0, 0.0), False, 0)
+            for name in OF_POINTS
+        }
+
+    def _one(self, u: int) -> UnitForecast:
+        unit = self._units[u]
+        key = (unit.imu_serial, unit.gyro_technology, unit.gyro_mode)
+        active = self._store.active(*key)
+        state = state_of(unit, self._evidence.mean[u], self._evidence.covariance[u], active.table)
+        T = works_at(unit)
+        seen = self._outlook(state, unit, u, T)
+        mean = state.level_error(T)[0]
+        expected = float(np.sqrt(np.sum(mean**2) / len(T[0])))
+        return UnitForecast(
+            imu_serial=unit.imu_serial,
+            gyro_technology=unit.gyro_technology,
+            gyro_mode=unit.gyro_mode,
+            revision=active.number,
+            sessions=len(unit.sessions),
+            last_session_utc=self._date(state.year - self._year),
+            drift_now_nm_h=float(seen.median[0]),
+            drift_now_95_nm_h=float(seen.high[0]),
+            expected_bias_deg_h=expected,
+            date_50_utc=self._date(seen.year_50),
+            date_95_utc=self._date(seen.year_95),
+            temperature_degC=(float(min(t.min() for t in T)), float(max(t.max() for t in T))),
+            rests_on=self._rests_on,
+            trend=TrendDocument(
+                date_utc=[str(self._date(y)) for y in seen.years[::TREND_EVERY]],
+                median_nm_h=seen.median[::TREND_EVERY].tolist(),
+                high_nm_h=seen.high[::TREND_EVERY].tolist(),
+            ),
+            best_session=self._best(state, unit, u, seen),
+        )
+
+    def _outlook(
+        self, state: UnitState, unit: KeptUnit, u: int, T: tuple[np.ndarray, np.ndarray]
+    ) -> Outlook:
+        return outlook(
+            state, self._value[u], T, year=self._year, limit_nm_h=self._request.limit_nm_h, seed=u
+        )
+
+    def _best(self, state: UnitState, unit: KeptUnit, u: int, seen: Outlook) -> BestSession | None:
+        """The kind of session that puts the 95 % date off the longest; None where none does."""
+        tried = [
+            (
+                self._outlook(
+                    state.with_session(s, self._value[u], self._year), unit, u, works_at(unit)
+                ),
+                words,
+                s,
+            )
+            for words, s in self._candidates.items()
+        ]
+        better = [t for t in tried if t[0].year_95 > seen.year_95]
+        if not better:
+            return None
+        after, words, session = max(better, key=lambda t: (t[0].year_95, t[0].year_50))
+        level = np.isin(session.axis_index, LEVEL_GYROS)
+        T = session.temperature_degC[level]
+        gained = min(after.year_95, seen.years[-1]) - seen.year_95
+        return BestSession(
+            text=f"{words}, {T.min():.0f} to {T.max():.0f} degC",
+            temperature_degC=(float(T.min()), float(T.max())),
+            taxi=bool(session.heading_source),
+            date_50_utc=self._date(after.year_50),
+            date_95_utc=self._date(after.year_95),
+            gained_days=float(DAYS_PER_YEAR * gained),
+        )
+
+    def _date(self, years: float) -> str | None:
+        if not np.isfinite(years):
+            return None
+        return (self._now + timedelta(days=DAYS_PER_YEAR * years)).strftime(DATE)
+
+
+def _priors(choice: str, store: TableStore, technology: str) -> tuple[str, TechnologyPriors | None]:
+    """What the forecast of a technology rests on."""
+    defaults = f"defaults of {technology}"
+    if choice == DEFAULT:
+        return defaults, None
+    if choice != APPROVED:
+        return choice, technology_of(read_json_object(Path(choice)), choice, technology)
+    record = store.priors_in_use(technology)
+    if record is None:
+        return f"{defaults} (no priors are approved: recal fleet learn)", None
+    name = f"priors {record.number} of {technology}"
+    return name, technology_of(json.loads(record.priors_json), name, technology)
+
+
+def _candidates(units: Sequence[KeptUnit]) -> dict[str, KeptSession]:
+    """Kinds of sessions that this fleet has recorded, the newest of each: by temperature, and by
+    whether the taxi showed the heading.
+    """
+    kinds: dict[str, KeptSession] = {}
+    sessions = sorted((s for unit in units for s in unit.sessions), key=lambda s: s.year)
+    for session in sessions:
+        if session.axis_index.size <= 3:
+            continue  # a contradiction, remembered by its mean alone
+        mean = float(session.temperature_degC.mean())
+        start = "a cold" if mean < COLD_degC else "a hot" if mean > HOT_degC else "an ambient"
+        taxi = "with a taxi" if session.heading_source else "parked alone"
+        kinds[f"{start} start {taxi}"] = session
+    return kinds
+
+
+def summary(document: ForecastDocument, *, most: int | None = UNITS_TOLD) -> list[str]:
+    """The result in a few lines for people."""
+    limit = f"{document.limit_nm_h:g} NM/h"
+    lines = [f"forecast: {len(document.units)} units, limit {limit}"]
+    lines += [f"  because {why}" for why in document.reasons]
+    for unit in document.units[:most]:
+        until = unit.date_95_utc or "beyond 12 years"
+        half = unit.date_50_utc or "beyond 12 years"
+        line = (
+            f"  {unit.imu_serial}: {unit.drift_now_nm_h:.2f} NM/h now; below the limit until"
+            f" {until} (95 %), {half} (50 %)"
+        )
+        best = unit.best_session
+        lines.append(
+            line + (f"; {best.text} puts it off by {best.gained_days:.0f} days" if best else "")
+        )
+    left = len(document.units) - len(document.units[:most])
+    lines += [f"  and {left} more in forecast.json"] if left else []
+    for rests_on in dict.fromkeys(unit.rests_on for unit in document.units):
+        lines.append(f"  ageing and turn-on from {rests_on}")
+    lines += [f"  {item.imu_serial}: {item.why}" for item in document.without[:most]]
+    return lines
