@@ -78,22 +78,14 @@ def test_sigma_says_whether_it_rests_on_defaults(folder):
     done = update(url)
     document = json.loads(done.stdout)
     assert document["noise_source"] == "defaults of rlg" and DEFAULTS in document["noise_note"]
-<<<<<<< HEAD
     words = CliRunner().invoke(app, ["update", "run", "--store", url, "-o", "out"])
     assert f"note: {document['noise_note']}" in words.stdout
-=======
->>>>>>> bf25956 (Forecast when a unit's drift passes a limit)
     assert "every sigma rests on the defaults of rlg" in Path("out/update.html").read_text()
     aligned = CliRunner().invoke(app, ["align", "run", "--store", url, "--json"])
     assert json.loads(aligned.stdout)["noise_source"] == "defaults of rlg"
     assert DEFAULTS in json.loads(aligned.stdout)["noise_note"]
-<<<<<<< HEAD
     words = CliRunner().invoke(app, ["align", "run", "--store", url])
     assert DEFAULTS in words.stdout
-=======
-    words = CliRunner().invoke(app, ["align", "run", "--store", url, "-o", "words"]).stdout
-    assert f"note: no noise model of SN-0042 was given: {DEFAULTS}" in words
->>>>>>> bf25956 (Forecast when a unit's drift passes a limit)
     given = json.loads(update(url, "--twin", "twin.json").stdout)
     assert given["noise_source"] == "twin file" and "noise_note" not in given
     with TableStore.open(url) as store:

@@ -120,16 +120,13 @@ QUICK = {  # the words after the name; every command has its line here
     "fleet update": ["runs", *OUTPUT],
     "twin fit": ["run", *OUTPUT],
     "twin check": ["run", "--twin", "twin.json"],
-<<<<<<< HEAD
     "twin import": ["imu.yaml", "--from", "kalibr", "-o", "imported.json"],
     "twin export": ["unit.json", "--to", "kalibr"],
-=======
     "fleet learn": OUTPUT,
     "fleet forecast": OUTPUT,
     "fleet priors": [],
     "fleet approve": ["1", "--by", "K.", "--reason", "why"],
     "fleet reject": ["1", "--by", "K.", "--reason", "why"],
->>>>>>> 7227043 (Forecast when a unit's drift passes a limit)
 }
 REPORTS = {
     "demo": "update",
