@@ -44,7 +44,7 @@ KALIBR_KEYS = {
     "accelerometer_noise_density": ("accel", "vrw_ug_sqrt_hz", 1.0 / MICRO_G),
     "accelerometer_random_walk": ("accel", "rate_random_walk_ug_sqrt_h", 1 / MICRO_G_PER_SQRT_HOUR),
 }
-# n: density; w: the floor of the Allan deviation, 0.664 B
+# n: density; w: the floor of the Allan deviation (FLICKER_FLOOR of it is B)
 IMU_UTILS_KEYS = {
     "Gyr.avg-axis.gyr_n": ("gyro", "arw_deg_sqrt_h", 1.0 / DEG_PER_SQRT_HOUR),
     "Gyr.avg-axis.gyr_w": ("gyro", "bias_instability_deg_h", 1.0 / FLICKER_FLOOR / DEG_PER_HOUR),

@@ -18,7 +18,7 @@ from trajectories.runs.limits import NUMBER_BYTES, refuse_unpacked
 from trajectories.runs.notes import About, Note
 
 MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
-MAX_COLUMNS = 10_000  # of a row: the widest logs known here, of autopilots, have some hundreds
+MAX_COLUMNS = 10_000  # of a row: the widest logs known here, of autopilots, have some 300
 MAX_TEXT_BYTES = 8_000_000_000  # MAX_ROWS of 80 characters
 # chosen: 40,000 numbers of 25 characters; longer is a file without line ends
 MAX_LINE_BYTES = 1_000_000

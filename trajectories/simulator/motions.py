@@ -35,7 +35,7 @@ PEAK = 15.0 / 8.0  # largest slope of the quintic blend 10 u^3 - 15 u^4 + 6 u^5 
 TURN_BLEND_S = 3.0  # time over which a turn on wheels reaches its rate
 FLIGHT_BLEND_S = 6.0  # the same for bank and climb
 LIFT_OFF_S = 4.0  # wheels leave the ground over this time
-# A shorter change than this is none: the fifth power of the time divides it (_profile).
+# A shorter change than this is none: the fifth power of the time, 1e-30, divides it (_profile).
 SHORTEST_BLEND_S = 1e-6
 CHANNELS = ("speed_m_s", "course_rate_rad_s", "climb_rate_m_s", "airborne")
 

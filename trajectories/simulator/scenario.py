@@ -381,7 +381,8 @@ def fill(cls: type, data: Any, *, name: str) -> Any:
     }
     model = parse(create_model(cls.__name__, __base__=StrictModel, **needed), data, name=name)
     given = model.model_dump(exclude_unset=True)
-    refuse_out_of_range(given, name=name)
+    for key, value in given.items():
+        refuse_out_of_range(key, value, name=name)
     return cls(**{k: tuple(v) if hints[k] == Triple else v for k, v in given.items()})
 
 

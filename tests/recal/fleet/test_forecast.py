@@ -85,6 +85,8 @@ def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch, undrawn):
             if technology == "rlg":
                 P = np.array(data["covariance"]) * 0.01
                 data["covariance"] = P.tolist()
+                for axis in data["axes"].values():
+                    axis["sigma_deg_h"] = [0.1 * sigma for sigma in axis["sigma_deg_h"]]
             store.import_table(data)
     now = datetime(2026, 11, 22, tzinfo=UTC)
     found = forecast(ForecastRequest(store_url=URL, now=now, limit_nm_h=1.5))

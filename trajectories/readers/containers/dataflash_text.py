@@ -20,7 +20,7 @@ from trajectories.runs.text_rows import LISTED_ROWS, is_number, line_blocks, tex
 Formats = dict[str, tuple[str, list[str]]]  # name -> letters, columns
 # of a text in a message: what a field of 64 bytes holds (dataflash.FIELDS, Z)
 MAX_TEXT = 64
-MAX_TEXTS = 1_000_000  # messages with a text: parameters and remarks, some thousands in a log
+MAX_TEXTS = 1_000_000  # messages with a text; parameters and remarks are some 2,000 in a log
 
 
 def is_dataflash_text(path: Path) -> bool:

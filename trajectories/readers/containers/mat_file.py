@@ -19,7 +19,7 @@ from trajectories.runs.limits import NUMBER_BYTES, Room
 from trajectories.runs.notes import About, Note
 
 MAT_HEAD_BYTES = 128
-ELEMENT_HEAD_BYTES = 8
+ELEMENT_HEAD_BYTES = 8  # kind and length, 4 bytes each (MAT-File Level 5)
 HEAD_BYTES = 4096  # of a packed variable: flags, dimensions and name have 300 at most
 # Types of an element that holds a variable.
 ARRAY = 14
