@@ -27,7 +27,7 @@ UNTYPED_RESULTS = 59
 UNCHECKED_FILES = 21
 MAPPINGS = {"dict", "Dict", "Mapping", "MutableMapping", "defaultdict", "OrderedDict"}
 ANYTHING = {"Any", "object"}
-NAMES_WITH_SEVERAL_VALUES = 35  # constants; the goal is 40
+NAMES_WITH_SEVERAL_VALUES = 34  # constants; the goal is 40
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*(degC)?")
 
 # Outside these, no function is more complex than 12 or has more than 7 arguments. A kernel takes
