@@ -374,7 +374,7 @@ def test_the_program_ends_with_one_line_and_code_3(tmp_path):
         [sys.executable, "-m", "recal", "check", str(run)], capture_output=True, text=True
     )
     assert said.returncode == 3 and "Traceback" not in said.stderr
-    assert "run.json: not valid JSON (nested too deeply)" in said.stderr
+    assert "run.json: not valid JSON (nested too deeply)" in said.stdout
     assert check_module.command.__doc__
 
 

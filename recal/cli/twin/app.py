@@ -146,7 +146,8 @@ def export(
     twin: Annotated[Path, typer.Argument(help="Twin file.")],
     form: Annotated[Target, typer.Option("--to", help="In whose form.")],
     rate_hz: Annotated[
-        float, typer.Option("--rate-hz", min=10, max=2000, help="update_rate that Kalibr is told [Hz].")
+        float,
+        typer.Option("--rate-hz", min=10, max=2000, help="update_rate that Kalibr is told [Hz]."),
     ] = 100.0,
     output: OutputPath = None,
     as_json: JsonFlag = False,

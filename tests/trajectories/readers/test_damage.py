@@ -164,7 +164,7 @@ def noisy_columns(*, seconds: float = 20.0, seed: int = 8) -> dict[str, np.ndarr
 
 
 def convert(columns: dict[str, np.ndarray]) -> ConvertedLog:
-    log = converted(columns, column_map(LogOptions(damage.NAMED)), label="log", notes=[])
+    log = converted(dict(columns), column_map(LogOptions(damage.NAMED)), label="log", notes=[])
     check_log(log)
     return log
 
