@@ -132,7 +132,8 @@ def test_a_result_is_frozen_short_and_shows_itself(result, tmp_path):
         result.document = {}
     lines = repr(result).splitlines()
     assert lines[0].endswith(result.verdict) and 4 <= len(lines) <= 9
-    assert all(f"gyro {axis}: observed; mean bias of the run" in repr(result) for axis in "xyz")
+    gyros = [line for line in lines if "; mean bias of the run, 1 sigma" in line]
+    assert [line.split()[:2] for line in gyros] == [["gyro", f"{axis}:"] for axis in "xyz"]
     assert result._repr_html_().startswith("<pre>")
     assert json.loads(result.to_json()) == result.to_dict()
     assert "<html" in result.to_html(tmp_path / "update.html").read_text()
