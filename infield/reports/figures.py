@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
@@ -119,9 +120,27 @@ def svg_text(figure: "Figure", label: str) -> Markup:
     """
     import io
 
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            _plain_decades(axis)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     return Markup(_slim(buffer.getvalue(), label))  # matplotlib escapes the texts in it
+
+
+def _plain_decades(axis: "Axis") -> None:
+    """Numbers as they are along a logarithmic axis: the reports draw no mathematics, so that a
+    power of ten would stand there as its source.
+    """
+    from matplotlib.ticker import FuncFormatter, LogFormatter, LogFormatterMathtext
+
+    if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
+        few = LogFormatter(minor_thresholds=(1, 0.4))
+        few.set_axis(axis)
+        few.set_locs(axis.get_minorticklocs())
+        axis.set_minor_formatter(FuncFormatter(lambda value, _: few(value) and f"{value:.3g}"))
 
 
 def _slim(svg: str, label: str) -> str:
