@@ -291,7 +291,8 @@ def test_a_store_of_before_still_reads_and_is_upgraded_by_a_proposal(store, url)
     first = store.import_table(table_to_dict(table()))
     older = "UPDATE alembic_version SET version_num = '0002'"
     guards = ["DROP FUNCTION recal_append_only() CASCADE"] if url.startswith("postgresql") else []
-    tamper(url, *guards, "DROP TABLE recal_decision", "DROP TABLE recal_proposal", older)
+    later = ("priors_decision", "priors", "decision", "proposal")
+    tamper(url, *guards, *(f"DROP TABLE recal_{name}" for name in later), older)
     with TableStore.open(url) as old:
         assert old.active() == first and old.proposals() == [] and old.overview()[0].undecided == 0
     with TableStore.open(url, create=True) as new:
