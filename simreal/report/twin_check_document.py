@@ -51,7 +51,8 @@ def agreement_line(found: Agreement, command: str) -> str:
     own = sum(c.of is Of.SENSOR for c in found.cells)
     return (
         f"the noise model does not fit these runs in {len(bad)} of {own} bands, worst"
-        f" {cell_words(bad[0])}; {command} measures it"
+        f" {cell_words(bad[0])}, the unit's own or of a vehicle that people and wind moved;"
+        f" {command} measures it"
     )
 
 
