@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any, TypeVar
@@ -299,14 +299,9 @@ def refuse_non_finite(value: Any, *, name: str, key: str = "") -> None:
     InputError
         Names the key.
     """
-    if isinstance(value, dict):
-        for k, v in value.items():
-            refuse_non_finite(v, name=name, key=f"{key}.{k}" if key else str(k))
-    elif isinstance(value, list | tuple):
-        for i, v in enumerate(value):
-            refuse_non_finite(v, name=name, key=f"{key}[{i}]")
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{name}: {key}: got {value}, needed a finite number")
+    for place, number in _numbers(value, key):
+        if isinstance(number, float) and not math.isfinite(number):
+            raise InputError(f"{name}: {place}: got {number}, needed a finite number")
 
 
 def refuse_wild(value: Any, *, name: str, key: str = "") -> None:
@@ -326,14 +321,23 @@ def refuse_wild(value: Any, *, name: str, key: str = "") -> None:
     InputError
         Names the key.
     """
+    for place, number in _numbers(value, key):
+        if not abs(number) <= MAX_NUMBER:
+            raise InputError(
+                f"{name}: {place}: got {shown(number)}, needed within +-{MAX_NUMBER:g}"
+            )
+
+
+def _numbers(value: Any, key: str) -> Iterator[tuple[str, int | float]]:
+    """Each number in dicts and lists at any depth, and the key where it stands."""
     if isinstance(value, dict):
         for k, v in value.items():
-            refuse_wild(v, name=name, key=f"{key}.{k}" if key else str(k))
-    elif isinstance(value, list):
+            yield from _numbers(v, f"{key}.{k}" if key else str(k))
+    elif isinstance(value, list | tuple):
         for i, v in enumerate(value):
-            refuse_wild(v, name=name, key=f"{key}[{i}]")
-    elif isinstance(value, int | float) and not abs(value) <= MAX_NUMBER:
-        raise InputError(f"{name}: {key}: got {shown(value)}, needed within +-{MAX_NUMBER:g}")
+            yield from _numbers(v, f"{key}[{i}]")
+    elif isinstance(value, int | float):
+        yield key, value
 
 
 def _complaint(item: Any, model: type[BaseModel], name: str) -> str:
