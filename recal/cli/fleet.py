@@ -304,14 +304,20 @@ def priors_list(
     answer(listed.document, listed.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
 
 
+PriorsNumber = Annotated[int, typer.Argument(help="The number of the priors.")]
+Decider = Annotated[str, typer.Option("--by", help="The name of who decides.")]
+Why = Annotated[str, typer.Option("--reason", help="Why, kept with the decision.")]
+OfTechnology = Annotated[
+    str, typer.Option("--technology", help="The technology: rlg, fog or mems.")
+]
+
+
 @app.command(cls=Command)
 def approve(
-    number: Annotated[int, typer.Argument(help="The number of the priors.")],
-    by: Annotated[str, typer.Option("--by", help="The name of who decides.")],
-    reason: Annotated[str, typer.Option("--reason", help="Why, kept with the decision.")],
-    technology: Annotated[
-        str, typer.Option("--technology", help="The technology: rlg, fog or mems.")
-    ] = "rlg",
+    number: PriorsNumber,
+    by: Decider,
+    reason: Why,
+    technology: OfTechnology = "rlg",
     store: StoreUrl = DEFAULT_STORE,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -328,12 +334,10 @@ def approve(
 
 @app.command(cls=Command)
 def reject(
-    number: Annotated[int, typer.Argument(help="The number of the priors.")],
-    by: Annotated[str, typer.Option("--by", help="The name of who decides.")],
-    reason: Annotated[str, typer.Option("--reason", help="Why, kept with the decision.")],
-    technology: Annotated[
-        str, typer.Option("--technology", help="The technology: rlg, fog or mems.")
-    ] = "rlg",
+    number: PriorsNumber,
+    by: Decider,
+    reason: Why,
+    technology: OfTechnology = "rlg",
     store: StoreUrl = DEFAULT_STORE,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
