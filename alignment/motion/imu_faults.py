@@ -39,6 +39,12 @@ EARTH_WINDOW = 300  # seconds on either side: did the vehicle turn against Earth
 # short a time
 SMALLEST_TURN_RAD = 3e-4
 SHOCK_TURN_RAD = 5e-6  # an arcsecond: how much a shock may really turn the vehicle
+# A real turn is felt by the level gyros, for its axis is not that of the vertical gyro: by a
+# milliradian (3 arcmin) at least, on an aircraft by its attitude at rest of half a degree and more
+NEAREST_AXIS_RAD = 1e-3
+# and by the accelerometers, for it does not go through the unit; chosen: less than from a bay to
+# where the vehicle turns about; on a turntable, which does not sway, a centimetre is felt
+NEAREST_AXIS_M = 0.2
 
 
 @dataclass(frozen=True)
@@ -129,7 +135,8 @@ def _judge(
     if stuck:
         bad |= np.abs(jump.value) > JUMP_SIGMAS * quiet.value
     bad |= lost
-    bad[5] |= turned is False
+    alone = not seconds.channels[a:b, :5].any() and abs(jump.value[5]) > SMALLEST_TURN_RAD
+    bad[5] |= turned is False or (alone and _unfelt(seconds, a, b, jump))
     edit = _edit_of(seconds, (a, b) if short else _lost_rows(seconds, a, b), jump, bad)
     if lost:
         reason: Cause | None = Cause.DROPOUT
@@ -138,12 +145,22 @@ def _judge(
     else:
         reason = Cause.SHOCK if bad.any() else None
     fault = _fault(seconds, a, b, reason, jump, quiet)
-    alone = not seconds.channels[a:b, :5].any() and abs(jump.value[5]) > SMALLEST_TURN_RAD
     if turned is None and alone and not bad[5]:  # the vertical gyro turned, no other sensor felt it
         fault = replace(
             fault, reason=reason or Cause.SHOCK, turn_sigma_rad=abs(float(jump.value[5]))
         )
     return fault, edit
+
+
+def _unfelt(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool:
+    """Whether a turn that the vertical gyro alone read would have been felt by the others, about
+    any axis that a vehicle turns about.
+    """
+    turn, level = jump.value[5], seconds.level[5]
+    peak = seconds.high[a:b, 5].max() - level if turn > 0.0 else level - seconds.low[a:b, 5].min()
+    gyro, force = seconds.felt[3:5].max(), seconds.felt[:2].max()
+    row_s = np.median(seconds.longest_s)
+    return bool(gyro < NEAREST_AXIS_RAD * peak and force * row_s < NEAREST_AXIS_M * peak)
 
 
 def _edit_of(seconds: Seconds, rows: tuple[int, int], jump: _Jump, bad: NDArray) -> _Edit:

@@ -241,7 +241,8 @@ class Seconds:
     start_s, end_s (m,); mean (m, 6): specific force and rate; integral (m, 6): running sums less
     the quiet `level` (6,) per second; channels (m, 6): where rows or the sum lie beyond the quiet
     level; stuck (m,): three rows on end read the stretch's largest or smallest value; lost (m,): a
-    row that stands for more than LOST_S of lost ones; longest_s, high, low: of the rows.
+    row that stands for more than LOST_S of lost ones; longest_s, high, low: of the rows. felt (6,):
+    how far a row's rate is off the level where a channel is touched by it.
     """
 
     start_s: NDArray
@@ -255,6 +256,7 @@ class Seconds:
     longest_s: NDArray
     high: NDArray
     low: NDArray
+    felt: NDArray
 
     @cached_property
     def touched(self) -> NDArray:
@@ -283,7 +285,8 @@ def judged(part: LogSeconds) -> Seconds | None:
     level, local = np.median(mean, axis=0), _running_median(mean)
     peak = np.maximum(part.high - local, local - part.low)
     sigma = robust_sigmas(mean - local)
-    channels = peak > PEAK_SPREADS * np.median(peak, axis=0) + 1e-9
+    felt = PEAK_SPREADS * np.median(peak, axis=0) + 1e-9
+    channels = peak > felt
     channels |= np.abs(mean - local) > SECOND_SIGMAS * sigma + 1e-9
     most, least = part.high.max(axis=0), part.low.min(axis=0)
     stuck = part.at_high & (part.high >= most - SAME * np.abs(most))
@@ -300,6 +303,7 @@ def judged(part: LogSeconds) -> Seconds | None:
         longest_s=part.longest_s,
         high=part.high,
         low=part.low,
+        felt=felt,
     )
 
 

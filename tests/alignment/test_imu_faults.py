@@ -2,6 +2,8 @@
 alone.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -131,14 +133,32 @@ def test_lost_rows_do_not_hold_one_row_of_sway(sway_m_s, source):
     assert np.abs(turned).max() < 3.0 * fault.turn_sigma_rad
 
 
-def test_a_turn_that_only_the_vertical_gyro_felt_widens_the_heading():
-    """2 mrad in one row: Earth rate cannot tell within ten minutes; nobody knows, and the sigma
-    says so.
+@pytest.mark.parametrize(("total", "known"), [(0.001, False), (0.004, True)])
+def test_a_turn_that_only_the_vertical_gyro_felt_widens_the_heading(total, known):
+    """In one row: Earth rate cannot tell within ten minutes. A small one might be real about an
+    axis close to the gyro's: nobody knows, and the sigma says so. A large one would have been felt.
     """
     run = parked()
-    bad = stuck_at_full_scale(run, sensor="gyro", axis="z", at_s=300.3, rows=1, total=0.002)
-    _, (fault,) = repair(bad.imu)
-    assert fault.turn_sigma_rad == pytest.approx(0.002, rel=0.05)
+    bad = stuck_at_full_scale(run, sensor="gyro", axis="z", at_s=300.3, rows=1, total=total)
+    fixed, (fault,) = repair(bad.imu)
+    left = abs(fixed.dtheta_rad[:, 2].sum() - run.imu.dtheta_rad[:, 2].sum())
+    if known:
+        assert fault.reason == "shock" and left < 4.0 * fault.turn_sigma_rad < 1e-4
+    else:
+        assert fault.turn_sigma_rad == pytest.approx(total, rel=0.05)
+
+
+def test_a_real_turn_in_one_row_is_kept():
+    """Felt by a level gyro: the unit stands half a degree off the axis of the turn."""
+    run = parked()
+    columns = [np.array(run.imu.dv_m_s), np.array(run.imu.dtheta_rad)]
+    row = np.searchsorted(run.imu.time_s, 300.3)
+    columns[1][row] += 0.004 * np.array([0.009, 0.0, 1.0])
+    turned = replace(run.imu, dv_m_s=columns[0], dtheta_rad=columns[1])
+    fixed, faults = repair(turned)
+    left = fixed.dtheta_rad[:, 2].sum() - run.imu.dtheta_rad[:, 2].sum()
+    widened = max((fault.turn_sigma_rad for fault in faults), default=0.0)
+    assert left == pytest.approx(0.004, abs=1e-5) or widened > 0.003
 
 
 @pytest.mark.parametrize(
