@@ -42,8 +42,8 @@ SHOCK_TURN_RAD = 5e-6  # an arcsecond: how much a shock may really turn the vehi
 # A real turn is felt by the level gyros, for its axis is not that of the vertical gyro: by a
 # milliradian (3 arcmin) at least, on an aircraft by its attitude at rest of half a degree and more
 NEAREST_AXIS_RAD = 1e-3
-# and by the accelerometers, for it does not go through the unit; chosen: less than from a bay to
-# where the vehicle turns about; on a turntable, which does not sway, a centimetre is felt
+# and by the accelerometers, for it does not go through the unit; tests/alignment/test_imu_faults.py
+# chosen: less than from a bay to where the vehicle turns about; a turntable does not sway
 NEAREST_AXIS_M = 0.2
 
 
