@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from alignment import coarse, levelling
 from alignment.linearised import Course, NothingStands, RestedLog, solve
 from alignment.motion import imu_faults, kinds, stillness
-from alignment.motion.inertial import first_rest
+from alignment.motion.inertial import BRIEF_BLOCKS, first_rest
 from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.navigation_filter import diffuse_heading_rad, heading_error_row, views_of
 from alignment.reasons import AlignmentReason, AlignmentVerdict
@@ -90,8 +90,8 @@ def align(
             )
         )
     seconds = read.seconds or seconds_of(imu)
-    rest = first_rest(seconds)
-    if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.COARSE_BLOCK_S:
+    rest = first_rest(seconds) or first_rest(seconds, BRIEF_BLOCKS)
+    if rest is None:
         return _refused(because(AlignmentReason.NEVER_RESTS))
     means = coarse.earth_rate_means(imu.between(*rest))
     arw = gyro_densities(twin.gyro).white
@@ -113,6 +113,8 @@ def align(
         doubtful_deg_h = float(sigma[0]) if of_technology else None
         log = RestedLog(imu, site, rest)
         return _level_alone(log, twin, level_sigma, turns=turns, doubtful_deg_h=doubtful_deg_h)
+    if rest[1] - rest[0] < MIN_REST_S - coarse.COARSE_BLOCK_S:
+        return _refused(because(AlignmentReason.NEVER_RESTS))
     faults = read.faults
     if faults is None:
         imu, faults = imu_faults.repair(imu, seconds, rest[0], imu.end_s)
@@ -201,13 +203,13 @@ def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> Bia
 def unknown_bias_sigma_deg_h(
     twin: TwinModel, means: coarse.RestMeans, *, usual: Mapping[str, float] = UNKNOWN_BIAS_DEG_H
 ) -> float:
-    """Bias sigma of a unit without a table: what is usual of its technology, widened by the excess
-    of |omega| over Earth rate.
+    """Bias sigma of a unit without a table: what is usual of its technology, or the excess of
+    |omega| over Earth rate where that is more: its bias along one axis, beside noise.
     """
-    floor = usual[twin.gyro_technology]
-    excess = abs(coarse.latitude_from_rates(means)[1]) / DEG_PER_HOUR
+    excess = coarse.latitude_from_rates(means)[1] / DEG_PER_HOUR
     noise = twin.gyro.arw_deg_sqrt_h / np.sqrt(means.seconds / 3600.0)
-    return float(max(floor, excess if excess > 3.0 * np.hypot(floor, noise) else 0.0))
+    seen = max(excess**2 - noise**2, 0.0)
+    return max(usual[twin.gyro_technology], float(np.sqrt(seen)))
 
 
 def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:

@@ -16,6 +16,9 @@ from ins.robust import robust_sigmas, runs_of_true
 Where = tuple[float, float]
 
 REST_BLOCKS = 6  # of 10 s: less than a minute is no rest (tests/motion/test_short_stretch.py)
+# half a minute shows a level, which is all that gyros find which find no heading: scatter of the
+# blocks is judged on three (tests/alignment/test_gyrocompass.py)
+BRIEF_BLOCKS = 3
 REST_FORCE_M_S2 = 0.03  # of a block mean off its stretch's median: 3 mrad of tilt
 REST_RATE_RAD_S = 3e-4  # 62 deg/h, four times Earth rate: a vehicle that turns a degree a minute
 # Where the gyros see the body tilt (people, loading), force and rate may follow: a turn since the
@@ -56,9 +59,9 @@ RATE_STEP_RAD_S = 0.01
 TURN_RAD_S = 0.02
 
 
-def first_rest(seconds: LogSeconds) -> Where | None:
-    """Start and end [s] of the first stretch of at least a minute that looks at rest, at most 10
-    min of it.
+def first_rest(seconds: LogSeconds, blocks_needed: int = REST_BLOCKS) -> Where | None:
+    """Start and end [s] of the first stretch of at least a minute, or of so many blocks of 10 s,
+    that looks at rest, at most 10 min of it.
 
     Judged on 10 s block means against their median over the stretch, as they are or turned back by
     what the gyros saw of people and loading; three bad blocks in a row end it, single ones do not.
@@ -68,7 +71,7 @@ def first_rest(seconds: LogSeconds) -> Where | None:
     if not seconds.end_s.size:
         return None
     blocks: Blocks = seconds.blocks()
-    if blocks.seconds.size < REST_BLOCKS:
+    if blocks.seconds.size < blocks_needed:
         return None
     f = blocks.dv_m_s / blocks.seconds[:, None]
     omega = blocks.dtheta_rad / blocks.seconds[:, None]
@@ -78,8 +81,8 @@ def first_rest(seconds: LogSeconds) -> Where | None:
     up = np.median(f, axis=0)
     # what turns about down is no tilt, however slowly: it stands on another heading then
     slow &= _near((omega @ up / np.linalg.norm(up))[:, None], slice(None), REST_RATE_RAD_S)
-    for i in range(len(f) - REST_BLOCKS + 1):
-        reference = slice(i, i + REST_BLOCKS)
+    for i in range(len(f) - blocks_needed + 1):
+        reference = slice(i, i + blocks_needed)
         good = _near(f, reference, REST_FORCE_M_S2) & _near(omega, reference, REST_RATE_RAD_S)
         tilt = turned - turned[i]
         tilted = slow & (np.abs(tilt) <= REST_TILT_RAD).all(axis=1)
@@ -89,7 +92,7 @@ def first_rest(seconds: LogSeconds) -> Where | None:
         good &= ~blocks.moves
         if not good[reference].all():
             continue
-        last = i + REST_BLOCKS - 1
+        last = i + blocks_needed - 1
         while (
             good[last + 1 : last + 4].any()
             and blocks.end_s[last + 1] - blocks.end_s[i] < LONGEST_COARSE_S

@@ -20,7 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
-PAGES = ("docs/quickstart.md", "docs/guides/*.md", "docs/examples/*.md")
+PAGES = ("README.md", "docs/quickstart.md", "docs/guides/*.md", "docs/examples/*.md")
 BLOCK = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 NEEDS = re.compile(r"<!-- needs: (\S+) -->")
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?", re.I)

@@ -189,6 +189,24 @@ def test_mems_finds_level_only_and_says_why():
     assert np.isnan(result.heading_rad) and np.isnan(result.sigma_heading_rad)
 
 
+@pytest.mark.parametrize("technology", ["mems", "rlg"])
+def test_half_a_minute_shows_a_level_and_no_heading(technology):
+    """Enough for gyros that find no heading at any length; a gyrocompass needs its minute."""
+    twin = default_twin(technology)
+    segments = (Park(duration_s=44.0), Straight(duration_s=60.0, speed_m_s=8.0))
+    simulated = simulate(ideal_of(segments), 5, twin=twin)
+    sigma = np.full(3, 30.0 if technology == "mems" else 0.01)
+    result = gyrocompass.align(
+        simulated.run.imu, simulated.run.header.site, twin, bias_sigma_deg_h=sigma
+    )
+    if technology == "rlg":
+        assert result.verdict == "refused"
+        return
+    assert result.verdict == "level_only" and 30.0 <= result.duration_s < 45.0
+    error = attitude_error(result, simulated)[:2]
+    assert np.abs(error).max() < 4.0 * result.sigma_roll_rad
+
+
 def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
     """0.3 deg/h along the Earth rate shows as |omega| in excess of it and widens the sigma; along
     east it cannot.

@@ -117,7 +117,9 @@ def test_a_page_whose_file_is_absent_says_so(runner, tmp_path):
 @pytest.mark.parametrize(
     "page",
     sorted(
-        p for pattern in ("guides/*.md", "examples/*.md") for p in (ROOT / "docs").glob(pattern)
+        p
+        for pattern in ("README.md", "docs/guides/*.md", "docs/examples/*.md")
+        for p in ROOT.glob(pattern)
     ),
 )
 def test_pages_print_what_they_say(runner, page):
