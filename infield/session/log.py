@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.inertial import first_rest
+from alignment.motion.inertial import REST_BLOCKS, first_rest
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.speeds import watched_seconds
 from alignment.motion.stillness import ALIGNMENT_S
@@ -93,11 +93,14 @@ def alignment_end(run: Run, start_s: float) -> float:
     return logged[0] if logged else start_s + ALIGNMENT_S
 
 
-def find_rest(run: Run) -> tuple[float, float] | None:
-    """The first rest: within the logged alignment phase where there is one."""
+def find_rest(run: Run, blocks_needed: int = REST_BLOCKS) -> tuple[float, float] | None:
+    """The first rest of a minute or of so many blocks of 10 s: within the logged alignment phase
+    where there is one.
+    """
     log = watched_seconds(run)
     logged = [p for p in run.phases if p.phase in PARKED_PHASES]
-    return first_rest(log.between(logged[0].start_s, logged[0].end_s) if logged else log)
+    parked = log.between(logged[0].start_s, logged[0].end_s) if logged else log
+    return first_rest(parked, blocks_needed)
 
 
 def session_end(run: Run) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from alignment import coarse, gyrocompass
 from alignment.gyrocompass import RAW_BIAS_DEG_H
+from alignment.motion.inertial import BRIEF_BLOCKS
 from infield.reports.documents.thermal_use import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -146,7 +147,7 @@ def raw_bias_sigma_deg_h(run: Run, twin: TwinModel) -> float:
     """Sigma of the biases of gyros that nobody knows [deg/h]: the raw bias of their technology,
     widened by what |omega| of the parked log shows.
     """
-    rest = find_rest(run)
+    rest = find_rest(run) or find_rest(run, BRIEF_BLOCKS)
     if rest is None:
         return RAW_BIAS_DEG_H[run.header.gyro_technology]
     means = coarse.earth_rate_means(run.imu.between(*rest))
