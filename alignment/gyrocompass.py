@@ -18,7 +18,7 @@ from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S
 from ins.filters import error_model as em
 from ins.kalman import nis_band
-from ins.noise import gyro_densities
+from ins.noise import DEFAULT_SIGMA_deg_h, gyro_densities
 from ins.records import ImuSource, Phase, Site, Span, TwinModel
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
@@ -44,8 +44,6 @@ BIAS_BIN_S = 300.0
 # the filter, 10 s)
 GATE_GAP_S = 15.0
 WARM_UP_S = 1800.0
-# formats.md, section 2: no table for a unit
-UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 # What gyros read before any table is taken out, one sigma: three times the RMS of factory curves
 # (0.03 and 0.1 deg/h in the unit of every packaged scenario), as a unit may be of a poorer grade.
 # Checked on raw biases drawn at random: tests/alignment/test_gyrocompass.py
@@ -144,7 +142,7 @@ def _level_alone(
     """
     reasons = [because(AlignmentReason.TURNS_OR_BIAS, turns=turns)] if turns else []
     if doubtful_deg_h is not None:
-        usual = UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
+        usual = DEFAULT_SIGMA_deg_h[twin.gyro_technology]
         twin, like = levelling.like_mems(twin, doubtful_deg_h, usual)
         reasons.append(like)
     no_heading = because(
@@ -201,7 +199,7 @@ def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> Bia
 
 
 def unknown_bias_sigma_deg_h(
-    twin: TwinModel, means: coarse.RestMeans, *, usual: Mapping[str, float] = UNKNOWN_BIAS_DEG_H
+    twin: TwinModel, means: coarse.RestMeans, *, usual: Mapping[str, float]
 ) -> float:
     """Bias sigma of a unit without a table: what is usual of its technology, or the excess of
     |omega| over Earth rate where that is more: its bias along one axis, beside noise.

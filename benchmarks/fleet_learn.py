@@ -1,9 +1,9 @@
-"""What `recal fleet learn` and `recal fleet forecast` find of simulated fleets, against the truth.
+"""What `recal fleet learn` finds of simulated fleets, against the truth.
 
 Example: nice -n 5 .venv/bin/python -m benchmarks.fleet_learn --fleets 40 --out FLEETS.jsonl
 
-A line a fleet; --summary prints the figures of docs/fleet_learn.md from such a file, --forecast
-those of its forecasts.
+A line a fleet; --summary prints the figures of docs/fleet_learn.md from such a file, and
+benchmarks/fleet_forecast.py judges the dates that follow from it.
 """
 
 import argparse
@@ -15,32 +15,23 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fleet_made import NODES, made_fleet, wave
-from infield.learning.forecast import (
-    HORIZON_YEARS,
-    LEVEL_GYROS,
-    LIMIT_NM_H,
-    NM_H_PER_DEG_H,
-    STEPS_PER_YEAR,
-    outlook,
-    state_of,
-    works_at,
-)
+from benchmarks.fleet_made import NODES, made_fleet
 from infield.learning.kept import covering
-from infield.learning.learn import Learnt, learn
+from infield.learning.learn import learn
 from infield.learning.likelihood import FleetLikelihood
-from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
+from infield.learning.parameters import OF_POINTS, defaults_of, logs_of
 
 VISITED_WITHIN = 5.0  # degC of a point of the unit's sessions
 
 
 def one_fleet(seed, **options):
     """Everything that is judged of one fleet, as a line of JSON: its last session is held out."""
-    began = time.process_time()
     sessions = options.get("sessions", 8)
     fleet, value = made_fleet(seed, **{**options, "sessions": sessions + 1})
     known = [without_last(m.kept) for m in fleet]
+    began = time.process_time()
     found = learn(known)
+    cpu_s = round(time.process_time() - began, 1)
     told = {
         name: {
             "true": value[name],
@@ -57,8 +48,22 @@ def one_fleet(seed, **options):
     whole = FleetLikelihood([m.kept for m in fleet])
     before = FleetLikelihood(known)
     sound = np.array([not m.outliers[-1] for m in fleet])
-    document = {"seed": seed, "parameters": told, "effective": found.check.effective}
-    document["settled"], document["options"] = found.settled, options
+    document = {
+        "seed": seed,
+        "parameters": told,
+        "effective": found.check.effective,
+        "asked": found.check.draws,
+        "settled": found.settled,
+        "options": options,
+        "cpu_s": cpu_s,
+        "units": [
+            {
+                name: [found.of_units[u][name].value, *found.of_units[u][name].interval_95]
+                for name in OF_POINTS
+            }
+            for u in range(len(fleet))
+        ],
+    }
     for name, theta in thetas.items():
         evidence = whole(theta)
         document[name] = {
@@ -66,7 +71,6 @@ def one_fleet(seed, **options):
             "log_likelihood": float(evidence.log_likelihood.sum()),
             **rms(fleet, before(theta)),
         }
-    document["cpu_s"] = round(time.process_time() - began, 1)
     return document
 
 
@@ -96,63 +100,6 @@ def rms(fleet, evidence):
         name: float(np.sqrt(np.mean(np.square(values)))) if values else None
         for name, values in errors.items()
     }
-
-
-def forecasts(line):
-    """Of each unit of a fleet that was learnt from: dates forecast after all its sessions, and when
-    the true drift passes the limit. Units that pass it today in 5 % of the paths, or beyond the
-    horizon in half of them, have no date to judge.
-    """
-    fleet, value = made_fleet(line["seed"], **{"sessions": 9, **line["options"]})
-    told = line["parameters"]
-    learnt = {
-        name: Learnt(told[name]["value"], told[name]["sigma_log"], (0.0, 0.0), True, 0)
-        for name in OF_POINTS
-    }
-    evidence = FleetLikelihood([m.kept for m in fleet])(
-        logs_of({name: learnt[name].value for name in OF_POINTS})
-    )
-    found = []
-    for u, made in enumerate(fleet):
-        first = covering(made.kept)
-        n = sum(t.size for t in first.temperature_degC)
-        known = first.replaced(parameters=first.parameters + evidence.mean[u, :n])
-        state = state_of(made.kept, evidence.mean[u], evidence.covariance[u], known)
-        T = works_at(made.kept)
-        seen = outlook(state, learnt, T, year=made.kept.sessions[-1].year, seed=u)
-        if seen.year_95 <= 0.0 or not np.isfinite(seen.year_50):
-            continue
-        passed = true_passage(made.true, known, T, value)
-        found.append([seen.year_50, seen.year_95, passed])
-    return found
-
-
-def true_passage(true, table, T, value):
-    """Years until the true drift passes the limit, the unit ageing on."""
-    rng, dt = true.rng, 1.0 / STEPS_PER_YEAR
-    error = [true.bias(a, T[a]) - table.bias_deg_h(a, T[a]) for a in LEVEL_GYROS]
-    start = 2.0 * (value[PriorName.TURN_ON] ** 2 + (0.664 * value[PriorName.FLICKER]) ** 2)
-    for step in range(int(HORIZON_YEARS * STEPS_PER_YEAR) + 1):
-        drift = NM_H_PER_DEG_H * np.sqrt(sum(np.mean(e**2) for e in error) + start)
-        if drift > LIMIT_NM_H:
-            return step * dt
-        for a in LEVEL_GYROS:
-            level = value[PriorName.AGEING_COMMON] * np.sqrt(dt) * rng.standard_normal()
-            size = value[PriorName.AGEING_SHAPE] * np.sqrt(dt)
-            error[a] = error[a] + level + wave(rng, size, value[PriorName.LENGTH])(T[a])
-    return np.inf
-
-
-def forecast_summary(lines):
-    """How often the dates were right, over all fleets."""
-    found = np.array([row for line in lines for row in forecasts(line)])
-    right_50 = np.mean(found[:, 2] >= found[:, 0])
-    right_95 = np.mean(found[:, 2] >= found[:, 1])
-    return [
-        f"{len(found)} units with dates to judge: the drift passes the limit after the 50 % date in"
-        f" {right_50:.1%}, after the 95 % date in {right_95:.1%}; dates at"
-        f" {np.median(found[:, 1]):.2f} and {np.median(found[:, 0]):.2f} years (median)"
-    ]
 
 
 def summary(lines):
@@ -200,15 +147,10 @@ def main(arguments=None):
     parser.add_argument("--spread", type=float, default=0.0)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--summary", type=Path)
-    parser.add_argument("--forecast", type=Path, help="judge forecasts of the fleets of a file")
     asked = parser.parse_args(arguments)
     if asked.summary:
         lines = [json.loads(line) for line in asked.summary.read_text().splitlines()]
         print("\n".join(summary(lines)))
-        return
-    if asked.forecast:
-        lines = [json.loads(line) for line in asked.forecast.read_text().splitlines()]
-        print("\n".join(forecast_summary(lines)))
         return
     lines = []
     for seed in range(asked.first, asked.first + asked.fleets):

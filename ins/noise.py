@@ -22,6 +22,9 @@ from ins.units import (
     MICRO_G_PER_SQRT_HOUR,
 )
 
+# Of a gyro's bias [deg/h], one sigma, whose table says no sigmas: a unit as it leaves the factory.
+# docs/reference/formats.md, section 2, which has the raw biases of units without a table, too.
+DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 # The floor of the Allan deviation of flicker over B: sqrt(2 ln 2 / pi) = 0.6643.
 # IEEE Std 952, annex C; judged on simulated flicker in tests/trajectories/test_imperfections.py.
 FLICKER_FLOOR = 0.664

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.learning.kept import KeptSession, KeptUnit, covering
-from infield.learning.learn import Learnt, Parameters
+from infield.learning.kept import KeptSession, KeptUnit, covering, curve_rows
+from infield.learning.learn import TWO_SIDED_95, Learnt, Parameters
 from infield.learning.parameters import PriorName
 from infield.table.merge import session_covariance
 from infield.table.prior import smooth_kernel
@@ -72,8 +72,7 @@ class UnitState:
 
     def level_error(self, temperature_degC: Sequence[NDArray]) -> tuple[NDArray, NDArray]:
         """Error of the table in use at temperatures of x and y: mean and covariance, x then y."""
-        rows = [self.rows(k, temperature_degC[k]) for k in LEVEL_GYROS]
-        A = np.vstack(rows)
+        A = np.vstack([self.rows(k, temperature_degC[k]) for k in LEVEL_GYROS])
         offset = [
             self.first.bias_deg_h(k, T) - self.active.bias_deg_h(k, T)
             for k, T in zip(LEVEL_GYROS, temperature_degC)
@@ -82,8 +81,11 @@ class UnitState:
 
     def rows(self, axis: int, temperature_degC: NDArray) -> NDArray:
         """Of the node values, at temperatures of an axis."""
-        every = self.first.basis(axis, temperature_degC)
-        return np.asarray(every[:, : self.mean.size])
+        rows = np.zeros((temperature_degC.size, self.mean.size))
+        sizes = [nodes.size for nodes in self.first.temperature_degC]
+        start = sum(sizes[:axis])
+        rows[:, start : start + sizes[axis]] = curve_rows(self.first, axis, temperature_degC)
+        return rows
 
     def with_session(self, session: KeptSession, value: Parameters, year: float) -> "UnitState":
         """After one more session like this one, merged at `year` into the table in use: what is
@@ -151,47 +153,76 @@ def works_at(unit: KeptUnit) -> tuple[NDArray, NDArray]:
     return found[0], found[1]
 
 
-def outlook(
-    state: UnitState,
-    value: Parameters,
-    temperature_degC: tuple[NDArray, NDArray],
-    *,
-    year: float,
-    limit_nm_h: float = LIMIT_NM_H,
-    seed: int = 0,
-) -> Outlook:
-    """The drift from `year` on."""
-    rng = np.random.default_rng(seed)
-    mean, P = state.level_error(temperature_degC)
-    n = len(temperature_degC[0])
-    steps = int(HORIZON_YEARS * STEPS_PER_YEAR)
-    drawn = {name: _drawn(value[name], rng) for name in value}
-    since = max(year - state.year, 0.0)
-    spans = np.concatenate(([since], np.full(steps, 1.0 / STEPS_PER_YEAR)))
-    values, vectors = np.linalg.eigh(P)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    error = mean + rng.standard_normal((PATHS, 2 * n)) @ root.T
-    kernels = [smooth_kernel(T, value[PriorName.LENGTH].value) for T in temperature_degC]
-    roots = [np.linalg.cholesky(K + JITTER * np.eye(n)) for K in kernels]
-    start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + (FLICKER_FLOOR * drawn[PriorName.FLICKER]) ** 2)
-    drift = np.zeros((PATHS, steps + 1))
-    for k, span in enumerate(spans):
+class Paths:
+    """Ways in which a unit may age from now on, and start: drawn once, for its state as it is and
+    as it would be after a session.
+    """
+
+    def __init__(
+        self, value: Parameters, temperature_degC: tuple[NDArray, NDArray], *, seed: int = 0
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        n = len(temperature_degC[0])
+        steps = int(HORIZON_YEARS * STEPS_PER_YEAR)
+        drawn = {name: _drawn(value[name], rng) for name in value}
+        self._temperature_degC = temperature_degC
+        self._now = rng.standard_normal((PATHS, 2 * n))
+        level = drawn[PriorName.AGEING_COMMON][:, None, None]
+        shape = drawn[PriorName.AGEING_SHAPE][:, None, None]
+        rates = np.zeros((PATHS, steps + 1, 2 * n))
         for a in LEVEL_GYROS:
-            level = drawn[PriorName.AGEING_COMMON][:, None] * rng.standard_normal((PATHS, 1))
-            smooth = rng.standard_normal((PATHS, n)) @ roots[a].T
-            shape = drawn[PriorName.AGEING_SHAPE][:, None] * smooth
-            error[:, a * n : (a + 1) * n] += np.sqrt(span) * (level + shape)
-        drift[:, k] = NM_H_PER_DEG_H * np.sqrt(np.sum(error**2, axis=1) / n + start)
-    years = np.arange(steps + 1) / STEPS_PER_YEAR
-    beyond = drift > limit_nm_h
-    first = np.where(beyond.any(axis=1), years[np.argmax(beyond, axis=1)], np.inf)
-    median, high = np.quantile(drift, [0.5, 0.95], axis=0)
-    return Outlook(years, median, high, first)
+            kernel = smooth_kernel(temperature_degC[a], value[PriorName.LENGTH].value)
+            root = np.linalg.cholesky(kernel + JITTER * np.eye(n))
+            smooth = rng.standard_normal((PATHS, steps + 1, n)) @ root.T
+            common = rng.standard_normal((PATHS, steps + 1, 1))
+            rates[:, :, a * n : (a + 1) * n] = level * common + shape * smooth
+        self._since = rates[:, 0]  # of a year since the last session
+        self._ageing = np.zeros_like(rates)
+        np.cumsum(rates[:, 1:] / np.sqrt(STEPS_PER_YEAR), axis=1, out=self._ageing[:, 1:])
+        flicker = FLICKER_FLOOR * drawn[PriorName.FLICKER]
+        self._start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + flicker**2)
+
+    def ahead(self, state: UnitState, *, year: float, limit_nm_h: float = LIMIT_NM_H) -> Outlook:
+        """The drift from `year` on."""
+        mean, P = state.level_error(self._temperature_degC)
+        n = len(mean) // 2
+        values, vectors = np.linalg.eigh(P)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        now = mean + self._now @ root.T + np.sqrt(max(year - state.year, 0.0)) * self._since
+        squared = np.sum((now[:, None, :] + self._ageing) ** 2, axis=2) / n
+        drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
+        years = np.arange(drift.shape[1]) / STEPS_PER_YEAR
+        beyond = drift > limit_nm_h
+        first = np.where(beyond.any(axis=1), years[np.argmax(beyond, axis=1)], np.inf)
+        median, high = np.quantile(drift, [0.5, 0.95], axis=0)
+        return Outlook(years, median, high, first)
+
+
+def expected_passage(
+    state: UnitState, value: Parameters, limit_nm_h: float, *, year: float
+) -> float:
+    """About when the mean square of the drift passes that of the limit, years from `year`: to sort
+    units by, without a path.
+    """
+    at = (np.array(WORKS_AT_degC),) * 2
+    mean, P = state.level_error(at)
+    growth = 2.0 * sum(
+        value[name].value ** 2 for name in (PriorName.AGEING_COMMON, PriorName.AGEING_SHAPE)
+    )
+    flicker = FLICKER_FLOOR * value[PriorName.FLICKER].value
+    start = 2.0 * (value[PriorName.TURN_ON].value ** 2 + flicker**2)
+    now = (float(mean @ mean) + float(np.trace(P))) / len(at[0]) + start
+    left = (limit_nm_h / NM_H_PER_DEG_H) ** 2 - now
+    return float(left / growth - max(year - state.year, 0.0))
 
 
 def _drawn(learnt: Learnt, rng: np.random.Generator) -> NDArray:
-    """Values of a parameter, one a path, from its uncertainty."""
-    return np.asarray(learnt.value * np.exp(learnt.sigma_log * rng.standard_normal(PATHS)))
+    """Values of a parameter, one a path, from its uncertainty: wide towards zero where the sessions
+    set an upper bound alone.
+    """
+    z = rng.standard_normal(PATHS)
+    low, high = (abs(np.log(end / learnt.value)) / TWO_SIDED_95 for end in learnt.interval_95)
+    return np.asarray(learnt.value * np.exp(np.where(z < 0.0, low, high) * z))
 
 
 def _quantile(passes: NDArray, share: float) -> float:

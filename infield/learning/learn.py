@@ -1,5 +1,5 @@
 """Parameters of a technology from the sessions of its units: the largest posterior, its curvature,
-a check of the curvature by weighed draws, then types and units.
+weighed draws of the posterior, then types and units.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.learning.draws import Draws, draw
 from infield.learning.hierarchy import Normal, Said, said_by, solve
 from infield.learning.kept import KeptUnit
 from infield.learning.likelihood import Evidence, FleetLikelihood
@@ -20,24 +21,26 @@ from infield.learning.parameters import (
     PriorName,
     defaults_of,
     hyperprior_of,
+    logs_of,
 )
 
 STEP = 0.1  # of a logarithm, for differences: a tenth of what forty sessions can tell
 LARGEST_MOVE = 1.0  # of a logarithm in one iteration: a factor e
 SETTLED_SIGMAS = 0.01  # of a posterior sigma that the last iteration may move by: 1 % of it
 MOST_ITERATIONS = 30
-# of the check: from the curvature and in each further round, and along the ridge of each parameter
-FIRST_DRAWS, RIDGE_DRAWS, MOST_ROUNDS = 150, 30, 6
-ENOUGH_EFFECTIVE = 120.0  # effective draws: three beyond each end of a 95 % interval
-LARGEST_WEIGHT = 0.05  # of one draw as a round is laid out: else the next stands about it alone
-LEAST_SPREAD = 0.1  # of the curvature's covariance that every round keeps
-TAIL_FREEDOM = 5.0  # degrees of freedom of the draws: 5 have heavier tails than a normal one
+# how often outliers are looked for anew, and a move of a logarithm that changes none of them: 0.2
+# moves the odds of an outlier by a fifth
+MOST_LOOKS = 3
+SAME_PLACE = 0.2
 # effective draws below which the weights say little, and the curvature stands: one beyond each
 # end of a 95 % interval
 FEWEST_EFFECTIVE = 40.0
 # of the hyperprior's sigma: a parameter that stays as uncertain was not shown by the sessions, as
 # with sigmas of an axis (formats.md, section 5)
 NOT_SHOWN = 0.9
+TWO_SIDED_95 = 1.96  # sigmas of a normal distribution at the ends of its 95 % interval
+# of a variance that is left where the tree says that a unit is better known than its technology
+LEAST_SHARE = 0.05
 CRAB_VALUES = 241  # values of the crab's sigma that are tried
 
 
@@ -58,14 +61,21 @@ class Learnt:
         """Of the value, to first order."""
         return self.value * self.sigma_log
 
+    @classmethod
+    def normal(cls, value: float, sigma_log: float, *, shown: bool, n: int) -> "Learnt":
+        """Of a logarithm that is normally distributed."""
+        factor = float(np.exp(TWO_SIDED_95 * sigma_log))
+        return cls(value, sigma_log, (value / factor, value * factor), shown, n)
+
 
 Parameters = Mapping[PriorName, Learnt]
 
 
 @dataclass(frozen=True)
 class Check:
-    """How well the curvature describes the posterior: effective ones of `draws`; used: the
-    intervals are those of the draws; largest_change: of an end of an interval, in sigmas.
+    """How well the posterior was drawn: asked `draws` times, for `effective` equal draws; used: the
+    intervals are those of the draws; largest_change: of an end of an interval against that of the
+    curvature, in sigmas.
     """
 
     draws: int
@@ -79,7 +89,8 @@ class LearntFleet:
     """What the sessions of one technology say.
 
     evidence: at the technology's values; defaults: the same at the defaults; laplace: of the
-    technology, the order of OF_POINTS. settled: the search ended within its tolerance.
+    technology, the order of OF_POINTS. draws: of its posterior. settled: the search ended within
+    its tolerance.
     """
 
     technology: str
@@ -90,6 +101,7 @@ class LearntFleet:
     evidence: Evidence
     defaults: Evidence
     laplace: Normal
+    draws: Draws
     check: Check
     settled: bool
 
@@ -103,8 +115,9 @@ def learn(units: Sequence[KeptUnit], *, seed: int = 0) -> LearntFleet:
     """Parameters of the technology of some units, which must be one and the same."""
     (technology,) = {unit.gyro_technology for unit in units}
     likelihood, prior = FleetLikelihood(units), hyperprior_of(technology)
-    found = _Search(likelihood, prior).run()
-    laplace, check, draws = _checked(likelihood, prior, found, np.random.default_rng(seed))
+    found = _largest(likelihood, prior)
+    laplace, draws = _drawn(likelihood, prior, found, np.random.default_rng(seed))
+    check = _check(laplace, draws)
     about = found.theta
     information = np.diag(prior.sigma**-2.0)
     tree = solve(
@@ -118,21 +131,51 @@ def learn(units: Sequence[KeptUnit], *, seed: int = 0) -> LearntFleet:
     count = sum(len(unit.sessions) for unit in units)
     crab = _crab(units, technology)
     extra = {} if crab is None else {PriorName.CRAB: crab}
+    seen = UNIT_SPREAD / np.sqrt(len(units))
+    whole = _of_technology(draws, laplace, check.used, seen)
+
+    def child(normal: Normal, sessions: int) -> Parameters:
+        return _learnt(_of_child(whole, tree.technology, normal), prior, sessions)
+
+    values = _learnt(whole, prior, count)
     return LearntFleet(
         technology=technology,
         units=tuple(units),
-        parameters={**_from_draws(draws, prior, UNIT_SPREAD / np.sqrt(len(units)), count), **extra},
-        types={name: _from_normal(normal, prior, count) for name, normal in tree.types.items()},
-        of_units=[
-            _from_normal(normal, prior, len(unit.sessions))
-            for normal, unit in zip(tree.units, units)
-        ],
-        evidence=likelihood(about),
+        parameters={**values, **extra},
+        types={name: child(normal, count) for name, normal in tree.types.items()},
+        of_units=[child(normal, len(unit.sessions)) for normal, unit in zip(tree.units, units)],
+        evidence=likelihood(logs_of({name: values[name].value for name in OF_POINTS})),
         defaults=likelihood(prior.mean),
         laplace=laplace,
+        draws=draws,
         check=check,
         settled=found.settled,
     )
+
+
+@dataclass(frozen=True)
+class _Marginal:
+    """A logarithm's median, the ends of its 95 % interval and its sigma."""
+
+    middle: float
+    low: float
+    high: float
+    sigma: float
+
+    def wider(self, variance: float) -> "_Marginal":
+        """With a further variance, negative: a smaller one; both sides alike."""
+        sigma = float(np.sqrt(max(self.sigma**2 + variance, LEAST_SHARE * self.sigma**2)))
+        share = sigma / self.sigma
+        return _Marginal(
+            self.middle,
+            self.middle - share * (self.middle - self.low),
+            self.middle + share * (self.high - self.middle),
+            sigma,
+        )
+
+    def shifted(self, by: float) -> "_Marginal":
+        """Elsewhere."""
+        return _Marginal(self.middle + by, self.low + by, self.high + by, self.sigma)
 
 
 @dataclass(frozen=True)
@@ -147,6 +190,18 @@ class _Found:
     settled: bool
 
 
+def _largest(likelihood: FleetLikelihood, prior: HyperPrior) -> _Found:
+    """The largest posterior, summed over the histories that are likely there."""
+    search = _Search(likelihood, prior)
+    found = search.run(prior.mean)
+    for _ in range(MOST_LOOKS):
+        likelihood.look_again(found.theta)
+        before, found = found, search.run(found.theta)
+        if np.max(np.abs(found.theta - before.theta)) < SAME_PLACE:
+            break
+    return found
+
+
 class _Search:
     """Newton's way to the largest posterior, by differences."""
 
@@ -154,8 +209,9 @@ class _Search:
         self._likelihood = likelihood
         self._prior = prior
 
-    def run(self) -> _Found:
-        theta, best = self._prior.mean.copy(), self._value(self._prior.mean)
+    def run(self, start: NDArray) -> _Found:
+        """From a first guess."""
+        theta, best = start.copy(), self._value(start)
         settled = False
         for _ in range(MOST_ITERATIONS):
             gradients, curvatures = self._differences(theta)
@@ -214,140 +270,64 @@ def _positive(A: NDArray) -> NDArray:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-@dataclass(frozen=True)
-class _Proposal:
-    """A distribution with heavy tails (Student's, TAIL_FREEDOM degrees of freedom) to draw from."""
-
-    mean: NDArray
-    covariance: NDArray
-
-    def draw(self, rng: np.random.Generator, count: int) -> NDArray:
-        L = np.linalg.cholesky(self.covariance)
-        z = rng.standard_normal((count, len(self.mean)))
-        return (
-            self.mean
-            + (z * np.sqrt(TAIL_FREEDOM / rng.chisquare(TAIL_FREEDOM, count))[:, None]) @ L.T
-        )
-
-    def log_density(self, draws: NDArray) -> NDArray:
-        """Up to a constant that all proposals share."""
-        L = np.linalg.cholesky(self.covariance)
-        z = np.linalg.solve(L, (draws - self.mean).T)
-        p = len(self.mean)
-        return np.asarray(
-            -0.5 * (TAIL_FREEDOM + p) * np.log1p(np.sum(z**2, axis=0) / TAIL_FREEDOM)
-            - np.sum(np.log(np.diag(L)))
-        )
-
-
-def _checked(
+def _drawn(
     likelihood: FleetLikelihood, prior: HyperPrior, found: _Found, rng: np.random.Generator
-) -> tuple[Normal, Check, tuple[NDArray, NDArray]]:
-    """The normal distribution of the curvature, the draws that check it, and these draws with their
-    weights.
-
-    A variance that the sessions hardly show has a long tail towards zero, which no curvature sees.
-    So draws come from the curvature, and from the curvature stretched along the ridge of each
-    parameter by its hyperprior; further rounds come from the moments of those before. All are
-    weighed by the posterior over the mixture of all proposals (Cornuet and others 2012, AMIS).
-    """
+) -> tuple[Normal, Draws]:
+    """The normal distribution of the curvature, and draws of the posterior."""
     A = np.diag(prior.sigma**-2.0) + _positive(-found.curvatures.sum(axis=0))
     laplace = Normal(found.theta, np.linalg.inv(A))
-    proposals = [(_Proposal(found.theta, laplace.covariance), FIRST_DRAWS)]
-    for k, width in enumerate(prior.sigma):
-        ridge = laplace.covariance[:, k] / laplace.covariance[k, k] * width
-        stretched = laplace.covariance + np.outer(ridge, ridge)
-        proposals.append((_Proposal(found.theta, stretched), RIDGE_DRAWS))
 
-    def posterior(draws: NDArray) -> NDArray:
+    def log_posterior(draws: NDArray) -> NDArray:
         likely = [float(likelihood.log_likelihood(d).sum()) + prior.log_density(d) for d in draws]
         return np.array(likely)
 
-    draws = np.concatenate([proposal.draw(rng, count) for proposal, count in proposals])
-    log_posterior = posterior(draws)
-    for _ in range(MOST_ROUNDS):
-        weight = _weights(draws, log_posterior, proposals)
-        if 1.0 / np.sum(weight**2) >= ENOUGH_EFFECTIVE:
-            break
-        weight = np.minimum(weight, LARGEST_WEIGHT)
-        weight /= weight.sum()
-        mean = weight @ draws
-        spread = (weight[:, None] * (draws - mean)).T @ (draws - mean)
-        again = _Proposal(mean, spread + LEAST_SPREAD * laplace.covariance)
-        proposals.append((again, FIRST_DRAWS))
-        more = again.draw(rng, FIRST_DRAWS)
-        draws = np.concatenate([draws, more])
-        log_posterior = np.concatenate([log_posterior, posterior(more)])
-    weight = _weights(draws, log_posterior, proposals)
-    effective = float(1.0 / np.sum(weight**2))
-    used = effective >= FEWEST_EFFECTIVE
-    count = len(draws)
-    if not used:
-        L = np.linalg.cholesky(laplace.covariance)
-        draws = found.theta + rng.standard_normal(draws.shape) @ L.T
-        weight = np.full(count, 1.0 / count)
-    ends = np.array([_quantiles(column, weight, (0.025, 0.975)) for column in draws.T])
-    normal = found.theta[:, None] + np.outer(laplace.sigma, [-1.96, 1.96])
+    return laplace, draw(log_posterior, found.theta, laplace.covariance, prior.sigma, rng)
+
+
+def _check(laplace: Normal, draws: Draws) -> Check:
+    """Used as long as the draws say more than the curvature would."""
+    p = len(laplace.mean)
+    ends = np.array([draws.quantiles(k, (0.025, 0.975)) for k in range(p)])
+    normal = laplace.mean[:, None] + np.outer(laplace.sigma, [-TWO_SIDED_95, TWO_SIDED_95])
     change = float(np.max(np.abs(ends - normal) / laplace.sigma[:, None]))
-    return laplace, Check(count, effective, used, change), (draws, weight)
+    used = draws.effective >= FEWEST_EFFECTIVE
+    return Check(draws.asked, draws.effective, used, change)
 
 
-def _weights(
-    draws: NDArray, log_posterior: NDArray, proposals: Sequence[tuple[_Proposal, int]]
-) -> NDArray:
-    """Of draws from several proposals, which count as draws from their mixture."""
-    parts = [np.log(count) + proposal.log_density(draws) for proposal, count in proposals]
-    log_weight = log_posterior - np.logaddexp.reduce(parts, axis=0)
-    weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(weight / weight.sum())
-
-
-def _quantiles(values: NDArray, weight: NDArray, levels: tuple[float, ...]) -> NDArray:
-    """Of weighed draws."""
-    order = np.argsort(values)
-    reached = np.cumsum(weight[order]) - 0.5 * weight[order]
-    return np.interp(levels, reached, values[order])
-
-
-def _from_draws(
-    draws: tuple[NDArray, NDArray], prior: HyperPrior, spread: float, n: int
-) -> dict[PriorName, Learnt]:
-    """The technology's parameters by the quantiles of the weighed draws, widened by `spread`: the
-    units that were seen are some of many.
+def _of_technology(draws: Draws, laplace: Normal, used: bool, spread: float) -> list[_Marginal]:
+    """By the quantiles of the draws, widened by `spread`: the units that were seen are some of
+    many. By the curvature where the draws are not used.
     """
-    theta, weight = draws
-    found: dict[PriorName, Learnt] = {}
-    for k, name in enumerate(OF_POINTS):
-        low, middle, high = _quantiles(theta[:, k], weight, (0.025, 0.5, 0.975))
-        sigma = np.sqrt(weight @ (theta[:, k] - weight @ theta[:, k]) ** 2)
-        wider = float(np.hypot(sigma, spread))
-        ends = middle + (np.array([low, high]) - middle) * wider / sigma
-        found[name] = Learnt(
-            float(np.exp(middle)),
-            wider,
-            (float(np.exp(ends[0])), float(np.exp(ends[1]))),
-            bool(wider < NOT_SHOWN * prior.sigma[k]),
-            n,
-        )
+    found = []
+    for k, (mean, sigma) in enumerate(zip(laplace.mean, laplace.sigma)):
+        low, middle, high = mean - TWO_SIDED_95 * sigma, mean, mean + TWO_SIDED_95 * sigma
+        if used:
+            low, middle, high = draws.quantiles(k, (0.025, 0.5, 0.975))
+            sigma = draws.sigma(k)
+        found.append(_Marginal(middle, low, high, sigma).wider(spread**2))
     return found
 
 
-def _from_normal(normal: Normal, prior: HyperPrior, n: int) -> dict[PriorName, Learnt]:
-    return _learnt(normal, prior, n)
+def _of_child(technology: Sequence[_Marginal], parent: Normal, child: Normal) -> list[_Marginal]:
+    """A type's or a unit's: the technology's, shifted and widened by what the tree says sets the
+    child apart from it.
+    """
+    apart = child.mean - parent.mean
+    more = child.sigma**2 - parent.sigma**2
+    return [m.shifted(shift).wider(v) for m, shift, v in zip(technology, apart, more)]
 
 
-def _learnt(normal: Normal, prior: HyperPrior, n: int) -> dict[PriorName, Learnt]:
+def _learnt(marginals: Sequence[_Marginal], prior: HyperPrior, n: int) -> dict[PriorName, Learnt]:
     return {
-        name: _one(float(mean), float(sigma), float(before), n)
-        for name, mean, sigma, before in zip(OF_POINTS, normal.mean, normal.sigma, prior.sigma)
+        name: Learnt(
+            value=float(np.exp(m.middle)),
+            sigma_log=m.sigma,
+            interval_95=(float(np.exp(m.low)), float(np.exp(m.high))),
+            shown=bool(m.sigma < NOT_SHOWN * before),
+            n=n,
+        )
+        for name, m, before in zip(OF_POINTS, marginals, prior.sigma)
     }
-
-
-def _one(mean: float, sigma: float, before: float, n: int) -> Learnt:
-    low, high = np.exp(mean - 1.96 * sigma), np.exp(mean + 1.96 * sigma)
-    return Learnt(
-        float(np.exp(mean)), sigma, (float(low), float(high)), sigma < NOT_SHOWN * before, n
-    )
 
 
 def _crab(units: Sequence[KeptUnit], technology: str) -> Learnt | None:
@@ -364,4 +344,6 @@ def _crab(units: Sequence[KeptUnit], technology: str) -> Learnt | None:
     weight = np.exp(log_posterior - log_posterior.max())
     weight /= weight.sum()
     mean = float(weight @ theta)
-    return _one(mean, float(np.sqrt(weight @ (theta - mean) ** 2)), width, len(seen))
+    sigma = float(np.sqrt(weight @ (theta - mean) ** 2))
+    shown = sigma < NOT_SHOWN * width
+    return Learnt.normal(float(np.exp(mean)), sigma, shown=shown, n=len(seen))

@@ -7,26 +7,31 @@ A unit's table ages between its sessions (`ThermalTable.aged`), session i measur
 
 and x, t, v are integrated out by a filter over the sessions of each unit, all units side by side. A
 session is an outlier with a small probability: then each gyro is shifted as a whole by a large
-random amount. Its state after such a session is the mixture of both cases, taken as one Gaussian
-with the mixture's mean and covariance. Units: deg/h, years. Source: physics.md 6.8.
+random amount. Which sessions are is summed over the histories that are likely; each has a filter of
+its own, because an early outlier is often found by later sessions only. Units: deg/h, years.
+Source: physics.md 6.8.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.learning.kept import KeptUnit, covering
-from infield.learning.parameters import OF_POINTS, OUTLIER_SIZE, PriorName
+from infield.learning.kept import KeptSession, KeptUnit, covering, curve_rows
+from infield.learning.parameters import OF_POINTS, OUTLIER_SIZE, PriorName, defaults_of, logs_of
 from infield.table.merge import bin_edges
-from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
-from ins.noise import flicker_covariance, random_walk_covariance
+from infield.table.thermal_table import ThermalTable
+from ins.noise import DEFAULT_SIGMA_deg_h, flicker_covariance, random_walk_covariance
 from ins.records import AXES
 from ins.units import HOUR
 
 LOG_2_PI = float(np.log(2.0 * np.pi))
 LARGEST_SHARE = 0.5  # of outliers: beyond it they would be the rule
+# histories of a unit that are followed, and the probability that those kept have together
+HISTORIES_FOLLOWED = 8
+KEPT_PROBABILITY = 0.98
 
 
 @dataclass(frozen=True)
@@ -60,19 +65,90 @@ class _Nodes:
 @dataclass(frozen=True)
 class _Session:
     """The k-th sessions of all units, padded: years since the one before, H, y less the first
-    table, and the parts of the covariance; points (u,): how many are real.
+    table, and the parts of the covariance: fixed, and of each parameter its `own`; points (u,): how
+    many are real.
     """
 
     years: NDArray
     H: NDArray
     y: NDArray
     fixed: NDArray
-    creep: NDArray
-    same_axis: NDArray
-    flicker: NDArray
-    walk: NDArray
-    axes: NDArray
+    own: dict[PriorName, NDArray]
     points: NDArray
+
+    @property
+    def same_axis(self) -> NDArray:
+        """1 where two points are of one gyro."""
+        return self.own[PriorName.TURN_ON]
+
+    def of(self, unit: NDArray) -> "_Session":
+        """Of some units, in this order."""
+        return _Session(
+            self.years[unit],
+            self.H[unit],
+            self.y[unit],
+            self.fixed[unit],
+            {name: part[unit] for name, part in self.own.items()},
+            self.points[unit],
+        )
+
+    @cached_property
+    def H_transposed(self) -> NDArray:
+        """Laid down as it is read."""
+        return np.ascontiguousarray(self.H.transpose(0, 2, 1))
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The k-th sessions under each way in which those up to it may be outliers: of which row of the
+    level before it goes on, its unit, 1 for an outlier; the session, laid down for these rows.
+    """
+
+    parent: NDArray
+    unit: NDArray
+    outlier: NDArray
+    session: _Session
+
+
+@dataclass(frozen=True)
+class _Histories:
+    """Which sessions of a unit are outliers, in several ways: the unit of each history (r,), and 1
+    for an outlier (r, s).
+    """
+
+    unit: NDArray
+    outlier: NDArray
+
+    def levels(self, sessions: Sequence[_Session]) -> list[_Level]:
+        """Session by session, what histories have in common once; the last has each history in
+        turn.
+        """
+        every = np.column_stack([self.unit, self.outlier]).astype(int)
+        every = np.unique(every, axis=0)
+        found = []
+        before = np.unique(every[:, :1], axis=0, return_inverse=True)[1].ravel()
+        for k, session in enumerate(sessions):
+            rows, first, of_history = np.unique(
+                every[:, : k + 2], axis=0, return_index=True, return_inverse=True
+            )
+            unit = rows[:, 0]
+            found.append(_Level(before[first], unit, rows[:, -1].astype(float), session.of(unit)))
+            before = of_history.ravel()
+        return found
+
+
+@dataclass(frozen=True)
+class _State:
+    """What the sessions so far say under each history: log likelihood (r,), mean (r, n) and
+    covariance (r, n, n) of the nodes' departure.
+    """
+
+    log_likelihood: NDArray
+    x: NDArray
+    P: NDArray
+
+    def of(self, rows: NDArray) -> "_State":
+        return _State(self.log_likelihood[rows], self.x[rows], self.P[rows])
 
 
 class FleetLikelihood:
@@ -84,89 +160,163 @@ class FleetLikelihood:
     def __init__(self, units: Sequence[KeptUnit]) -> None:
         self.units = tuple(units)
         self.tables = tuple(covering(unit) for unit in units)
-        sizes = [_values(table).size for table in self.tables]
-        n = max(sizes)
+        technology = units[0].gyro_technology
+        n = max(_values(table).size for table in self.tables)
         self._nodes = _laid_nodes(self.tables, n)
         self._sessions = _laid_sessions(self.units, self.tables, n)
-        self._shift = (OUTLIER_SIZE * DEFAULT_SIGMA_deg_h[units[0].gyro_technology]) ** 2
+        self._shift = (OUTLIER_SIZE * DEFAULT_SIGMA_deg_h[technology]) ** 2
+        self.look_again(logs_of(defaults_of(technology)))
+
+    def look_again(self, theta: NDArray) -> None:
+        """Sum over the histories that are likely at theta from now on."""
+        self._levels = self._likely(theta).levels(self._sessions)
 
     def log_likelihood(self, theta: NDArray) -> NDArray:
         """Of each unit's sessions, (u,); minus infinity where the parameters are so far off that
         the covariances lose their digits.
         """
+        model = _Model(self._nodes, theta, self._shift)
+        state = model.start()
         try:
-            return self(theta).log_likelihood
+            for level in self._levels:
+                state = model.after(state, level)
         except np.linalg.LinAlgError:
             return np.full(len(self.units), -np.inf)
+        return self._summed(state.log_likelihood, self._levels[-1].unit)
 
     def __call__(self, theta: NDArray) -> Evidence:
         """The evidence at logarithms of the parameters, (p,) for all units or (u, p)."""
-        value: dict[PriorName, NDArray] = {
-            name: np.exp(part)[..., None, None]
-            for name, part in zip(OF_POINTS, np.transpose(theta))
-        }
-        share = np.minimum(value[PriorName.OUTLIER_SHARE], LARGEST_SHARE)[..., 0, 0]
-        P, x = self._nodes.prior.copy(), np.zeros(self._nodes.prior.shape[:2])
-        growth = _growth(self._nodes, value)
-        total = np.zeros(len(self.units))
-        nis, dof, outlier = [], [], []
+        levels = self._likely(theta).levels(self._sessions)
+        model = _Model(self._nodes, theta, self._shift)
+        state, unit = model.start(), np.arange(len(self.units))
+        outlier = np.zeros((unit.size, 0))
+        nis = []
+        for level in levels:
+            share = self._shares(state.log_likelihood, unit)[level.parent]
+            same = np.bincount(level.parent)[level.parent]  # rows that go on from one
+            squared = model.nis(state, level)
+            nis.append(self._weighed(share / same, squared[:, None], level.unit)[:, 0])
+            state, unit = model.after(state, level), level.unit
+            outlier = np.column_stack([outlier[level.parent], level.outlier])
+        w = self._shares(state.log_likelihood, unit)
+        mean = self._weighed(w, state.x, unit)
+        apart = state.x - mean[unit]
+        spread = state.P + apart[:, :, None] * apart[:, None, :]
+        flat = self._weighed(w, spread.reshape(unit.size, -1), unit)
+        sessions = (len(self._sessions), len(self.units))
+        return Evidence(
+            self._summed(state.log_likelihood, unit),
+            np.array(nis).reshape(sessions).T,
+            np.array([s.points for s in self._sessions]).reshape(sessions).T,
+            self._weighed(w, outlier, unit),
+            mean,
+            flat.reshape(-1, *state.P.shape[1:]),
+        )
+
+    def _likely(self, theta: NDArray) -> _Histories:
+        """The histories of each unit that are likely at theta: those in which a session is an
+        outlier are followed beside those in which it is none.
+        """
+        model = _Model(self._nodes, theta, self._shift)
+        unit = np.arange(len(self.units))
+        outlier = np.zeros((unit.size, 0))
+        state = model.start()
         for session in self._sessions:
-            P = P + session.years[:, None, None] * growth
-            S = session.H @ P @ session.H.transpose(0, 2, 1) + _own(session, value)
-            step = _Step(session, S, x, self._shift, share)
-            total += np.where(session.points > 0, step.log_likelihood, 0.0)
-            x, P = step.merged(x, P)
-            nis.append(step.nis)
-            dof.append(session.points)
-            outlier.append(step.outlier)
-        return Evidence(total, self._by_unit(nis), self._by_unit(dof), self._by_unit(outlier), x, P)
+            both = np.concatenate([np.arange(unit.size), np.flatnonzero(session.points[unit] > 0)])
+            flag = (np.arange(both.size) >= unit.size).astype(float)
+            unit, outlier = unit[both], np.column_stack([outlier[both], flag])
+            state = model.after(state, _Level(both, unit, flag, session.of(unit)))
+            kept = _best(state.log_likelihood, unit, HISTORIES_FOLLOWED)
+            unit, outlier, state = unit[kept], outlier[kept], state.of(kept)
+        share = self._shares(state.log_likelihood, unit)  # the likeliest of a unit first
+        likelier = np.cumsum(share) - share - unit
+        return _Histories(unit[likelier < KEPT_PROBABILITY], outlier[likelier < KEPT_PROBABILITY])
 
-    def _by_unit(self, rows: list[NDArray]) -> NDArray:
-        """Values of each session in turn as (u, s)."""
-        return np.array(rows).reshape(len(rows), len(self.units)).T
+    def _summed(self, log_likelihood: NDArray, unit: NDArray) -> NDArray:
+        """Over the histories of each unit."""
+        total = np.full(len(self.units), -np.inf)
+        np.logaddexp.at(total, unit, log_likelihood)
+        return total
+
+    def _shares(self, log_likelihood: NDArray, unit: NDArray) -> NDArray:
+        """Probability of each history of its unit."""
+        return np.exp(log_likelihood - self._summed(log_likelihood, unit)[unit])
+
+    def _weighed(self, share: NDArray, values: NDArray, unit: NDArray) -> NDArray:
+        """Mean over the histories of each unit, (u, m)."""
+        found = np.zeros((len(self.units), values.shape[1]))
+        np.add.at(found, unit, share[:, None] * values)
+        return found
 
 
-class _Step:
-    """One session of every unit against what was known of it."""
+class _Model:
+    """The filter at logarithms of the parameters, (p,) or one for each unit."""
 
-    def __init__(
-        self, session: _Session, S: NDArray, x: NDArray, shift: float, share: NDArray
-    ) -> None:
-        self._session = session
-        r = session.y - np.einsum("umn,un->um", session.H, x)
-        L = np.linalg.cholesky(S)
-        W = np.linalg.inv(L)
-        z = np.einsum("umk,uk->um", W, r)
-        self.nis = np.sum(z**2, axis=1)
-        self.S_inv = W.transpose(0, 2, 1) @ W
-        self._r = r
-        half_log_det = np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)), axis=1)
-        plain = -0.5 * self.nis - half_log_det - 0.5 * session.points * LOG_2_PI
-        # an outlier adds `shift` to each gyro's common part: a change of rank 3 (Woodbury)
-        self._SE = self.S_inv @ session.axes
-        core = np.eye(len(AXES)) / shift + session.axes.transpose(0, 2, 1) @ self._SE
-        self._core_inv = np.linalg.inv(core)
-        along = np.einsum("umk,um->uk", self._SE, r)
-        gain = np.einsum("uk,ukl,ul->u", along, self._core_inv, along)
-        log_det = np.linalg.slogdet(core)[1] + len(AXES) * np.log(shift)
-        shifted = plain + 0.5 * gain - 0.5 * log_det
-        weighed = np.log1p(-share) + plain, np.log(share) + shifted
-        self.log_likelihood = np.logaddexp(*weighed)
-        self.outlier = np.exp(weighed[1] - self.log_likelihood)
-        self._along = along
+    def __init__(self, nodes: _Nodes, theta: NDArray, shift: float) -> None:
+        self._value: dict[PriorName, NDArray] = {
+            name: np.exp(part)[..., None, None] for name, part in zip(OF_POINTS, theta.T)
+        }
+        self._prior, self._growth = nodes.prior, _growth(nodes, self._value)
+        self._shift = shift
 
-    def merged(self, x: NDArray, P: NDArray) -> tuple[NDArray, NDArray]:
-        """Mean and covariance of the mixture after the session."""
-        w = self.outlier[:, None, None]
-        removed = self._SE @ self._core_inv @ self._SE.transpose(0, 2, 1)
-        PH = P @ self._session.H.transpose(0, 2, 1)
-        kept = self.S_inv - w * removed
-        weight = np.einsum("umk,uk->um", kept, self._r)
-        apart = np.einsum("umk,uk->um", removed, self._r)
-        d = np.einsum("unm,um->un", PH, apart)
-        spread = w * (1.0 - w) * d[:, :, None] * d[:, None, :]
-        after = P - PH @ kept @ PH.transpose(0, 2, 1) + spread
-        return x + np.einsum("unm,um->un", PH, weight), 0.5 * (after + after.transpose(0, 2, 1))
+    def start(self) -> _State:
+        """Before any session, a row a unit."""
+        units, n = self._prior.shape[:2]
+        return _State(np.zeros(units), np.zeros((units, n)), self._prior)
+
+    def after(self, before: _State, level: _Level) -> _State:
+        """One session later."""
+        state, session = before.of(level.parent), level.session
+        P, PH, S = self._predicted(state, level)
+        S = S + (self._shift * level.outlier)[:, None, None] * session.same_axis
+        r = session.y - _times(session.H, state.x)
+        half_log_det = np.sum(np.log(np.diagonal(np.linalg.cholesky(S), axis1=1, axis2=2)), axis=1)
+        S_inv = np.linalg.inv(S)
+        gain = PH @ S_inv
+        squared = np.sum(r * _times(S_inv, r), axis=1)
+        share = np.minimum(self._of(PriorName.OUTLIER_SHARE, level.unit), LARGEST_SHARE)
+        odds = np.where(level.outlier[:, None, None] > 0.0, np.log(share), np.log1p(-share))
+        found = odds[:, 0, 0] - 0.5 * squared - half_log_det - 0.5 * session.points * LOG_2_PI
+        after = P - gain @ PH.transpose(0, 2, 1)
+        return _State(
+            state.log_likelihood + np.where(session.points > 0, found, 0.0),
+            state.x + _times(gain, r),
+            0.5 * (after + after.transpose(0, 2, 1)),
+        )
+
+    def nis(self, before: _State, level: _Level) -> NDArray:
+        """Squared normalised innovation of a session taken for no outlier, (r,)."""
+        state, session = before.of(level.parent), level.session
+        S = self._predicted(state, level)[2]
+        r = session.y - _times(session.H, state.x)
+        return np.asarray(np.sum(r * _times(np.linalg.inv(S), r), axis=1))
+
+    def _predicted(self, state: _State, level: _Level) -> tuple[NDArray, NDArray, NDArray]:
+        """Covariances at the session's date: of the nodes, of nodes and points, of points."""
+        session = level.session
+        P = state.P + session.years[:, None, None] * self._growth[level.unit]
+        PH = P @ session.H_transposed
+        S = session.H @ PH + session.fixed
+        for name, part in session.own.items():
+            S += self._of(name, level.unit) ** 2 * part
+        return P, PH, S
+
+    def _of(self, name: PriorName, unit: NDArray) -> NDArray:
+        """A parameter of each row."""
+        value = self._value[name]
+        return value[unit] if value.ndim > 2 else value
+
+
+def _best(log_likelihood: NDArray, unit: NDArray, most: int) -> NDArray:
+    """The likeliest rows of each unit, at most so many."""
+    order = np.lexsort((-log_likelihood, unit))
+    first = np.searchsorted(unit[order], unit[order])
+    return order[np.arange(order.size) - first < most]
+
+
+def _times(A: NDArray, v: NDArray) -> NDArray:
+    """A matrix times a vector, unit by unit."""
+    return np.asarray((A @ v[:, :, None])[:, :, 0])
 
 
 def _growth(nodes: _Nodes, value: dict[PriorName, NDArray]) -> NDArray:
@@ -175,18 +325,6 @@ def _growth(nodes: _Nodes, value: dict[PriorName, NDArray]) -> NDArray:
     return np.asarray(
         value[PriorName.AGEING_COMMON] ** 2 * nodes.common
         + value[PriorName.AGEING_SHAPE] ** 2 * smooth
-    )
-
-
-def _own(session: _Session, value: dict[PriorName, NDArray]) -> NDArray:
-    """Covariance of what is the session's own: measurement, creep, turn-on, flicker, walk."""
-    creep = value[PriorName.YAW_CREEP] ** 2 * session.creep
-    return np.asarray(
-        session.fixed
-        + creep
-        + value[PriorName.TURN_ON] ** 2 * session.same_axis
-        + value[PriorName.FLICKER] ** 2 * session.flicker
-        + value[PriorName.RANDOM_WALK] ** 2 * session.walk
     )
 
 
@@ -218,6 +356,20 @@ def _laid_sessions(
     return [_laid_session(units, tables, k, n) for k in range(most)]
 
 
+def _against(session: KeptSession, table: ThermalTable, n: int) -> tuple[NDArray, NDArray]:
+    """What a session measured of the departure from the first table: rows (m, n) of the values of
+    x, y, z in turn, padded, and the points less the table (m,).
+    """
+    rows, apart, first = np.zeros((session.axis_index.size, n)), session.bias_deg_h.copy(), 0
+    for j, nodes in enumerate(table.temperature_degC):
+        of_axis = session.axis_index == j
+        T = session.temperature_degC[of_axis]
+        rows[of_axis, first : first + nodes.size] = curve_rows(table, j, T)
+        apart[of_axis] -= table.bias_deg_h(j, T)
+        first += nodes.size
+    return rows, apart
+
+
 def _laid_session(
     units: Sequence[KeptUnit], tables: Sequence[ThermalTable], k: int, n: int
 ) -> _Session:
@@ -227,7 +379,7 @@ def _laid_session(
     H, y, years = np.zeros((count, m, n)), np.zeros((count, m)), np.zeros(count)
     fixed = np.tile(np.eye(m), (count, 1, 1))
     creep, same, flicker, walk = (np.zeros((count, m, m)) for _ in range(4))
-    axes, points = np.zeros((count, m, len(AXES))), np.zeros(count)
+    points = np.zeros(count)
     for u, unit in enumerate(units):
         if len(unit.sessions) <= k:
             continue
@@ -235,13 +387,7 @@ def _laid_session(
         before = unit.sessions[k - 1].year if k else unit.year
         years[u] = max(session.year - before, 0.0)
         p = session.axis_index.size
-        rows = np.zeros((p, table.n_parameters))
-        for j in range(len(AXES)):
-            of_axis = session.axis_index == j
-            rows[of_axis] = table.basis(j, session.temperature_degC[of_axis])
-        values = _values(table)
-        H[u, :p, : values.size] = rows[:, values]
-        y[u, :p] = session.bias_deg_h - rows @ table.parameters
+        H[u, :p], y[u, :p] = _against(session, table, n)
         mask = (session.axis_index[:, None] == session.axis_index[None, :]).astype(float)
         start, end = bin_edges(session.time_s, session.duration_s)
         fixed[u, :p, :p] = session.covariance_without_creep
@@ -251,6 +397,11 @@ def _laid_session(
             start, end, lowest_hz=0.25 / session.run_length_s
         )
         walk[u, :p, :p] = mask * random_walk_covariance(start, end) / HOUR
-        axes[u, np.arange(p), session.axis_index] = 1.0
         points[u] = p
-    return _Session(years, H, y, fixed, creep, same, flicker, walk, axes, points)
+    own = {
+        PriorName.YAW_CREEP: creep,
+        PriorName.TURN_ON: same,
+        PriorName.FLICKER: flicker,
+        PriorName.RANDOM_WALK: walk,
+    }
+    return _Session(years, H, y, fixed, own, points)

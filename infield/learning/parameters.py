@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.prior import KERNEL_LENGTH_degC
-from infield.table.thermal_table import DEFAULT_SIGMA_deg_h
+from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.twin_file import default_twin
 
 

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from infield.session.bins import SessionBins
 from infield.session.reasons import ThermalAction, ThermalKind
-from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
+from infield.table.thermal_table import ThermalTable
+from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.records import AXES
 
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this

@@ -26,7 +26,8 @@ from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.session.wrong_facts import Learnt, suspicions
 from infield.table.merge import hold_common, merge_posterior
-from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
+from infield.table.thermal_table import ThermalTable
+from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, TwinModel
 from ins.verdicts import Observability
 

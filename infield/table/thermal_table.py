@@ -20,12 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from infield.table.prior import COMMON_FRACTION, KERNEL_LENGTH_degC, prior_covariance, smooth_kernel
 from infield.table.temperature_model import SettledCurve, TemperatureModel
+from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, frozen_array
 
 INTERPOLATIONS = ("linear", "hermite")
-# of a table whose sigmas nobody gives: a unit as it leaves the factory (docs/reference/formats.md
-# section 2 has the raw biases, 0.1 and 0.3 deg/h, of units without one)
-DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 DAYS_PER_YEAR = 365.25
 # asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding:
 # files of ten digits have 1e-10, doubles 1e-16

@@ -39,6 +39,8 @@ from recal.fleet.records import (
 )
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
+from recal.service.priors.forecast import most_urgent
+from recal.service.priors.forecast_records import ForecastDocument
 from recal.service.results.files import program_version
 from recal.service.results.pages import NM_H_PER_DEG_H, MethodDocument, Step
 from recal.service.store import TableStore, UnitKey, holds_store, store_name
@@ -142,6 +144,7 @@ def fleet_document(
         criteria=CRITERIA,
         timing=timing,
         runs=[_run(o, request.output) for o in outcomes],
+        forecast=_forecast(request.store_url),
     )
 
 
@@ -164,6 +167,14 @@ def _tables(store_url: str, now: datetime) -> dict[UnitKey, TableFacts]:
         return {}
     with TableStore.open(store_url) as store:
         return {record.unit: table_facts(store, record, now) for record in store.units()}
+
+
+def _forecast(store_url: str) -> ForecastDocument | None:
+    """When the units of the store, as this call left it, need their next session."""
+    if not holds_store(store_url):
+        return None
+    with TableStore.open(store_url) as store:
+        return most_urgent(store)
 
 
 def _unit(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from ins.verdicts import OMIT_NONE
 from recal.fleet.records import FleetOutcome, FleetVerdict
+from recal.service.priors.forecast_records import ForecastDocument
 from recal.service.results.pages import MethodDocument, Step
 
 
@@ -247,3 +248,4 @@ class FleetDocument:
     criteria: Criteria
     timing: FleetTiming
     runs: Sequence[RunRow]
+    forecast: ForecastDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -16,6 +16,8 @@ from markupsafe import Markup
 
 from ins.records import AXES
 from recal.service.inputs.records import ThermalTable
+from recal.service.priors.forecast_page import trend_drawing
+from recal.service.priors.forecast_records import ForecastDocument
 from recal.service.results.pages import (
     GREY,
     NEW,
@@ -61,6 +63,15 @@ class Drawings:
         """
         key = ("bias", *((line.name, line.sha256) for line in lines))
         return self._once(key, lambda: [_bias_panel(axis, lines) for axis in AXES])
+
+    def trend(self, key: Hashable, document: ForecastDocument) -> Markup:
+        """The drift of the most urgent units against the limit."""
+
+        def drawn() -> Markup:
+            return without_style_attributes(trend_drawing(document) or Markup(""))
+
+        found: Markup = self._once(("trend", key), drawn)
+        return found
 
     def page(self, key: Hashable, draw: Callable[[], str]) -> str:
         """A whole report that takes seconds to draw."""

@@ -7,6 +7,7 @@ from fastapi import FastAPI, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
+from recal.service.priors.forecast_page import trend_strips
 from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
 from recal.service.store import FullProposal, Revision, TableStore
 from recal.service.tables import change_between
@@ -24,6 +25,7 @@ MOST_SHOWN = 500  # rows of a history
 def register(app: FastAPI, site: Site) -> None:
     """All routes that only read."""
     _register_units(app, site)
+    _register_forecast(app, site)
     _register_revisions(app, site)
     _register_proposals(app, site)
     _register_proposal_texts(app, site)
@@ -93,6 +95,22 @@ def _register_units(app: FastAPI, site: Site) -> None:
             done=done,
             diagnoses=diagnoses,
             **context,
+        )
+
+
+def _register_forecast(app: FastAPI, site: Site) -> None:
+    @app.get("/forecast")
+    def forecast(request: Request) -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            key, document = site.forecasts.of(opened)
+        return site.page(
+            request,
+            "urgent.html.j2",
+            f=document,
+            shown=len(document.units),
+            trends=trend_strips(document),
+            drawing=site.drawings.trend(key, document) if document.units else None,
         )
 
 

@@ -18,6 +18,7 @@ from recal.service.store import TableStore
 from recal.web import views
 from recal.web.door import Door, Session
 from recal.web.drawings import Drawings
+from recal.web.forecasts import Forecasts
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
 
@@ -59,6 +60,7 @@ class Site:
             Drawings(),
             Reports(settings.reports),
         )
+        self.forecasts = Forecasts()
         prefix = "__Host-" if settings.https else ""
         self.session_cookie, self.form_cookie = f"{prefix}recal_session", f"{prefix}recal_form"
         with self.tables() as opened:

@@ -3,6 +3,7 @@ latitude test, refusals.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from infield.reports.documents.alignment import alignment_document
 from infield.reports.words.sentences import sentences
 from ins import earth
 from ins.attitude import euler_from_dcm, wrap_pi
+from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.records import GyroNoise, Run, Site
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
@@ -220,9 +222,11 @@ def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
             600.0,
         ),
     )
-    assert gyrocompass.unknown_bias_sigma_deg_h(DEFAULT_TWIN, means) == pytest.approx(0.3, rel=0.01)
+    sigma_deg_h = partial(gyrocompass.unknown_bias_sigma_deg_h, DEFAULT_TWIN)
+    usual = DEFAULT_SIGMA_deg_h
+    assert sigma_deg_h(means, usual=usual) == pytest.approx(0.3, rel=0.01)
     quiet = replace(means, omega_ib_b=earth.omega_ie_n(45 * DEG))
-    assert gyrocompass.unknown_bias_sigma_deg_h(DEFAULT_TWIN, quiet) == 0.01
+    assert sigma_deg_h(quiet, usual=usual) == DEFAULT_SIGMA_deg_h["rlg"]
 
 
 def test_a_noisier_unit_is_aligned_with_the_noise_it_shows():

@@ -4,9 +4,11 @@ against its own, values against the truth of a fleet that another generator made
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_normal
 
 from benchmarks.fleet_made import made_fleet
+from infield.learning.draws import draw
 from infield.learning.hierarchy import Said, solve
 from infield.learning.kept import KeptUnit, covering
 from infield.learning.learn import learn
@@ -19,7 +21,7 @@ from ins.records import GyroNoise
 
 @pytest.fixture(scope="module")
 def fleet():
-    return made_fleet(7, units=8, sessions=4, width=0.5)
+    return made_fleet(7, units=8, sessions=4)
 
 
 def dense_log_likelihood(unit, value):
@@ -40,7 +42,9 @@ def dense_log_likelihood(unit, value):
         rows = np.zeros((s.axis_index.size, table.n_parameters))
         for axis in range(3):
             chosen = s.axis_index == axis
-            rows[chosen] = table.basis(axis, s.temperature_degC[chosen])
+            values, nodes = table.values_of(axis), table.temperature_degC[axis]
+            spline = CubicSpline(nodes, np.eye(nodes.size), bc_type="not-a-knot")
+            rows[chosen, values] = spline(s.temperature_degC[chosen])
         creep = np.diag(s.creep_variance) * value[PriorName.YAW_CREEP] ** 2
         own = session_covariance(
             axis_index=s.axis_index,
@@ -134,6 +138,51 @@ def test_the_tree_is_solved_as_one_normal_distribution():
         assert normal.covariance == pytest.approx(covariance[own, own])
 
 
+def test_draws_hold_what_a_fine_grid_holds():
+    """Two variances that are told by their sum alone, below one that bounds both: a bent ridge with
+    a tail to where the prior ends it. Curvature at the top misses its lower ends by a factor.
+    """
+    sigma = np.array([1.1, 1.1])
+
+    def log_density(theta):
+        total = np.sum(np.exp(2.0 * theta), axis=1)
+        return -0.5 * (np.log(total) / 0.2) ** 2 - 0.5 * np.sum((theta / sigma) ** 2, axis=1)
+
+    axis = np.linspace(-6.0, 2.0, 801)
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    weight = np.exp(log_density(grid)).reshape(801, 801).sum(axis=1)
+    want = np.interp((0.025, 0.5, 0.975), np.cumsum(weight) / weight.sum(), axis)
+    found = draw(
+        log_density,
+        np.full(2, -0.5 * np.log(2.0)),
+        np.diag([0.3, 0.3]) ** 2,
+        sigma,
+        np.random.default_rng(5),
+    )
+    assert found.effective > 100.0
+    for k in range(2):
+        got = found.quantiles(k, (0.025, 0.5, 0.975))
+        assert got == pytest.approx(want, abs=0.35)  # three sigmas of a quantile of 160 draws
+
+
+def test_an_early_outlier_is_found_by_later_sessions(fleet):
+    """The first session, shifted by what its own prior still allows, is believed until the others
+    disagree with it: it is the outlier then, not they.
+    """
+    made, value = fleet
+    theta = logs_of({**value, PriorName.TURN_ON: 1e-3, PriorName.OUTLIER_SHARE: 0.02})
+    sound = next(m.kept for m in made if not any(m.outliers))
+    first = sound.sessions[0]
+    shift = np.where(first.axis_index == 2, 0.0, 0.035)
+    shifted = type(first)(**{**vars(first), "bias_deg_h": first.bias_deg_h + shift})
+    unit = KeptUnit(**{**vars(sound), "sessions": (shifted, *sound.sessions[1:])})
+    alone = KeptUnit(**{**vars(sound), "sessions": (shifted,)})
+    assert FleetLikelihood([alone])(theta).outlier[0, 0] < 0.9
+    outlier = FleetLikelihood([unit])(theta).outlier[0]
+    assert outlier[0] > 0.9 and outlier[1:].max() < 0.2
+
+
+@pytest.mark.slow
 def test_a_fleet_teaches_what_its_sessions_show(fleet):
     """Within four sigmas each; the squared innovation comes to what is expected."""
     made, value = fleet

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.gyrocompass import MAX_REJECTED, UNKNOWN_BIAS_DEG_H, nis_verdict
+from alignment.gyrocompass import MAX_REJECTED, nis_verdict
 from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
@@ -33,7 +33,7 @@ from ins.filters.aided_records import (
     Fixes,
     fixes_of,
 )
-from ins.noise import accel_densities, flicker_walk, gyro_densities
+from ins.noise import DEFAULT_SIGMA_deg_h, accel_densities, flicker_walk, gyro_densities
 from ins.records import ImuLog, ImuSource, Run, TwinModel
 from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G_PER_SQRT_HOUR
 from ins.verdicts import Reason, because
@@ -138,7 +138,7 @@ def navigate_aided(
         few = because(AidedReason.FEW_FIXES, count=int(inside.sum()), needed=FEWEST_FIXES)
         return _refused(few, role)
     antenna = Antenna(lever_arm_m=np.asarray(header.gnss_lever_arm_m, dtype=float))
-    unknown = np.full(3, max(UNKNOWN_BIAS_DEG_H[header.gyro_technology], twin.gyro.turn_on_deg_h))
+    unknown = np.full(3, max(DEFAULT_SIGMA_deg_h[header.gyro_technology], twin.gyro.turn_on_deg_h))
     sigma = unknown if gyro_sigma_deg_h is None else gyro_sigma_deg_h
     stands = find_stands(seconds_of(run.imu), fixes)
     if rest is not None:

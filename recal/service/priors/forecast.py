@@ -4,7 +4,7 @@ that would put that off the longest. `recal.forecast/1`.
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from pathlib import Path
@@ -16,19 +16,22 @@ from infield.learning.forecast import (
     LIMIT_NM_H,
     STEPS_PER_YEAR,
     Outlook,
+    Paths,
     UnitState,
-    outlook,
+    expected_passage,
     state_of,
     works_at,
 )
 from infield.learning.kept import KeptSession, KeptUnit
-from infield.learning.learn import Learnt
+from infield.learning.learn import Learnt, Parameters
 from infield.learning.likelihood import FleetLikelihood
 from infield.learning.parameters import OF_POINTS, WIDTHS, PriorName, defaults_of, logs_of
 from infield.store.errors import NoStore
+from infield.store.rows import Revision
 from infield.store.table_store import TableStore
 from infield.table.thermal_table import DAYS_PER_YEAR
 from ins.json_file import read_json_object
+from ins.records import InputError
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import PriorValue, TechnologyPriors
 from recal.service.priors.forecast_page import forecast_html
@@ -48,7 +51,8 @@ from recal.service.results.result import Result
 # starts at -5, 20 and 45 degC lie on either side (trajectories/simulator/thermal.py).
 COLD_degC, HOT_degC = 10.0, 30.0
 TREND_EVERY = STEPS_PER_YEAR // 4  # a point of the trend each quarter
-DATE = "%Y-%m-%d"
+DATE, ISSUED = "%Y-%m-%d", "%Y-%m-%dT%H:%M:%SZ"
+MOST_URGENT = 25  # units of a technology on a page that is about more than them
 
 
 class ForecastVerdict(StrEnum):
@@ -60,8 +64,9 @@ class ForecastVerdict(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ForecastRequest:
-    """What to forecast. priors: as of `recal update`; sessions: also which session would help; now:
-    from when on, None for the time of this machine.
+    """What to forecast. priors: as of `recal update`; sessions: also which session would help;
+    most: how many units of each technology, those whose mean drift passes first; now: from when on,
+    None for the time of this machine.
     """
 
     store_url: str
@@ -69,9 +74,9 @@ class ForecastRequest:
     technology: str | None = None
     priors: str = APPROVED
     sessions: bool = True
+    most: int | None = None
     now: datetime | None = None
-    output: Path | None = field(default=None)
-    write: bool = True
+    output: Path | None = None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -97,39 +102,74 @@ def forecast(request: ForecastRequest) -> Forecast:
     store = open_store(request.store_url)
     if store is None:
         raise NoStore(f"no store at {request.store_url}")
+    document = forecast_of(store, request)
+    result = Forecast(document, page=lambda: forecast_html(document))
+    folder = output_directory(request.output, "fleet-forecast")
+    files = {
+        folder / "forecast.json": result.to_json(),
+        folder / "forecast.html": forecast_html(document),
+    }
+    write_files(files)
+    return result
+
+
+def forecast_of(store: TableStore, request: ForecastRequest) -> ForecastDocument:
+    """Every unit of an open store; writes nothing."""
     now = request.now or datetime.now(UTC)
     every, _ = kept_units(store)
     newest = {(u.gyro_technology, u.imu_serial, u.gyro_mode): u for u in every}
     chosen = [u for u in newest.values() if request.technology in (None, u.gyro_technology)]
     found: list[UnitForecast] = []
     without: list[NoForecast] = []
+    left = 0
     for technology in dict.fromkeys(unit.gyro_technology for unit in chosen):
         units = [unit for unit in chosen if unit.gyro_technology == technology]
         if technology == "mems":
             why = "gyros that find no heading do not navigate free-inertially"
             without += [NoForecast(imu_serial=u.imu_serial, why=why) for u in units]
             continue
-        found += _Technology(store, units, request, now).forecasts()
+        forecasts = _Technology(store, units, request, now).forecasts()
+        left += len(units) - len(forecasts)
+        found += forecasts
     found.sort(key=lambda f: (f.date_95_utc or "9999", -f.drift_now_nm_h))
-    document = ForecastDocument(
+    return ForecastDocument(
         verdict=ForecastVerdict.OK if found else ForecastVerdict.REFUSED,
-        reasons=[] if found else [f"store {store.name}: no unit whose drift could be forecast"],
+        reasons=[] if found else [_why_none(store, request, without)],
         store=store.name,
-        issued_utc=now.strftime("%Y-%m-%dT%H:%M:%SZ"),
+        issued_utc=now.strftime(ISSUED),
         version=program_version(),
         limit_nm_h=request.limit_nm_h,
         units=found,
         without=without,
+        less_urgent=left or None,
     )
-    result = Forecast(document, page=lambda: forecast_html(document))
-    if request.write:
-        folder = output_directory(request.output, "fleet-forecast")
-        files = {
-            folder / "forecast.json": result.to_json(),
-            folder / "forecast.html": forecast_html(document),
-        }
-        write_files(files)
-    return result
+
+
+def most_urgent(store: TableStore) -> ForecastDocument:
+    """The units of each technology that pass the limit first, for a page that is about more than
+    them; refused where the store's sessions cannot be read.
+    """
+    request = ForecastRequest(store_url=store.name, most=MOST_URGENT)
+    try:
+        return forecast_of(store, request)
+    except InputError as error:
+        return ForecastDocument(
+            verdict=ForecastVerdict.REFUSED,
+            reasons=[str(error)],
+            store=store.name,
+            issued_utc=datetime.now(UTC).strftime(ISSUED),
+            version=program_version(),
+            limit_nm_h=request.limit_nm_h,
+            units=[],
+        )
+
+
+def _why_none(store: TableStore, request: ForecastRequest, without: Sequence[NoForecast]) -> str:
+    """Why no unit could be forecast."""
+    of = f" of {request.technology}" if request.technology else ""
+    if without:
+        return f"store {store.name}: no unit{of} that navigates free-inertially"
+    return f"store {store.name}: no unit{of} with a table: recal table import brings the first"
 
 
 class _Technology:
@@ -138,7 +178,7 @@ class _Technology:
     def __init__(
         self, store: TableStore, units: Sequence[KeptUnit], request: ForecastRequest, now: datetime
     ) -> None:
-        self._store, self._units, self._request = store, units, request
+        self._units, self._request = units, request
         self._now, self._year = now, (now - EPOCH).total_seconds() / 86400.0 / DAYS_PER_YEAR
         technology = units[0].gyro_technology
         self._rests_on, self._priors = _priors(request.priors, store, technology)
@@ -147,9 +187,28 @@ class _Technology:
         theta = np.array([logs_of({n: v[n].value for n in OF_POINTS}) for v in values])
         self._evidence = FleetLikelihood(units)(theta)
         self._candidates = _candidates(units) if request.sessions else {}
+        self._active = {
+            (r.unit.imu_serial, r.unit.gyro_technology, r.unit.gyro_mode): r.active
+            for r in store.units()
+        }
 
     def forecasts(self) -> list[UnitForecast]:
-        return [self._one(u) for u in range(len(self._units))]
+        """Of the most urgent units."""
+        states = [self._state(u) for u in range(len(self._units))]
+        limit, year = self._request.limit_nm_h, self._year
+        order = sorted(
+            range(len(states)),
+            key=lambda u: expected_passage(states[u], self._value[u], limit, year=year),
+        )
+        return [self._one(states[u], u) for u in order[: self._request.most]]
+
+    def _state(self, u: int) -> UnitState:
+        unit = self._units[u]
+        table = self._revision(unit).table
+        return state_of(unit, self._evidence.mean[u], self._evidence.covariance[u], table)
+
+    def _revision(self, unit: KeptUnit) -> Revision:
+        return self._active[unit.imu_serial, unit.gyro_technology, unit.gyro_mode]
 
     def _values(self, unit: KeptUnit) -> dict[PriorName, Learnt]:
         """Of the unit where it was learnt from, else of its technology, else the defaults."""
@@ -163,17 +222,16 @@ class _Technology:
         return {
             name: Learnt(said[name].value, said[name].sigma_log, said[name].interval_95, True, 0)
             if name in said
-            else Learnt(defaults[name], WIDTHS[name], (0.0, 0.0), False, 0)
+            else Learnt.normal(defaults[name], WIDTHS[name], shown=False, n=0)
             for name in OF_POINTS
         }
 
-    def _one(self, u: int) -> UnitForecast:
-        unit = self._units[u]
-        key = (unit.imu_serial, unit.gyro_technology, unit.gyro_mode)
-        active = self._store.active(*key)
-        state = state_of(unit, self._evidence.mean[u], self._evidence.covariance[u], active.table)
+    def _one(self, state: UnitState, u: int) -> UnitForecast:
+        unit, value = self._units[u], self._value[u]
+        active = self._revision(unit)
         T = works_at(unit)
-        seen = self._outlook(state, unit, u, T)
+        paths = Paths(value, T, seed=u)
+        seen = self._ahead(paths, state)
         mean = state.level_error(T)[0]
         expected = float(np.sqrt(np.sum(mean**2) / len(T[0])))
         return UnitForecast(
@@ -195,26 +253,18 @@ class _Technology:
                 median_nm_h=seen.median[::TREND_EVERY].tolist(),
                 high_nm_h=seen.high[::TREND_EVERY].tolist(),
             ),
-            best_session=self._best(state, unit, u, seen),
+            best_session=self._best(paths, state, value, seen),
         )
 
-    def _outlook(
-        self, state: UnitState, unit: KeptUnit, u: int, T: tuple[np.ndarray, np.ndarray]
-    ) -> Outlook:
-        return outlook(
-            state, self._value[u], T, year=self._year, limit_nm_h=self._request.limit_nm_h, seed=u
-        )
+    def _ahead(self, paths: Paths, state: UnitState) -> Outlook:
+        return paths.ahead(state, year=self._year, limit_nm_h=self._request.limit_nm_h)
 
-    def _best(self, state: UnitState, unit: KeptUnit, u: int, seen: Outlook) -> BestSession | None:
+    def _best(
+        self, paths: Paths, state: UnitState, value: Parameters, seen: Outlook
+    ) -> BestSession | None:
         """The kind of session that puts the 95 % date off the longest; None where none does."""
         tried = [
-            (
-                self._outlook(
-                    state.with_session(s, self._value[u], self._year), unit, u, works_at(unit)
-                ),
-                words,
-                s,
-            )
+            (self._ahead(paths, state.with_session(s, value, self._year)), words, s)
             for words, s in self._candidates.items()
         ]
         better = [t for t in tried if t[0].year_95 > seen.year_95]

@@ -1,9 +1,9 @@
-"""forecast.html, and the same list for the fleet's page and `recal serve`. Computes nothing."""
+"""forecast.html, and its drawings for the fleet's page and `recal serve`. Computes nothing."""
 
 from collections.abc import Sequence
 from datetime import date
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from infield.reports.figures import BLUE, GREY, PALE, axis_text, in_style, new_figure, svg_text
 from infield.reports.page import render_page
@@ -11,18 +11,50 @@ from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 
 UNITS_DRAWN = 6  # units with their trend in the drawing
 ROWS_SHOWN = 100  # rows of the list
+STRIP_YEARS = 5.0  # that a row's trend shows, as the drawing does
 
 
 def forecast_html(document: ForecastDocument) -> str:
     """The page of a document."""
     return render_page(
-        "forecast.html.j2", d=document, drawing=trend_drawing(document), shown=ROWS_SHOWN
+        "forecast.html.j2",
+        d=document,
+        drawing=trend_drawing(document),
+        trends=trend_strips(document),
+        shown=ROWS_SHOWN,
     )
 
 
 def trend_drawing(document: ForecastDocument) -> Markup | None:
     """The drift of the most urgent units and the limit; None without a unit."""
     return _drawing(document.units[:UNITS_DRAWN], document.limit_nm_h) if document.units else None
+
+
+def trend_strips(document: ForecastDocument) -> list[Markup]:
+    """Each unit's drift over the next STRIP_YEARS as a small strip with the limit."""
+    return [_strip(unit, document.limit_nm_h) for unit in document.units[:ROWS_SHOWN]]
+
+
+def _strip(unit: UnitForecast, limit_nm_h: float) -> Markup:
+    """Line, median; area, to what 5 % exceed; dashes, the limit. Twice the limit is the top."""
+    years = [_year(day) for day in unit.trend.date_utc]
+    inside = [k for k, year in enumerate(years) if year - years[0] <= STRIP_YEARS]
+
+    def line(values: Sequence[float]) -> list[str]:
+        high = [min(values[k] / (2.0 * limit_nm_h), 1.0) for k in inside]
+        along = [(years[k] - years[0]) / STRIP_YEARS for k in inside]
+        return [f"{100.0 * x:.1f},{30.0 * (1.0 - y):.1f}" for x, y in zip(along, high)]
+
+    median, high = line(unit.trend.median_nm_h), line(unit.trend.high_nm_h)
+    words = f"drift of {unit.imu_serial} over {STRIP_YEARS:.0f} years against the limit"
+    return Markup(
+        '<svg class="trend" viewBox="0 0 100 30" width="112" height="34"'
+        ' preserveAspectRatio="none" role="img"'
+        f' aria-label="{escape(words)}"><rect width="100" height="30" fill="#f4f6f8"/>'
+        f'<polygon points="{" ".join([*median, *reversed(high)])}" fill="{PALE}"/>'
+        f'<polyline points="{" ".join(median)}" fill="none" stroke="{BLUE}" stroke-width="1.5"/>'
+        f'<line x1="0" x2="100" y1="15" y2="15" stroke="{GREY}" stroke-dasharray="4 3"/></svg>'
+    )
 
 
 @in_style
@@ -37,7 +69,7 @@ def _drawing(units: Sequence[UnitForecast], limit_nm_h: float) -> Markup:
         ax.fill_between(years, unit.trend.median_nm_h, unit.trend.high_nm_h, color=PALE)
         ax.plot(years, unit.trend.median_nm_h, color=BLUE)
         ax.axhline(limit_nm_h, color=GREY, linestyle="--", linewidth=1.0)
-        ax.set_xlim(years[0], years[0] + 5.0)
+        ax.set_xlim(years[0], years[0] + STRIP_YEARS)
         ax.set_ylim(0.0, 2.0 * limit_nm_h)
         axis_text(ax, title=unit.imu_serial, x="year", y="NM/h" if ax in grid[:, 0] else "")
         ax.xaxis.set_major_formatter("{x:.0f}")

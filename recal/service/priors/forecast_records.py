@@ -65,7 +65,9 @@ class NoForecast:
 
 @dataclass(frozen=True, kw_only=True)
 class ForecastDocument:
-    """The whole file; units by urgency."""
+    """The whole file; units by urgency; less_urgent: how many more there are, which were not
+    forecast.
+    """
 
     schema: str = FORECAST_SCHEMA
     verdict: str
@@ -76,3 +78,4 @@ class ForecastDocument:
     limit_nm_h: float
     units: Sequence[UnitForecast]
     without: Sequence[NoForecast] = ()
+    less_urgent: int | None = field(default=None, metadata=OMIT_NONE)

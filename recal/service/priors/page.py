@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from infield.learning.parameters import PriorName
 from infield.reports.figures import BLUE, GREY, axis_text, in_style, new_figure, svg_text
 from infield.reports.page import render_page, significant
 from recal.service.priors.document import PriorsDocument, TechnologyPriors
@@ -13,15 +14,26 @@ if TYPE_CHECKING:
 
 PRIORS_VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
 PARAMETER_WORDS = {
-    "turn_on": "turn-on, from one power-on to the next",
-    "flicker": "flicker (bias instability)",
-    "random_walk": "rate random walk",
-    "ageing_common_per_sqrt_year": "ageing, common to all temperatures",
-    "ageing_shape_per_sqrt_year": "ageing of the shape over temperature",
-    "length_degC": "correlation of the shape over temperature",
-    "yaw_creep": "yaw creep of the parked airframe",
-    "outlier_share": "share of outlier sessions",
-    "crab": "crab, from one taxi to the next",
+    PriorName.TURN_ON: "turn-on, from one power-on to the next",
+    PriorName.FLICKER: "flicker (bias instability)",
+    PriorName.RANDOM_WALK: "rate random walk",
+    PriorName.AGEING_COMMON: "ageing, common to all temperatures",
+    PriorName.AGEING_SHAPE: "ageing of the shape over temperature",
+    PriorName.LENGTH: "correlation of the shape over temperature",
+    PriorName.YAW_CREEP: "yaw creep of the parked airframe",
+    PriorName.OUTLIER_SHARE: "share of outlier sessions",
+    PriorName.CRAB: "crab, from one taxi to the next",
+}
+SHORT_WORDS = {
+    PriorName.TURN_ON: "turn-on",
+    PriorName.FLICKER: "flicker",
+    PriorName.RANDOM_WALK: "random walk",
+    PriorName.AGEING_COMMON: "common ageing",
+    PriorName.AGEING_SHAPE: "shape ageing",
+    PriorName.LENGTH: "length",
+    PriorName.YAW_CREEP: "yaw creep",
+    PriorName.OUTLIER_SHARE: "outlier share",
+    PriorName.CRAB: "crab",
 }
 MOST_UNITS = 60  # rows of a table of units
 
@@ -49,9 +61,8 @@ def _drawing(priors: TechnologyPriors) -> Markup:
         _row(axes, priors, name, row)
     axes.axvline(1.0, color=GREY, linewidth=1.0)
     axes.set_xscale("log")
-    axes.set_yticks(
-        range(len(names)), [name.split("_per")[0].replace("_", " ") for name in reversed(names)]
-    )
+    words = [SHORT_WORDS[PriorName(name)] for name in reversed(names)]
+    axes.set_yticks(range(len(names)), words)
     axis_text(axes, x="times the default of the technology", y="")
     return svg_text(figure, "Learnt parameters over their defaults")
 

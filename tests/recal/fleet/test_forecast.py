@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.fleet_made import made_fleet
-from infield.learning.forecast import HORIZON_YEARS, outlook, state_of, works_at
+from infield.learning.forecast import HORIZON_YEARS, Paths, state_of, works_at
 from infield.learning.kept import covering
 from infield.learning.learn import Learnt
 from infield.learning.likelihood import FleetLikelihood
@@ -33,12 +33,14 @@ def unit():
     first = covering(kept)
     active = first.replaced(parameters=first.parameters + evidence.mean[0, :n])
     state = state_of(kept, evidence.mean[0], evidence.covariance[0], active)
-    return kept, state, {name: Learnt(value[name], 0.1, (0.0, 0.0), True, 4) for name in OF_POINTS}
+    known = {name: Learnt.normal(value[name], 0.1, shown=True, n=4) for name in OF_POINTS}
+    return kept, state, known
 
 
 def ahead(unit, **changes):
     kept, state, value = unit
-    return outlook(changes.pop("state", state), value, works_at(kept), year=state.year, **changes)
+    after = changes.pop("state", state)
+    return Paths(value, works_at(kept)).ahead(after, year=state.year, **changes)
 
 
 def test_the_drift_grows_and_passes_the_limit_later_where_it_is_higher(unit):
