@@ -26,7 +26,7 @@ from infield.learning.parameters import (
 
 STEP = 0.1  # of a logarithm, for differences: a tenth of what forty sessions can tell
 LARGEST_MOVE = 1.0  # of a logarithm in one iteration: a factor e
-SETTLED_SIGMAS = 0.01  # of a posterior sigma that the last iteration may move by: 1 % of it
+SETTLED_SIGMAS = 0.03  # of a posterior sigma that the last iteration may move by: 3 % of it
 MOST_ITERATIONS = 30
 # how often outliers are looked for anew, and a move of a logarithm that changes none of them: 0.2
 # moves the odds of an outlier by a fifth
@@ -212,9 +212,9 @@ class _Search:
     def run(self, start: NDArray) -> _Found:
         """From a first guess."""
         theta, best = start.copy(), self._value(start)
+        gradients, curvatures = self._differences(theta)
         settled = False
         for _ in range(MOST_ITERATIONS):
-            gradients, curvatures = self._differences(theta)
             information = np.diag(self._prior.sigma**-2.0)
             g = gradients.sum(axis=0) - information @ (theta - self._prior.mean)
             A = information + _positive(-curvatures.sum(axis=0))
@@ -229,7 +229,7 @@ class _Search:
                 settled = bool(np.max(size) < 10.0 * SETTLED_SIGMAS)
                 break
             best = better
-        gradients, curvatures = self._differences(theta)
+            gradients, curvatures = self._differences(theta)
         return _Found(theta, gradients, curvatures, settled)
 
     def _value(self, theta: NDArray) -> float:

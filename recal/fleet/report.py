@@ -9,7 +9,7 @@ from markupsafe import Markup
 from recal.fleet import figures
 from recal.fleet.document_records import FleetDocument, StaleRow, UnitRow
 from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
-from recal.service.priors.forecast_page import trend_drawing, trend_strips
+from recal.service.priors.forecast_page import date_words, trend_drawing, trend_strips
 from recal.service.results.pages import decimals_for, page_environment
 
 SHOWN_UNITS = 25  # rows of the ranking before the rest is folded
@@ -95,6 +95,7 @@ def fleet_html(document: FleetDocument) -> str:
             tables=figures.tables_drawing(document),
             trend=trend_drawing(document.forecast) if document.forecast else None,
             trends=trend_strips(document.forecast) if document.forecast else [],
+            date_words=date_words,
             progress=figures.progress_drawing(document.timing),
             name=_name,
         )

@@ -7,7 +7,7 @@ from fastapi import FastAPI, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
-from recal.service.priors.forecast_page import trend_strips
+from recal.service.priors.forecast_page import date_words, trend_strips
 from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
 from recal.service.store import FullProposal, Revision, TableStore
 from recal.service.tables import change_between
@@ -110,6 +110,7 @@ def _register_forecast(app: FastAPI, site: Site) -> None:
             f=document,
             shown=len(document.units),
             trends=trend_strips(document),
+            date_words=date_words,
             drawing=site.drawings.trend(key, document) if document.units else None,
         )
 

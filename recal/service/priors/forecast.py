@@ -34,7 +34,7 @@ from ins.json_file import read_json_object
 from ins.records import InputError
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import PriorValue, TechnologyPriors
-from recal.service.priors.forecast_page import forecast_html
+from recal.service.priors.forecast_page import date_words, forecast_html
 from recal.service.priors.forecast_records import (
     BestSession,
     ForecastDocument,
@@ -325,8 +325,9 @@ def summary(document: ForecastDocument, *, most: int | None = UNITS_TOLD) -> lis
     lines = [f"forecast: {len(document.units)} units, limit {limit}"]
     lines += [f"  because {why}" for why in document.reasons]
     for unit in document.units[:most]:
-        until = unit.date_95_utc or "beyond 12 years"
-        half = unit.date_50_utc or "beyond 12 years"
+        until, half = (
+            date_words(day, document.issued_utc) for day in (unit.date_95_utc, unit.date_50_utc)
+        )
         line = (
             f"  {unit.imu_serial}: {unit.drift_now_nm_h:.2f} NM/h now; below the limit until"
             f" {until} (95 %), {half} (50 %)"

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from datetime import date
 
+import numpy as np
 from markupsafe import Markup, escape
 
 from infield.reports.figures import BLUE, GREY, PALE, axis_text, in_style, new_figure, svg_text
@@ -10,8 +11,16 @@ from infield.reports.page import render_page
 from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 
 UNITS_DRAWN = 6  # units with their trend in the drawing
+EDGE = 1.97  # times the limit: where a drawing up to twice the limit shows what is above it
 ROWS_SHOWN = 100  # rows of the list
 STRIP_YEARS = 5.0  # that a row's trend shows, as the drawing does
+
+
+def date_words(day: str | None, issued_utc: str) -> str:
+    """A date of a forecast for people: one that has come is today."""
+    if day is None:
+        return "beyond 12 years"
+    return "today" if day <= issued_utc[: len(day)] else day
 
 
 def forecast_html(document: ForecastDocument) -> str:
@@ -22,6 +31,7 @@ def forecast_html(document: ForecastDocument) -> str:
         drawing=trend_drawing(document),
         trends=trend_strips(document),
         shown=ROWS_SHOWN,
+        date_words=date_words,
     )
 
 
@@ -66,8 +76,12 @@ def _drawing(units: Sequence[UnitForecast], limit_nm_h: float) -> Markup:
         ax.set_visible(False)
     for unit, ax in zip(units, grid.ravel(), strict=False):
         years = [_year(day) for day in unit.trend.date_utc]
-        ax.fill_between(years, unit.trend.median_nm_h, unit.trend.high_nm_h, color=PALE)
-        ax.plot(years, unit.trend.median_nm_h, color=BLUE)
+        median, high = (
+            np.minimum(values, EDGE * limit_nm_h)
+            for values in (unit.trend.median_nm_h, unit.trend.high_nm_h)
+        )
+        ax.fill_between(years, median, high, color=PALE)
+        ax.plot(years, median, color=BLUE)
         ax.axhline(limit_nm_h, color=GREY, linestyle="--", linewidth=1.0)
         ax.set_xlim(years[0], years[0] + STRIP_YEARS)
         ax.set_ylim(0.0, 2.0 * limit_nm_h)

@@ -154,8 +154,9 @@ def summary(document: PriorsDocument) -> list[str]:
 
 def _technology_lines(priors: TechnologyPriors) -> list[str]:
     of = priors.technology
+    plural = "s" if of.units != 1 else ""
     kept = "" if priors.revision is None else f", kept as priors {priors.revision}"
-    lines = [f"{of.name}: {of.sessions} sessions of {of.units} units{kept}"]
+    lines = [f"{of.name}: {of.sessions} sessions of {of.units} unit{plural}{kept}"]
     lines += [f"  {line}" for line in parameter_lines(of)]
     check = priors.check
     if check.squared_innovation is not None and check.squared_innovation_defaults is not None:
