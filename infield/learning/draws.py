@@ -19,19 +19,25 @@ LogDensity = Callable[[NDArray], NDArray]
 FIRST_DRAWS, RIDGE_DRAWS = 150, 30
 TAIL_FREEDOM = 5.0  # degrees of freedom of the first draws: 5 have heavier tails than a normal one
 ROUND_DRAWS = 150  # asked in a round
-UNUSED_ROUNDS, MOST_ROUNDS = 1, 8  # the first only mends the fit
+UNUSED_ROUNDS, MOST_ROUNDS = 1, 8  # the first of 8 only mends the fit
 ENOUGH_EFFECTIVE = 160.0  # equal draws: four beyond each end of a 95 % interval
 # what the walkers sample is the fit times this: tails a tenth wider than the posterior's, so that
 # no weight grows large where the fit is low
 FLATTENED = 0.8
-WALKERS, STEPS = 150, 150
+# as many as a round asks; 150 steps of 0.3 are ten times what a normal distribution needs
+WALKERS, WALKER_STEPS = 150, 150
 # from this far below the largest log posterior on (the 99.99 % quantile of chi-square with 8
 # degrees of freedom, halved) a value need not be fitted closely
 DEEP = 16.0
 DEEP_NOISE = 0.1  # of the depth beyond it
 FIT_NOISE = 0.05  # of a log posterior: 5 % of a weight
-LENGTHS = (2.0, 3.0, 4.5, 7.0)  # of the smooth remainder, in sigmas of the draws, that are tried
-SIZES = (1.0, 3.0, 10.0, 30.0)  # of the smooth remainder
+LENGTHS_TRIED = (
+    2.0,
+    3.0,
+    4.5,
+    7.0,
+)  # of the smooth remainder, in sigmas of the draws, that are tried
+SIZES_TRIED = (1.0, 3.0, 10.0, 30.0)  # of the smooth remainder
 LARGEST_EXPONENT = 60.0  # e^-60 counts for nothing, and its square is still a normal float64
 # of the quadratic over half the squared distance in sigmas of the draws: far from all of them the
 # fit must fall
@@ -149,7 +155,7 @@ class _Fit:
         self._bowl = max(float(near @ (depth * far)) / float(near @ far**2), LEAST_BOWL)
         remainder = depth - self._bowl * far
         noise = (FIT_NOISE + DEEP_NOISE * np.maximum(depth - DEEP, 0.0)) ** 2
-        found = [self._solved(remainder, noise, a, b) for a in LENGTHS for b in SIZES]
+        found = [self._solved(remainder, noise, a, b) for a in LENGTHS_TRIED for b in SIZES_TRIED]
         _, self._length, self._size, self._alpha = max(found, key=lambda f: f[0])
 
     def __call__(self, theta: NDArray) -> NDArray:
@@ -163,7 +169,7 @@ class _Fit:
         p = self._theta.shape[1]
         x = self._theta[rng.choice(len(self._theta), WALKERS, p=self._weight_of)].copy()
         at = FLATTENED * self(x)
-        for step in range(STEPS):
+        for step in range(WALKER_STEPS):
             pairs = rng.integers(1, WALKERS, (2, WALKERS))
             own = np.arange(WALKERS)
             a, b = ((own + shift) % WALKERS for shift in pairs)

@@ -28,10 +28,8 @@ STEP = 0.1  # of a logarithm, for differences: a tenth of what forty sessions ca
 LARGEST_MOVE = 1.0  # of a logarithm in one iteration: a factor e
 SETTLED_SIGMAS = 0.03  # of a posterior sigma that the last iteration may move by: 3 % of it
 MOST_ITERATIONS = 30
-# how often outliers are looked for anew, and a move of a logarithm that changes none of them: 0.2
-# moves the odds of an outlier by a fifth
-MOST_LOOKS = 3
-SAME_PLACE = 0.2
+MOST_LOOKS = 3  # how often outliers are looked for anew
+SAME_PLACE = 0.2  # move of a logarithm that changes none of them: the odds of one by 20 %
 # effective draws below which the weights say little, and the curvature stands: one beyond each
 # end of a 95 % interval
 FEWEST_EFFECTIVE = 40.0
@@ -39,8 +37,9 @@ FEWEST_EFFECTIVE = 40.0
 # with sigmas of an axis (formats.md, section 5)
 NOT_SHOWN = 0.9
 TWO_SIDED_95 = 1.96  # sigmas of a normal distribution at the ends of its 95 % interval
-# of a variance that is left where the tree says that a unit is better known than its technology
-LEAST_SHARE = 0.05
+# of a variance that is left where the tree says that a unit is better known than its technology:
+# a sigma a fifth (0.2^2 = 0.04) of the technology's
+LEFT_OF_VARIANCE = 0.05
 CRAB_VALUES = 241  # values of the crab's sigma that are tried
 
 
@@ -164,7 +163,7 @@ class _Marginal:
 
     def wider(self, variance: float) -> "_Marginal":
         """With a further variance, negative: a smaller one; both sides alike."""
-        sigma = float(np.sqrt(max(self.sigma**2 + variance, LEAST_SHARE * self.sigma**2)))
+        sigma = float(np.sqrt(max(self.sigma**2 + variance, LEFT_OF_VARIANCE * self.sigma**2)))
         share = sigma / self.sigma
         return _Marginal(
             self.middle,

@@ -29,9 +29,8 @@ from ins.units import HOUR
 
 LOG_2_PI = float(np.log(2.0 * np.pi))
 LARGEST_SHARE = 0.5  # of outliers: beyond it they would be the rule
-# histories of a unit that are followed, and the probability that those kept have together
-HISTORIES_FOLLOWED = 8
-KEPT_PROBABILITY = 0.98
+HISTORIES_FOLLOWED = 8  # of a unit: three sessions in doubt have eight
+KEPT_PROBABILITY = 0.98  # of those kept together: the log likelihood of a unit falls by 0.02
 
 
 @dataclass(frozen=True)

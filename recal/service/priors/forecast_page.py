@@ -11,9 +11,9 @@ from infield.reports.page import render_page
 from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 
 UNITS_DRAWN = 6  # units with their trend in the drawing
-EDGE = 1.97  # times the limit: where a drawing up to twice the limit shows what is above it
+DRAWN_AT = 1.97  # times the limit: where a drawing up to twice the limit shows what is above it
 ROWS_SHOWN = 100  # rows of the list
-STRIP_YEARS = 5.0  # that a row's trend shows, as the drawing does
+STRIP_YEARS = 5.0  # of the 12 forecast: that a row's trend shows, as the drawing does
 
 
 def date_words(day: str | None, issued_utc: str) -> str:
@@ -77,7 +77,7 @@ def _drawing(units: Sequence[UnitForecast], limit_nm_h: float) -> Markup:
     for unit, ax in zip(units, grid.ravel(), strict=False):
         years = [_year(day) for day in unit.trend.date_utc]
         median, high = (
-            np.minimum(values, EDGE * limit_nm_h)
+            np.minimum(values, DRAWN_AT * limit_nm_h)
             for values in (unit.trend.median_nm_h, unit.trend.high_nm_h)
         )
         ax.fill_between(years, median, high, color=PALE)
