@@ -190,6 +190,7 @@ def test_hostile_texts_stay_texts(visitor):
         searched.text,
         lost.text,
         visitor.get("/diagnoses").text,
+        visitor.get("/forecast").text,
         folder.text,
     ):
         assert not re.search(
@@ -446,3 +447,16 @@ def test_hundreds_of_units_come_in_pages(tmp_path):
             and visitor.get("/?page=99").text.count("A-451")
         )
         assert visitor.get("/?q=a-45").text.count('<th scope="row">') == 2
+
+
+def test_the_forecast_lists_units_by_urgency_with_their_trend(visitor):
+    """A fibre-optic unit with a table of 0.05 deg/h before laser units of 0.01; all drawn; the same
+    forecast as long as nothing changes.
+    """
+    page = visitor.get("/forecast")
+    said = text_of(page)
+    assert page.status_code == 200 and "0.80 NM/h, the most urgent unit first" in said
+    assert said.index("SN-2 dithered fog") < said.index("SN-1 rlg, revision 2")
+    assert "defaults of fog (no priors are approved: recal fleet learn)" in said
+    assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift") == 1
+    assert visitor.get("/forecast").text == page.text

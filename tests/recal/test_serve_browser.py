@@ -62,6 +62,7 @@ def served(tmp_path_factory):
         UNIT,
         PROPOSAL.format(1),
         "/proposals",
+        "/forecast",
         "/diff?serial=SN-1&technology=rlg",
         "/diagnoses",
         "/diagnosis?folder=a",

@@ -306,6 +306,7 @@ PRIVATE = (
     "/",
     PROPOSAL,
     "/proposals",
+    "/forecast",
     "/diagnoses",
     f"/unit?{OF_UNIT}",
     f"/diff?{OF_UNIT}",

@@ -3,6 +3,7 @@ that would put that off the longest. `recal.forecast/1`.
 """
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -33,7 +34,7 @@ from infield.table.thermal_table import DAYS_PER_YEAR
 from ins.json_file import read_json_object
 from ins.records import InputError
 from recal.service.inputs.unit_inputs import open_store
-from recal.service.priors.document import PriorValue, TechnologyPriors
+from recal.service.priors.document import PriorValue, TechnologyPriors, left_out_documents
 from recal.service.priors.forecast_page import date_words, forecast_html
 from recal.service.priors.forecast_records import (
     BestSession,
@@ -116,7 +117,7 @@ def forecast(request: ForecastRequest) -> Forecast:
 def forecast_of(store: TableStore, request: ForecastRequest) -> ForecastDocument:
     """Every unit of an open store; writes nothing."""
     now = request.now or datetime.now(UTC)
-    every, _ = kept_units(store)
+    every, left_out = kept_units(store)
     newest = {(u.gyro_technology, u.imu_serial, u.gyro_mode): u for u in every}
     chosen = [u for u in newest.values() if request.technology in (None, u.gyro_technology)]
     found: list[UnitForecast] = []
@@ -142,6 +143,7 @@ def forecast_of(store: TableStore, request: ForecastRequest) -> ForecastDocument
         units=found,
         without=without,
         less_urgent=left or None,
+        left_out=left_out_documents(left_out),
     )
 
 
@@ -341,4 +343,5 @@ def summary(document: ForecastDocument, *, most: int | None = UNITS_TOLD) -> lis
     for rests_on in dict.fromkeys(unit.rests_on for unit in document.units):
         lines.append(f"  ageing and turn-on from {rests_on}")
     lines += [f"  {item.imu_serial}: {item.why}" for item in document.without[:most]]
-    return lines
+    whys = Counter(item.why for item in document.left_out)
+    return [*lines, *(f"  {count} sessions left out: {why}" for why, count in whys.items())]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ins.verdicts import OMIT_NONE
+from recal.service.priors.document import LeftOutDocument
 
 FORECAST_SCHEMA = "recal.forecast/1"
 
@@ -66,7 +67,7 @@ class NoForecast:
 @dataclass(frozen=True, kw_only=True)
 class ForecastDocument:
     """The whole file; units by urgency; less_urgent: how many more there are, which were not
-    forecast.
+    forecast; left_out: sessions that could not be taken into account.
     """
 
     schema: str = FORECAST_SCHEMA
@@ -79,3 +80,4 @@ class ForecastDocument:
     units: Sequence[UnitForecast]
     without: Sequence[NoForecast] = ()
     less_urgent: int | None = field(default=None, metadata=OMIT_NONE)
+    left_out: Sequence[LeftOutDocument] = ()

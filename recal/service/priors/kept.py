@@ -105,7 +105,12 @@ class _Unit:
     def _read(self, revision: Revision) -> None:
         assert revision.report_json is not None
         serial = self._record.unit.imu_serial
-        document = update_of(json.loads(revision.report_json))
+        try:
+            document = update_of(json.loads(revision.report_json))
+        except InputError as error:
+            why = f"the report of revision {revision.number} cannot be read ({error})"
+            self._left_out.append(LeftOut(serial, "", why))
+            return
         for session in estimated_of(document):
             if session.outcome != Outcome.ACCEPTED:
                 continue
