@@ -81,11 +81,7 @@ def learn_priors(request: LearnRequest) -> LearntPriors:
     )
     with_sessions = [unit for unit in units if unit.sessions]
     if not with_sessions:
-        why = (
-            f"store {store.name}: {len(units)} units"
-            f" and no session of them that can be learnt from; {len(left_out)} were left out;"
-            " recal update --commit keeps sessions"
-        )
+        why = _why_none(store.name, request, len(units), len(left_out))
         refused = replace(
             document,
             verdict=Outcome.REFUSED,
@@ -105,6 +101,20 @@ def learn_priors(request: LearnRequest) -> LearntPriors:
         numbered = [replace(priors, revision=record.number) for priors, record in zip(found, kept)]
         document = replace(document, technologies=numbered)
     return _written(request, document, kept)
+
+
+def _why_none(store_name: str, request: LearnRequest, units: int, left_out: int) -> str:
+    """Why there is nothing to learn from: no such unit, or none of its sessions."""
+    of = f" of serial {request.serial}" if request.serial else ""
+    of += f" of {request.technology}" if request.technology else ""
+    if not units:
+        return f"store {store_name}: no unit{of} with a table: recal table list names its units"
+    which = f"{units} units{of} have" if units != 1 else f"its one unit{of} has"
+    lost = f" ({left_out} cannot be read)" if left_out else ""
+    return (
+        f"store {store_name}: {which} no session that can be learnt from{lost}:"
+        " recal update --commit keeps sessions"
+    )
 
 
 def _asked_for(unit: KeptUnit, request: LearnRequest) -> bool:

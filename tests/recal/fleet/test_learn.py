@@ -87,7 +87,10 @@ def test_what_cannot_be_learnt_from_is_named(folder):
     done = recal("fleet", "learn", "--technology", "fog", "--json")
     assert done.exit_code == 4
     document = json.loads(done.stdout)
-    assert document["reason_codes"] == ["no_sessions"] and "0 units" in document["reasons"][0]
+    assert document["reason_codes"] == ["no_sessions"]
+    assert "no unit of fog with a table" in document["reasons"][0]
+    nobody = recal("fleet", "learn", "--serial", "SN-NOPE", "-o", "nobody")
+    assert nobody.exit_code == 4 and "no unit of serial SN-NOPE" in nobody.stdout
     assert recal("fleet", "learn", "--technology", "ring").exit_code == 2
     assert recal("fleet", "approve", "7", "--by", "K.", "--reason", "x").exception
     wrong = CliRunner().invoke(app, ["fleet", "learn", "--store", "sqlite:///none.db"])
@@ -102,6 +105,6 @@ def test_an_empty_store_and_a_dry_run_keep_nothing(folder):
     with TableStore.open("sqlite:///empty.db", create=True):
         pass
     done = CliRunner().invoke(app, ["fleet", "learn", "--store", "sqlite:///empty.db"])
-    assert done.exit_code == 4 and "no session of them that can be learnt from" in done.stdout
+    assert done.exit_code == 4 and "no unit with a table: recal table list" in done.stdout
     assert recal("fleet", "learn", "--dry-run", "-q").exit_code == 0
     assert "holds no priors" in recal("fleet", "priors").stdout
