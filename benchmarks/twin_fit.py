@@ -15,6 +15,7 @@ white noise.
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -46,11 +47,13 @@ from trajectories.simulator.unit_truth import aged_unit
 from trajectories.simulator.vehicle import Boarding
 
 RATE_HZ, PARKED_S = 100.0, HOUR
+ROLL_RAD, PITCH_RAD = 0.01, -0.02
+# of the sway's power that the vertical accelerometer feels; a large sway, which is white at high
+# frequencies, hides its noise with that
+UPRIGHT_SHARE = ROLL_RAD**2 + PITCH_RAD**2
 FACTOR = 3.0
 BASES = {"rlg": 1.0, "fog": 5.0, "mems": 1.0}  # times the default gyro of the technology
-# over the white noise of a row: a step above three of them is a staircase that follows the Earth's
-# rate, no noise, unless a dither moves it
-QUANTA = (0.5, 3.0)
+QUANTA = (0.5, 3.0)  # over the white noise of a row; `--quanta` measures others
 LINE_HZ, LINE_RAD_S = 31.7, 3e-5
 TOLD_SIGMA = 0.5  # of a log variance by the bound: a parameter that an hour tells
 UNTOLD_SIGMA = 1.0  # a parameter that it does not
@@ -75,6 +78,7 @@ def main() -> None:
     run.add_argument("technology", choices=tuple(BASES))
     run.add_argument("first", type=int)
     run.add_argument("last", type=int)
+    run.add_argument("--quanta", type=float, nargs=2, default=QUANTA, metavar=("FROM", "TO"))
     run.add_argument("-o", "--output", type=Path, required=True)
     table = commands.add_parser("table")
     table.add_argument("hours", type=Path, nargs="+")
@@ -82,7 +86,7 @@ def main() -> None:
     if options.command == "run":
         for seed in range(options.first, options.last):
             with options.output.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(one_hour(options.technology, seed)) + "\n")
+                out.write(json.dumps(one_hour(options.technology, seed, options.quanta)) + "\n")
         return
     lines = [line for path in options.hours for line in path.read_text().splitlines()]
     print("\n".join(table_lines([json.loads(line) for line in lines])))
@@ -92,12 +96,26 @@ def main() -> None:
 def _ideal() -> IdealSensors:
     site = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
     truth = build_truth(
-        lay((Park(duration_s=PARKED_S),)), site, heading_rad=0.6, roll_rad=0.01, pitch_rad=-0.02
+        lay((Park(duration_s=PARKED_S),)),
+        site,
+        heading_rad=0.6,
+        roll_rad=ROLL_RAD,
+        pitch_rad=PITCH_RAD,
     )
     return ideal_sensors(truth, RATE_HZ)
 
 
-def drawn_twin(technology: str, rng: np.random.Generator) -> TwinModel:
+@lru_cache(maxsize=1)
+def _dithered() -> IdealSensors:
+    """The same on gyros that a dither swings, before they count."""
+    ideal = _ideal()
+    swing = LINE_RAD_S / RATE_HZ * np.sin(2.0 * np.pi * LINE_HZ * ideal.time_s)
+    return replace(ideal, dtheta_rad=ideal.dtheta_rad + swing[:, None])
+
+
+def drawn_twin(
+    technology: str, rng: np.random.Generator, quanta: Sequence[float] = QUANTA
+) -> TwinModel:
     """A twin whose sizes are off the technology's by factors to FACTOR either way."""
     twin = default_twin(technology)
 
@@ -105,7 +123,7 @@ def drawn_twin(technology: str, rng: np.random.Generator) -> TwinModel:
         return float(value * np.exp(rng.uniform(-1.0, 1.0) * np.log(FACTOR)))
 
     base = BASES[technology]
-    low, high = np.log(QUANTA)
+    low, high = np.log(quanta)
     arw = off(base * twin.gyro.arw_deg_sqrt_h)
     row_rad = arw * DEG_PER_SQRT_HOUR / np.sqrt(RATE_HZ)
     gyro = replace(
@@ -130,22 +148,24 @@ def drawn_twin(technology: str, rng: np.random.Generator) -> TwinModel:
     return replace(twin, gyro=gyro, accel=accel, vehicle=vehicle)
 
 
-def one_hour(technology: str, seed: int) -> dict:
+def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> dict:
     """Truth, fit, bound, slopes and moments of one hour."""
     rng = np.random.default_rng([seed, list(BASES).index(technology), 16])
-    twin = drawn_twin(technology, rng)
+    twin = drawn_twin(technology, rng, quanta)
     events = ()
     if seed % 3 == 0:
         events = (Boarding(time_s=float(rng.uniform(600.0, 3000.0)), roll_arcsec=20.0),)
     unit = aged_unit(rng, gyro_technology=technology)
     simulated = simulate_run(
-        _ideal(), thermal_history("ambient"), unit, twin, rng=rng, plan=SessionPlan(events=events)
+        _dithered() if technology == "rlg" else _ideal(),
+        thermal_history("ambient"),
+        unit,
+        twin,
+        rng=rng,
+        plan=SessionPlan(events=events),
     )
     run = simulated.run
     imu = run.imu.whole()
-    if technology == "rlg":
-        swing = LINE_RAD_S / RATE_HZ * np.sin(2.0 * np.pi * LINE_HZ * imu.time_s)
-        run = replace(run, imu=replace(imu, dtheta_rad=imu.dtheta_rad + swing[:, None]))
     began = time.process_time()
     fitted = recal.fit_twin(run)
     cpu_s = time.process_time() - began
@@ -192,11 +212,11 @@ def bounds(twin: TwinModel) -> dict[str, float]:
     sway_z = size("vehicle.sway_m_s") * swaying(v.sway_hz, 1.001 * v.sway_damping)
     still = [size(n) * s for n, s in zip(ACCEL_NAMES[:3], (ones, flicker, walk))]
     moved = [*still, sway, (sway_w - sway) / 1e-3, (sway_z - sway) / 1e-3]
-    fixed = [*still, *(0.0 * ones for _ in range(3))]
+    upright = [*still, *(UPRIGHT_SHARE * part for part in moved[3:])]
     found = {}
     for names, axes, count in (
         (GYRO_NAMES, (level, level, gyro), 5),
-        (ACCEL_NAMES, (moved, moved, fixed), 4),
+        (ACCEL_NAMES, (moved, moved, upright), 4),
     ):
         information = np.zeros((len(axes[0]), len(axes[0])))
         for parts in axes:

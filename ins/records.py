@@ -783,6 +783,8 @@ class AccelNoise:
     rate_random_walk_ug_sqrt_h : float
     turn_on_ug : float
         Spread of the bias from one power-on to the next.
+    quantization_m_s : float
+        Of the accumulated velocity.
     """
 
     vrw_ug_sqrt_hz: float = 10.0
@@ -790,6 +792,7 @@ class AccelNoise:
     bias_instability_ug: float = 1.0
     rate_random_walk_ug_sqrt_h: float = 2.0
     turn_on_ug: float = 30.0
+    quantization_m_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

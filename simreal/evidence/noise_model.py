@@ -146,7 +146,7 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
 
     C_nb (3, 3): parked attitude. The heading creeps (white rate on z); each accelerometer feels its
     share of the level sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is
-    that of the accumulated angle: uniform, q^2/12.
+    that of the accumulated angle or velocity: uniform, q^2/12.
     """
     g, v = twin.gyro, twin.vehicle
     rate, force = gyro_densities(g), accel_densities(twin.accel)
@@ -164,6 +164,7 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
         flicker=force.instability**2,
         walk=force.walk**2,
         turn_on=force.turn_on**2,
+        bounded=twin.accel.quantization_m_s**2 / 12.0,
         sway_w=2.0 * np.pi * v.sway_hz,
         sway_zeta=v.sway_damping,
         run_s=run_s,

@@ -51,8 +51,7 @@ def agreement_line(found: Agreement, command: str) -> str:
     own = sum(c.of is Of.SENSOR for c in found.cells)
     return (
         f"the noise model does not fit these runs in {len(bad)} of {own} bands, worst"
-        f" {cell_words(bad[0])}, the unit's own or of a vehicle that people and wind moved;"
-        f" {command} measures it"
+        f" {cell_words(bad[0])}; {command} measures it"
     )
 
 
@@ -68,7 +67,7 @@ def summary(d: TwinCheckRecord, *, verbose: bool = False) -> list[str]:
     lines = [f"{', '.join(d.runs)}: {d.text}"]
     for c in d.cells:
         if verbose or not c.fits:
-            kind = "" if c.of is Of.SENSOR else " (the vehicle's sway)"
+            kind = "" if c.of is Of.SENSOR else " (the vehicle moves there)"
             low, high = c.frequency_hz
             lines.append(
                 f"  {c.channel:8s}{low:8.3g} to {high:6.3g} Hz  {math.sqrt(max(c.ratio, 0.0)):6.3g}"

@@ -4,6 +4,7 @@ it."""
 import math
 
 from ins.units import HOUR
+from simreal.plan.recordings import Recording
 from simreal.twin.fit.result import Needs, Parameter, Why
 
 WHY_WORDS = {
@@ -13,6 +14,7 @@ WHY_WORDS = {
     Why.NO_STREAM: "no such stream at rest in these runs",
     Why.EXACT_ZERO: "all readings are the same, which shows no noise",
     Why.BELOW_RESOLUTION: "the readings' step hides it",
+    Why.ROUNDED: "rows are rounded one by one, to steps that hide their noise",
     Why.NOT_ON_A_GRID: "readings lie on no grid",
     Why.GYROS_DIFFER: "the gyros differ, and nothing beside the vertical one witnesses a yaw",
 }
@@ -58,13 +60,16 @@ def why_words(p: Parameter) -> str:
 
 
 def needs_words(p: Parameter) -> str:
-    """The recording that would tell a parameter."""
+    """The recording that would tell a parameter, as `recal plan` names it."""
     if p.needs is Needs.RUNS:
-        return f"{p.needed:.0f} power-ons of a unit would tell it"
+        return (
+            f"{p.needed:.0f} power-ons of a unit would tell it, each: {Recording(hours=0.5).words}"
+        )
     if p.needs is Needs.PARKED_SECONDS:
         if not math.isfinite(p.needed):
             return "no parked recording of 128 h or less would"
-        return f"{p.needed / HOUR:g} h parked in one recording would tell it"
+        asked = Recording(start="ambient", hours=round(p.needed / HOUR, 1) or 0.1)
+        return f"one recording would tell it: {asked.words}"
     return ""
 
 

@@ -62,6 +62,7 @@ DATASHEET_KEYS = {
     "accel_vrw_m_s_sqrt_h": ("accel", "vrw_ug_sqrt_hz", 1.0 / np.sqrt(HOUR) / MICRO_G),
     "accel_bias_instability_ug": ("accel", "bias_instability_ug", 1.0 / FLICKER_FLOOR),
     "accel_rate_random_walk_ug_sqrt_h": ("accel", "rate_random_walk_ug_sqrt_h", 1.0),
+    "accel_quantization_m_s": ("accel", "quantization_m_s", 1.0),
     "accel_turn_on_ug": ("accel", "turn_on_ug", 1.0),
 }
 KEYS = {

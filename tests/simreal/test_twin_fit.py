@@ -116,6 +116,35 @@ def test_a_twin_is_held_against_a_run():
     assert check_twin(simulated.run, replace(result.twin, gyro=within)).verdict == "ok"
 
 
+def test_wind_is_not_charged_to_the_unit():
+    """A ring laser in a strong breeze, 15,000 times its noise at 1 Hz: its own twin fits, one whose
+    white noise is half or twice as large does not.
+    """
+    simulated = recal.simulate("parked_only", seed=8, rate_hz=50, environments=["gusty"])
+    right = check_twin(simulated.run, simulated.twin)
+    assert right.verdict == "ok"
+    assert max(c.ratio for c in right.record.cells if c.of == "vehicle") > 100.0
+    for factor in (0.5, 2.0):
+        size = factor * simulated.twin.gyro.arw_deg_sqrt_h
+        declared = replace(simulated.twin.gyro, arw_deg_sqrt_h=size)
+        wrong = check_twin(simulated.run, replace(simulated.twin, gyro=declared))
+        assert wrong.verdict == "inconsistent"
+        bad = [c for c in wrong.record.cells if c.of == "sensor" and not c.fits]
+        assert {c.channel[:4] for c in bad} == {"gyro"}
+
+
+def test_a_twin_is_not_written_over_unasked(tmp_path):
+    (tmp_path / "twin.json").write_text("{}")
+    outcome = CliRunner().invoke(app, ["twin", "fit", "nowhere", "-o", str(tmp_path / "twin.json")])
+    assert isinstance(outcome.exception, InputError) and "--force" in str(outcome.exception)
+    noise = tmp_path / "imu.yaml"
+    noise.write_text("gyroscope_noise_density: 1e-4\n")
+    given = ["twin", "import", str(noise), "--from", "kalibr", "-o", str(tmp_path / "twin.json")]
+    assert "--force" in str(CliRunner().invoke(app, given).exception)
+    assert CliRunner().invoke(app, [*given, "--force"]).exit_code == 0
+    assert read_twin(tmp_path / "twin.json").gyro_technology == "mems"
+
+
 def test_the_command_names_a_missing_run():
     outcome = CliRunner().invoke(app, ["twin", "fit", "nowhere"])
     assert outcome.exit_code != 0 and isinstance(outcome.exception, InputError)

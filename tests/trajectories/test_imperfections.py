@@ -18,13 +18,16 @@ from ins.records import (
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
 from trajectories.simulator import imperfections
 from trajectories.simulator.imperfections import (
+    SLOW_RATE_HZ,
     accel_output,
     accel_session_bias,
     flicker,
     gnss_output,
     gyro_output,
     gyro_session_bias,
+    is_quick,
     odometer_output,
+    quick_flicker,
     random_walk,
     thermometer,
 )
@@ -163,6 +166,38 @@ def test_quantization_is_of_the_accumulated_angle():
     error = np.cumsum(read, axis=0) - np.cumsum(true, axis=0)
     assert np.max(np.abs(error)) <= quantum / 2 * (1 + 1e-6)
     assert np.std(error) == pytest.approx(quantum / np.sqrt(12), rel=0.03)
+
+
+def test_quantization_is_of_the_accumulated_velocity():
+    quantum = 1e-4
+    true = np.abs(np.random.default_rng(9).normal(3e-5, 1e-5, (5000, 3)))
+    noise = AccelNoise(vrw_ug_sqrt_hz=0.0, quantization_m_s=quantum)
+    read = accel_output(np.random.default_rng(9), true, 0 * true, noise, dt_s=0.01)
+    error = np.cumsum(read, axis=0) - np.cumsum(true, axis=0)
+    assert np.max(np.abs(error)) <= quantum / 2 * (1 + 1e-6)
+
+
+def test_flicker_has_its_spectrum_beyond_the_slow_rate():
+    """Nodes at 10 Hz with lines between, and what they lack: from 0.5 to 40 Hz within 5 % of the
+    means of B^2 / (2 pi f) over rows, where lines alone have 1e-2 of it (300 degrees of freedom).
+    """
+    n, rate, slow = 20_000, 100.0, SLOW_RATE_HZ
+    power = 0.0
+    rng = np.random.default_rng(12)
+    for _ in range(8):
+        nodes = flicker(rng, int(n / rate * slow) + 1, instability=1.0, rate_hz=slow)
+        lines = np.interp((np.arange(n) + 0.5) / rate, np.arange(nodes.size) / slow, nodes)
+        made = lines + quick_flicker(rng, n, instability=1.0, rate_hz=rate)
+        taper = np.hanning(n)
+        spectrum = np.abs(np.fft.rfft((made - made.mean()) * taper)) ** 2
+        power = power + spectrum / rate / np.sum(taper**2) / 8
+    f = np.fft.rfftfreq(n, 1 / rate)
+    for low, high in ((0.5, 2), (2, 4), (4, 7), (7, 12), (12, 20), (20, 40)):
+        inside = (f >= low) & (f < high)
+        images = np.abs(f[inside][:, None] + rate * np.arange(-1, 2))
+        means = np.sum(np.sinc(images / rate) ** 2 / images, axis=1) / (2 * np.pi)
+        assert np.mean(power[inside] / means) == pytest.approx(1.0, abs=0.07)
+    assert is_quick(10.0, 18.0) and not is_quick(0.002, 0.12)
 
 
 def test_thermometer_is_noise_then_rounding():

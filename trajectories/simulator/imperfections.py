@@ -1,9 +1,8 @@
 """Sensor imperfections as formats.md section 3 defines them, written apart from the estimator; rng
 passed in.
 
-Slow errors (flicker, rate random walk, turn-on) are made at SLOW_RATE_HZ and interpolated between:
-what flicker has above half of that is below 1 % of the white noise in power for the default twins
-(1e-5 for rlg and fog gyros).
+Slow errors (flicker, rate random walk, turn-on) are made at SLOW_RATE_HZ and interpolated between;
+what a large flicker has beyond that (`quick_flicker`) is added at the rows. formats.md, section 3.
 """
 
 from collections.abc import Sequence
@@ -23,7 +22,10 @@ from ins.records import (
 )
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MILLIRADIAN, PPM
 
-SLOW_RATE_HZ = 10.0
+SLOW_RATE_HZ = 10.0  # of slow errors; what a flicker has above 5 Hz is made apart
+# of the white noise in power, at half of SLOW_RATE_HZ: a smaller flicker is not made above that. In
+# an hour of three axes 1e-3 of 2 to 10 Hz is 0.3 sigmas.
+QUICK_SHARE = 1e-3
 
 
 def flicker(rng: np.random.Generator, n: int, *, instability: float, rate_hz: float) -> NDArray:
@@ -41,6 +43,32 @@ def flicker(rng: np.random.Generator, n: int, *, instability: float, rate_hz: fl
     spectrum = np.zeros(m // 2 + 1, dtype=complex)
     spectrum[1:] = sigma * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
     return np.fft.irfft(spectrum, m)[:n]
+
+
+def quick_flicker(
+    rng: np.random.Generator, n: int, *, instability: float, rate_hz: float
+) -> NDArray:
+    """What the means of flicker over rows have and a flicker drawn at SLOW_RATE_HZ with straight
+    lines between has not, shape (n,).
+
+    The spectrum of such lines is that of their nodes, repeated every SLOW_RATE_HZ, times sinc^4;
+    that of the means has its images folded in.
+    """
+    f = np.fft.rfftfreq(n, 1 / rate_hz)[1:]
+    images = np.abs(f[:, None] + rate_hz * np.arange(-2, 3))
+    means = np.sum(np.sinc(images / rate_hz) ** 2 / images, axis=1)
+    of_nodes = np.abs((f + 0.5 * SLOW_RATE_HZ) % SLOW_RATE_HZ - 0.5 * SLOW_RATE_HZ)
+    held = np.sinc(f / SLOW_RATE_HZ) ** 4 / np.maximum(of_nodes, f[0])
+    psd = instability**2 / (2 * np.pi) * np.maximum(means - held, 0.0)
+    sigma = np.sqrt(psd * n * rate_hz / 2)
+    spectrum = np.zeros(n // 2 + 1, dtype=complex)
+    spectrum[1:] = sigma * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
+    return np.fft.irfft(spectrum, n)
+
+
+def is_quick(instability: float, white: float) -> bool:
+    """Whether flicker B [unit] shows beyond the slow rate beside white noise N [unit sqrt(s)]."""
+    return instability**2 / (np.pi * SLOW_RATE_HZ) > QUICK_SHARE * white**2
 
 
 def random_walk(rng: np.random.Generator, n: int, *, density: float, rate_hz: float) -> NDArray:
@@ -132,11 +160,11 @@ def accel_output(
     *,
     dt_s: float | NDArray,
 ) -> NDArray:
-    """Measured velocity increments (n, 3): bias and velocity random walk. dt_s: of all rows, or of
-    each (n, 1).
+    """Measured velocity increments (n, 3): bias and velocity random walk, then quantised velocity.
+    dt_s: of all rows, or of each (n, 1).
     """
     white = noise.vrw_ug_sqrt_hz * MICRO_G * np.sqrt(dt_s) * rng.standard_normal(dv_m_s.shape)
-    return dv_m_s + bias_ug * (MICRO_G * dt_s) + white
+    return _quantised(dv_m_s + bias_ug * (MICRO_G * dt_s) + white, noise.quantization_m_s)
 
 
 def sensitivity(scale_factor_ppm: Sequence[float], misalignment_mrad: Sequence[float]) -> NDArray:
@@ -149,7 +177,7 @@ def sensitivity(scale_factor_ppm: Sequence[float], misalignment_mrad: Sequence[f
 
 
 def _quantised(increments: NDArray, quantum: float) -> NDArray:
-    """Increments of the accumulated angle rounded to whole quanta."""
+    """Increments of the accumulated angle or velocity rounded to whole quanta."""
     if not quantum:
         return increments
     total = quantum * np.round(np.cumsum(increments, axis=0) / quantum)

@@ -25,6 +25,7 @@ from ins.records import (
     TemperatureLog,
     TwinModel,
 )
+from ins.units import HOUR
 from trajectories.runs.directory import run_sha256
 from trajectories.simulator import imperfections
 from trajectories.simulator.chamber import ChamberProfile
@@ -174,12 +175,28 @@ def _imu(
     middle_s = ideal.time_s - 0.5 * dt
     gyro = np.stack([np.interp(middle_s, slow_s, bias) for bias in gyro_bias.T], axis=-1)
     accel = np.stack([np.interp(middle_s, slow_s, bias) for bias in accel_bias.T], axis=-1)
+    gyro_B, accel_B = twin.gyro.bias_instability_deg_h, twin.accel.bias_instability_ug
+    # from a stream of its own: all else is the same with and without
+    if imperfections.is_quick(gyro_B, twin.gyro.arw_deg_sqrt_h * HOUR**0.5):
+        gyro += _quick(ideal, gyro_B, rng.spawn(1)[0])
+    if imperfections.is_quick(accel_B, twin.accel.vrw_ug_sqrt_hz):
+        accel += _quick(ideal, accel_B, rng.spawn(1)[0])
     return ImuLog(
         time_s=ideal.time_s,
         dt_s=np.full(ideal.time_s.size, dt),
         dtheta_rad=imperfections.gyro_output(rng, moved.dtheta_rad, gyro, twin.gyro, dt_s=dt),
         dv_m_s=imperfections.accel_output(rng, moved.dv_m_s, accel, twin.accel, dt_s=dt),
     )
+
+
+def _quick(ideal: IdealSensors, instability: float, rng: np.random.Generator) -> NDArray:
+    """Flicker of three axes (n, 3) beyond the slow rate."""
+    n = ideal.time_s.size
+    axes = [
+        imperfections.quick_flicker(rng, n, instability=instability, rate_hz=ideal.rate_hz)
+        for _ in range(3)
+    ]
+    return np.stack(axes, axis=-1)
 
 
 def _temperatures(

@@ -6,7 +6,17 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import Command, JsonFlag, NoSeed, OutputPath, Quiet, Verbose, answer, finish
+from recal.cli.console import (
+    Command,
+    Force,
+    JsonFlag,
+    NoSeed,
+    OutputPath,
+    Quiet,
+    Verbose,
+    answer,
+    finish,
+)
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -51,6 +61,7 @@ def fit(
         typer.Option("--start", help="Twin to begin with: kept where the runs tell nothing."),
     ] = None,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -62,8 +73,12 @@ def fit(
     Example: recal twin fit run-1 run-2 run-3 --start twin.json -o fitted/twin.json
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.twin.fit import fit_twin
+    from recal.service.results.overwrite import need_free_report
+    from recal.service.twin.fit import fit_twin, twin_path
 
+    twin = twin_path(output)
+    others = (twin.name, f"{twin.stem}.html")
+    need_free_report(twin.parent, f"{twin.stem}_fit.json", "recal.twin_fit/1", others, force=force)
     with Progress("fitting", quiet=quiet) as told:
         fitted = fit_twin(runs, start, told=told)
         written = fitted.write(output)
@@ -83,6 +98,7 @@ def check(
     runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit.")],
     twin: Annotated[Path, typer.Option("--twin", help="Twin file whose noise is judged.")],
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -94,8 +110,11 @@ def check(
     Example: recal twin check run-4 --twin twin.json
     """
     from recal.service.results.files import output_directory, write_text
+    from recal.service.results.overwrite import need_free_report
     from recal.service.twin.check import check_twin
 
+    if output is not None:
+        need_free_report(output, "twin_check.json", "recal.twin_check/1", force=force)
     checked = check_twin(runs, twin)
     if output is not None:
         write_text(output_directory(output, "twin") / "twin_check.json", checked.to_json())
@@ -118,6 +137,7 @@ def import_(
     ] = OfTechnology.mems,
     serial: Annotated[str, typer.Option("--serial", help="imu_serial of the unit.")] = "",
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -127,9 +147,14 @@ def import_(
 
     Example: recal twin import imu.yaml --from kalibr --serial SN-7 -o twin.json
     """
+    from recal.service.results.overwrite import need_free_file
     from recal.service.twin.exchange import import_twin, twin_document
-    from recal.service.twin.fit import write_twin
+    from recal.service.twin.fit import twin_path, write_twin
 
+    written_to = twin_path(output)
+    need_free_file(written_to, "recal.twin/1", force=force)
+    # a fitted twin is more than an import can bring back
+    need_free_file(written_to.with_name(f"{written_to.stem}_fit.json"), None, force=force)
     twin = import_twin(source, form.value, technology=technology.value, serial=serial)
     written = write_twin(twin, output)
     answer(
@@ -150,6 +175,7 @@ def export(
         typer.Option("--rate-hz", min=10, max=2000, help="update_rate that Kalibr is told [Hz]."),
     ] = 100.0,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -161,8 +187,11 @@ def export(
     Example: recal twin export twin.json --to kalibr -o imu.yaml
     """
     from recal.service.results.files import write_text
+    from recal.service.results.overwrite import need_free_file
     from recal.service.twin.exchange import export_twin
 
+    if output is not None:
+        need_free_file(output, None, force=force)
     text = export_twin(twin, form.value, rate_hz=rate_hz)
     lines = text.splitlines() if output is None else [f"{output}: {form.value} of {twin}"]
     if output is not None:

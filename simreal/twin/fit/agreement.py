@@ -1,14 +1,17 @@
 """Does the noise that a twin declares fit what a run shows at rest, channel by channel and band by
 band?
 
-Read from the seconds of a log, no row again: the scatter within a second, the spectrum of the means
-of seconds, and slow means with their whole covariance. A size within TOLERATED of the declared one
-fits: nothing that is estimated with the twin would be noticeably wrong. The sway of the vehicle is
-another one on another day, so bands that it fills are named apart.
+Read from the seconds of a log and from a few minutes of its rows. A size within TOLERATED of the
+declared one fits: nothing that is estimated with the twin would be noticeably wrong.
+
+People and wind move a parked vehicle and all its sensors: by thousands of times the noise of a ring
+laser where its gear swings, by nothing above GEAR_BELOW_HZ. So the unit is judged there; below, for
+less noise than declared (no vehicle takes noise away), and for more only in a run whose channels
+show no more swinging than their own quietest bands let one expect.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
 
@@ -19,12 +22,13 @@ from scipy.stats import gamma as gamma_law
 
 from ins.noise import accel_densities, gyro_densities
 from ins.records import TwinModel
-from ins.units import ARCSEC, HOUR
-from simreal.evidence.noise_model import channel_noises
+from ins.units import ARCSEC, HOUR, STANDARD_GRAVITY
+from simreal.twin.fit.evidence import without_comb
 from simreal.twin.fit.model import ABSENT, Model, band_model
 from simreal.twin.fit.result import SIX_CHANNELS
+from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import SlowData, slow_data
-from simreal.twin.fit.spectra import Bands, mean_spectra
+from simreal.twin.fit.spectra import UPRIGHT, Bands, few_spectra
 from simreal.twin.fit.streams import Stream
 from simreal.twin.fit.terms import Shape, Term
 
@@ -33,6 +37,17 @@ TOLERATED = 0.1  # of a size: a sigma that is off by less is 20 % of a variance 
 MISFIT_P = 0.01
 BLOCK_S = 60  # of the slow means
 CELL_EDGES_HZ = (0.025, 0.06, 0.15, 0.41)  # of the cells between slow means and rows
+ROW_EDGES_HZ = (0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e4)  # of the cells of rows
+# Gears swing at 1 to 2 Hz with a tenth of critical damping (docs/environments.md). In a strong
+# breeze a ring laser's rows show 4 % more noise at 12 to 16 Hz, nothing from 16 Hz on; people
+# nothing from 8 Hz on (python -m benchmarks.twin_check bands).
+GEAR_BELOW_HZ, SWINGS_BELOW_HZ = 16.0, 8.0
+MOVES_BY = 0.05  # of a size: the half of TOLERATED, which the slow cells may show of it
+# of a run at rest, over all its cells: 1 of 100 is taken for a moving one, which costs it the
+# cells below 16 Hz
+MOVES_P = 0.01
+# of the grid of the readings: a declared quantum this near is that grid; TOLERATED is 0.1
+SAME_QUANTUM = 0.01
 # of a cell's declared power that is sway: above 0.5 the cell says more of the vehicle
 VEHICLES = 0.5
 
@@ -85,13 +100,27 @@ class Agreement:
         return tuple(c for c in own if c.p_value * len(own) < MISFIT_P)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """What one run says of one cell. power: declared [unit^2/Hz]; sway: its share that is sway."""
+
+    channel: int
+    low_hz: float
+    high_hz: float
+    ratio: float
+    dof: float
+    power: float
+    sway: float
+
+
 def agreement(streams: Sequence[Stream], twin: TwinModel) -> Agreement | None:
     """The noise of the runs against a twin; None where no stream holds enough to say."""
-    cells: dict[tuple[str, float, float], list[tuple[float, float, float]]] = {}
+    cells: dict[tuple[int, float, float, Of], list[_Part]] = {}
     for stream in streams:
-        for key, power, dof, sway in _cells(stream, twin):
-            cells.setdefault(key, []).append((power, dof, sway))
-    found = [_joined(key, parts) for key, parts in cells.items()]
+        for part, of in _parts(stream, twin):
+            key = (part.channel, part.low_hz, part.high_hz, of)
+            cells.setdefault(key, []).append(part)
+    found = [_joined(parts, key[-1]) for key, parts in cells.items()]
     own = [c for c in found if c.of is Of.SENSOR]
     if not own:
         return None
@@ -99,13 +128,21 @@ def agreement(streams: Sequence[Stream], twin: TwinModel) -> Agreement | None:
     return Agreement(tuple(found), float(min(worst, 1.0)), sum(s.still_s for s in streams))
 
 
-def _joined(key: tuple[str, float, float], parts: list[tuple[float, float, float]]) -> Cell:
+def _joined(parts: Sequence[_Part], of: Of) -> Cell:
     """One cell of all runs."""
-    power, dof, sway = (np.array(column) for column in zip(*parts))
+    dof = np.array([p.dof for p in parts])
     total = float(dof.sum())
-    ratio = float(power @ dof / total)
-    of = Of.VEHICLE if float(sway @ dof / total) > VEHICLES else Of.SENSOR
-    return Cell(*key, ratio=ratio, dof=total, p_value=_p_value(ratio, total), of=of)
+    ratio = float(np.array([p.ratio for p in parts]) @ dof / total)
+    first = parts[0]
+    return Cell(
+        channel=SIX_CHANNELS[first.channel],
+        low_hz=first.low_hz,
+        high_hz=first.high_hz,
+        ratio=ratio,
+        dof=total,
+        p_value=_p_value(ratio, total),
+        of=of,
+    )
 
 
 def _p_value(ratio: float, dof: float) -> float:
@@ -116,22 +153,73 @@ def _p_value(ratio: float, dof: float) -> float:
     return min(2.0 * min(high, low), 1.0)
 
 
-Part = tuple[tuple[str, float, float], float, float, float]
-
-
-def _cells(stream: Stream, twin: TwinModel) -> list[Part]:
-    """Key, power over the declared, degrees of freedom and the sway's share of every cell."""
+def _parts(stream: Stream, twin: TwinModel) -> list[tuple[_Part, Of]]:
+    """The cells of a run, and whose noise each shows."""
     share = np.tile(1.0 - stream.up_b**2, 2)
     models = {0: declared_model(twin, gyro=True), 3: declared_model(twin, gyro=False)}
     live = [c for c in range(6) if not stream.seconds.dead[c]]
-    found = _within_seconds(stream, twin, live)
-    for bands in mean_spectra(stream).bands:
+    rows, seconds = few_spectra(stream)
+    counts = roundings(stream, rows.lines) if _counts(twin) else {}
+    of_rows: list[_Part] = []
+    slow: list[_Part] = []
+    for bands in rows.bands:
         if bands.channel in live:
-            found += _between(bands, models[3 * (bands.channel // 3)], share)
-    for slow in slow_data(stream, BLOCK_S):
-        if slow.channel in live:
-            found.append(_slow(slow, models[3 * (slow.channel // 3)], share))
+            counted = replace(bands, rounding=counts.get(bands.channel))
+            of_rows += _between(counted, models[3 * (bands.channel // 3)], share, ROW_EDGES_HZ)
+    for bands in seconds.bands:
+        if bands.channel in live:
+            slow += _between(bands, models[3 * (bands.channel // 3)], share, CELL_EDGES_HZ)
+    for data in slow_data(stream, BLOCK_S):
+        if data.channel in live:
+            slow.append(_slow(data, models[3 * (data.channel // 3)], share))
+    turns = _moves([p for p in of_rows if p.channel < 3])
+    sways = turns or _moves(of_rows)
+    level = [c for c in range(3) if abs(stream.up_b[c]) < UPRIGHT]
+    tilted = _tilted(slow, level)
+    found = []
+    for p in of_rows + slow:
+        moves = turns if p.channel < 3 else sways
+        reached = p.low_hz < GEAR_BELOW_HZ and p.ratio > 1.0 and (moves or p in tilted)
+        found.append((p, Of.VEHICLE if reached or p.sway > VEHICLES else Of.SENSOR))
     return found
+
+
+def _tilted(parts: Sequence[_Part], level: Sequence[int]) -> list[_Part]:
+    """The slow cells of level gyros whose excess may be a tilting vehicle: the gravity that such a
+    tilt brings in hides in what the level accelerometers show.
+    """
+    found = []
+    for p in parts:
+        shown = [_shown(q) for q in parts if q.channel - 3 in level and q.low_hz == p.low_hz]
+        if p.channel in level and shown:
+            tilt = (p.ratio - 1.0) * p.power / (2.0 * np.pi * p.high_hz) ** 2  # rad^2/Hz
+            if tilt * STANDARD_GRAVITY**2 < max(shown):
+                found.append(p)
+    return found
+
+
+def _shown(part: _Part) -> float:
+    """Power of a cell, at its upper 97.5 % limit."""
+    return part.ratio * part.power * (1.0 + 2.0 / np.sqrt(part.dof))
+
+
+def _moves(parts: Sequence[_Part]) -> bool:
+    """Whether the vehicle moves on its gear more than declared: a channel shows more, of what its
+    own quietest band makes one expect, where gears swing.
+    """
+    for channel in {p.channel for p in parts}:
+        own = [p for p in parts if p.channel == channel]
+        least = min(p.ratio for p in own)
+        swings = [p for p in own if p.low_hz < SWINGS_BELOW_HZ and p.sway < VEHICLES]
+        for p in swings:
+            over = p.ratio / max(least, 1e-12) / (1.0 + MOVES_BY) ** 2
+            if float(gamma_law.sf(over * p.dof, p.dof)) * len(parts) < MOVES_P:
+                return True
+    return False
+
+
+def _counts(twin: TwinModel) -> bool:
+    return bool(twin.gyro.quantization_rad or twin.accel.quantization_m_s)
 
 
 def declared_model(twin: TwinModel, *, gyro: bool) -> Model:
@@ -143,66 +231,37 @@ def declared_model(twin: TwinModel, *, gyro: bool) -> Model:
         sizes[Term.QUANTIZATION] = twin.gyro.quantization_rad**2 / 12.0
         sizes[Term.CREEP] = (v.yaw_creep_arcsec_sqrt_h * ARCSEC) ** 2 / HOUR
     else:
+        sizes[Term.QUANTIZATION] = twin.accel.quantization_m_s**2 / 12.0
         sizes[Term.SWAY] = v.sway_m_s**2
     logs = np.array([np.log(size) if size > 0 else ABSENT - 1.0 for size in sizes.values()])
     shape = Shape(sway_w=2.0 * np.pi * max(v.sway_hz, 1e-3), sway_zeta=max(v.sway_damping, 1e-3))
     return Model(tuple(sizes), logs, shape, np.ones(logs.size))
 
 
-def _within_seconds(stream: Stream, twin: TwinModel, live: Sequence[int]) -> list[Part]:
-    """The scatter of rows about the mean of their second: everything above 1 Hz."""
-    seconds = stream.seconds
-    rate_hz = stream.run.imu.rate_hz
-    if rate_hz < 2.0:
-        return []
-    level = _level_axes(stream.up_b)
-    rows = int(np.median(seconds.rows[stream.still]))
-    found: list[Part] = []
-    for c, noise in enumerate(channel_noises(twin, stream.run_s, level)):
-        if c not in live:
-            continue
-        expected, freedom = noise.scatter(rows, seconds.row_dt_s)
-        scatter = seconds.scatter[stream.still, c]
-        limit = WILD_SECONDS * float(np.median(scatter))
-        seen = scatter[scatter <= limit]
-        if expected <= 0 or not seen.size:
-            continue
-        only = noise.scatter(rows, seconds.row_dt_s)[0]
-        calm = type(noise)(white=noise.white, bounded=noise.bounded)
-        sway = 1.0 - calm.scatter(rows, seconds.row_dt_s)[0] / only
-        key = (SIX_CHANNELS[c], 1.0, 0.5 * rate_hz)
-        found.append((key, float(seen.mean()) / expected, 0.5 * freedom * seen.size, sway))
-    return found
-
-
-# times the median scatter: 100 rows of noise scatter by 1.6 times at 4 sigmas, 10 rows by 3
-WILD_SECONDS = 4.0
-
-
-def _level_axes(up_b: NDArray) -> NDArray:
-    """An attitude (3, 3) whose vertical is up_b; its heading does not matter."""
-    across = np.linalg.svd(up_b[None, :])[2][1:]
-    return np.vstack([across, -up_b])
-
-
-def _between(bands: Bands, model: Model, share: NDArray) -> list[Part]:
-    """Cells of the spectrum of seconds."""
+def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[float]) -> list[_Part]:
+    """Cells of a spectrum."""
+    quantum = float(np.sqrt(12.0 * np.exp(model.start[model.terms.index(Term.QUANTIZATION)])))
+    grid = bands.rounding
+    if grid is not None and abs(quantum / grid.quantum - 1.0) < SAME_QUANTUM:
+        model = replace(model, on_grid=True)
+        bands = without_comb(bands, model, model.start, share)
     S, parts = band_model(model, model.start, (), bands, share)
     sway = parts[model.terms.index(Term.SWAY)] / S if Term.SWAY in model.terms else 0.0 * S
     f = bands.centre_hz
-    found: list[Part] = []
-    for low, high in pairwise(CELL_EDGES_HZ):
+    found: list[_Part] = []
+    for low, high in pairwise(edges_hz):
         inside = (f >= low) & (f < high) & (bands.dof > 0)
         if inside.any():
             dof = bands.dof[inside]
             ratio = float(np.sum(dof * bands.power[inside] / S[inside]) / dof.sum())
-            key = (SIX_CHANNELS[bands.channel], low, high)
             part = float(dof @ sway[inside] / dof.sum())
-            found.append((key, ratio, float(dof.sum()), part))
+            top = min(high, 0.5 / bands.dt_s)
+            power = float(np.mean(S[inside]))
+            found.append(_Part(bands.channel, low, top, ratio, float(dof.sum()), power, part))
     return found
 
 
-def _slow(slow: SlowData, model: Model, share: NDArray) -> Part:
+def _slow(slow: SlowData, model: Model, share: NDArray) -> _Part:
     """The cell of the slow means: their mean squared whitened contrast."""
     w, x = slow.whole, model.start
     V, v = np.zeros((w, w)), np.zeros(slow.y.size - w)
@@ -217,5 +276,7 @@ def _slow(slow: SlowData, model: Model, share: NDArray) -> Part:
                 sway = factor * float(np.exp(x[j]) * np.trace(unit.slow))
     z = solve_triangular(np.linalg.cholesky(V), slow.y[:w], lower=True)
     square = float(z @ z + np.sum(slow.y[w:] ** 2 / v))
-    key = (SIX_CHANNELS[slow.channel], 0.0, 0.5 / BLOCK_S)
-    return key, square / slow.y.size, 0.5 * slow.y.size, sway / float(np.trace(V))
+    n = slow.y.size
+    own = sway / float(np.trace(V))
+    power = float(np.median(np.append(np.diag(V), v))) * BLOCK_S
+    return _Part(slow.channel, 0.0, 0.5 / BLOCK_S, square / n, 0.5 * n, power, own)

@@ -9,17 +9,43 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ins.units import HOUR
-from simreal.twin.fit.model import PRIOR_SIGMA, ROUGHLY, Evidence, Fitted, Model, climb, derivatives
+from simreal.twin.fit.model import (
+    PRIOR_SIGMA,
+    ROUGHLY,
+    Evidence,
+    Fitted,
+    Model,
+    band_model,
+    climb,
+    derivatives,
+    rounding_power,
+)
+from simreal.twin.fit.rounding import SIGMA_OF_GRID
+from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.terms import Term, sampled_psd
 
 # of a log variance, 0.25 of the size: beyond, normal limits hold the truth in less than 92 %
 # (chi-square with fewer than 8 degrees of freedom)
 IDENTIFIED_SIGMA = 0.5
+# of a log variance, at its lower 99.5 % limit: with IDENTIFIED_SIGMA at its value a term would be
+# unknown (sigma 1) there, where its bound says that nobody can tell it
+SMALLEST_SIGMAS, STILL_SIGMA = 2.58, 0.8
 BELIEVED_SIGMA = 2.0 * np.log(3.0)  # of what the data do not tell: a factor 3 of the size
 LIMIT_DROP = 0.5 * float(chi2.ppf(0.90, 1))  # of the log likelihood at a one-sided 95 % limit
 LIMIT_STEPS, LIMIT_WITHIN = 10, 0.3  # of a log variance: 15 % of a limit
 SCORE = 2.5  # sigmas: below, a Markov process cannot win 2 nats and more
 LITTLE = 1e-3  # of the flicker
+# relative: runs whose quanta differ by more are not of one grid, which 32-bit readings tell to 1e-7
+ONE_GRID = 1e-4
+# of the errors of neighbouring rows: beyond, 4 quanta in 22 row sigmas, they are no normal noise
+COMB_ALIKE = 0.5
+COMB = 0.1  # of a band's power: what a comb may leave there is 10 % off at worst, of 10 %
+# times the power expected of a comb, whose bands scatter more than noise; of rows rounded one by
+# one less than 0.5 is there (tests/simreal/test_twin_rounding.py)
+SUMS_WITHIN = 1.5
+COARSE_ROUNDS = 3  # the white noise says which bands are combs, and these what it is
+FEW_DOF = 20.0  # of a band whose power is known to 0.22
+DISAGREES = 8.0  # nats: 4 sigmas of a quantum that the spectra see otherwise
 TAUS_S = (30.0, 300.0, 2000.0)  # where a Markov process is looked for
 PARKED_HOURS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 NEVER_S = float("inf")
@@ -35,7 +61,8 @@ class Told:
     """What the data say of one term, in log variance.
 
     value, sigma: of the twin that is written; low, high: 95 %; nats: log likelihood against none of
-    it; upper: one-sided 95 % limit; needed_s: parked seconds in one run that would identify it.
+    it; upper: one-sided 95 % limit; needed_s: parked seconds in one run that would identify it;
+    hidden: by the rounding of rows.
     """
 
     term: Term
@@ -47,6 +74,7 @@ class Told:
     identified: bool
     upper: float
     needed_s: float
+    hidden: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,7 +95,7 @@ class TriadFit:
 
 def fit_triad(evidence: Evidence, model: Model, dt_s: float, used_s: float) -> TriadFit:
     """The noise of a triad. dt_s: of its rows; used_s: parked seconds, all runs."""
-    best = climb(evidence, model)
+    best, evidence = _counted(evidence, climb(evidence, model))
     best = _with_markov(evidence, best)
     differ_p, axes, ratios = _axes(evidence, best)
     if ratios:
@@ -81,10 +109,111 @@ def fit_triad(evidence: Evidence, model: Model, dt_s: float, used_s: float) -> T
     for term in best.model.terms:
         told.append(_tell(evidence, best, term, 0.5 * float(np.log(count))))
     kept = {t.term for t in told if t.identified}
-    width = np.array([PRIOR_SIGMA if t in kept else BELIEVED_SIGMA for t in best.model.terms])
-    final = climb(evidence, replace(best.model, width=width), best.x)
+    final = climb(evidence, _last_model(best.model, kept))
     told = [_final(t, final, dt_s=dt_s, used_s=used_s, channels=channels) for t in told]
     return TriadFit(tuple(told), final, differ_p, axes, used_s)
+
+
+def _last_model(model: Model, kept: set[Term]) -> Model:
+    """The model that a twin is written from: what is not told is held to what was believed, and
+    left out where nobody believed in it, for its share would be missing elsewhere.
+    """
+    for term in model.unbelieved - kept:
+        if term in model.terms and not model.on_grid:
+            model = model.without(term)
+    believed = [PRIOR_SIGMA if t in kept else BELIEVED_SIGMA for t in model.terms]
+    return replace(model, width=np.minimum(model.width, believed))
+
+
+def _counted(evidence: Evidence, free: Fitted) -> tuple[Fitted, Evidence]:
+    """The fit with the quantum of the grid on which all channels lie, where their noise agrees that
+    it is their sums that are rounded; else the fit as it was. Where steps are far above the noise,
+    without the bands that rounding makes: its error is a comb there, and no normal one.
+    """
+    quanta = _quanta(evidence)
+    if not quanta:
+        return free, evidence
+    model = free.model
+    k, white = model.terms.index(Term.QUANTIZATION), model.terms.index(Term.WHITE)
+    level = float(np.mean(np.square(list(quanta.values()))))
+    centre, width = model.centre.copy(), model.width.copy()
+    centre[k] = np.log(level / 12.0)
+    width[k] = SIGMA_OF_GRID
+    ratios = {(Term.QUANTIZATION, c): q**2 / level for c, q in quanta.items()}
+    grid = replace(model, centre=centre, width=width, ratios=ratios, on_grid=True)
+    start = free.x.copy()
+    start[k] = centre[k]
+    start[white] = min(start[white], np.log(_lowest_power(evidence)))
+    found, kept = climb(evidence, grid, start), evidence
+    if _steps_alike(kept, start[white]):
+        start[white] = np.log(_lowest_power(evidence))
+        for _ in range(COARSE_ROUNDS):
+            kept = _without_combs(evidence, grid, start)
+            found = climb(kept, grid, start)
+            start = found.x
+        free = climb(kept, model, free.x)
+    agrees = found.log_likelihood > free.log_likelihood - DISAGREES
+    if agrees and (kept is evidence or _shows_sums(evidence, found)):
+        return found, kept
+    hidden = any(b.rounding is not None and b.rounding.hides_rows for _, b in evidence.bands)
+    return replace(free, model=replace(model, hidden=hidden)), evidence
+
+
+def _shows_sums(evidence: Evidence, found: Fitted) -> bool:
+    """Whether the rows show, in the upper half of their frequencies, the power of rounded sums:
+    rows that are rounded one by one show as much everywhere, and too little there.
+    """
+    finest = min(b.dt_s for _, b in evidence.bands)
+    for k, bands in evidence.bands:
+        upper = bands.centre_hz > 0.25 / bands.dt_s
+        if bands.dt_s == finest and upper.any():
+            model = band_model(found.model, found.x, (), bands, evidence.share[k])[0]
+            ratio = float(bands.power[upper].sum() / model[upper].sum())
+            if not 1.0 / SUMS_WITHIN < ratio < SUMS_WITHIN:
+                return False
+    return True
+
+
+def _quanta(evidence: Evidence) -> dict[int, float]:
+    """The quantum of each channel; empty where one lies on no grid, or runs differ."""
+    quanta: dict[int, float] = {}
+    for _, bands in evidence.bands:
+        if bands.rounding is None:
+            return {}
+        first = quanta.setdefault(bands.channel, bands.rounding.quantum)
+        if abs(bands.rounding.quantum / first - 1.0) > ONE_GRID:
+            return {}
+    return quanta
+
+
+def _lowest_power(evidence: Evidence) -> float:
+    """The least that a band shows: white noise is hardly above it."""
+    shown = [b.power[b.dof > FEW_DOF] for _, b in evidence.bands]
+    lowest = [float(p.min()) for p in shown if p.size]
+    return min(lowest) if lowest else min(float(b.power.min()) for _, b in evidence.bands)
+
+
+def _steps_alike(evidence: Evidence, white: float) -> bool:
+    """Whether the errors of counting are alike from row to row."""
+    return any(_alike(b, white) > COMB_ALIKE for _, b in evidence.bands)
+
+
+def _alike(bands: Bands, white: float) -> float:
+    return bands.rounding.alike(np.exp(white) * bands.dt_s) if bands.rounding else 0.0
+
+
+def _without_combs(evidence: Evidence, model: Model, x: NDArray) -> Evidence:
+    """The evidence less the bands that counting makes."""
+    kept = [(k, without_comb(b, model, x, evidence.share[k])) for k, b in evidence.bands]
+    return replace(evidence, bands=tuple(kept))
+
+
+def without_comb(bands: Bands, model: Model, x: NDArray, share: NDArray) -> Bands:
+    """The bands less those that counting makes, where its errors are alike from row to row."""
+    if _alike(bands, float(x[model.terms.index(Term.WHITE)])) <= COMB_ALIKE:
+        return bands
+    part = rounding_power(model, x, bands, share) / band_model(model, x, (), bands, share)[0]
+    return replace(bands, dof=np.where(part > COMB, 0.0, bands.dof))
 
 
 def _with_markov(evidence: Evidence, best: Fitted) -> Fitted:
@@ -174,7 +303,8 @@ def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
     k = best.model.terms.index(term)
     value, sigma = float(best.x[k]), best.sigma(term)
     nats = np.inf
-    if term is not Term.WHITE and not (sigma < 0.1 * IDENTIFIED_SIGMA):
+    counted = term is Term.QUANTIZATION and best.model.on_grid
+    if counted or (term is not Term.WHITE and not (sigma < 0.1 * IDENTIFIED_SIGMA)):
         keep = np.delete(np.arange(best.x.size), k)
         less = best.model.without(term)
         if less.size == keep.size:
@@ -182,7 +312,9 @@ def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
                 best.log_likelihood
                 - climb(evidence, less, best.x[keep], within=ROUGHLY).log_likelihood
             )
-    identified = nats > penalty and sigma < IDENTIFIED_SIGMA
+    hidden = best.model.hidden and term in (Term.WHITE, Term.QUANTIZATION)
+    identified = nats > penalty and sigma < IDENTIFIED_SIGMA and not hidden
+    identified = identified and _holds(evidence, best, k, sigma)
     upper = value + 1.645 * sigma if identified else _upper(evidence, best, k)
     return Told(
         term=term,
@@ -194,7 +326,21 @@ def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
         identified=bool(identified),
         upper=upper,
         needed_s=NEVER_S,
+        hidden=hidden,
     )
+
+
+def _holds(evidence: Evidence, best: Fitted, k: int, sigma: float) -> bool:
+    """Whether a term would be known as well where it is as small as it may be: what chance makes
+    large looks better known than it is.
+    """
+    if sigma < 0.1 * IDENTIFIED_SIGMA:
+        return True
+    x = best.x.copy()
+    x[k] -= SMALLEST_SIGMAS * sigma
+    _, _, information = derivatives(evidence, best.model, x)
+    smaller = replace(best, x=x, information=information)
+    return smaller.sigma(best.model.terms[k]) < STILL_SIGMA
 
 
 def _upper(evidence: Evidence, best: Fitted, k: int) -> float:
@@ -219,6 +365,8 @@ def _upper(evidence: Evidence, best: Fitted, k: int) -> float:
 
 def _final(told: Told, final: Fitted, *, dt_s: float, used_s: float, channels: int) -> Told:
     """What the twin is given, and the recording that would tell what these did not."""
+    if told.term not in final.model.terms:
+        return replace(told, low=-np.inf, high=told.upper, value=min(told.value, told.upper))
     value, sigma = final.log_variance(told.term), final.sigma(told.term)
     if told.identified:
         return replace(

@@ -29,9 +29,10 @@ from simreal.twin.fit.evidence import BELIEVED_SIGMA, IDENTIFIED_SIGMA, Told, Tr
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
 from simreal.twin.fit.result import SIX_CHANNELS, Needs, Parameter, RunUsed, TwinFit, Why
+from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
-from simreal.twin.fit.spectra import Line, spectra_of
-from simreal.twin.fit.streams import Stream, stream_of
+from simreal.twin.fit.spectra import spectra_of
+from simreal.twin.fit.streams import Line, Stream, stream_of
 from simreal.twin.fit.terms import Shape, Term
 
 GYRO_TRIAD, ACCEL_TRIAD = (0, 1, 2), (3, 4, 5)
@@ -131,7 +132,8 @@ def _evidence(
     shared = np.zeros(3)
     for k, stream in enumerate(streams):
         found = spectra_of(stream)
-        bands += [(k, b) for b in found.bands]
+        counts = roundings(stream, found.lines)
+        bands += [(k, replace(b, rounding=counts.get(b.channel))) for b in found.bands]
         slow += [(k, d) for d in slow_data(stream, found.slow_s)]
         share.append(np.tile(1.0 - stream.up_b**2, 2))
         lines += found.lines
@@ -167,7 +169,7 @@ def _gyro_model(twin: TwinModel, dt_s: float) -> Model:
         Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
         Term.CREEP: creep or SMALLEST * white,
     }
-    return _model(centres, Shape())
+    return _model(centres, Shape(), without_quantum=not twin.gyro.quantization_rad)
 
 
 def _accel_model(twin: TwinModel, dt_s: float) -> Model:
@@ -176,7 +178,8 @@ def _accel_model(twin: TwinModel, dt_s: float) -> Model:
     v = twin.vehicle
     centres = {
         Term.WHITE: white,
-        Term.QUANTIZATION: STARTING_SHARE * white * dt_s / 4.0,
+        Term.QUANTIZATION: twin.accel.quantization_m_s**2 / 12.0
+        or STARTING_SHARE * white * dt_s / 4.0,
         Term.FLICKER: d.instability**2 or SMALLEST * white,
         Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
         Term.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2,
@@ -184,12 +187,18 @@ def _accel_model(twin: TwinModel, dt_s: float) -> Model:
     shape = Shape(
         sway_w=2.0 * np.pi * max(v.sway_hz, 0.01), sway_zeta=min(max(v.sway_damping, 0.02), 0.95)
     )
-    return _model(centres, shape)
+    return _model(centres, shape, without_quantum=not twin.accel.quantization_m_s)
 
 
-def _model(centres: dict[Term, float], shape: Shape) -> Model:
+def _model(centres: dict[Term, float], shape: Shape, *, without_quantum: bool) -> Model:
     width = np.full(len(centres), PRIOR_SIGMA)
-    return Model(tuple(centres), np.log(list(centres.values())), shape, width)
+    return Model(
+        tuple(centres),
+        np.log(list(centres.values())),
+        shape,
+        width,
+        unbelieved=frozenset([Term.QUANTIZATION] if without_quantum else []),
+    )
 
 
 def _size(told: Told, unit: float) -> tuple[float, float, float, float]:
@@ -200,6 +209,8 @@ def _size(told: Told, unit: float) -> tuple[float, float, float, float]:
 
 
 def _parameter(name: str, told: Told, unit: float, believed: float, seconds: float) -> Parameter:
+    if told.hidden:
+        return _unknown(name, believed, Why.ROUNDED, seconds)
     value, sigma, low, high = _size(told, unit)
     why = None
     if not told.identified:
@@ -245,7 +256,6 @@ ACCEL_TERMS = {
 BESIDE_TWIN = (
     "gyro.gauss_markov_deg_h",
     "gyro.gauss_markov_tau_s",
-    "accel.quantization_m_s",
     "accel.gauss_markov_ug",
     "accel.gauss_markov_tau_s",
 )
@@ -324,7 +334,12 @@ def _kept(
     needed: float = float("nan"),
 ) -> Parameter:
     """A parameter that stays what it was believed to be."""
-    value = believed_value(twin, name)
+    found = _unknown(name, believed_value(twin, name), why, seconds)
+    return replace(found, needs=needs, needed=needed)
+
+
+def _unknown(name: str, value: float, why: Why, seconds: float) -> Parameter:
+    """A parameter of which nothing is known but what was believed."""
     return Parameter(
         name=name,
         value=value,
@@ -335,8 +350,6 @@ def _kept(
         believed=value,
         seconds=seconds,
         why=why,
-        needs=needs,
-        needed=needed,
     )
 
 

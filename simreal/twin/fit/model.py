@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from simreal.evidence.noise_model import oscillator
+from simreal.twin.fit.rounding import LAGS
 from simreal.twin.fit.slow import Covariance, SlowData
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.terms import Shape, Term, sampled_psd
@@ -49,7 +51,8 @@ class Model:
 
     centre, width (p,): log variances believed before, and their sigma; shape: the same of the sway
     and the Markov time. ratios: variance of a channel's term over the triad's, where channels
-    differ.
+    differ. on_grid: the quantum is that of the grid on which readings lie. unbelieved: terms that
+    nobody believed in. hidden: rows are rounded one by one, to steps that hide their noise.
     """
 
     terms: tuple[Term, ...]
@@ -58,6 +61,9 @@ class Model:
     width: NDArray
     ratios: Mapping[tuple[Term, int], float] = field(default_factory=dict)
     creep_channel: int = 2
+    on_grid: bool = False
+    unbelieved: frozenset[Term] = frozenset()
+    hidden: bool = False
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -97,6 +103,7 @@ class Model:
         keep = [k for k, t in enumerate(self.terms) if t is not term]
         return replace(
             self,
+            on_grid=self.on_grid and term is not Term.QUANTIZATION,
             terms=tuple(self.terms[k] for k in keep),
             centre=self.centre[keep],
             width=self.width[keep],
@@ -204,6 +211,14 @@ def band_model(
         factor = model.factor(term, bands.channel, share)
         if factor and x[j] > ABSENT:
             parts[j] = factor * np.exp(x[j]) * _band_psd(term, bands, shape)
+    power = parts[: len(model.terms)].sum(axis=0)
+    if model.on_grid and bands.rounding is not None:
+        at, white = model.terms.index(Term.QUANTIZATION), model.terms.index(Term.WHITE)
+        counted = rounding_power(model, x, bands, share)
+        power += counted - parts[at]
+        there = rounding_power(model, _moved(model, x, white), bands, share)
+        parts[white] += (there - counted) / SHAPE_STEP
+        parts[at] = counted
     for j, other in enumerate(moved):
         name = model.shapes[j]
         term = Term.MARKOV if name == "tau_s" else Term.SWAY
@@ -212,7 +227,25 @@ def band_model(
         if factor:
             there = factor * np.exp(x[at]) * _band_psd(term, bands, model.shape_at(other))
             parts[len(model.terms) + j] = (there - parts[at]) / SHAPE_STEP
-    return parts[: len(model.terms)].sum(axis=0), parts
+    return power, parts
+
+
+def rounding_power(model: Model, x: NDArray, bands: Bands, share: NDArray) -> NDArray:
+    """Expected power (b,) of the errors of counting, on the noise beneath it."""
+    if bands.rounding is None:
+        return np.zeros(bands.power.size)
+    lag = bands.dt_s * np.arange(LAGS + 1)
+    structure = np.zeros(LAGS + 1)
+    shape = model.shape_at(x)
+    for j, term in enumerate(model.terms):
+        size = model.factor(term, bands.channel, share) * float(np.exp(x[j]))
+        if term in (Term.WHITE, Term.CREEP):
+            structure += size * lag
+        elif term is Term.SWAY and size:
+            structure += 2.0 * size * (1.0 - oscillator(lag, shape.sway_w, shape.sway_zeta))
+    colour = bands.rounding.colour(bands.hz, bands.dt_s, structure)
+    flat = sampled_psd(Term.QUANTIZATION, bands.hz, bands.dt_s, shape)
+    return bands.rounding.variance * bands.mean(colour * flat)
 
 
 def _band_psd(term: Term, bands: Bands, shape: Shape) -> NDArray:

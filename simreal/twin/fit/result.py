@@ -7,7 +7,7 @@ from enum import StrEnum
 from numpy.typing import NDArray
 
 from ins.records import TwinModel
-from simreal.twin.fit.spectra import Line
+from simreal.twin.fit.streams import Line
 
 SIX_CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 
@@ -21,6 +21,7 @@ class Why(StrEnum):
     NO_STREAM = "no_stream"
     EXACT_ZERO = "exact_zero"
     BELOW_RESOLUTION = "below_resolution"
+    ROUNDED = "rounded"
     NOT_ON_A_GRID = "not_on_a_grid"
     GYROS_DIFFER = "gyros_differ"
     NOT_PARKED = "not_parked"

@@ -34,6 +34,16 @@ LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH)
 
 
 @dataclass(frozen=True)
+class Line:
+    """A line of one channel: its frequency [Hz], amplitude in rad/s or m/s^2, and sigma of that."""
+
+    channel: int
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class Stream:
     """A run's parked time.
 
