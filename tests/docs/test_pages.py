@@ -184,6 +184,7 @@ def test_accents_and_bold_letters_stay_with_their_letter(extension):
         mathml(r"\nosuch x", block=False)
 
 
+@pytest.mark.slow
 def test_the_site_is_read_without_a_warning(tmp_path):
     """All of Sphinx but the writing of pages; .ci/run writes them too."""
     command = [

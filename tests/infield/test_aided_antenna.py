@@ -120,8 +120,14 @@ def test_straight_drive_does_not_show_the_arm_and_says_so():
     assert antenna_sigmas(result.antenna.seen)[:3].min() > 0.5
 
 
-@pytest.mark.parametrize("flights", [2, pytest.param(4, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("technology", "sigma_m"), [("mems", 0.5), ("rlg", 2.0)])
+@pytest.mark.parametrize(
+    ("technology", "sigma_m", "flights"),
+    [
+        ("mems", 0.5, 2),
+        pytest.param("mems", 0.5, 4, marks=pytest.mark.slow),
+        pytest.param("rlg", 2.0, 4, marks=pytest.mark.slow),
+    ],
+)
 def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology, sigma_m, flights):
     """As large as the fixes' sigma and four times: without it the squared position error was 10 and
     70 times its variance.

@@ -45,8 +45,14 @@ def correlated(run: Run, seed: int, sigma_m_s: float, time_s: float) -> Run:
     return replace(run, gnss=replace(gnss, v_n_m_s=gnss.v_n_m_s + e))
 
 
-@pytest.mark.parametrize("flights", [2, pytest.param(4, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("technology", ["mems", "rlg"])
+@pytest.mark.parametrize(
+    ("technology", "flights"),
+    [
+        ("mems", 2),
+        pytest.param("mems", 4, marks=pytest.mark.slow),
+        pytest.param("rlg", 4, marks=pytest.mark.slow),
+    ],
+)
 def test_correlated_velocities_are_found_and_in_the_sigmas(technology, flights):
     """0.1 m/s over 6 s on velocities of 0.03 m/s: white noise alone left velocity errors of three
     sigmas and more.

@@ -136,6 +136,7 @@ def test_navigation_file_holds_both_solutions_at_one_hertz(folder):
     assert data.drop(columns="table").notna().all().all()
 
 
+@pytest.mark.slow
 def test_same_bytes_on_a_second_run(drawn_folder):
     stored(table(0.05), table(0.0))
     result_of("run", "-o", "one")

@@ -1,4 +1,4 @@
-"""Requirements R6 to R11 over seeded sessions: 12 runs in the normal suite, 200 marked slow.
+"""Requirements R6 to R11 over seeded sessions: 6 runs in the normal suite, 200 marked slow.
 
 Bounds are two-sided chi-square at 99.9 % for the number of runs at hand; sigmas against
 requirements.md and the covariance table of physics.md 6.7.
@@ -27,7 +27,7 @@ from tests.scenarios.study import (
 )
 
 CONFIDENCE = 0.999
-RUNS = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+RUNS = [pytest.param(6, id="6"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 
 
 def vehicle(**changes):
