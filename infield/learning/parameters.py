@@ -53,7 +53,7 @@ WIDTHS: Mapping[PriorName, float] = {
     PriorName.CRAB: 0.7,
 }
 # one sigma of the logarithm of a type about its technology, and of a unit about its type: what data
-# sheets give as spread of one model (25 %); docs/fleet_learn.md shows fleets that spread by 0.2
+# sheets give as spread of one model (25 %)
 TYPE_SPREAD = 0.3
 UNIT_SPREAD = 0.25
 DEFAULT_CRAB_MRAD = 10.0  # infield.session.settings, sigma_crab_mrad
