@@ -1,5 +1,5 @@
 """Whether the noise model fits the runs that it is used on: what `update`, `align` and `diagnose`
-say of it in one line. The rest is what they found already, and no row is read again.
+say of it in one line. The rest is what they found already; eight minutes of rows are read again.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,9 @@ def update_agreement(result: UpdateResult) -> Agreement | None:
         if session.estimate is None:
             continue
         motion = session.estimate.motion
-        stream = stream_at_rest(session.run, result.twin, result.before, motion=motion)
+        stream = stream_at_rest(
+            session.run, result.twin, result.before, motion=motion, temperature=session.temperature
+        )
         if stream is not None:
             streams.append(stream)
     return agreement(streams, result.twin) if streams else None

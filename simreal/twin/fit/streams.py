@@ -139,11 +139,12 @@ def stream_at_rest(
     *,
     motion: Motion | None = None,
     rest: tuple[float, float] | None = None,
+    temperature: GyroTemperature | None = None,
 ) -> Stream | None:
     """The parked time of a run whose rest somebody has judged already: the still epochs of a
-    motion, or one rest from start to end [s].
+    motion, or one rest from start to end [s]. temperature: where it is smoothed already.
     """
-    temperature = _temperature(run)
+    temperature = temperature or _temperature(run)
     try:
         seconds = seconds_of(compensated_seconds(run, table, temperature, twin))
     except InputError:
