@@ -88,7 +88,7 @@ class NothingStands(InputError):
 
 
 @dataclass(frozen=True)
-class _Start:
+class Start:
     """Where a pass starts from: attitude, and what is taken out of the rows: gyro biases (N, 3)
     over the bins [rad/s], accelerometer biases (3,) [m/s^2].
     """
@@ -97,11 +97,11 @@ class _Start:
     gyro_rad_s: NDArray
     accel_m_s2: NDArray
 
-    def corrected(self, flt: ErrorFilter) -> "_Start":
+    def corrected(self, flt: ErrorFilter) -> "Start":
         """The start less the errors that a filter found."""
         accel_m_s2 = self.accel_m_s2.copy()
         accel_m_s2[:2] += flt.x[em.ACCEL]
-        return _Start(
+        return Start(
             dcm_from_rotation_vector(-flt.x[em.THETA_START]) @ self.C_nb,
             self.gyro_rad_s + flt.bias[0].reshape(-1, 3),
             accel_m_s2,
@@ -136,11 +136,11 @@ def solve(
     what else measures. Raises NothingStands.
     """
     bins = len(prior.edges_s) - 1
-    start = _Start(start_attitude(log.imu, log.site, log.rest), np.zeros((bins, 3)), np.zeros(3))
+    start = Start(start_attitude(log.imu, log.site, log.rest), np.zeros((bins, 3)), np.zeros(3))
     before: _Judged | None = None
     near = level_fit.QUIET
     for number in range(MAX_PASSES):
-        history = _navigated(log, prior, course, start)
+        history = navigated(log, prior, course, start)
         final = number == MAX_PASSES - 1
         judged = before if before is not None and final else _judge(history, log, before, number)
         last, stretch = _laid_out(log, twin, prior, course, (history, judged), start)
@@ -165,16 +165,14 @@ def solve(
     )
 
 
-def _navigated(log: RestedLog, prior: BiasPrior, course: Course, start: _Start) -> NavHistory:
+def navigated(log: RestedLog, prior: BiasPrior, course: Course, start: Start) -> NavHistory:
     """The free solution from a start on."""
     state = NavState(time_s=float(log.rest[0]), site=log.site, v_n_m_s=np.zeros(3), C_nb=start.C_nb)
     rows = _less_found(log, prior.edges_s, course, start)
     return navigate(rows, state, epoch_s=1.0, vertical=course.vertical)
 
 
-def _less_found(
-    log: RestedLog, edges_s: NDArray, course: Course, start: _Start
-) -> Iterator[ImuLog]:
+def _less_found(log: RestedLog, edges_s: NDArray, course: Course, start: Start) -> Iterator[ImuLog]:
     """The pieces of a log less the biases that were found."""
     for piece in log.imu.pieces(log.rest[0], min(course.until_s, log.imu.end_s)):
         bias = start.gyro_rad_s[bin_of(edges_s, piece.time_s)]
@@ -199,7 +197,7 @@ def _laid_out(
     prior: BiasPrior,
     course: Course,
     flown: tuple[NavHistory, _Judged],
-    start: _Start,
+    start: Start,
 ) -> tuple[FilterPass, level_fit.Stretch]:
     """A pass of the filter over a solution, and what the search for its level needs."""
     history, judged = flown

@@ -259,8 +259,7 @@ def new_filter(
     bias_mean: NDArray,
     bias_covariance: NDArray,
     level_earth_rate_rad_s: float,
-    *,
-    swings: bool = False,
+    further_sigma: tuple[float, ...] = (),
 ) -> ErrorFilter:
     """A filter at the start of a parked solution: level and heading wide.
 
@@ -279,7 +278,7 @@ def new_filter(
         noise=process_noise(twin),
         bias_mean=bias_mean,
         bias_covariance=bias_covariance,
-        beside=STATES if swings else 0,
+        further_sigma=further_sigma,
     )
     sigma = diffuse_heading_rad(bias_covariance, level_earth_rate_rad_s)
     flt.widen_prior(em.THETA.stop - 1, sigma)
@@ -304,6 +303,11 @@ class ParkedConstraint:
     gate: float = GATE_SIGMA
     swing: Swing | None = None
     swing_m: float = 0.0
+
+    @property
+    def swing_states(self) -> int:
+        """How many states behind the bins hold a place that swings; zero until it is laid."""
+        return STATES if self.swing is not None else 0
 
     def until(self, count: int) -> "ParkedConstraint":
         """The same of the first steps."""
@@ -352,6 +356,7 @@ class FilterPass:
     what was taken off before. It can be run again under other aids on the same solution.
 
     applied_rad_s (N, 3): gyro biases taken off over the bias bins; applied_accel_m_s2 (3,).
+    further_sigma: priors of states behind the bins, after those of a place that swings.
     """
 
     history: NavHistory
@@ -363,6 +368,7 @@ class FilterPass:
     applied_accel_m_s2: NDArray
     level_earth_rate_rad_s: float
     clone_at_s: float
+    further_sigma: tuple[float, ...] = ()
 
     def run(self, sigma0: Mapping[str, float], aids: Sequence[Aid]) -> ErrorFilter:
         """The filter after its sweep, the heading prior withdrawn.
@@ -390,7 +396,7 @@ class FilterPass:
             -self.applied_rad_s.ravel(),
             self.bias_covariance,
             self.level_earth_rate_rad_s,
-            swings=self.parked.swing is not None,
+            (0.0,) * self.parked.swing_states + self.further_sigma,
         )
         flt.x[em.ACCEL] = -self.applied_accel_m_s2[:2]
         flt.run(laid.under(self.parked))

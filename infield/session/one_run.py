@@ -7,6 +7,8 @@ from alignment.motion.speeds import speed_disagreement, steady_roll
 from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
+from infield.session.flown.estimator import KnownRun
+from infield.session.flown.evidence import fly
 from infield.session.log import compensated_imu, find_rest, session_end
 from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_claim_chain
 from infield.session.navigated.estimator import estimate_session
@@ -54,11 +56,14 @@ def take_run(
     estimate = _estimated(run, table, temperature, twin, settings, end_s)
     if isinstance(estimate, Verdict):
         return SessionResult(run, estimate, temperature)
+    chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
+    if flight is not None and flight.joined is not None:
+        estimate = flight.joined
     seen = observability(
         estimate, hold_heading=settings.hold_heading, unusable=temperature.why_unusable()
     )
     points = session_points(run, estimate)
-    chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     off = force_off_gravity(run, twin, estimate)
@@ -66,7 +71,9 @@ def take_run(
         verdict = acceptance.contradict(off, *verdict.reasons)
     if not verdict.accepted:
         verdict = acceptance.with_likeness(verdict, suspicions(estimate))
-        return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
+        return SessionResult(
+            run, verdict, temperature, estimate, seen, points, None, chain, flight=flight
+        )
     estimate, doubted = with_doubt(estimate)
     bins = estimate.bins
     merged = merge_posterior(
@@ -88,6 +95,7 @@ def take_run(
         merged,
         chain,
         doubted,
+        flight,
     )
 
 

@@ -87,6 +87,17 @@ class SessionReason(StrEnum):
     FORCE_OFF_GRAVITY = "force_off_gravity"
 
 
+class FlightReason(StrEnum):
+    """Why a flight is left out of the session that it began with."""
+
+    UNCOVERED = "flight_uncovered"
+    FILTER_LOST = "flight_filter_lost"
+    EXCESS_RESIDUALS = "flight_excess_residuals"
+    BEYOND_GATE = "flight_beyond_gate"
+    BEYOND_PRIOR = "flight_beyond_prior"
+    UNLIKE_AT_REST = "flight_unlike_at_rest"
+
+
 class WrongFact(StrEnum):
     """What a session takes for granted and may be wrong."""
 

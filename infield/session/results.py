@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from infield.session.acceptance import Verdict
 from infield.session.disagreement import SessionEvidence, Step
 from infield.session.estimate import SessionEstimate
+from infield.session.flown.evidence import FlightEvidence
 from infield.session.hysteresis import ThermalTerm
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.points import AxisObservability
@@ -20,7 +21,8 @@ from ins.verdicts import Outcome, Reason
 @dataclass(frozen=True)
 class SessionResult:
     """One run's part in an update; `estimate` and what follows are None where it was refused
-    before. doubted: wrong facts that it resembles, but not beyond doubt.
+    before. doubted: wrong facts that it resembles, but not beyond doubt. flight: None where the run
+    does not fly with a receiver.
     """
 
     run: Run
@@ -32,6 +34,7 @@ class SessionResult:
     merged: MergeResult | None = None
     chain: ClaimChain | None = None
     doubted: tuple[Suspicion, ...] = ()
+    flight: FlightEvidence | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,52 @@ from ins.records import TwinModel
 BIN_S = 300.0
 
 
+def _by_technology(rlg: float, fog: float, mems: float) -> dict[str, float]:
+    return {"rlg": rlg, "fog": fog, "mems": mems}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightPriors:
+    """Prior sigmas of a flight's nuisances; each is an assumption and is named in the report.
+
+    Receivers: a single-frequency solution strays by 1 to 2 m over minutes (ionosphere, orbits);
+    positions and velocities lag by 0.1 to 0.2 s (`infield.session.navigated.nuisances`). Verticals
+    are deflected by some 5 arcsec RMS over 20 to 50 km (physics.md 8.4). Accelerometers of a
+    navigation-grade unit repeat their scale within 100 ppm (`infield.session.wrong_facts`); what
+    its compensation leaves of their temperature slope is taken as 0.2 micro-g per degC. What
+    vibration and pressure change in flight is taken as a tenth of the default turn-on of a gyro,
+    and as 5 micro-g of an accelerometer (quartz: some 30 micro-g per g^2 of vibration, 0.4 g in a
+    cabin).
+    """
+
+    slow_position_m: float = 1.5
+    slow_position_s: float = 300.0
+    slow_velocity_m_s: float = 0.01
+    slow_velocity_s: float = 60.0
+    antenna_m: float = 0.3
+    delay_s: float = 0.3
+    accel_scale_ppm: dict[str, float] = field(
+        default_factory=lambda: _by_technology(100.0, 100.0, 5000.0)
+    )
+    accel_shift_ug: dict[str, float] = field(
+        default_factory=lambda: _by_technology(5.0, 5.0, 500.0)
+    )
+    accel_slope_ug_degC: dict[str, float] = field(
+        default_factory=lambda: _by_technology(0.2, 0.2, 100.0)
+    )
+    misalignment_mrad: dict[str, float] = field(
+        default_factory=lambda: _by_technology(0.01, 0.02, 5.0)
+    )
+    shift_deg_h: dict[str, float] = field(
+        default_factory=lambda: _by_technology(0.0003, 0.0003, 3.0)
+    )
+    force_deg_h_g: dict[str, float] = field(
+        default_factory=lambda: _by_technology(0.0, 0.001, 10.0)
+    )
+    deflection_arcsec: float = 5.0
+    deflection_m: float = 30_000.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class SessionSettings:
     """Prior sigmas of what no table or twin declares; each is an assumption and is named as one in
@@ -27,6 +73,7 @@ class SessionSettings:
     hold_heading: bool = True
     use_gnss: bool = True
     use_odometer: bool = True
+    flight: FlightPriors = field(default_factory=FlightPriors)
 
 
 def misalignment_sigma_mrad(twin: TwinModel, settings: SessionSettings) -> NDArray:

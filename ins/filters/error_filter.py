@@ -2,8 +2,9 @@
 bins.
 
 State: the base states of `ins.filters.error_model`, then the gyro bias of each time bin in body
-axes [rad/s] (bin 0 x, y, z, bin 1 x, ...). The bins are static and start with their full joint
-covariance, so the last posterior of every bin is its smoothed estimate; no backward pass is needed.
+axes [rad/s] (bin 0 x, y, z, bin 1 x, ...), then further states of the caller's, if any. The bins
+are static and start with their full joint covariance, so the last posterior of every bin is its
+smoothed estimate; no backward pass is needed.
 """
 
 from collections.abc import Mapping
@@ -59,7 +60,8 @@ class Tally:
 
 
 class ErrorFilter:
-    """State x (n,) and covariance P (n, n) of the error filter, n = 35 + 3 bins + beside.
+    """State x (n,) and covariance P (n, n) of the error filter, n = 35 + 3 bins + further
+    states.
 
     Parameters
     ----------
@@ -70,8 +72,8 @@ class ErrorFilter:
         Prior of the gyro bias [rad/s].
     bias_covariance : ndarray, shape (3 bins, 3 bins)
         In (rad/s)^2.
-    beside : int
-        How many states follow the bins; known to be zero until a program assigns them.
+    further_sigma : tuple of float
+        Priors of further states, of mean zero. They stand still unless the program moves them.
 
     Attributes
     ----------
@@ -87,10 +89,10 @@ class ErrorFilter:
         noise: em.ProcessNoise,
         bias_mean: NDArray,
         bias_covariance: NDArray,
-        beside: int = 0,
+        further_sigma: tuple[float, ...] = (),
     ) -> None:
         self._bins = slice(em.BASE, em.BASE + bias_mean.size)
-        n = self._bins.stop + beside
+        n = self._bins.stop + len(further_sigma)
         self.noise = noise
         self.x, self.P = np.zeros(n), np.zeros((n, n))
         for name, sigma in sigma0.items():
@@ -99,6 +101,8 @@ class ErrorFilter:
                 self.P[i, i] = sigma**2
         self.x[self._bins] = bias_mean
         self.P[self._bins, self._bins] = bias_covariance
+        further = np.arange(self._bins.stop, n)
+        self.P[further, further] = np.square(further_sigma)
         self.filtered = np.full((bias_mean.size // 3, 2, 3), np.nan)
         self.clone_start()
         self.tally = Tally()

@@ -31,7 +31,7 @@ def swung(dt_s, still):
         noise=NOISE,
         bias_mean=np.zeros(3),
         bias_covariance=np.zeros((3, 3)),
-        beside=swing.STATES,
+        further_sigma=(0.0,) * swing.STATES,
     )
     flt.run(program)
     return flt, laid

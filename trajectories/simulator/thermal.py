@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ins.records import InputError
 
+CLIMB_S = 900.0  # over which the air of a flight becomes that of the cruise, and back
+
 
 @dataclass(frozen=True, kw_only=True)
 class Temperatures:
@@ -32,6 +34,8 @@ class ThermalHistory:
 
     gyro_rise_degC: each gyro's own heat above the block; gradient_fraction: Tdiff per block-to-gyro
     difference; sun_degC, from sun_start_s on, warms the block with the time constant sun_tau_s.
+    flight_degC: by how much the air around the unit is warmer from flight_start_s to flight_end_s
+    (below 0: colder); the block follows with flight_tau_s.
     """
 
     ambient_degC: float
@@ -44,12 +48,22 @@ class ThermalHistory:
     sun_degC: float = 0.0
     sun_start_s: float = 0.0
     sun_tau_s: float = 1800.0
+    flight_degC: float = 0.0
+    flight_start_s: float = 0.0
+    flight_end_s: float = 0.0
+    flight_tau_s: float = 2400.0
 
     def __post_init__(self) -> None:
-        taus = (self.block_tau_s, self.sun_tau_s, *self.gyro_tau_s)
-        if not min(taus) > 0 or self.block_tau_s in self.gyro_tau_s:
+        taus = (self.block_tau_s, self.sun_tau_s, self.flight_tau_s, *self.gyro_tau_s)
+        if not min(taus) > 0 or {self.block_tau_s, self.flight_tau_s} & {*self.gyro_tau_s}:
             raise InputError(
-                "thermal: time constants must be above 0, gyro_tau_s other than block_tau_s"
+                "thermal: time constants must be above 0, gyro_tau_s other than block_tau_s and"
+                " flight_tau_s"
+            )
+        if self.flight_degC and not self.flight_end_s > self.flight_start_s:
+            raise InputError(
+                f"thermal: flight_end_s {self.flight_end_s:g} s, needed after flight_start_s"
+                f" {self.flight_start_s:g} s"
             )
 
     def at(self, time_s: ArrayLike) -> Temperatures:
@@ -70,6 +84,9 @@ class ThermalHistory:
             ],
             axis=-1,
         )
+        ambient = np.full(t.shape, self.ambient_degC)
+        if self.flight_degC:
+            block, lagged, ambient = self._flown(t, block, lagged, ambient)
         gradient = np.asarray(self.gradient_fraction) * (block[:, None] - lagged)
         accel = np.repeat(lagged.mean(axis=1)[:, None], 3, axis=1)
         return Temperatures(
@@ -77,8 +94,25 @@ class ThermalHistory:
             accel_degC=accel,
             gradient_degC=gradient,
             block_degC=block,
-            ambient_degC=np.full(t.shape, self.ambient_degC),
+            ambient_degC=ambient,
         )
+
+    def _flown(
+        self, t: NDArray, block: NDArray, lagged: NDArray, ambient: NDArray
+    ) -> tuple[NDArray, NDArray, NDArray]:
+        """Block, gyros without their own heat, and air, with the air of a flight."""
+        since, after = t - self.flight_start_s, t - self.flight_end_s
+        block = block + self.flight_degC * (
+            first_order_rise(since, self.flight_tau_s) - first_order_rise(after, self.flight_tau_s)
+        )
+        follows = [
+            _second_order(since, self.flight_tau_s, tau)
+            - _second_order(after, self.flight_tau_s, tau)
+            for tau in self.gyro_tau_s
+        ]
+        lagged = lagged + self.flight_degC * np.stack(follows, axis=-1)
+        aloft = np.clip(since / CLIMB_S, 0.0, 1.0) - np.clip(after / CLIMB_S, 0.0, 1.0)
+        return block, lagged, ambient + self.flight_degC * aloft
 
 
 def first_order_rise(t: NDArray, tau_s: float) -> NDArray:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.alignment import level_document
+from infield.reports.documents.flight import flight_document
 from infield.reports.documents.session_records import (
     ChainDocument,
     ChainRow,
@@ -136,6 +137,7 @@ def _estimated(
         motion_level=None if parked else level_document(e.navigated.level),
         environment=None if parked else environment(e.navigated),
         taxi=_taxi(e.rolling),
+        flight=flight_document(session),
     )
 
 

@@ -153,6 +153,62 @@ class TaxiDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlightNuisance:
+    """What a flight carried beside the gyros' biases, in `unit`; value, sigma: None of what comes
+    and goes (slow errors, the vertical along the track) and where nothing was estimated.
+    """
+
+    nuisance: str
+    text: str
+    value: Sequence[float] | None
+    sigma: Sequence[float] | None
+    prior_sigma: Sequence[float]
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightAgainstRest:
+    """What a gyro read in flight beyond what it read at rest, by itself; None: not shown."""
+
+    axis: str
+    size_deg_h: float | None
+    sigma_deg_h: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightWorth:
+    """Sigma of a gyro's table, RMS over the flight's temperatures [deg/h]."""
+
+    axis: str
+    before_deg_h: float
+    ground_alone_deg_h: float
+    after_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightDocument:
+    """A session's flight: joined to it, or left out for these reasons.
+
+    rests_after_s: rests after landing, from and to; covered_percent: of its seconds, by fixes;
+    repeated_fixes: left out as repetitions of the one before.
+    """
+
+    joined: bool
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    start_s: float
+    end_s: float
+    rests_after_s: Sequence[Sequence[float]]
+    covered_percent: float
+    repeated_fixes: int
+    sigma_heading_ground_mrad: float
+    sigma_heading_mrad: float | None
+    against_rest: Sequence[FlightAgainstRest]
+    nuisances: Sequence[FlightNuisance]
+    worth: Sequence[FlightWorth] | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
 class SmoothingDocument:
     """RMS sigma of a gyro over the bins, by the filter alone and given the whole run."""
 
@@ -249,6 +305,7 @@ class EstimatedDocument(SessionDocument):
     doubted: wrong facts that the session resembles, so that its table was taught nothing along
     them; left out where there are none. taxi: left out where nothing rolled. phases_used: those
     that made points. environment: of a navigated session, what its parked vehicle went through.
+    flight: left out where the run does not fly with a receiver.
     """
 
     alignment: SessionAlignment
@@ -270,3 +327,4 @@ class EstimatedDocument(SessionDocument):
     motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
     environment: Environment | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
+    flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -12,6 +12,7 @@ from ins.verdicts import Reason
 ROOMS: tuple[str, ...] = (
     "aided",
     "alignment",
+    "flight",
     "misalignment",
     "replay",
     "session",

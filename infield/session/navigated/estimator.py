@@ -66,7 +66,7 @@ def estimate_session(
     )
     prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
-    sigma0 = _nuisance_sigmas(run, twin, settings)
+    sigma0 = nuisance_sigmas(run, twin, settings)
 
     def aids(assumed: Assumed) -> list[Aid]:
         return _aids(run, twin, settings, clone_at, assumed)
@@ -87,7 +87,7 @@ def estimate_session(
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
     mean, covariance = solution.bias
-    error, sigma = _heading_error(aligned, solution)
+    error, sigma = alignment_heading_error(aligned, solution)
     tally = solution.filter.tally
     dof = sum(tally.dof.values())
     return SessionEstimate(
@@ -105,7 +105,7 @@ def estimate_session(
     )
 
 
-def _heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float]:
+def alignment_heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float]:
     """Alignment heading less the heading that the whole session gives for the same moment [rad],
     and its sigma.
     """
@@ -118,7 +118,7 @@ def _heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float
     return float(wrap_pi(aligned.heading_rad - heading)), float(np.sqrt(flt.P[down, down]))
 
 
-def _nuisance_sigmas(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, float]:
+def nuisance_sigmas(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, float]:
     survey = run.header.survey
     return {
         "KAPPA": settings.sigma_crab_mrad * MILLIRADIAN,

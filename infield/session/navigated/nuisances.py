@@ -114,18 +114,19 @@ class Bench:
     aids: Callable[[Assumed], Sequence[Aid]]
 
     def run(self, assumed: Assumed) -> ErrorFilter:
-        return self.last.run(self.priors(assumed), self.aids(assumed))
+        return self.last.run(priors_under(self.sigma0, assumed), self.aids(assumed))
 
-    def priors(self, assumed: Assumed) -> Mapping[str, float]:
-        """Prior sigmas under what is assumed."""
-        sigma0 = dict(self.sigma0)
-        for nuisance in sorted(assumed.free):
-            if nuisance in WANDERING:
-                state, level = WANDERING[nuisance]
-                sigma0[state] = getattr(assumed, level)
-            else:
-                sigma0.update(CONSTANTS[nuisance])
-        return sigma0
+
+def priors_under(declared: Mapping[str, float], assumed: Assumed) -> Mapping[str, float]:
+    """Prior sigmas of nuisance states under what is assumed."""
+    sigma0 = dict(declared)
+    for nuisance in sorted(assumed.free):
+        if nuisance in WANDERING:
+            state, level = WANDERING[nuisance]
+            sigma0[state] = getattr(assumed, level)
+        else:
+            sigma0.update(CONSTANTS[nuisance])
+    return sigma0
 
 
 def rolling_model(bench: Bench, declared: ErrorFilter) -> RollingModel:

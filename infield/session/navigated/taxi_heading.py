@@ -215,7 +215,7 @@ class GnssAid:
         z = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
         sigma = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
         variance = sigma**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
-        rows = _velocity_rows(views, at, v_n)
+        rows = velocity_rows(views, at, v_n)
         if Nuisance.ANTENNA in self.assumed.free:
             C = views.C_nb[at, :2, :2]
             of_arm = spin[:, None, None] * np.stack([C[:, 1], -C[:, 0]], axis=1)
@@ -307,7 +307,7 @@ def _with_states(rows: list[dict[int, ArrayLike]], states: slice, of_states: NDA
             row[state] = of_states[:, i, k]
 
 
-def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[dict[int, ArrayLike]]:
+def velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[dict[int, ArrayLike]]:
     """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part.
 
     A vehicle that stands has v = 0: with the computed velocity, drifted by 0.1 m/s, a parked unit

@@ -40,8 +40,9 @@ def _section(kind: type, values: Any, where: str) -> Any:
     """One section as its record; numbers must be from 0 to MAX_SETTING."""
     if not isinstance(values, dict):
         raise InputError(f"{where}: got {values!r}, needed a section")
-    known = {f.name: f for f in fields(kind)}
     default = kind()
+    plain = bool | int | float | dict
+    known = [f.name for f in fields(kind) if isinstance(getattr(default, f.name), plain)]
     for key, value in values.items():
         if key not in known:
             raise InputError(f"{where}: unknown key {key!r}, needed one of {', '.join(known)}")

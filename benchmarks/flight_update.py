@@ -1,0 +1,450 @@
+"""What a flight is worth to the table, and whether its sigmas are right: simulated sessions that
+park, taxi, fly two hours, land, taxi and park, each with a unit, a receiver and nuisances of its
+own.
+
+    python benchmarks/flight_update.py sigmas rlg 0 40 > rlg.jsonl       errors over sigma
+    python benchmarks/flight_update.py hostile rlg 0 24 > hostile.jsonl  the gates
+    python benchmarks/flight_update.py summary rlg.jsonl ...
+
+The unit is drawn as in the study of recalibration, the nuisances of the flight from the priors that
+the update names (`SessionSettings.flight`); what is simulated is the simulator's own
+(`trajectories`). Temperatures at the gyros: 8 degC at power-on, 26 before take-off, -17 at the end
+of the cruise. One line of JSON a flight.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.flight_errors import FlightErrors, Triple, with_flight_errors
+from infield.session.estimate import SessionEstimate
+from infield.session.log import table_series
+from infield.session.one_run import take_run
+from infield.session.results import SessionResult
+from infield.session.settings import SessionSettings
+from infield.table.file import table_from_dict
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import GyroTemperature
+from ins.records import AXES, GnssLog, GyroNoise, Site, TwinModel
+from ins.twin_file import default_twin
+from ins.units import DEG
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import (
+    Climb,
+    Cruise,
+    Descend,
+    Landing,
+    Park,
+    Segment,
+    Stop,
+    Straight,
+    TakeOff,
+    Turn,
+    TurnFlight,
+)
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
+from trajectories.simulator.thermal import ThermalHistory
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import UnitTruth, aged_unit
+
+RATE_HZ = 20.0
+WHEELS_M, ANTENNA_M = (-6.0, 0.3, 2.0), (1.5, -0.4, -1.8)
+NODES_DEGC = np.arange(-30.0, 51.0, 10.0)
+HEADINGS_DEG, LATITUDES_DEG = (20.0, 110.0, 245.0, 320.0), (45.0, 30.0, 55.0, -40.0)
+FLIGHTS_OF_A_PLACE = 10  # simulated in turn from one place and heading
+WITHIN_SIGMAS = 4.0  # of a committed node: beyond, it is confident and wrong
+TAKE_OFF_S = 2250.0  # about; the cold of the cruise begins
+THERMAL = ThermalHistory(
+    ambient_degC=8.0,
+    start_degC=8.0,
+    settled_degC=30.0,
+    flight_degC=-58.0,
+    flight_start_s=TAKE_OFF_S + 300.0,
+    flight_end_s=TAKE_OFF_S + 5000.0,
+    flight_tau_s=2400.0,
+)
+GROUND: tuple[Segment, ...] = (
+    Park(duration_s=1800.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=120.0),
+    Stop(duration_s=45.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=100.0),
+    Turn(angle_deg=-90.0),
+    Straight(duration_s=30.0, speed_m_s=5.0),
+)
+HOLDING: tuple[Segment, ...] = (TurnFlight(angle_deg=180.0), Cruise(duration_s=90.0)) * 4
+FLIGHT: tuple[Segment, ...] = (
+    TakeOff(),
+    Climb(height_m=9000.0, rate_m_s=10.0, speed_m_s=180.0),
+    TurnFlight(angle_deg=60.0),
+    Cruise(duration_s=1500.0, speed_m_s=210.0),
+    TurnFlight(angle_deg=-80.0),
+    Cruise(duration_s=1200.0),
+    TurnFlight(angle_deg=-45.0),
+    Cruise(duration_s=900.0),
+    Descend(height_m=3000.0, rate_m_s=8.0, speed_m_s=120.0),
+    *HOLDING,
+    Descend(height_m=500.0, rate_m_s=6.0, speed_m_s=90.0),
+    TurnFlight(angle_deg=90.0),
+    Cruise(duration_s=60.0),
+    Landing(),
+)
+AFTER: tuple[Segment, ...] = (
+    Straight(duration_s=60.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=60.0),
+    Stop(duration_s=20.0),
+    Park(duration_s=900.0),
+)
+
+
+@lru_cache(maxsize=1)
+def ideal_flight(place: int, rate_hz: float = RATE_HZ) -> IdealSensors:
+    """The noise-free session from one of the places and headings."""
+    k = place % len(HEADINGS_DEG)
+    truth = build_truth(
+        lay([*GROUND, *FLIGHT, *AFTER]),
+        Site(lat_rad=LATITUDES_DEG[k] * DEG, lon_rad=7.0 * DEG, height_m=250.0),
+        heading_rad=HEADINGS_DEG[k] * DEG,
+        roll_rad=0.0,
+        pitch_rad=0.0,
+        wheel_reference_m=WHEELS_M,
+    )
+    return ideal_sensors(truth, rate_hz)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A simulated session, its unit, its table and what the update believes of it."""
+
+    simulated: SimulatedRun
+    unit: UnitTruth
+    table: ThermalTable
+    twin: TwinModel
+
+
+def triple(rng: np.random.Generator, sigma: float) -> Triple:
+    x, y, z = sigma * rng.standard_normal(3)
+    return float(x), float(y), float(z)
+
+
+def drawn_errors(rng: np.random.Generator, technology: str) -> FlightErrors:
+    """Nuisances of a flight, from the priors that the update names."""
+    p = SessionSettings().flight
+    return FlightErrors(
+        slow_position_m=p.slow_position_m,
+        slow_position_s=p.slow_position_s,
+        slow_velocity_m_s=p.slow_velocity_m_s,
+        slow_velocity_s=p.slow_velocity_s,
+        deflection_arcsec=p.deflection_arcsec,
+        deflection_m=p.deflection_m,
+        accel_scale_ppm=triple(rng, p.accel_scale_ppm[technology]),
+        accel_slope_ug_degC=triple(rng, p.accel_slope_ug_degC[technology]),
+        accel_shift_ug=triple(rng, p.accel_shift_ug[technology]),
+        gyro_shift_deg_h=triple(rng, p.shift_deg_h[technology]),
+    )
+
+
+def drawn_gyro(rng: np.random.Generator, gyro: GyroNoise, technology: str) -> GyroNoise:
+    """The gyros of a unit: scale and misalignment that its twin does not know."""
+    settings = SessionSettings()
+    scale = triple(rng, settings.sigma_scale_factor_ppm[technology])
+    mrad = settings.flight.misalignment_mrad[technology]
+    first, second = triple(rng, mrad), triple(rng, mrad)
+    return replace(gyro, scale_factor_ppm=scale, misalignment_mrad=(*first, *second))
+
+
+def drawn_session(
+    seed: int,
+    technology: str,
+    *,
+    rate_hz: float = RATE_HZ,
+    change: Callable[[FlightErrors], FlightErrors] = lambda errors: errors,
+    antenna_m: Triple = ANTENNA_M,
+) -> Drawn:
+    """One flight of one unit; change: of its errors; antenna_m: where the antenna truly is."""
+    rng = np.random.default_rng([17, seed])
+    twin = default_twin(technology)
+    unit = aged_unit(rng, gyro_technology=technology)
+    ideal = ideal_flight(seed // FLIGHTS_OF_A_PLACE, rate_hz)
+    truth = replace(twin, gyro=drawn_gyro(rng, twin.gyro, technology))
+    plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=antenna_m, run_id=f"flight-{seed}")
+    errors = change(drawn_errors(rng, technology))
+    simulated = simulate_run(ideal, THERMAL, unit, truth, rng=rng, plan=plan)
+    simulated = with_flight_errors(simulated, ideal, errors, rng)
+    header = replace(simulated.run.header, gnss_lever_arm_m=ANTENNA_M)
+    simulated = replace(simulated, run=replace(simulated.run, header=header))
+    table = table_from_dict(unit.factory_table(NODES_DEGC), name="factory table")
+    return Drawn(simulated, unit, table, twin)
+
+
+def bin_errors(drawn: Drawn, estimate: SessionEstimate, T: GyroTemperature) -> NDArray:
+    """Estimate less truth (N, 3) [deg/h] of the bins' mean biases beyond the table."""
+    simulated, bins = drawn.simulated, estimate.bins
+    low, high = float(T.temperature_degC.min()), float(T.temperature_degC.max())
+    of_table = table_series(drawn.table.extended_to(low, high), T)
+    time_s = simulated.bias_time_s
+    true = simulated.gyro_bias_true_deg_h - of_table(time_s)
+    means = [
+        true[(time_s >= a) & (time_s < b)].mean(axis=0) for a, b in zip(bins.start_s, bins.end_s)
+    ]
+    return estimate.mean_deg_h.reshape(-1, 3) - np.array(means)
+
+
+def mean_rows(estimate: SessionEstimate, start_s: float, end_s: float) -> NDArray:
+    """Rows (3, 3N) that average the bins of each axis between two times."""
+    bins = estimate.bins
+    inside = (bins.start_s >= start_s) & (bins.end_s <= end_s)
+    weight = bins.duration_s * inside / float(np.sum(bins.duration_s * inside))
+    rows = np.zeros((3, estimate.mean_deg_h.size))
+    for axis in range(3):
+        rows[axis, axis::3] = weight
+    return rows
+
+
+def node_errors(drawn: Drawn, result: SessionResult) -> tuple[NDArray, NDArray, NDArray]:
+    """Errors of the table after the session (m,), its sigmas and what the errors were before, at
+    the temperatures of the session, five degrees apart [deg/h].
+    """
+    assert result.temperature is not None
+    T = result.temperature.temperature_degC
+    after = drawn.table if result.merged is None else result.merged.table
+    found: list[tuple[float, float, float]] = []
+    for k, axis in enumerate(AXES):
+        at = np.arange(np.ceil(T[:, k].min()), T[:, k].max(), 5.0)
+        true = drawn.unit.bias_deg_h(axis, at)
+        before = drawn.table.bias_deg_h(k, at) - true
+        error, sigma = after.bias_deg_h(k, at) - true, after.sigma_deg_h(k, at)
+        found += list(zip(error.tolist(), sigma.tolist(), before.tolist()))
+    error, sigma, before = np.array(found).T
+    return error, sigma, before
+
+
+Line = Mapping[str, object]
+
+
+def scored(seed: int, drawn: Drawn) -> Line:
+    """One flight's line: errors over sigma, table before and after, CPU."""
+    began = time.process_time()
+    run, settings = drawn.simulated.run, SessionSettings()
+    result = take_run(run, drawn.table, drawn.twin, settings, False)
+    cpu_s = time.process_time() - began
+    flight = result.flight
+    line: dict[str, object] = {
+        "seed": seed,
+        "outcome": result.verdict.outcome.value,
+        "joined": flight is not None and flight.joined is not None,
+        "reasons": [reason.code.value for reason in result.verdict.reasons],
+        "left_out": [] if flight is None else [reason.code.value for reason in flight.reasons],
+        "cpu_s": cpu_s,
+    }
+    if result.estimate is None or result.temperature is None or flight is None:
+        return line
+    estimate = result.estimate
+    error = bin_errors(drawn, estimate, result.temperature).ravel()
+    spans = {
+        "session": (-np.inf, np.inf),
+        "parked": (-np.inf, flight.flight.start_s),
+        "flight": (flight.flight.start_s, flight.flight.end_s),
+    }
+    for name, span in spans.items():
+        if not ((estimate.bins.start_s >= span[0]) & (estimate.bins.end_s <= span[1])).any():
+            continue
+        rows = mean_rows(estimate, *span)
+        P = rows @ estimate.covariance @ rows.T
+        line[f"{name}_error"] = (rows @ error).tolist()
+        line[f"{name}_covariance"] = P.tolist()
+    nodes, sigma, before = node_errors(drawn, result)
+    tally = estimate.navigated.filter.tally
+    line |= {
+        "nodes_rms": float(np.sqrt(np.mean(nodes**2))),
+        "nodes_sigma_rms": float(np.sqrt(np.mean(sigma**2))),
+        "nodes_before_rms": float(np.sqrt(np.mean(before**2))),
+        "nodes_worst_sigmas": float(np.max(np.abs(nodes) / sigma)),
+        "nis": {kind: tally.nis[kind] / tally.dof[kind] for kind in tally.nis},
+        "heading_sigma_mrad": 1e3 * estimate.sigma_heading_rad,
+        "heading_sigma_before_mrad": 1e3 * flight.heading_before_rad,
+    }
+    return line
+
+
+def during(log: GnssLog, start_s: float, end_s: float) -> NDArray:
+    """Fixes of a span (n,)."""
+    return np.asarray((log.time_s >= start_s) & (log.time_s < end_s))
+
+
+def moved(log: GnssLog, north_m: NDArray, velocity_m_s: NDArray) -> GnssLog:
+    """The fixes moved north (n,), their velocities too."""
+    v_n = log.v_n_m_s.copy()
+    v_n[:, 0] += velocity_m_s
+    return replace(log, lat_rad=log.lat_rad + north_m / 6_378_137.0, v_n_m_s=v_n)
+
+
+def silent(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Three outages, of up to twenty minutes."""
+    start = rng.uniform(3000.0, 7000.0, 3)
+    length = rng.uniform(60.0, 1200.0, 3)
+    gone = np.any([during(log, a, a + d) for a, d in zip(start, length)], axis=0)
+    columns = {k: None if v is None else v[~gone] for k, v in vars(log).items()}
+    return GnssLog(**columns)
+
+
+def jumping(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Positions that jump by 5 to 100 m for minutes."""
+    north = np.zeros(log.time_s.size)
+    for start in rng.uniform(2500.0, 8000.0, 4):
+        there = during(log, start, start + rng.uniform(30.0, 600.0))
+        north[there] += rng.uniform(5.0, 100.0) * rng.choice([-1.0, 1.0])
+    return moved(log, north, np.zeros(north.size))
+
+
+def led_astray(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Positions and velocities that are led away, smoothly and in step, by 0.05 to 2 m/s."""
+    rate, start = 10 ** rng.uniform(-1.3, 0.3), rng.uniform(3000.0, 7000.0)
+    velocity = rate * (1.0 - np.exp(-np.maximum(log.time_s - start, 0.0) / 120.0))
+    step_s = np.diff(log.time_s, prepend=log.time_s[0])
+    return moved(log, np.cumsum(velocity * step_s), velocity)
+
+
+def stuck(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Fixes that stay the same for five to fifteen minutes."""
+    start = rng.uniform(3000.0, 7000.0)
+    there = np.flatnonzero(during(log, start, start + rng.uniform(300.0, 900.0)))
+    lat, lon, v_n = log.lat_rad.copy(), log.lon_rad.copy(), log.v_n_m_s.copy()
+    lat[there], lon[there], v_n[there] = lat[there[0]], lon[there[0]], v_n[there[0]]
+    return replace(log, lat_rad=lat, lon_rad=lon, v_n_m_s=v_n)
+
+
+def biased(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Velocities that read 0.05 to 0.3 m/s too much for an hour, positions right."""
+    start = rng.uniform(3000.0, 5000.0)
+    excess = np.where(during(log, start, start + 3600.0), rng.uniform(0.05, 0.3), 0.0)
+    return moved(log, np.zeros(excess.size), excess)
+
+
+def late(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Fixes 0.2 to 1 s older than their stamps."""
+    return replace(log, time_s=log.time_s + rng.uniform(0.2, 1.0))
+
+
+def louder(log: GnssLog, rng: np.random.Generator) -> GnssLog:
+    """Noise three to ten times what the log declares."""
+    factor = rng.uniform(3.0, 10.0)
+    noise = 0.5 * factor * rng.standard_normal(log.time_s.size)
+    return moved(log, noise, 0.03 * factor * rng.standard_normal(noise.size))
+
+
+Receiver = Callable[[GnssLog, np.random.Generator], GnssLog]
+RECEIVERS: Mapping[str, Receiver] = {
+    "outages": silent,
+    "jumps": jumping,
+    "led astray": led_astray,
+    "stuck": stuck,
+    "velocity bias": biased,
+    "late": late,
+    "louder": louder,
+}
+
+
+def shaken(sigma_deg_h: float, sigma_ug: float) -> Callable[[FlightErrors], FlightErrors]:
+    """Errors with what vibration adds to gyros and accelerometers in flight."""
+
+    def change(errors: FlightErrors) -> FlightErrors:
+        gyro = tuple(v + sigma_deg_h for v in errors.gyro_shift_deg_h)
+        accel = tuple(v + sigma_ug for v in errors.accel_shift_ug)
+        return replace(errors, gyro_shift_deg_h=gyro, accel_shift_ug=accel)
+
+    return change
+
+
+UNITS: Mapping[str, Callable[[FlightErrors], FlightErrors]] = {
+    "gyros shaken": shaken(0.01, 0.0),
+    "accelerometers shaken": shaken(0.0, 100.0),
+}
+ARM_OFF_M = 4.0
+
+
+def hostile_session(seed: int, technology: str) -> tuple[str, Drawn]:
+    """One of the hostile flights, in turn, and its name."""
+    names = (*RECEIVERS, *UNITS, "arm")
+    name = names[seed % len(names)]
+    rng = np.random.default_rng([71, seed])
+    if name in UNITS:
+        return name, drawn_session(seed, technology, change=UNITS[name])
+    if name == "arm":
+        off = ARM_OFF_M * rng.standard_normal(3) / np.sqrt(3.0)
+        x, y, z = np.add(ANTENNA_M, off)
+        antenna = float(x), float(y), float(z)
+        return name, drawn_session(seed, technology, antenna_m=antenna)
+    drawn = drawn_session(seed, technology)
+    run = drawn.simulated.run
+    assert run.gnss is not None
+    run = replace(run, gnss=RECEIVERS[name](run.gnss, rng))
+    return name, replace(drawn, simulated=replace(drawn.simulated, run=run))
+
+
+def summary(paths: Sequence[Path]) -> None:
+    """Print what the lines of a benchmark say together."""
+    lines = [json.loads(text) for path in paths for text in path.read_text().splitlines()]
+    if any("hostile" in line for line in lines):
+        return _hostile_summary(lines)
+    joined = [line for line in lines if line["joined"]]
+    print(f"{len(lines)} flights, {len(joined)} joined")
+    for span in ("session", "parked", "flight"):
+        error = np.array([line[f"{span}_error"] for line in joined])
+        P = np.array([line[f"{span}_covariance"] for line in joined])
+        z = error / np.sqrt(np.diagonal(P, axis1=1, axis2=2))
+        nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error) / 3.0
+        rms = 1e4 * np.sqrt(np.mean(error**2, axis=0))
+        print(
+            f"{span}: error over sigma {np.sqrt(np.mean(z**2)):.3f}"
+            f" (axes {np.round(np.sqrt(np.mean(z**2, axis=0)), 2)}),"
+            f" NEES {nees.mean():.3f}, RMS {np.round(rms, 1)} 1e-4 deg/h"
+        )
+    for key in ("nodes_before_rms", "nodes_rms", "nodes_sigma_rms"):
+        print(key, f"{np.sqrt(np.mean(np.square([line[key] for line in joined]))):.5f} deg/h")
+    print("worst node", max(line["nodes_worst_sigmas"] for line in joined), "sigmas")
+    print("CPU", np.median([line["cpu_s"] for line in lines]), "s")
+    for line in lines:
+        if not line["joined"] or line["outcome"] != "accepted":
+            print(line["seed"], line["outcome"], line["reasons"], line["left_out"])
+
+
+def _hostile_summary(lines: Sequence[Mapping[str, object]]) -> None:
+    for name in dict.fromkeys(line["hostile"] for line in lines):
+        of_kind = [line for line in lines if line["hostile"] == name]
+        accepted = [line for line in of_kind if line["outcome"] == "accepted"]
+        joined = [line for line in accepted if line["joined"]]
+        worst = [float(str(line["nodes_worst_sigmas"])) for line in accepted]
+        wrong = sum(w > WITHIN_SIGMAS for w in worst)
+        print(
+            f"{name}: {len(of_kind)} flights, {len(accepted)} merged, {len(joined)} with the"
+            f" flight, {wrong} wrong, worst {max(worst, default=0.0):.1f} sigmas"
+        )
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run what the head of this module shows."""
+    if arguments[0] == "summary":
+        return summary([Path(name) for name in arguments[1:]])
+    kind, technology, first, end = arguments
+    for seed in range(int(first), int(end)):
+        if kind == "hostile":
+            name, drawn = hostile_session(seed, technology)
+            line = {"hostile": name, **scored(seed, drawn)}
+        else:
+            line = dict(scored(seed, drawn_session(seed, technology)))
+        print(json.dumps(line), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

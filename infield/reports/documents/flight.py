@@ -1,0 +1,82 @@
+"""What `update.json` and the report say of a session's flight."""
+
+import numpy as np
+
+from infield.reports.documents.session_records import (
+    FlightAgainstRest,
+    FlightDocument,
+    FlightNuisance,
+    FlightWorth,
+)
+from infield.reports.words.flight import UNITS
+from infield.reports.words.sentences import codes, sentence, sentences
+from infield.session.flown.evidence import FlightEvidence, Worth
+from infield.session.flown.gates import CONSTANT, Carried
+from infield.session.flown.priors import Further
+from infield.session.results import SessionResult
+from ins.records import AXES
+from ins.units import DEG_PER_HOUR, MILLIRADIAN
+from ins.verdicts import because
+
+
+def flight_document(session: SessionResult) -> FlightDocument | None:
+    """The flight of a run; None where it does not fly with a receiver."""
+    e = session.flight
+    if e is None:
+        return None
+    joined = e.joined
+    return FlightDocument(
+        joined=joined is not None,
+        reasons=sentences(e.reasons),
+        reason_codes=codes(e.reasons),
+        start_s=e.flight.start_s,
+        end_s=e.flight.end_s,
+        rests_after_s=[list(stand) for stand in e.flight.stands],
+        covered_percent=100.0 * e.flight.covered,
+        repeated_fixes=e.repeated,
+        sigma_heading_ground_mrad=e.heading_before_rad / MILLIRADIAN,
+        sigma_heading_mrad=None if joined is None else joined.sigma_heading_rad / MILLIRADIAN,
+        against_rest=_against_rest(e),
+        nuisances=[_nuisance(state) for state in e.carried],
+        worth=None if e.worth is None else _worth(e.worth),
+    )
+
+
+def _against_rest(e: FlightEvidence) -> list[FlightAgainstRest]:
+    shift = next((state for state in e.carried if state.state is Further.SHIFT), None)
+    if shift is None:
+        return []
+    value, sigma = (v / DEG_PER_HOUR for v in shift.by_itself())
+    return [
+        FlightAgainstRest(
+            axis=axis,
+            size_deg_h=float(value[k]) if np.isfinite(sigma[k]) else None,
+            sigma_deg_h=float(sigma[k]) if np.isfinite(sigma[k]) else None,
+        )
+        for k, axis in enumerate(AXES)
+    ]
+
+
+def _nuisance(found: Carried) -> FlightNuisance:
+    unit, size = UNITS[found.state]
+    stands = found.state in (*CONSTANT, Further.SHIFT)
+    return FlightNuisance(
+        nuisance=found.state.value,
+        text=sentence(because(found.state)),
+        value=(found.value / size).tolist() if stands else None,
+        sigma=(found.sigma / size).tolist() if stands else None,
+        prior_sigma=(found.prior / size).tolist(),
+        unit=unit,
+    )
+
+
+def _worth(worth: Worth) -> list[FlightWorth]:
+    return [
+        FlightWorth(
+            axis=axis,
+            before_deg_h=float(worth.before_deg_h[k]),
+            ground_alone_deg_h=float(worth.ground_deg_h[k]),
+            after_deg_h=float(worth.after_deg_h[k]),
+        )
+        for k, axis in enumerate(AXES)
+    ]

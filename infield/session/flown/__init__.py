@@ -1,0 +1,1 @@
+"""Sessions that fly with a receiver: parked, taxi, flight and what follows as one session."""

@@ -1,0 +1,173 @@
+"""May a flight be joined to the session that it began with? Reasons, where it may not.
+
+A flight that is left out leaves the ground session as it is. What is asked: enough fixes; residuals
+and rejected shares of positions and velocities by themselves; nuisances within their priors; and
+that the unit reads in flight what it reads at rest.
+
+Each further state has the prior N(0, S0) and the posterior N(x, S): over sound flights x is
+N(0, S0 - S). With no prior at all it would be x S0 / (S0 - S), of variance S S0 / (S0 - S)
+(information form; Bar-Shalom (2001), section 5.2): that is the size that is told.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from alignment.gyrocompass import nis_verdict
+from infield.session.acceptance import MAX_REJECTED_SHARE
+from infield.session.flown.estimator import FlownEstimate
+from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
+from infield.session.flown.flight import LEAST_WITH_FIXES, Flight
+from infield.session.flown.priors import Further, Layout
+from infield.session.reasons import FlightReason
+from infield.table.merge import CONFIDENCE
+from ins.filters.error_filter import ErrorFilter
+from ins.units import DEG_PER_HOUR
+from ins.verdicts import Reason, because
+
+# What stands still while it flies; slow errors of the receiver and the vertical come and go.
+CONSTANT = (
+    Further.ANTENNA,
+    Further.DELAY,
+    Further.ACCEL_Z,
+    Further.ACCEL_SCALE,
+    Further.ACCEL_SHIFT,
+    Further.ACCEL_SLOPE,
+    Further.GYRO_SCALE,
+    Further.MISALIGNMENT,
+    Further.FORCE,
+)
+# of a prior's variance that the flight must have removed for a state to be judged: below, what is
+# left is rounding (1e-3 of a variance is 5e-4 of a sigma)
+JUDGED_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A further state as a flight leaves it, SI: posterior value and sigma, prior sigma (k,).
+
+    sigmas (k,): value over what it may be of a sound flight; 0 where the flight shows nothing.
+    """
+
+    state: Further
+    value: NDArray
+    sigma: NDArray
+    prior: NDArray
+    sigmas: NDArray
+
+    def by_itself(self) -> tuple[NDArray, NDArray]:
+        """Value and sigma (k,) had there been no prior; sigma is inf where nothing shows."""
+        removed = self.prior**2 - self.sigma**2
+        shown = removed > JUDGED_SHARE * self.prior**2
+        factor = np.divide(self.prior**2, removed, out=np.zeros(len(removed)), where=shown)
+        value = self.value * factor
+        sigma = np.where(shown, self.sigma * np.sqrt(factor), np.inf)
+        return value, sigma
+
+
+def carried(flt: ErrorFilter, layout: Layout) -> tuple[Carried, ...]:
+    """Every further state as the filter leaves it."""
+    found = []
+    for state, where in layout.at.items():
+        index = np.arange(where.start, where.stop)
+        prior = layout.sigma[index - layout.first]
+        x, sigma = flt.x[index], np.sqrt(np.diag(flt.P)[index])
+        removed = prior**2 - sigma**2
+        shown = removed > JUDGED_SHARE * prior**2
+        spread = np.sqrt(np.where(shown, removed, np.inf))
+        found.append(Carried(state, x, sigma, prior, x / spread))
+    return tuple(found)
+
+
+def against_joining(flown: FlownEstimate, flight: Flight) -> tuple[Reason, ...]:
+    """Why a flight may not be joined to its session; empty where it may."""
+    flt = flown.estimate.navigated.filter
+    states = carried(flt, flown.layout)
+    return (*uncovered(flight), *_residuals(flt), *_beyond_prior(states), *_moved(states))
+
+
+def uncovered(flight: Flight) -> tuple[Reason, ...]:
+    """A reason where too little of the flight has fixes."""
+    if flight.covered >= LEAST_WITH_FIXES:
+        return ()
+    return (
+        because(
+            FlightReason.UNCOVERED,
+            covered_percent=100 * flight.covered,
+            needed_percent=100 * LEAST_WITH_FIXES,
+        ),
+    )
+
+
+def _residuals(flt: ErrorFilter) -> tuple[Reason, ...]:
+    """Positions and velocities that the noise model does not explain, or that lie beyond the
+    gate.
+    """
+    tally, found = flt.tally, []
+    rejected = Counter(kind for _, kind in tally.rejected)
+    for kind in (OF_POSITION, OF_VELOCITY):
+        dof = tally.dof.get(kind, 0)
+        excess = nis_verdict(tally.nis[kind] / dof, dof) if dof else None
+        if excess is not None:
+            found.append(because(FlightReason.EXCESS_RESIDUALS, kind=kind, excess=excess))
+        share = rejected[kind] / max(rejected[kind] + dof // 2, 1)
+        if share > MAX_REJECTED_SHARE:
+            beyond = because(
+                FlightReason.BEYOND_GATE,
+                kind=kind,
+                share_percent=100 * share,
+                needed_percent=100 * MAX_REJECTED_SHARE,
+            )
+            found.append(beyond)
+    return tuple(found)
+
+
+def _beyond_prior(states: Sequence[Carried]) -> tuple[Reason, ...]:
+    """The nuisance that lies furthest beyond what is taken for possible, where one does."""
+    held = [c for c in states if c.state in CONSTANT]
+    limit = _limit(sum(c.sigmas.size for c in held))
+    worst = max(held, key=lambda c: float(np.abs(c.sigmas).max()), default=None)
+    if worst is None or np.abs(worst.sigmas).max() <= limit:
+        return ()
+    k = int(np.argmax(np.abs(worst.sigmas)))
+    return (
+        because(
+            FlightReason.BEYOND_PRIOR,
+            state=worst.state.value,
+            value=float(worst.value[k]),
+            prior=float(worst.prior[k]),
+            sigmas=float(worst.sigmas[k]),
+            limit_sigmas=limit,
+        ),
+    )
+
+
+def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
+    """Gyros that read in flight what they do not read at rest, by more than is taken for
+    possible.
+    """
+    shift = next((c for c in states if c.state is Further.SHIFT), None)
+    if shift is None:
+        return ()
+    limit = _limit(shift.sigmas.size)
+    size, sigma = (v / DEG_PER_HOUR for v in shift.by_itself())
+    return tuple(
+        because(
+            FlightReason.UNLIKE_AT_REST,
+            axis="xyz"[k],
+            size_deg_h=float(size[k]),
+            sigma_deg_h=float(sigma[k]),
+            sigmas=float(shift.sigmas[k]),
+            limit_sigmas=limit,
+        )
+        for k in np.flatnonzero(np.abs(shift.sigmas) > limit)
+    )
+
+
+def _limit(count: int) -> float:
+    """Sigmas that one of so many values exceeds in one sound flight of a thousand."""
+    return float(norm.isf((1.0 - CONFIDENCE) / 2.0 / max(count, 1)))

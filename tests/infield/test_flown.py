@@ -1,0 +1,188 @@
+"""Flights joined to their sessions: what drives the errors, the estimate, the gates, and that
+nothing else changes.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from benchmarks.flight_errors import FlightErrors
+from infield.session import one_run
+from infield.session.flown.driving import MISALIGNED
+from infield.session.flown.fixes import usable
+from infield.session.flown.priors import Further
+from infield.session.log import table_series
+from infield.session.one_run import take_run
+from infield.session.reasons import FlightReason
+from ins.earth import displacement_ned
+from ins.units import DEG_PER_HOUR, MICRO_G, PPM
+from tests.infield.flown_cases import (
+    flown,
+    ideal_flight,
+    layout_of,
+    noiseless,
+    nominal,
+    predicted,
+    solution,
+)
+from tests.infield.sessions import SETTINGS, TWIN, factory
+from trajectories.runs.cut import cut_run
+
+# of an error's size: what steps of a second and the loop that holds the height leave of it
+LINEAR_SHARE = 0.02
+# The same of the vertical accelerometer: a step of it moves the height for minutes, and a climb
+# rate that is wrong turns with the Earth into a level force that no state holds.
+HEIGHT_SHARE = 0.15
+VERTICAL = (Further.ACCEL_SCALE, Further.ACCEL_SHIFT)
+SIZES = {
+    Further.ACCEL_Z: 300 * MICRO_G,
+    Further.ACCEL_SCALE: 300 * PPM,
+    Further.ACCEL_SHIFT: 50 * MICRO_G,
+    Further.GYRO_SCALE: 100 * PPM,
+    Further.MISALIGNMENT: 1e-4,
+    Further.SHIFT: 0.05 * DEG_PER_HOUR,
+}
+
+
+def changed(state, k, size):
+    """The noise-free log with one further state in its rows, from where it moves on."""
+    case, ideal = noiseless(), ideal_flight()
+    log = case.log
+    turned, pushed = log.dtheta_rad.copy(), log.dv_m_s.copy()
+    moves, air = log.time_s > case.moves_s, 1.0 - ideal.on_wheels
+    dt = log.dt_s
+    if state is Further.ACCEL_Z:
+        pushed[moves, 2] += size * dt[moves]
+    elif state is Further.ACCEL_SCALE:
+        pushed[moves, k] *= 1.0 + size
+    elif state is Further.ACCEL_SHIFT:
+        pushed[:, k] += size * dt * air
+    elif state is Further.GYRO_SCALE:
+        turned[moves, k] *= 1.0 + size
+    elif state is Further.SHIFT:
+        turned[:, k] += size * dt * air
+    else:
+        gyro, axis = MISALIGNED[k]
+        turned[moves, gyro] += size * log.dtheta_rad[moves, axis]
+    return replace(log, dtheta_rad=turned, dv_m_s=pushed)
+
+
+def departure(log):
+    """Velocity and position of a solution less the nominal's at the end, level."""
+    before, other = nominal(), solution(log)
+    way = displacement_ned(
+        other.lat_rad[-1:],
+        other.lon_rad[-1:],
+        lat0_rad=before.lat_rad[-1:],
+        lon0_rad=before.lon_rad[-1:],
+        height0_m=before.height_m[-1:],
+    )
+    return np.append(other.v_n_m_s[-1, :2] - before.v_n_m_s[-1, :2], way)
+
+
+@pytest.mark.parametrize("state", SIZES, ids=lambda state: state.value)
+def test_further_states_drive_the_errors_as_the_sensors_do(state):
+    """Linear errors at the end of the flight against the nonlinear solution of changed rows."""
+    for k, index in enumerate(layout_of().indices(state)):
+        linear = predicted(index, SIZES[state])[0]
+        true = departure(changed(state, k, SIZES[state]))
+        scale = np.array([np.hypot(*true[:2]), np.hypot(*true[:2]), *[np.hypot(*true[2:])] * 2])
+        vertical = state is Further.ACCEL_Z or (k == 2 and state in VERTICAL)
+        share = HEIGHT_SHARE if vertical else LINEAR_SHARE
+        assert (np.abs(linear - true) < share * scale).all(), k
+
+
+def taken(run, **changes):
+    return take_run(replace(run, **changes), factory(), TWIN, SETTINGS, False)
+
+
+def same_table(one, other):
+    return np.array_equal(one.parameters, other.parameters) and np.array_equal(
+        one.covariance, other.covariance
+    )
+
+
+@lru_cache(maxsize=1)
+def joined():
+    simulated = flown()
+    return simulated, taken(simulated.run)
+
+
+def test_a_flight_is_joined_and_its_biases_are_true_within_their_sigmas():
+    """Chi-square of the three means over the session and over the flight, 99.9 %."""
+    simulated, result = joined()
+    assert result.verdict.accepted and result.flight.joined is result.estimate
+    estimate, time_s = result.estimate, simulated.bias_time_s
+    low, high = (f(result.temperature.temperature_degC) for f in (np.min, np.max))
+    of_table = table_series(factory().extended_to(low, high), result.temperature)
+    true = simulated.gyro_bias_true_deg_h - of_table(time_s)
+    bins = estimate.bins
+    means = [
+        true[(time_s >= a) & (time_s < b)].mean(axis=0) for a, b in zip(bins.start_s, bins.end_s)
+    ]
+    error = estimate.mean_deg_h - np.ravel(means)
+    aloft = (bins.start_s > result.flight.flight.start_s) & (
+        bins.end_s < result.flight.flight.end_s
+    )
+    for weight in (bins.duration_s, bins.duration_s * aloft):
+        rows = np.kron(weight / weight.sum(), np.eye(3))
+        P = rows @ estimate.covariance @ rows.T
+        z = rows @ error
+        assert z @ np.linalg.solve(P, z) < chi2.isf(1e-3, 3)
+
+
+def test_a_flight_shows_heading_and_the_table_of_its_temperatures():
+    result = joined()[1]
+    evidence = result.flight
+    assert evidence.joined.sigma_heading_rad < 0.7 * evidence.heading_before_rad
+    worth = evidence.worth
+    assert (worth.after_deg_h[:2] < 0.9 * worth.ground_deg_h[:2]).all()
+    assert (worth.after_deg_h <= worth.before_deg_h).all()
+
+
+def test_a_flight_left_out_leaves_the_ground_session():
+    """Gyros that read 0.05 deg/h more in flight than at rest: told with their size, and the table
+    is that of the ground session, to the last bit.
+    """
+    simulated = flown(errors=FlightErrors(slow_position_m=1.5, gyro_shift_deg_h=(0.1, -0.1, 0.0)))
+    result = taken(simulated.run)
+    told = {reason.code: reason.values for reason in result.flight.reasons}
+    assert FlightReason.UNLIKE_AT_REST in told
+    assert abs(told[FlightReason.UNLIKE_AT_REST]["size_deg_h"]) == pytest.approx(0.1, abs=0.05)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(one_run, "fly", never)
+        alone = taken(simulated.run)
+    assert same_table(result.merged.table, alone.merged.table)
+
+
+@pytest.mark.parametrize("with_gnss", [False, True])
+def test_sessions_that_do_not_fly_with_a_receiver_are_untouched(with_gnss, monkeypatch):
+    """With the path of flights and without it: the same bits. A run with GNSS is cut before it
+    flies.
+    """
+    run = flown(with_gnss=with_gnss).run
+    if with_gnss:
+        run = cut_run(run, 0.0, 980.0)
+    result = taken(run)
+    assert result.flight is None
+    monkeypatch.setattr(one_run, "fly", never)
+    alone = taken(run)
+    assert same_table(result.merged.table, alone.merged.table)
+    assert np.array_equal(result.estimate.covariance, alone.estimate.covariance)
+
+
+def never(known, ground):
+    return None
+
+
+def test_repeated_fixes_are_left_out():
+    """A stuck receiver's fixes, bit for bit the same at speed."""
+    gnss = flown().run.gnss
+    there = slice(1600, 1700)
+    lat, lon = gnss.lat_rad.copy(), gnss.lon_rad.copy()
+    lat[there], lon[there] = lat[1600], lon[1600]
+    kept, repeated = usable(replace(gnss, lat_rad=lat, lon_rad=lon))
+    assert repeated == 99 and kept.time_s.size == gnss.time_s.size - 99
