@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 
 from infield.reports import update_page
-from infield.reports.documents.thermal_use import ThermalUseDocument
+from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import PriorsUseDocument, RunDocument, UpdateDocument
 from infield.reports.words.sentences import sentence

@@ -53,7 +53,7 @@ from infield.replay.stops import StopSpeed
 from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
 from infield.reports.documents.alignment import FilterDocument, LevelDocument, alignment_document
 from infield.reports.documents.spans import SpanDocument as LeftOutDocument
-from infield.reports.documents.thermal_use import ThermalUseDocument
+from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.words.sentences import codes, sentence, sentences
 from infield.reports.words.significance import differs
 from ins.records import ReferenceLog, Run, TwinModel

@@ -1,10 +1,17 @@
-"""What the documents of all thermal models share."""
+"""What documents say of thermal models: what those of all models share, and what update.json and
+replay.json say of a stored model in use (`thermal_model`).
 
-from collections.abc import Sequence
+residual_table: the table less the model's settled part; text: a line for each run.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from infield.reports.words.sentences import sentences
+from infield.table.thermal_table import ThermalTable
 from infield.thermal.reasons import ThermalVerdict
-from ins.records import TwinModel
+from infield.thermal.stored_model import Removed, StoredModel, residual_table, taken_out
+from ins.records import AXES, TwinModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,4 +47,64 @@ def noise_model(twin: TwinModel) -> NoiseModelDocument:
         turn_on_deg_h=gyro.turn_on_deg_h,
         bias_instability_deg_h=gyro.bias_instability_deg_h,
         rate_random_walk_deg_h_sqrt_h=gyro.rate_random_walk_deg_h_sqrt_h,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemovedDocument:
+    """How large the rate and gradient terms were along a run, and how well they are known."""
+
+    run_id: str
+    rms_deg_h: Mapping[str, float]
+    sigma_deg_h: Mapping[str, float]
+    share_inside: float
+    taken_out_before: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualDocument:
+    """One gyro's table less the model's settled part."""
+
+    temperature_degC: Sequence[float]
+    bias_deg_h: Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalUseDocument:
+    """A model in use."""
+
+    file: str
+    schema: str
+    sha256: str
+    part: str = "rates"
+    runs: Sequence[RemovedDocument]
+    residual_table: Mapping[str, ResidualDocument]
+    text: Sequence[str]
+
+
+def use_document(
+    stored: StoredModel, removed: Sequence[Removed], table: ThermalTable
+) -> ThermalUseDocument:
+    """The document of a model that left some runs, beside a table."""
+    residual = residual_table(stored, table)
+    return ThermalUseDocument(
+        file=stored.name,
+        schema=stored.schema,
+        sha256=stored.sha256,
+        runs=[_removed(found) for found in removed],
+        residual_table={
+            axis: ResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
+            for axis, (T, bias) in residual.items()
+        },
+        text=sentences(taken_out(stored, removed)),
+    )
+
+
+def _removed(found: Removed) -> RemovedDocument:
+    return RemovedDocument(
+        run_id=found.run_id,
+        rms_deg_h=dict(zip(AXES, found.rms_deg_h.tolist())),
+        sigma_deg_h=dict(zip(AXES, found.sigma_deg_h.tolist())),
+        share_inside=found.share_inside,
+        taken_out_before=found.already,
     )

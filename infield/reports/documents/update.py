@@ -22,7 +22,7 @@ from infield.reports.documents.session import (
     session_document,
 )
 from infield.reports.documents.spans import SpanDocument, span_document
-from infield.reports.documents.thermal_use import ThermalUseDocument
+from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.documents.update_records import (
     BudgetDocument,
     ChangeDocument,

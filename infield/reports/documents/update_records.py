@@ -13,7 +13,7 @@ from infield.reports.documents.session_records import (
     SessionDocument,
 )
 from infield.reports.documents.spans import SpanDocument
-from infield.reports.documents.thermal_use import ThermalUseDocument
+from infield.reports.documents.thermal import ThermalUseDocument
 from infield.session.disagreement import Step
 from infield.session.reasons import ThermalAction, ThermalKind
 from ins.json_file import JsonObject

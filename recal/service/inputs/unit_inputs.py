@@ -9,7 +9,7 @@ from pathlib import Path
 from alignment import coarse, gyrocompass
 from alignment.gyrocompass import RAW_BIAS_DEG_H
 from alignment.motion.inertial import BRIEF_BLOCKS
-from infield.reports.documents.thermal_use import ThermalUseDocument, use_document
+from infield.reports.documents.thermal import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.reasons import NoiseReason
