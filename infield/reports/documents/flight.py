@@ -8,7 +8,7 @@ from infield.reports.documents.session_records import (
     FlightNuisance,
     FlightWorth,
 )
-from infield.reports.words.flight import UNITS
+from infield.reports.words.flight import TOLD_IN
 from infield.reports.words.sentences import codes, sentence, sentences
 from infield.session.flown.evidence import FlightEvidence, Worth
 from infield.session.flown.gates import CONSTANT, Carried
@@ -58,7 +58,7 @@ def _against_rest(e: FlightEvidence) -> list[FlightAgainstRest]:
 
 
 def _nuisance(found: Carried) -> FlightNuisance:
-    unit, size = UNITS[found.state]
+    unit, size = TOLD_IN[found.state]
     stands = found.state in (*CONSTANT, Further.SHIFT)
     return FlightNuisance(
         nuisance=found.state.value,

@@ -11,7 +11,7 @@ from infield.session.reasons import FlightReason
 from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 
 # of each state: name of its unit and the unit's size in SI
-UNITS: Mapping[Further, tuple[str, float]] = {
+TOLD_IN: Mapping[Further, tuple[str, float]] = {
     Further.SLOW_POSITION: ("m", 1.0),
     Further.SLOW_VELOCITY: ("m/s", 1.0),
     Further.ANTENNA: ("m", 1.0),
@@ -47,7 +47,7 @@ _NAMES: Mapping[StrEnum, str] = {
 def _beyond_prior(
     *, state: str, value: float, prior: float, sigmas: float, limit_sigmas: float
 ) -> str:
-    unit, size = UNITS[Further(state)]
+    unit, size = TOLD_IN[Further(state)]
     return (
         f"{_NAMES[Further(state)]}: {value / size:+.3g} {unit}, taken for within"
         f" {prior / size:.3g}: {abs(sigmas):.1f} sigma, 99.9 % of sound flights lie within"
