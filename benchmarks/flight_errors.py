@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from ins.earth import gravity_magnitude, radii_of_curvature
 from ins.records import GnssLog, ImuLog
-from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, PPM
+from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
 from trajectories.simulator.sensors import IdealSensors
 from trajectories.simulator.session import SimulatedRun
 
@@ -28,7 +28,8 @@ class FlightErrors:
     time or, of the vertical, over the way; the others are constants of sensors x, y, z.
 
     shift: what gyros and accelerometers read in the air beyond what they read on the ground; slope:
-    of the accelerometers, from the temperature at the start.
+    of the accelerometers, from the temperature at the start; force: of the gyros, by the specific
+    force along them beyond that of a level rest.
     """
 
     slow_position_m: float = 0.0
@@ -41,30 +42,29 @@ class FlightErrors:
     accel_slope_ug_degC: Triple = ZERO
     accel_shift_ug: Triple = ZERO
     gyro_shift_deg_h: Triple = ZERO
+    gyro_force_deg_h_g: Triple = ZERO
 
 
 def with_flight_errors(
     simulated: SimulatedRun, ideal: IdealSensors, errors: FlightErrors, rng: np.random.Generator
 ) -> SimulatedRun:
-    """The simulated run with these errors in its increments, its fixes and its true biases."""
+    """The simulated run with these errors in its increments and its fixes.
+
+    Its true biases stay those at rest: a table says nothing of what flying adds.
+    """
     run = simulated.run
     gnss = None if run.gnss is None else _strayed(run.gnss, errors, rng)
     in_air = _in_air(ideal)
-    of_second = np.interp(simulated.bias_time_s, ideal.time_s, in_air)[:, None]
-    shift = of_second * np.asarray(errors.gyro_shift_deg_h)
     imu = run.imu.between(-np.inf, np.inf)
     pushed = imu.dv_m_s * (1.0 + np.asarray(errors.accel_scale_ppm) * PPM)
     pushed = pushed + imu.dt_s[:, None] * _accelerometers(simulated, ideal, errors, in_air)
     pushed = pushed - imu.dt_s[:, None] * _deflected(ideal, errors, rng)
-    turned = imu.dtheta_rad + (
-        (in_air * imu.dt_s)[:, None] * np.asarray(errors.gyro_shift_deg_h) * DEG_PER_HOUR
-    )
+    beyond_rest = imu.dv_m_s / STANDARD_GRAVITY + imu.dt_s[:, None] * np.array([0.0, 0.0, 1.0])
+    read = (in_air * imu.dt_s)[:, None] * np.asarray(errors.gyro_shift_deg_h)
+    read = read + beyond_rest * np.asarray(errors.gyro_force_deg_h_g)
+    turned = imu.dtheta_rad + read * DEG_PER_HOUR
     log = ImuLog(time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=turned, dv_m_s=pushed)
-    return replace(
-        simulated,
-        run=replace(run, imu=log, gnss=gnss),
-        gyro_bias_true_deg_h=simulated.gyro_bias_true_deg_h + shift,
-    )
+    return replace(simulated, run=replace(run, imu=log, gnss=gnss))
 
 
 def _in_air(ideal: IdealSensors) -> NDArray:

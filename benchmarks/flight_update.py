@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.flight_errors import FlightErrors, Triple, with_flight_errors
+from benchmarks.flight_errors import ZERO, FlightErrors, Triple, with_flight_errors
 from infield.session.estimate import SessionEstimate
 from infield.session.log import table_series
 from infield.session.one_run import take_run
@@ -140,6 +140,7 @@ def triple(rng: np.random.Generator, sigma: float) -> Triple:
 def drawn_errors(rng: np.random.Generator, technology: str) -> FlightErrors:
     """Nuisances of a flight, from the priors that the update names."""
     p = SessionSettings().flight
+    force = p.force_deg_h_g[technology]
     return FlightErrors(
         slow_position_m=p.slow_position_m,
         slow_position_s=p.slow_position_s,
@@ -151,6 +152,7 @@ def drawn_errors(rng: np.random.Generator, technology: str) -> FlightErrors:
         accel_slope_ug_degC=triple(rng, p.accel_slope_ug_degC[technology]),
         accel_shift_ug=triple(rng, p.accel_shift_ug[technology]),
         gyro_shift_deg_h=triple(rng, p.shift_deg_h[technology]),
+        gyro_force_deg_h_g=triple(rng, force) if force else ZERO,
     )
 
 
@@ -407,6 +409,7 @@ def summary(paths: Sequence[Path]) -> None:
         rms = 1e4 * np.sqrt(np.mean(error**2, axis=0))
         print(
             f"{span}: error over sigma {np.sqrt(np.mean(z**2)):.3f}"
+            f" +- {np.sqrt(0.5 / z.size):.3f}"
             f" (axes {np.round(np.sqrt(np.mean(z**2, axis=0)), 2)}),"
             f" NEES {nees.mean():.3f}, RMS {np.round(rms, 1)} 1e-4 deg/h"
         )

@@ -29,7 +29,7 @@ from infield.thermal.stored_model import read_thermal_model
 from ins.json_file import read_toml
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin, twin_to_dict
-from recal.service.inputs.config import CONFIG_SECTIONS, read_config
+from recal.service.inputs.config import CONFIG_SECTIONS, read_config, setting_names
 from tests.trajectories.readers import damage
 from tests.trajectories.run_cases import full_run, imu_log, reference_log
 from trajectories.readers.registry import read_log
@@ -113,7 +113,9 @@ def settings() -> str:
     lines = []
     for name, kind in CONFIG_SECTIONS.items():
         lines.append(f"[{name}]")
-        for key, value in asdict(kind()).items():
+        default = asdict(kind())
+        for key in setting_names(kind):
+            value = default[key]
             shown = json.dumps(value).replace(": ", " = ") if value is not None else None
             lines += [f"{key} = {shown}"] if shown is not None else []
     return "\n".join(lines) + "\n"

@@ -4,6 +4,7 @@ as the code has them.
 
 import dataclasses
 import typing
+from collections.abc import Sequence
 from typing import Any
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
@@ -220,7 +221,8 @@ def _settings() -> str:
         "",
     ]
     for name, kind in config.CONFIG_SECTIONS.items():
-        lines += [f"## [{name}]", "", *_doc(kind), *HEAD, *_record_rows(kind), ""]
+        rows = _record_rows(kind, config.setting_names(kind))
+        lines += [f"## [{name}]", "", *_doc(kind), *HEAD, *rows, ""]
     return "\n".join(lines)
 
 
@@ -328,11 +330,13 @@ def _default_of(field: Any, *, nested: bool) -> str:
     return "" if field.default is PydanticUndefined or nested else _value(field.default)
 
 
-def _record_rows(kind: type) -> list[str]:
+def _record_rows(kind: type, names: Sequence[str] | None = None) -> list[str]:
+    """A line for each field of a record, or for those of these names."""
     hints = typing.get_type_hints(kind)
     return [
         f"| `{f.name}` | {_type(hints[f.name])} | {_record_default(f)} |"
         for f in dataclasses.fields(kind)
+        if names is None or f.name in names
     ]
 
 

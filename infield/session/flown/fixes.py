@@ -45,6 +45,8 @@ class Antenna:
     def found(self, flt: ErrorFilter, layout: Layout) -> "Antenna":
         """The same about what a filter found."""
         delays = flt.x[list(layout.indices(Further.DELAY))]
+        if not delays.size:
+            return self
         return replace(self, delay_s=float(delays[0]), velocity_delay_s=float(delays[1]))
 
 

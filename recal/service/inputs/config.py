@@ -2,11 +2,11 @@
 an error.
 """
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from infield.session.settings import SessionSettings
+from infield.session.settings import FlightPriors, SessionSettings
 from infield.table.thermal_table import AgeingModel
 from ins.json_file import read_toml, shown
 from ins.records import InputError
@@ -14,12 +14,18 @@ from ins.records import InputError
 # Of any setting: the largest is a sigma of some thousand parts a million; its square stays far
 # within a float64.
 MAX_SETTING = 1e6
-CONFIG_SECTIONS: dict[str, type] = {"session": SessionSettings, "ageing": AgeingModel}
+CONFIG_SECTIONS: dict[str, type] = {
+    "session": SessionSettings,
+    "flight": FlightPriors,
+    "ageing": AgeingModel,
+}
+# of what a number divides: bins below it hold no rest, slow errors below it are a fix's own noise
+LEAST_SETTING = {"bin_s": 30.0, "slow_position_s": 1.0, "slow_velocity_s": 1.0, "deflection_m": 1.0}
 
 
 def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
-    """Sections [session] and [ageing]; what is not given keeps its default. InputError names file
-    and key.
+    """Sections [session], [flight] and [ageing]; what is not given keeps its default. InputError
+    names file and key.
     """
     if path is None:
         return SessionSettings(), AgeingModel()
@@ -33,7 +39,14 @@ def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
         name: _section(kind, data.get(name, {}), f"{path}: [{name}]")
         for name, kind in CONFIG_SECTIONS.items()
     }
-    return made["session"], made["ageing"]
+    return replace(made["session"], flight=made["flight"]), made["ageing"]
+
+
+def setting_names(kind: type) -> list[str]:
+    """The keys of a section, in order: what a number, a switch or a table of numbers sets."""
+    default = kind()
+    plain = bool | int | float | dict
+    return [f.name for f in fields(kind) if isinstance(getattr(default, f.name), plain)]
 
 
 def _section(kind: type, values: Any, where: str) -> Any:
@@ -41,26 +54,30 @@ def _section(kind: type, values: Any, where: str) -> Any:
     if not isinstance(values, dict):
         raise InputError(f"{where}: got {values!r}, needed a section")
     default = kind()
-    plain = bool | int | float | dict
-    known = [f.name for f in fields(kind) if isinstance(getattr(default, f.name), plain)]
+    known = setting_names(kind)
     for key, value in values.items():
         if key not in known:
             raise InputError(f"{where}: unknown key {key!r}, needed one of {', '.join(known)}")
-        wanted = getattr(default, key)
-        if isinstance(wanted, bool) != isinstance(value, bool) or isinstance(
-            wanted, dict
-        ) != isinstance(value, dict):
-            raise InputError(f"{where}: {key} = {value!r}, needed {type(wanted).__name__}")
-        for number in value.values() if isinstance(value, dict) else [value]:
-            if not isinstance(number, int | float) or not 0 <= number <= MAX_SETTING:
-                raise InputError(
-                    f"{where}: {key} = {shown(value)}, needed a number that is not negative, at"
-                    f" most {MAX_SETTING:g}"
-                )
+        _check(f"{where}: {key}", value, getattr(default, key))
     merged = {
         k: {**getattr(default, k), **v} if isinstance(v, dict) else v for k, v in values.items()
     }
-    record = kind(**merged)
-    if isinstance(record, SessionSettings) and record.bin_s < 30.0:
-        raise InputError(f"{where}: bin_s = {record.bin_s:g}, needed at least 30")
-    return record
+    for key, least in LEAST_SETTING.items():
+        if merged.get(key, least) < least:
+            raise InputError(f"{where}: {key} = {merged[key]:g}, needed at least {least:g}")
+    return kind(**merged)
+
+
+def _check(where: str, value: Any, wanted: Any) -> None:
+    """A value must be of its default's kind, its numbers from 0 to MAX_SETTING."""
+    kinds = [(isinstance(v, bool), isinstance(v, dict)) for v in (value, wanted)]
+    if kinds[0] != kinds[1]:
+        raise InputError(f"{where} = {value!r}, needed {type(wanted).__name__}")
+    if isinstance(value, dict) and (unknown := [k for k in value if k not in wanted]):
+        raise InputError(f"{where}: unknown key {unknown[0]!r}, needed one of {', '.join(wanted)}")
+    for number in value.values() if isinstance(value, dict) else [value]:
+        if not isinstance(number, int | float) or not 0 <= number <= MAX_SETTING:
+            raise InputError(
+                f"{where} = {shown(value)}, needed a number that is not negative, at most"
+                f" {MAX_SETTING:g}"
+            )
