@@ -58,10 +58,13 @@ def take_run(
         return SessionResult(run, estimate, temperature)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
-    if flight is not None and flight.joined is not None:
-        estimate = flight.joined
+    joined = None if flight is None else flight.joined
+    estimate = joined or estimate
     seen = observability(
-        estimate, hold_heading=settings.hold_heading, unusable=temperature.why_unusable()
+        estimate,
+        hold_heading=settings.hold_heading,
+        flown=joined is not None,
+        unusable=temperature.why_unusable(),
     )
     points = session_points(run, estimate)
     against = speed_disagreement(run, estimate.motion)

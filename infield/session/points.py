@@ -101,14 +101,18 @@ def observability(
     estimate: SessionEstimate,
     *,
     hold_heading: bool,
+    flown: bool = False,
     unusable: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[AxisObservability, ...]:
-    """Verdict per axis from the variance that the session removed from its mean bias; unusable:
-    axis -> what is wrong with its thermometer.
+    """Verdict per axis from the variance that the session removed from its mean bias; flown: with
+    a flight; unusable: axis -> what is wrong with its thermometer.
     """
     A = mean_rows(estimate)
     before = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.bins.prior, A))
     after = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.covariance, A))
+    on_ground = Advice.PARK_LONGER if hold_heading else Advice.HOLD_HEADING
+    moving = dict.fromkeys("xy", Advice.TURN_AND_STOP)
+    moving["z"] = Advice.FLY_TURNS if flown else on_ground
     found = []
     for axis, b, a in zip(AXES, before, after):
         verdict = _verdict(a / b)
@@ -117,8 +121,7 @@ def observability(
             verdict = Observability.NOT_OBSERVABLE
             advice = because(Advice.MEND_THERMOMETER, axis=axis, fault=unusable[axis])
         elif verdict is not Observability.OBSERVED:
-            parked = estimate.parked is not None
-            advice = because(Advice.PARK_FROM_COLD if parked else _advice(axis, hold_heading))
+            advice = because(Advice.PARK_FROM_COLD if estimate.parked is not None else moving[axis])
         found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
 
@@ -127,9 +130,3 @@ def _verdict(ratio: float) -> Observability:
     if ratio < OBSERVED:
         return Observability.OBSERVED
     return Observability.WEAK if ratio < WEAK else Observability.NOT_OBSERVABLE
-
-
-def _advice(axis: str, hold_heading: bool) -> Advice:
-    if axis != "z":
-        return Advice.TURN_AND_STOP
-    return Advice.PARK_LONGER if hold_heading else Advice.HOLD_HEADING

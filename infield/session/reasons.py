@@ -129,6 +129,7 @@ class Advice(StrEnum):
     TURN_AND_STOP = "turn_and_stop"
     PARK_LONGER = "park_longer"
     HOLD_HEADING = "hold_heading"
+    FLY_TURNS = "fly_turns"
     PARK_FROM_COLD = "park_from_cold"
     MEND_THERMOMETER = "mend_thermometer"
 

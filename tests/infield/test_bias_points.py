@@ -130,3 +130,5 @@ def test_advice_for_the_vertical_gyro_names_the_constraint_where_it_is_off():
     blind = replace(e, covariance=e.bins.prior)
     assert "parked-attitude" in sentence(observability(blind, hold_heading=False)[2].advice)
     assert "park longer" in sentence(observability(blind, hold_heading=True)[2].advice)
+    aloft = observability(blind, hold_heading=True, flown=True)[2]
+    assert "early in the flight and again an hour later" in sentence(aloft.advice)

@@ -262,6 +262,10 @@ SENTENCES: Mapping[StrEnum, Template] = {
     Advice.HOLD_HEADING: (
         "allow the parked-attitude constraint, or park on a second heading for 20 min"
     ),
+    Advice.FLY_TURNS: (
+        "turn by 90 deg or more early in the flight and again an hour later: each turn shows the"
+        " heading, and what it drifts in between shows the vertical gyro"
+    ),
     Advice.PARK_FROM_COLD: (
         "park longer, from a cold start: noise still hides the bias, or the table knows it"
     ),
