@@ -27,6 +27,7 @@ CHOSEN = {
     "NAMED_NOT_AT_REST": {"named_s", "needed_s"},
     "TABLE_DISAGREES": {"axis", "shift_deg_h", "sigma_deg_h", "since_utc", "run_ids"},
     "TURN_AND_STOP": set(),
+    "FLY_TURNS": set(),
     "PARK_LONGER": set(),
     "HOLD_HEADING": set(),
     "PARK_FROM_COLD": set(),

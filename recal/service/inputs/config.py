@@ -62,10 +62,12 @@ def _section(kind: type, values: Any, where: str) -> Any:
     merged = {
         k: {**getattr(default, k), **v} if isinstance(v, dict) else v for k, v in values.items()
     }
+    record = kind(**merged)
     for key, least in LEAST_SETTING.items():
-        if merged.get(key, least) < least:
-            raise InputError(f"{where}: {key} = {merged[key]:g}, needed at least {least:g}")
-    return kind(**merged)
+        got = getattr(record, key, least)
+        if got < least:
+            raise InputError(f"{where}: {key} = {got:g}, needed at least {least:g}")
+    return record
 
 
 def _check(where: str, value: Any, wanted: Any) -> None:
