@@ -4,6 +4,8 @@ own.
 
     python benchmarks/flight_update.py sigmas rlg 0 40 > rlg.jsonl       errors over sigma
     python benchmarks/flight_update.py hostile rlg 0 24 > hostile.jsonl  the gates
+    python benchmarks/flight_update.py ground rlg 0 40 > ground.jsonl    the same without a flight
+    python benchmarks/flight_update.py manoeuvres                        what shows which gyro
     python benchmarks/flight_update.py summary rlg.jsonl ...
 
 The unit is drawn as in the study of recalibration, the nuisances of the flight from the priors that
@@ -107,12 +109,54 @@ AFTER: tuple[Segment, ...] = (
 )
 
 
+UP: tuple[Segment, ...] = (TakeOff(), Climb(height_m=9000.0, rate_m_s=10.0, speed_m_s=180.0))
+DOWN: tuple[Segment, ...] = (
+    Descend(height_m=500.0, rate_m_s=8.0, speed_m_s=90.0),
+    Cruise(duration_s=30.0),
+    Landing(),
+)
+
+
+def cruise(duration_s: float) -> Cruise:
+    return Cruise(duration_s=duration_s, speed_m_s=210.0)
+
+
+# the same 70 min of cruise, straight or with turns
+MANOEUVRES: Mapping[str, tuple[Segment, ...]] = {
+    "no turn": (cruise(4200.0),),
+    "one turn of 90 deg at the end": (cruise(3900.0), TurnFlight(angle_deg=90.0), cruise(300.0)),
+    "two of 90 deg, ten minutes apart": (
+        cruise(300.0),
+        TurnFlight(angle_deg=90.0),
+        cruise(600.0),
+        TurnFlight(angle_deg=-90.0),
+        cruise(3300.0),
+    ),
+    "two of 90 deg, an hour apart": (
+        cruise(300.0),
+        TurnFlight(angle_deg=90.0),
+        cruise(3600.0),
+        TurnFlight(angle_deg=-90.0),
+        cruise(300.0),
+    ),
+    "two of 180 deg, an hour apart": (
+        cruise(300.0),
+        TurnFlight(angle_deg=180.0),
+        cruise(3600.0),
+        TurnFlight(angle_deg=180.0),
+        cruise(300.0),
+    ),
+}
+
+
 @lru_cache(maxsize=1)
-def ideal_flight(place: int, rate_hz: float = RATE_HZ) -> IdealSensors:
-    """The noise-free session from one of the places and headings."""
+def ideal_session(
+    place: int, rate_hz: float = RATE_HZ, flight: tuple[Segment, ...] = FLIGHT
+) -> IdealSensors:
+    """The noise-free session from one of the places and headings, any flight between its taxis."""
     k = place % len(HEADINGS_DEG)
     truth = build_truth(
-        lay([*GROUND, *FLIGHT, *AFTER]),
+        lay([*GROUND, *flight, *AFTER]),
         Site(lat_rad=LATITUDES_DEG[k] * DEG, lon_rad=7.0 * DEG, height_m=250.0),
         heading_rad=HEADINGS_DEG[k] * DEG,
         roll_rad=0.0,
@@ -172,12 +216,15 @@ def drawn_session(
     rate_hz: float = RATE_HZ,
     change: Callable[[FlightErrors], FlightErrors] = lambda errors: errors,
     antenna_m: Triple = ANTENNA_M,
+    flight: tuple[Segment, ...] = FLIGHT,
 ) -> Drawn:
-    """One flight of one unit; change: of its errors; antenna_m: where the antenna truly is."""
+    """One flight of one unit; change: of its errors; antenna_m: where the antenna truly is; flight:
+    between the taxis, empty: none.
+    """
     rng = np.random.default_rng([17, seed])
     twin = default_twin(technology)
     unit = aged_unit(rng, gyro_technology=technology)
-    ideal = ideal_flight(seed // FLIGHTS_OF_A_PLACE, rate_hz)
+    ideal = ideal_session(seed // FLIGHTS_OF_A_PLACE, rate_hz, flight)
     truth = replace(twin, gyro=drawn_gyro(rng, twin.gyro, technology))
     plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=antenna_m, run_id=f"flight-{seed}")
     errors = change(drawn_errors(rng, technology))
@@ -277,6 +324,22 @@ def scored(seed: int, drawn: Drawn) -> Line:
         "heading_sigma_before_mrad": 1e3 * flight.heading_before_rad,
     }
     return line
+
+
+def on_ground(seed: int, drawn: Drawn) -> Line:
+    """The line of a session that parks and taxis alone."""
+    began = time.process_time()
+    result = take_run(drawn.simulated.run, drawn.table, drawn.twin, SessionSettings(), False)
+    assert result.estimate is not None and result.temperature is not None
+    error = bin_errors(drawn, result.estimate, result.temperature).ravel()
+    rows = mean_rows(result.estimate, -np.inf, np.inf)
+    return {
+        "seed": seed,
+        "outcome": result.verdict.outcome.value,
+        "cpu_s": time.process_time() - began,
+        "ground_error": (rows @ error).tolist(),
+        "ground_covariance": (rows @ result.estimate.covariance @ rows.T).tolist(),
+    }
 
 
 def during(log: GnssLog, start_s: float, end_s: float) -> NDArray:
@@ -394,16 +457,42 @@ def hostile_session(seed: int, technology: str) -> tuple[str, Drawn]:
     return name, replace(drawn, simulated=replace(drawn.simulated, run=run))
 
 
+def manoeuvres() -> None:
+    """Print sigmas of the session's mean biases, with and without turns of the same cruise."""
+    for name, segments in MANOEUVRES.items():
+        drawn = drawn_session(0, "rlg", flight=(*UP, *segments, *DOWN))
+        run = drawn.simulated.run
+        result = take_run(run, drawn.table, drawn.twin, SessionSettings(), False)
+        assert result.estimate is not None
+        rows = mean_rows(result.estimate, -np.inf, np.inf)
+        sigma = np.sqrt(np.diag(rows @ result.estimate.covariance @ rows.T))
+        print(f"{name}: sigma of x, y, z {np.round(sigma, 5)} deg/h", flush=True)
+
+
 def summary(paths: Sequence[Path]) -> None:
     """Print what the lines of a benchmark say together."""
     lines = [json.loads(text) for path in paths for text in path.read_text().splitlines()]
     if any("hostile" in line for line in lines):
         return _hostile_summary(lines)
+    if any("ground_error" in line for line in lines):
+        return _print_spans(lines, ("ground",))
     joined = [line for line in lines if line["joined"]]
     print(f"{len(lines)} flights, {len(joined)} joined")
-    for span in ("session", "parked", "flight"):
-        error = np.array([line[f"{span}_error"] for line in joined])
-        P = np.array([line[f"{span}_covariance"] for line in joined])
+    _print_spans(joined, ("session", "parked", "flight"))
+    for key in ("nodes_before_rms", "nodes_rms", "nodes_sigma_rms"):
+        print(key, f"{np.sqrt(np.mean(np.square([line[key] for line in joined]))):.5f} deg/h")
+    print("worst node", max(line["nodes_worst_sigmas"] for line in joined), "sigmas")
+    print("CPU", np.median([line["cpu_s"] for line in lines]), "s")
+    for line in lines:
+        if not line["joined"] or line["outcome"] != "accepted":
+            print(line["seed"], line["outcome"], line["reasons"], line["left_out"])
+
+
+def _print_spans(lines: Sequence[Mapping[str, list[float]]], spans: Sequence[str]) -> None:
+    """Errors over sigma of mean biases over some spans."""
+    for span in spans:
+        error = np.array([line[f"{span}_error"] for line in lines])
+        P = np.array([line[f"{span}_covariance"] for line in lines])
         z = error / np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error) / 3.0
         rms = 1e4 * np.sqrt(np.mean(error**2, axis=0))
@@ -413,13 +502,6 @@ def summary(paths: Sequence[Path]) -> None:
             f" (axes {np.round(np.sqrt(np.mean(z**2, axis=0)), 2)}),"
             f" NEES {nees.mean():.3f}, RMS {np.round(rms, 1)} 1e-4 deg/h"
         )
-    for key in ("nodes_before_rms", "nodes_rms", "nodes_sigma_rms"):
-        print(key, f"{np.sqrt(np.mean(np.square([line[key] for line in joined]))):.5f} deg/h")
-    print("worst node", max(line["nodes_worst_sigmas"] for line in joined), "sigmas")
-    print("CPU", np.median([line["cpu_s"] for line in lines]), "s")
-    for line in lines:
-        if not line["joined"] or line["outcome"] != "accepted":
-            print(line["seed"], line["outcome"], line["reasons"], line["left_out"])
 
 
 def _hostile_summary(lines: Sequence[Mapping[str, object]]) -> None:
@@ -439,11 +521,15 @@ def main(arguments: Sequence[str]) -> None:
     """Run what the head of this module shows."""
     if arguments[0] == "summary":
         return summary([Path(name) for name in arguments[1:]])
+    if arguments[0] == "manoeuvres":
+        return manoeuvres()
     kind, technology, first, end = arguments
     for seed in range(int(first), int(end)):
         if kind == "hostile":
             name, drawn = hostile_session(seed, technology)
             line = {"hostile": name, **scored(seed, drawn)}
+        elif kind == "ground":
+            line = dict(on_ground(seed, drawn_session(seed, technology, flight=())))
         else:
             line = dict(scored(seed, drawn_session(seed, technology)))
         print(json.dumps(line), flush=True)
