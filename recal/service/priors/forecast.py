@@ -324,16 +324,18 @@ def _candidates(units: Sequence[KeptUnit]) -> dict[str, KeptSession]:
 def summary(document: ForecastDocument, *, most: int | None = UNITS_TOLD) -> list[str]:
     """The result in a few lines for people."""
     limit = f"{document.limit_nm_h:g} NM/h"
-    lines = [f"forecast: {len(document.units)} units, limit {limit}"]
+    count = len(document.units)
+    lines = [f"forecast: {count} unit{'' if count == 1 else 's'}, limit {limit}"]
     lines += [f"  because {why}" for why in document.reasons]
     for unit in document.units[:most]:
         until, half = (
             date_words(day, document.issued_utc) for day in (unit.date_95_utc, unit.date_50_utc)
         )
-        line = (
-            f"  {unit.imu_serial}: {unit.drift_now_nm_h:.2f} NM/h now; below the limit until"
-            f" {until} (95 %), {half} (50 %)"
-        )
+        line = f"  {unit.imu_serial}: {unit.drift_now_nm_h:.2f} NM/h now; "
+        if unit.drift_now_nm_h > document.limit_nm_h:
+            line += "above the limit already"
+        else:
+            line += f"below the limit until {until} (95 %), {half} (50 %)"
         best = unit.best_session
         lines.append(
             line + (f"; {best.text} puts it off by {best.gained_days:.0f} days" if best else "")
