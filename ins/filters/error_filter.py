@@ -60,8 +60,9 @@ class Tally:
 
 
 class ErrorFilter:
-    """State x (n,) and covariance P (n, n) of the error filter, n = 35 + 3 bins + further
-    states.
+    """State x (n,) and covariance P (n, n) of the error filter.
+
+    n is 35 + 3 for each bin + further states.
 
     Parameters
     ----------

@@ -43,7 +43,8 @@ def small(**changes):
 def test_packaged_scenarios_are_read(name):
     scenario = read_scenario(name)
     chamber = name.startswith(("fog_ramp", "rlg_gradient"))  # many hours
-    rate_hz = 10 if chamber else 50 if name.startswith("mems") else 100
+    hours = name.startswith(("mems", "cold_flight"))
+    rate_hz = 10 if chamber else 50 if hours else 100
     assert scenario.alignment_s == 600 and scenario.imu.rate_hz == rate_hz
     ideal = scenario_ideal(
         scenario_from_dict({**packaged(name), "imu": {"rate_hz": 10}}, name=name)
