@@ -1,5 +1,6 @@
 """What a session's estimate is: the posterior of its biases and the evidence behind it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from alignment.motion.turn_between import Turn
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
 from infield.session.reasons import Nuisance
+from infield.table.merge import MergeResult, merge_posterior
+from infield.table.thermal_table import ThermalTable
 from ins.verdicts import LeftOut
 
 
@@ -173,3 +176,16 @@ class SessionEstimate:
         """The navigation solution, where there is one."""
         assert self.solution is not None
         return self.solution
+
+    def merged_into(self, table: ThermalTable, held_axes: Sequence[str] = ()) -> MergeResult:
+        """The table with what the session found; the common part of held axes stays put."""
+        bins = self.bins
+        return merge_posterior(
+            table,
+            bins.H,
+            bins.table_deg_h,
+            bins.prior,
+            bins.table_deg_h + self.mean_deg_h,
+            self.covariance,
+            held_axes=held_axes,
+        )

@@ -19,7 +19,6 @@ from infield.session.reasons import SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.session.wrong_facts import force_off_gravity, suspicions, with_doubt
-from infield.table.merge import merge_posterior
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
@@ -78,15 +77,8 @@ def take_run(
             run, verdict, temperature, estimate, seen, points, None, chain, flight=flight
         )
     estimate, doubted = with_doubt(estimate)
-    bins = estimate.bins
-    merged = merge_posterior(
-        table,
-        bins.H,
-        bins.table_deg_h,
-        bins.prior,
-        bins.table_deg_h + estimate.mean_deg_h,
-        estimate.covariance,
-        held_axes=[axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE],
+    merged = estimate.merged_into(
+        table, [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
     )
     return SessionResult(
         run,

@@ -11,7 +11,6 @@ from infield.session.flown.fixes import usable
 from infield.session.flown.flight import Flight, find_flight
 from infield.session.flown.gates import Carried, against_joining, carried, uncovered
 from infield.session.reasons import FlightReason
-from infield.table.merge import merge_posterior
 from infield.table.thermal_table import ThermalTable
 from ins.verdicts import Reason, because
 
@@ -82,19 +81,7 @@ def _worth(
         return np.sqrt(np.einsum("kij,jl,kil->ki", H, covariance, H).mean(axis=0))
 
     return Worth(
-        sigma(table.covariance), sigma(_merged(table, ground)), sigma(_merged(table, joined))
+        sigma(table.covariance),
+        sigma(ground.merged_into(table).candidate.covariance),
+        sigma(joined.merged_into(table).candidate.covariance),
     )
-
-
-def _merged(table: ThermalTable, estimate: SessionEstimate) -> NDArray:
-    """Covariance of the table after a session."""
-    bins = estimate.bins
-    merged = merge_posterior(
-        table,
-        bins.H,
-        bins.table_deg_h,
-        bins.prior,
-        bins.table_deg_h + estimate.mean_deg_h,
-        estimate.covariance,
-    )
-    return merged.candidate.covariance
