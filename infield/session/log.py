@@ -111,20 +111,37 @@ def session_end(run: Run) -> float:
     return min([*airborne, run.imu.end_s])
 
 
-def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
-    """The run with raw gyro output: a table that the unit had subtracted is added back; InputError
-    where it cannot be.
+def applied_table_of(
+    run: Run, applied_table: Callable[[str], ThermalTable] | None
+) -> ThermalTable | None:
+    """The table that the unit had subtracted, None for raw output; InputError where it is unknown,
+    or of another unit.
     """
-    refuse_without_settled_part(run)
     sha256 = run.header.applied_table_sha256
     if sha256 is None:
-        return run
+        return None
     if applied_table is None:
         raise InputError(
             f"run {run.header.run_id}: applied_table_sha256 {sha256[:12]} is unknown: no store to"
             " find it in"
         )
     table = applied_table(sha256)
+    if table.imu_serial != run.header.imu_serial:
+        raise InputError(
+            f"run {run.header.run_id}: run.json: applied_table_sha256 {sha256[:12]} is a table of"
+            f" unit {table.imu_serial}, needed one of {run.header.imu_serial}"
+        )
+    return table
+
+
+def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
+    """The run with raw gyro output: a table that the unit had subtracted is added back; InputError
+    where it cannot be.
+    """
+    refuse_without_settled_part(run)
+    table = applied_table_of(run, applied_table)
+    if table is None:
+        return run
     if run.temperature is None:
         raise InputError(
             f"run {run.header.run_id}: a table was applied but no temperature is logged: cannot be"

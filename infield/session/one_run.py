@@ -1,5 +1,8 @@
 """One run against the table as it stands: estimated, judged and merged."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from alignment.motion.inertial import Where
@@ -9,6 +12,8 @@ from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import KnownRun
 from infield.session.flown.evidence import fly
+from infield.session.identity.history import likeness
+from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
 from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_claim_chain
 from infield.session.navigated.estimator import estimate_session
@@ -18,7 +23,13 @@ from infield.session.points import observability, session_points
 from infield.session.reasons import SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
-from infield.session.wrong_facts import force_off_gravity, suspicions, with_doubt
+from infield.session.wrong_facts import (
+    doubtful_compensation,
+    force_off_gravity,
+    suspicions,
+    widened_by,
+    with_doubt,
+)
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
@@ -34,10 +45,26 @@ from ins.verdicts import Observability, Outcome, Reason, because
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an hour 6 min, one bin
 
 
+@dataclass(frozen=True)
+class OnRecord:
+    """What is on record for one run. marks: of the unit's earlier sessions; applied: the table that
+    the log says it had subtracted, None of a raw one.
+    """
+
+    marks: Sequence[UnitMarks] = ()
+    applied: ThermalTable | None = None
+
+
 def take_run(
-    run: Run, table: ThermalTable, twin: TwinModel, settings: SessionSettings, repeated: bool
+    run: Run,
+    table: ThermalTable,
+    twin: TwinModel,
+    settings: SessionSettings,
+    repeated: bool,
+    on_record: OnRecord | None = None,
 ) -> SessionResult:
     """One run against the table as it stands."""
+    on_record = on_record or OnRecord()
     if repeated:
         return SessionResult(run, acceptance.refuse(because(SessionReason.ALREADY_MERGED)))
     short = too_short(run.temperature)
@@ -56,6 +83,8 @@ def take_run(
     if isinstance(estimate, Verdict):
         return SessionResult(run, estimate, temperature)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    marks = unit_marks(run, twin, estimate)
+    alike = likeness(marks, on_record.marks) if settings.check_unit else None
     flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
     joined = None if flight is None else flight.joined
     estimate = joined or estimate
@@ -69,28 +98,42 @@ def take_run(
     against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     off = force_off_gravity(run, twin, estimate)
-    if off is not None and verdict.outcome is not Outcome.REFUSED:
-        verdict = acceptance.contradict(off, *verdict.reasons)
-    if not verdict.accepted:
-        verdict = acceptance.with_likeness(verdict, suspicions(estimate))
-        return SessionResult(
-            run, verdict, temperature, estimate, seen, points, None, chain, flight=flight
-        )
-    estimate, doubted = with_doubt(estimate)
-    merged = estimate.merged_into(
-        table, [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
-    )
-    return SessionResult(
+    declared = doubtful_compensation(estimate, on_record.applied)
+    against_it = [
+        off,
+        None if alike is None or alike.same else alike.reason,
+        declared.reason if declared is not None and declared.convicts else None,
+    ]
+    wrong = [reason for reason in against_it if reason is not None]
+    if wrong and verdict.outcome is not Outcome.REFUSED:
+        verdict = acceptance.contradict(*wrong, *verdict.reasons)
+    told = SessionResult(
         run,
-        acceptance.judge_merge(merged, estimate, suspicions(estimate)),
+        verdict,
         temperature,
         estimate,
         seen,
         points,
-        merged,
+        None,
         chain,
-        doubted,
-        flight,
+        flight=flight,
+        marks=marks,
+        likeness=alike,
+    )
+    if not verdict.accepted:
+        return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
+    if declared is not None:
+        estimate = widened_by(estimate, declared.pattern)
+    estimate, doubted = with_doubt(estimate)
+    merged = estimate.merged_into(
+        table, [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
+    )
+    return replace(
+        told,
+        verdict=acceptance.judge_merge(merged, estimate, suspicions(estimate)),
+        estimate=estimate,
+        merged=merged,
+        doubted=doubted if declared is None else (declared, *doubted),
     )
 
 

@@ -18,9 +18,10 @@ from infield.session.disagreement import (
     widened_for,
 )
 from infield.session.hysteresis import ThermalTerm
+from infield.session.identity.marks import UnitMarks
 from infield.session.joint_update import with_thermal_terms
-from infield.session.log import with_applied_table_undone
-from infield.session.one_run import take_run
+from infield.session.log import applied_table_of, with_applied_table_undone
+from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, ThermalAction
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import SessionSettings
@@ -35,13 +36,15 @@ class UnitHistory:
 
     parent_sha256: hash of the stored table. already_merged(run_sha256) tells whether the table
     holds a run; applied_table(sha256) gives the table that a unit had subtracted (InputError where
-    unknown). remembered: earlier sessions that contradicted the table.
+    unknown). remembered: earlier sessions that contradicted the table. marks: what identifies the
+    unit, of the sessions that the table holds.
     """
 
     parent_sha256: str | None = None
     already_merged: Callable[[str], bool] = lambda sha256: False
     applied_table: Callable[[str], ThermalTable] | None = None
     remembered: Sequence[SessionEvidence] = ()
+    marks: Sequence[UnitMarks] = ()
 
 
 @dataclass(frozen=True)
@@ -133,13 +136,16 @@ def _take(
         repeated = history.already_merged(run.sha256) or any(
             run.sha256 == m.sha256 for m in merged_runs
         )
+        applied = applied_table_of(run, history.applied_table)
         raw = with_applied_table_undone(run, history.applied_table)
+        agreeing = [s.marks for s in sessions if s.verdict.accepted and s.marks is not None]
         result = take_run(
             raw,
             current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),
             twin,
             settings,
             repeated,
+            OnRecord((*history.marks, *agreeing), applied),
         )
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:

@@ -85,6 +85,7 @@ class SessionReason(StrEnum):
     NOT_COMMITTED = "not_committed"
     LIKE_A_WRONG_FACT = "like_a_wrong_fact"
     FORCE_OFF_GRAVITY = "force_off_gravity"
+    UNLIKE_THE_UNIT = "unlike_the_unit"
 
 
 class FlightReason(StrEnum):
@@ -106,6 +107,8 @@ class WrongFact(StrEnum):
     GYRO_SCALE = "gyro_scale"
     GYRO_AXES = "gyro_axes"
     GYRO_STEP = "gyro_step"
+    # of a log that says which table it had subtracted
+    COMPENSATION = "compensation"
 
 
 class ParkedReason(StrEnum):

@@ -7,6 +7,8 @@ from infield.session.disagreement import SessionEvidence, Step
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.evidence import FlightEvidence
 from infield.session.hysteresis import ThermalTerm
+from infield.session.identity.history import Likeness
+from infield.session.identity.marks import UnitMarks
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.points import AxisObservability
 from infield.session.settings import SessionSettings
@@ -22,7 +24,8 @@ from ins.verdicts import Outcome, Reason
 class SessionResult:
     """One run's part in an update; `estimate` and what follows are None where it was refused
     before. doubted: wrong facts that it resembles, but not beyond doubt. flight: None where the run
-    does not fly with a receiver.
+    does not fly with a receiver. marks: what identifies its unit; likeness: against the unit's
+    history, None where there is none.
     """
 
     run: Run
@@ -35,6 +38,8 @@ class SessionResult:
     chain: ClaimChain | None = None
     doubted: tuple[Suspicion, ...] = ()
     flight: FlightEvidence | None = None
+    marks: UnitMarks | None = None
+    likeness: Likeness | None = None
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,7 @@ class SessionSettings:
     hold_heading: bool = True
     use_gnss: bool = True
     use_odometer: bool = True
+    check_unit: bool = True  # hold accelerometers and thermometers against the unit's history
     flight: FlightPriors = field(default_factory=FlightPriors)
 
 

@@ -25,6 +25,7 @@ from infield.session.estimate import SessionEstimate
 from infield.session.log import compensated_seconds
 from infield.session.reasons import SessionReason, WrongFact
 from infield.table.merge import CONFIDENCE
+from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import AXES, Run, TwinModel
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
@@ -48,6 +49,11 @@ ANOMALY_ug, HEIGHT_ug = 50.0, 15.0
 ACCEL_SCALE_ug = {"rlg": 100.0, "fog": 100.0, "mems": 5000.0}
 # what is not Gaussian in these: no sound unit lies beyond (6e-7 of Gaussian errors)
 FORCE_SIGMAS = 5.0
+
+# Of a log that says which table it had subtracted, by how much likelier it must be that it had for
+# the statement to be believed whole: a thousand to one; and that it had not, to be convicted: 20
+# to 1, the error of a hurried hand being one in a hundred
+BELIEVED_NATS, CONVICTED_NATS = float(np.log(1000.0)), float(np.log(20.0))
 
 
 @dataclass(frozen=True)
@@ -186,12 +192,43 @@ def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspic
         if not found or found[0].convicts:
             break
         doubted.append(found[0])
-        estimate = _widened(estimate, found[0])
+        estimate = widened_by(estimate, found[0].size * found[0].pattern)
     return estimate, tuple(doubted)
 
 
-def _widened(estimate: SessionEstimate, suspicion: Suspicion) -> SessionEstimate:
-    pattern = suspicion.size * suspicion.pattern
+def doubtful_compensation(
+    estimate: SessionEstimate, applied: ThermalTable | None
+) -> Suspicion | None:
+    """A log that says it had a table subtracted, and may not have: then that table stands in its
+    biases as a whole. None where the log is raw, or is to be believed; a unit that finds no heading
+    is not asked.
+
+    The size of the pattern is known, so the two are weighed against each other: size 1 (raw)
+    against 0 (as it says).
+    """
+    if applied is None or estimate.solution is None:
+        return None
+    bins = estimate.bins
+    T = bins.temperature_degC
+    pattern = applied.extended_to(float(T.min()), float(T.max())).settled_deg_h(T)
+    size, sigma = _sizes(pattern.reshape(1, -1), learnt_of(estimate))
+    for_raw_nats = float((2.0 * size[0] - 1.0) / (2.0 * sigma[0] ** 2))
+    if for_raw_nats < -BELIEVED_NATS:
+        return None
+    return Suspicion(
+        fact=WrongFact.COMPENSATION,
+        axis="",
+        at_s=float("nan"),
+        size=float(size[0]),
+        sigma=float(sigma[0]),
+        limit_sigmas=float(np.sqrt(2.0 * BELIEVED_NATS)),
+        convicts=for_raw_nats > CONVICTED_NATS,
+        pattern=pattern.ravel(),
+    )
+
+
+def widened_by(estimate: SessionEstimate, pattern: NDArray) -> SessionEstimate:
+    """The estimate with a pattern (3N,) [deg/h], 1 sigma, among its own uncertainties."""
     doubt = np.outer(pattern, pattern)
     learnt = learnt_of(estimate).widened(doubt)
     return replace(

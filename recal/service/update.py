@@ -39,6 +39,7 @@ from recal.service.inputs.unit_inputs import (
     unit_inputs,
     with_thermal_model,
 )
+from recal.service.inputs.unit_marks import known_marks
 from recal.service.priors.use import (
     APPROVED,
     PriorsUse,
@@ -301,6 +302,7 @@ def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
         already_merged=lambda sha256: database.has_run(sha256, serial),
         applied_table=lambda sha256: database.by_sha256(sha256).table,
         remembered=database.contradictions(*_key(unit)) if unit.revision else (),
+        marks=known_marks(database, unit_of_table(unit.table)) if unit.revision else (),
     )
 
 

@@ -3,6 +3,7 @@ the claim chain.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from infield.reports.documents.session_records import (
     SmoothingDocument,
     TaxiDocument,
     TemperatureDocument,
+    UnitMarksDocument,
     VelocityDocument,
 )
 from infield.reports.words.sentences import codes, sentence, sentences
@@ -138,6 +140,24 @@ def _estimated(
         environment=None if parked else environment(e.navigated),
         taxi=_taxi(e.rolling),
         flight=flight_document(session),
+        unit_marks=_unit_marks(session),
+    )
+
+
+def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
+    marks, likeness = session.marks, session.likeness
+    if marks is None:
+        return None
+    told = UnitMarksDocument(
+        names=list(marks.names),
+        value=marks.value.tolist(),
+        covariance=marks.covariance.tolist(),
+        heat=marks.heat.tolist(),
+    )
+    if likeness is None:
+        return told
+    return replace(
+        told, sessions=likeness.sessions, chi2=likeness.chi2, dof=likeness.dof, limit=likeness.limit
     )
 
 

@@ -282,6 +282,23 @@ class ZeroRateDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnitMarksDocument:
+    """What identifies the unit of a session: names with their unit at the end, values, the
+    covariance of what does not repeat, and the pattern that thermometers heat up by; against how
+    many earlier sessions they were held, and the chi2 of that (None where the store has none).
+    """
+
+    names: Sequence[str]
+    value: Sequence[float]
+    covariance: Sequence[Sequence[float]]
+    heat: Sequence[float]
+    sessions: int = 0
+    chi2: float | None = None
+    dof: int | None = None
+    limit: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class SessionDocument:
     """Everything a report shows of one run that was refused before it was estimated."""
 
@@ -305,7 +322,8 @@ class EstimatedDocument(SessionDocument):
     doubted: wrong facts that the session resembles, so that its table was taught nothing along
     them; left out where there are none. taxi: left out where nothing rolled. phases_used: those
     that made points. environment: of a navigated session, what its parked vehicle went through.
-    flight: left out where the run does not fly with a receiver.
+    flight: left out where the run does not fly with a receiver. unit_marks: left out where the
+    session shows none.
     """
 
     alignment: SessionAlignment
@@ -328,3 +346,4 @@ class EstimatedDocument(SessionDocument):
     environment: Environment | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
+    unit_marks: UnitMarksDocument | None = field(default=None, metadata=OMIT_NONE)

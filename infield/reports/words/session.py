@@ -58,6 +58,10 @@ _WRONG_FACTS: Mapping[WrongFact, str] = {
     WrongFact.GYRO_STEP: (
         "gyro {axis} had stepped by {size:+.4f} +- {sigma:.4f} deg/h at about {at_s:.0f} s"
     ),
+    WrongFact.COMPENSATION: (
+        "{size:.2f} +- {sigma:.2f} of that table still stand in the rates (0: it was subtracted, as"
+        " run.json says; 1: the log is raw, and run.json needs null)"
+    ),
 }
 
 
@@ -73,9 +77,26 @@ def _wrong_fact(
 ) -> str:
     """What a session looks like, and how clearly."""
     like = _WRONG_FACTS[WrongFact(fact)].format(axis=axis, at_s=at_s, size=size, sigma=sigma)
+    if fact == WrongFact.COMPENSATION:
+        return f"applied_table_sha256: {like}"
     return (
         f"it looks as if {like}: {abs(sigmas):.1f} sigma, 99.9 % of sound sessions lie within"
         f" {limit_sigmas:.1f}"
+    )
+
+
+def _unlike(
+    *, chi2: float, dof: int, limit: float, sessions: int, furthest: str, off: float, sigma: float
+) -> str:
+    """By which marks a session is not of the unit that it names."""
+    name, unit = furthest.rsplit("_", 1)
+    shown = {"degC": "degC", "ug": "micro-g"}[unit]
+    which = "specific force" if name == "force" else name
+    return (
+        f"accelerometers and thermometers are not those of this unit in {sessions} earlier"
+        f" session{'s' if sessions != 1 else ''}: chi2 {chi2:.1f} for {dof} degrees of freedom,"
+        f" 99.9 % lie below {limit:.1f}; furthest off is {which} by {off:+.3g} +- {sigma:.2g}"
+        f" {shown}. Another unit under the same serial, or a repaired one (check_unit = false)?"
     )
 
 
@@ -217,6 +238,7 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "the specific force at rest is {excess_ug:+.0f} micro-g ({share_percent:+.3f} %) off"
         " gravity at this site, needed within {limit_ug:.0f}: a wrong time base, scale, or height"
     ),
+    SessionReason.UNLIKE_THE_UNIT: _unlike,
     NoiseReason.DEFAULTS: (
         "no noise model of {imu_serial} was given: every sigma rests on the defaults of"
         " {technology}; {command} measures it, then --twin twin.json"
