@@ -35,14 +35,15 @@ def inline(monkeypatch, known_sessions):
     """
     pools, real = [], pipeline.take_run
 
-    def remembered(run, table, twin, settings, repeated):
+    def remembered(run, table, twin, settings, repeated, on_record):
+        held = [(m.names, m.value.tolist()) for m in on_record.marks]
         text = (
             f"{run.sha256} {run.header} {canonical_json(table_to_dict(table))} {twin} {settings}"
-            f" {repeated}"
+            f" {repeated} {held}"
         )
         key = hashlib.sha256(text.encode()).hexdigest()
         if key not in known_sessions:
-            known_sessions[key] = real(run, table, twin, settings, repeated)
+            known_sessions[key] = real(run, table, twin, settings, repeated, on_record)
         return known_sessions[key]
 
     monkeypatch.setattr(pipeline, "take_run", remembered)
