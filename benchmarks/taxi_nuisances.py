@@ -167,6 +167,36 @@ def late_gnss(made: Made, rng: np.random.Generator, *, late_s: float = 0.3) -> R
     return replace(made.run, gnss=replace(made.run.gnss, time_s=made.run.gnss.time_s + late_s))
 
 
+def wandering_fixes(made: Made, rng: np.random.Generator) -> Run:
+    """Positions and velocities with slow errors of 1.5 m over 200 s and 0.01 m/s over 40 s, for
+    which the log declares the sigma of the whole.
+    """
+    log = made.run.gnss
+    assert log is not None
+    step_s = float(np.median(np.diff(log.time_s)))
+    place = 1.5 * _wandering(log.time_s.size, step_s / 200.0, rng)
+    velocity = np.zeros(log.v_n_m_s.shape)
+    velocity[:, :2] = 0.01 * _wandering(log.time_s.size, step_s / 40.0, rng)
+    count = np.ones(log.time_s.size)
+    strayed = replace(
+        log,
+        lat_rad=log.lat_rad + place[:, 0] / EARTH_M,
+        lon_rad=log.lon_rad + place[:, 1] / (EARTH_M * np.cos(log.lat_rad)),
+        v_n_m_s=log.v_n_m_s + velocity,
+        sigma_horizontal_m=count * np.hypot(TWIN.gnss.sigma_horizontal_m, 1.5),
+        sigma_velocity_m_s=count * np.hypot(TWIN.gnss.sigma_velocity_m_s, 0.01),
+    )
+    return replace(made.run, gnss=strayed)
+
+
+def _wandering(count: int, lengths: float, rng: np.random.Generator) -> NDArray:
+    """Two processes (count, 2) of unit variance that forget 1/e in a length; lengths: of a step."""
+    keep = np.exp(-lengths)
+    news = np.sqrt(1.0 - keep**2) * rng.standard_normal((count, 2))
+    news[0] = rng.standard_normal(2)
+    return np.asarray(lfilter([1.0], [1.0, -keep], news, axis=0))
+
+
 def wrong_arm(made: Made, rng: np.random.Generator, *, off_m: float = 1.0) -> Run:
     """The antenna is declared so far from where it is, in any level direction."""
     header = made.run.header
@@ -237,6 +267,7 @@ EXPLAINED: dict[str, Case] = {
     "crab of its own each leg": wind_by_leg,
     "GNSS late by 0.3 s": late_gnss,
     "GNSS arm wrong by 1 m": wrong_arm,
+    "fixes wander": wandering_fixes,
     "wheel scale wrong by 2 %": wheel_scale,
     "wheel arm wrong by 1 m": wrong_wheel_arm,
     "wheels late by 0.1 s": late_wheels,

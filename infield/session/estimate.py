@@ -112,7 +112,7 @@ class Found:
     """A nuisance of the taxi: its values, sigmas and prior sigmas, SI; by how much the log
     likelihood of all measurements grew as it was taken (0 of what every taxi has).
 
-    sigma is None, and the value an RMS, for a crab that changes on its own.
+    sigma is None, and the value an RMS, for what changes on its own.
     """
 
     nuisance: Nuisance
@@ -122,10 +122,15 @@ class Found:
     gain_nats: float
 
 
+# crabs whose level is fitted to the lateral way
+FITTED_CRABS = frozenset([Nuisance.TURNING_CRAB, Nuisance.GUSTS])
+
+
 @dataclass(frozen=True)
 class RollingEvidence:
     """What the taxi needed beyond what is declared, what every taxi estimates, and NIS and its
-    degrees of freedom as declared, all measurements.
+    degrees of freedom as declared, all measurements; a receiver's slow errors, which its parked
+    fixes show, count as declared.
     """
 
     found: tuple[Found, ...]
@@ -140,7 +145,7 @@ class RollingEvidence:
     @property
     def is_test(self) -> bool:
         """Does the NIS of the lateral way test anything? Not where its noise was fitted."""
-        return all(found.sigma is not None for found in self.found)
+        return not any(found.nuisance in FITTED_CRABS for found in self.found)
 
 
 @dataclass(frozen=True)

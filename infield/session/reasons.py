@@ -52,6 +52,8 @@ class Nuisance(StrEnum):
     ODOMETER_DELAY = "odometer_delay"
     ANTENNA = "antenna"
     GNSS_DELAY = "gnss_delay"
+    GNSS_SLOW_POSITION = "gnss_slow_position"
+    GNSS_SLOW_VELOCITY = "gnss_slow_velocity"
 
 
 class NoiseReason(StrEnum):

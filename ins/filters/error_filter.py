@@ -62,7 +62,7 @@ class Tally:
 class ErrorFilter:
     """State x (n,) and covariance P (n, n) of the error filter.
 
-    n is 35 + 3 for each bin + further states.
+    n is 39 + 3 for each bin + further states.
 
     Parameters
     ----------

@@ -21,8 +21,9 @@ Ground-vehicle nuisances ride along: displacement error S over the current step,
 vehicle stopped, in body x, y, accelerometer biases, crab ratio, lever arm along x, lateral velocity
 (Gauss-Markov), parked heading, odometer scale, vertical-gyro scale factor, centre-line azimuth, two
 clones of theta (at the start and at a time the caller chooses), and what wind, tyres and
-installation may add: more crab, side slip, errors of arms, delays. None of these drives another
-state; how they enter a measurement stands with the aids (`infield.session.navigated`).
+installation may add: more crab, side slip, errors of arms, delays, a receiver's slow errors. None
+of these drives another state; how they enter a measurement stands with the aids
+(`infield.session.navigated`).
 """
 
 from dataclasses import dataclass
@@ -38,6 +39,8 @@ from ins.filters.states import (
     CRAB_TURN,
     GNSS_ARM,
     GNSS_DELAY,
+    GNSS_SLOW_POS,
+    GNSS_SLOW_VEL,
     GNSS_VELOCITY_DELAY,
     KAPPA,
     LATERAL,
@@ -65,6 +68,8 @@ __all__ = [
     "CRAB_TURN",
     "GNSS_ARM",
     "GNSS_DELAY",
+    "GNSS_SLOW_POS",
+    "GNSS_SLOW_VEL",
     "GNSS_VELOCITY_DELAY",
     "KAPPA",
     "LATERAL",
@@ -172,8 +177,8 @@ def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
 
     Returns
     -------
-    F : ndarray, shape (35, 35)
-    B : ndarray, shape (35, 3)
+    F : ndarray, shape (39, 39)
+    B : ndarray, shape (39, 3)
         From the gyro bias in body axes.
     """
     from ins.filters import error_kernel as fk
@@ -199,10 +204,10 @@ def discretize(
 
     Returns
     -------
-    Phi : ndarray, shape (35, 35)
-    Gamma : ndarray, shape (35, 3)
+    Phi : ndarray, shape (39, 39)
+    Gamma : ndarray, shape (39, 3)
         From the gyro bias in body axes.
-    Q : ndarray, shape (35, 35)
+    Q : ndarray, shape (39, 39)
 
     Notes
     -----
@@ -235,7 +240,7 @@ def discretize(
 
 
 def _in_full(core: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:
-    """The core states' matrix (16, 16) placed in the base states' (35, 35), and the part (35, 3) of
+    """The core states' matrix (16, 16) placed in the base states' (39, 39), and the part (39, 3) of
     the bias.
     """
     from ins.filters import error_kernel as fk

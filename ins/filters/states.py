@@ -21,7 +21,7 @@ CENTRE_LINE = 17  # error of the surveyed centre-line azimuth [rad]
 THETA_START = slice(18, 21)  # clone of theta as it was at the start [rad]
 THETA_CLONE = slice(21, 24)  # clone of theta at a time that the caller chooses [rad]
 # What wind, tyres and installation may add while the vehicle rolls; known to be zero (no variance)
-# unless the caller asks for them. All stand still; the caller may let a crab wander by `assign`.
+# unless the caller asks for them. All stand still; the caller may let one wander by `assign`.
 WIND = slice(24, 26)  # crab by a steady wind, as the vector that body y is projected on: N, E [rad]
 CRAB_TURN = 26  # crab that becomes another one as the vehicle turns [rad]
 CRAB_GUST = 27  # crab by gusts [rad]
@@ -31,7 +31,9 @@ ODOMETER_DELAY = 30  # how much older than its stamp a speed is [s]
 GNSS_ARM = slice(31, 33)  # error of the lever arm from the IMU to the antenna, body x, y [m]
 GNSS_DELAY = 33  # how much older than its stamp a position of the receiver is [s]
 GNSS_VELOCITY_DELAY = 34  # the same of its velocity [s]
-BASE = 35  # number of base states: those above are 0 to 34
+GNSS_SLOW_POS = slice(35, 37)  # slow error of the receiver's positions, north and east [m]
+GNSS_SLOW_VEL = slice(37, 39)  # slow error of its velocities, north and east [m/s]
+BASE = 39  # number of base states: those above are 0 to 38
 
 # Of these, the states that move, and those that only drive the moving ones, in the kernel's order.
 MOVING_STATES = (0, 1, 2, 3, 4, 5, 6, 7, 8, LATERAL)

@@ -25,6 +25,7 @@ from benchmarks.taxi_nuisances import (
 from infield.reports.documents.session import NUISANCE_UNITS, session_document
 from infield.session.navigated import nuisances
 from infield.session.navigated.nuisances import AS_DECLARED, CONSTANTS, WANDERING, Assumed
+from infield.session.navigated.receiver import ReceiverErrors, SlowError
 from infield.session.navigated.taxi_heading import GnssAid, LateralAid, OdometerAid
 from infield.session.reasons import Nuisance
 from ins.attitude import dcm_from_rotation_vector
@@ -250,6 +251,27 @@ def test_as_declared_the_rows_are_those_of_before():
             assert not H[:, em.WIND.start : em.BASE].any()
 
 
+def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
+    """A fix that reads too much makes the solution's error seem as much smaller."""
+    slow = ReceiverErrors(SlowError(1.5, 300.0, 5.0), SlowError(0.01, 60.0, 5.0))
+    aid = GnssAid(taxi().run.gnss, ANTENNA, 0.5, 0.03, AS_DECLARED, slow)
+    (_, of_position), (_, of_velocity) = read_by(aid, solution(), TURNING_S)
+    assert np.array_equal(of_position[:, em.GNSS_SLOW_POS], -np.eye(2))
+    assert np.array_equal(of_velocity[:, em.GNSS_SLOW_VEL], -np.eye(2))
+    steps = np.arange(TURNING_S - 3, TURNING_S + 2)
+    plan = StepPlan(steps, steps + 1, 0 * steps + ROLLING, 0 * steps, np.zeros(steps.size))
+    program = Assigned()
+    aid.measure(program, views_of(solution(), plan))
+    levels = {35: 1.5, 36: 1.5, 37: 0.01, 38: 0.01}
+    assert {index for index, _, _ in program.seen} == set(levels)
+    for index, row, variance in program.seen:
+        assert row[index] ** 2 * levels[index] ** 2 + variance == pytest.approx(levels[index] ** 2)
+    times = {35: 300.0, 37: 60.0}
+    kept = {index: row[index] for index, row, _ in program.seen}
+    for index, time_s in times.items():
+        assert kept[index] == pytest.approx(np.exp(-1.0 / time_s))
+
+
 def test_wandering_crabs_keep_their_level():
     """A fresh start, then x -> a x + noise: the variance stays the level's square at any a."""
     steps = np.arange(TURNING_S - 3, TURNING_S + 2)
@@ -271,6 +293,7 @@ NAMED = {
     "cross wind, body turned": "cross_wind",
     "GNSS late by 0.3 s": "gnss_delay",
     "GNSS arm wrong by 1 m": "antenna",
+    "fixes wander": "gnss_slow_position",
     "wheel scale wrong by 2 %": None,
     "wheels late by 0.1 s": "odometer_delay",
 }

@@ -197,6 +197,8 @@ def test_nuisance_states_do_not_drive_the_navigation_errors():
         em.GNSS_ARM,
         em.GNSS_DELAY,
         em.GNSS_VELOCITY_DELAY,
+        em.GNSS_SLOW_POS,
+        em.GNSS_SLOW_VEL,
     ):
         assert not F[:, state].any()
         assert not F[state].any()

@@ -65,6 +65,8 @@ NUISANCE_UNITS = {
     Nuisance.ODOMETER_DELAY: ("s", 1.0),
     Nuisance.ANTENNA: ("m", 1.0),
     Nuisance.GNSS_DELAY: ("s", 1.0),
+    Nuisance.GNSS_SLOW_POSITION: ("m", 1.0),
+    Nuisance.GNSS_SLOW_VELOCITY: ("m/s", 1.0),
 }
 MOST_TEMPERATURES, MOST_VELOCITIES = 400, 800  # points of a drawing
 

@@ -101,6 +101,20 @@ def _gnss_delay(*, value: Numbers, sigma: Numbers, prior: Numbers) -> str:
     )
 
 
+def _gnss_slow_position(*, value: Numbers, sigma: Numbers | None, prior: Numbers) -> str:
+    return (
+        f"the receiver's positions wandered by about {value[0]:.2g} m RMS over minutes: taken for"
+        " a slow error of that size"
+    )
+
+
+def _gnss_slow_velocity(*, value: Numbers, sigma: Numbers | None, prior: Numbers) -> str:
+    return (
+        f"the receiver's velocities wandered by about {value[0]:.2g} m/s RMS over a minute: taken"
+        " for a slow error of that size"
+    )
+
+
 SENTENCES: Mapping[StrEnum, Template] = {
     Nuisance.CRAB: _crab,
     Nuisance.WHEEL_ARM_X: _wheel_arm_x,
@@ -113,4 +127,6 @@ SENTENCES: Mapping[StrEnum, Template] = {
     Nuisance.ODOMETER_DELAY: _odometer_delay,
     Nuisance.ANTENNA: _antenna,
     Nuisance.GNSS_DELAY: _gnss_delay,
+    Nuisance.GNSS_SLOW_POSITION: _gnss_slow_position,
+    Nuisance.GNSS_SLOW_VELOCITY: _gnss_slow_velocity,
 }

@@ -5,7 +5,7 @@ navigation-mode filter carries what is left of each gyro's bias as a constant ov
 (`infield.session.bins`).
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,10 +16,12 @@ from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
-from infield.session.estimate import SessionEstimate
+from infield.session.estimate import Found, SessionEstimate
 from infield.session.log import alignment_end, compensated_imu
 from infield.session.navigated.nuisances import AS_DECLARED, Assumed, Bench, rolling_model
+from infield.session.navigated.receiver import WHITE, ReceiverErrors, receiver_errors
 from infield.session.navigated.taxi_heading import (
+    OF_FIXES,
     CentreLineAid,
     GnssAid,
     LateralAid,
@@ -31,6 +33,7 @@ from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.filters import error_model as em
+from ins.filters.error_filter import ErrorFilter
 from ins.records import Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel
 from ins.units import DEG_PER_HOUR, MILLIRADIAN, PPM
@@ -66,10 +69,11 @@ def estimate_session(
     )
     prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
-    sigma0 = nuisance_sigmas(run, twin, settings)
+    receiver = _receiver(run, twin, settings, rest)
+    sigma0 = {**nuisance_sigmas(run, twin, settings), **receiver.priors}
 
     def aids(assumed: Assumed) -> list[Aid]:
-        return _aids(run, twin, settings, clone_at, assumed)
+        return _aids(KnownSources(run, twin, settings, clone_at, receiver), assumed)
 
     solution = solve(
         RestedLog(imu, run.header.site, rest, run.phases, faults),
@@ -101,7 +105,9 @@ def estimate_session(
         sigma_heading_before_rad=aligned.sigma_heading_rad,
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
-        rolling=rolling.evidence,
+        rolling=replace(
+            rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
+        ),
     )
 
 
@@ -129,10 +135,37 @@ def nuisance_sigmas(run: Run, twin: TwinModel, settings: SessionSettings) -> dic
     }
 
 
-def _aids(
-    run: Run, twin: TwinModel, settings: SessionSettings, aligned_s: float, assumed: Assumed
-) -> list[Aid]:
+def _receiver(
+    run: Run, twin: TwinModel, settings: SessionSettings, rest: tuple[float, float]
+) -> ReceiverErrors:
+    """The slow errors of the run's receiver, none where there is no receiver to be used."""
+    if run.gnss is None or not settings.use_gnss:
+        return WHITE
+    noise = twin.gnss.sigma_horizontal_m, twin.gnss.sigma_velocity_m_s
+    return receiver_errors(run.gnss, rest, noise, settings.flight)
+
+
+def _told(receiver: ReceiverErrors, flt: ErrorFilter) -> tuple[Found, ...]:
+    """The receiver's slow errors, where its fixes were measured."""
+    return receiver.found if OF_FIXES in flt.tally.dof else ()
+
+
+@dataclass(frozen=True)
+class KnownSources:
+    """What the aids of a session read: its run, what is known of its sensors, and when the heading
+    at the end of the alignment stands.
+    """
+
+    run: Run
+    twin: TwinModel
+    settings: SessionSettings
+    aligned_s: float
+    receiver: ReceiverErrors
+
+
+def _aids(known: KnownSources, assumed: Assumed) -> list[Aid]:
     """Every source the run has: the wheels always, odometer, GNSS and survey where logged."""
+    run, twin, settings = known.run, known.twin, known.settings
     header, survey = run.header, run.header.survey
     aids: list[Aid] = [LateralAid(header.wheel_reference_m, assumed)]
     if run.odometer is not None and settings.use_odometer:
@@ -146,10 +179,12 @@ def _aids(
                 twin.gnss.sigma_horizontal_m,
                 twin.gnss.sigma_velocity_m_s,
                 assumed,
+                known.receiver,
             )
         )
     if survey.heading_rad is not None and survey.sigma_heading_rad:
-        aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, aligned_s))
+        at_s = known.aligned_s
+        aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, at_s))
     if survey.centre_line_rad is not None and survey.sigma_centre_line_rad:
         aids.append(CentreLineAid(survey.centre_line_rad))
     return aids

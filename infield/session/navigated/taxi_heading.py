@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
+from infield.session.navigated.receiver import WHITE, ReceiverErrors
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
@@ -24,6 +25,7 @@ from ins.filters.program import FilterProgram, Row
 from ins.records import GnssLog, OdometerLog
 from ins.units import DEG
 
+OF_FIXES = "gnss"  # kind of measurement
 LATERAL_FLOOR_M = 5e-4  # displacement noise of a step beyond crab, lever arm and lateral motion
 # per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
 CENTRE_LINE_WANDER_M = 0.01
@@ -154,12 +156,26 @@ class GnssAid:
     sigma_horizontal_m: float
     sigma_velocity_m_s: float
     assumed: Assumed = AS_DECLARED
+    slow: ReceiverErrors = WHITE
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
+        self._wander(program, views)
         for back in (2, 1):  # the last fix of a step but one (rolling only), then the last
             self._positions(program, views, *self._fixes(views, back, self.assumed.gnss_delay_s))
             delay_s = self.assumed.gnss_velocity_delay_s
             self._velocities(program, views, *self._fixes(views, back, delay_s))
+
+    def _wander(self, program: FilterProgram, views: StepViews) -> None:
+        """The receiver's slow errors: first-order Gauss-Markov processes."""
+        every = np.arange(len(views.kind))
+        for slow, states in (
+            (self.slow.position, em.GNSS_SLOW_POS),
+            (self.slow.velocity, em.GNSS_SLOW_VEL),
+        ):
+            if slow.sigma > 0.0:
+                kept = np.exp(-views.dt_s / slow.time_s)
+                for k in range(states.start, states.stop):
+                    program.assign(every, k, {k: kept}, slow.sigma**2 * (1.0 - kept**2))
 
     def _fixes(self, views: StepViews, back: int, delay_s: float) -> tuple[NDArray, ...]:
         """Steps, their fix that is the last but `back` - 1, and how long before the step's end it
@@ -205,7 +221,9 @@ class GnssAid:
             of_antenna = v_n[:, :2] + swing
             z = z + of_antenna * self.assumed.gnss_delay_s
             _with_states(rows, slice(em.GNSS_DELAY, em.GNSS_DELAY + 1), of_antenna[:, :, None])
-        program.measure("gnss", at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
+        if self.slow.position.sigma > 0.0:
+            _with_own(rows, em.GNSS_SLOW_POS)
+        program.measure(OF_FIXES, at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
 
     def _velocities(
         self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
@@ -226,7 +244,9 @@ class GnssAid:
             z = z + of_antenna * self.assumed.gnss_velocity_delay_s
             state = slice(em.GNSS_VELOCITY_DELAY, em.GNSS_VELOCITY_DELAY + 1)
             _with_states(rows, state, of_antenna[:, :, None])
-        program.measure("gnss", at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
+        if self.slow.velocity.sigma > 0.0:
+            _with_own(rows, em.GNSS_SLOW_VEL)
+        program.measure(OF_FIXES, at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
 
     @staticmethod
     def _sigma(logged: NDArray | None, k: NDArray, declared: float) -> NDArray:
@@ -307,6 +327,12 @@ def _with_states(rows: list[dict[int, ArrayLike]], states: slice, of_states: NDA
             row[state] = of_states[:, i, k]
 
 
+def _with_own(rows: list[dict[int, ArrayLike]], states: slice) -> None:
+    """Add to each row in place the state of its own component: what a fix reads too much."""
+    for row, state in zip(rows, range(states.start, states.stop), strict=True):
+        row[state] = -1.0
+
+
 def velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[dict[int, ArrayLike]]:
     """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part.
 
@@ -339,7 +365,7 @@ EVIDENCE = {
     "lateral": HeadingSource.TURNS,
     "stop": HeadingSource.STOPS,
     "odometer": HeadingSource.ODOMETER,
-    "gnss": HeadingSource.GNSS,
+    OF_FIXES: HeadingSource.GNSS,
     "survey": HeadingSource.SURVEY,
     "centre line": HeadingSource.SURVEY,
 }
