@@ -37,6 +37,7 @@ from infield.session.flown.priors import Layout, laid_out
 from infield.session.log import compensated_imu
 from infield.session.navigated.estimator import alignment_heading_error, nuisance_sigmas
 from infield.session.navigated.nuisances import Assumed, priors_under
+from infield.session.navigated.receiver import OF_RECEIVER
 from infield.session.navigated.taxi_heading import (
     CentreLineAid,
     LateralAid,
@@ -226,6 +227,8 @@ def _assumed(rolling: RollingEvidence | None) -> Assumed:
     """What the taxi was found to need, but for the receiver's: the flight shows that better."""
     assumed = Assumed()
     for found in rolling.found if rolling is not None else ():
+        if found.nuisance in OF_RECEIVER:
+            continue
         assumed = replace(assumed, free=assumed.free | {found.nuisance})
         if found.nuisance is Nuisance.TURNING_CRAB:
             assumed = replace(assumed, turning_crab_rad=float(found.value[0]))

@@ -31,6 +31,7 @@ HEARD_S = 3600.0
 # of velocities [m/s]: a tenth of a Doppler's 0.03 m/s to three times that
 POSITION_LEVELS_M = (0.03, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
 VELOCITY_LEVELS_M_S = (0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1)
+OF_RECEIVER = frozenset([Nuisance.GNSS_SLOW_POSITION, Nuisance.GNSS_SLOW_VELOCITY])
 
 
 @dataclass(frozen=True)
