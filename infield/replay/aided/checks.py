@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
 from infield.replay.aided.reasons import AidedNote
+from infield.replay.aided.start import SOON_S
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import ecef_from_geodetic
 from ins.filters.aided_records import AidedHistory, Fixes
@@ -25,7 +26,6 @@ ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
 # is wind or slip, not a turned unit. It is a note and changes nothing
 OFF_TRACK_RAD, SPREAD_RAD = 5.0 * DEG, 20.0 * DEG
 SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0  # 5 sigmas: 6e-7 of Gaussian errors lie beyond
-SOON_S = 60.0  # chosen: a log that stands within its first 60 s began parked
 
 
 def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[Reason, ...]]:

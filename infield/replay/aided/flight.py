@@ -20,9 +20,10 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
 from infield.replay.aided.antenna import SeenAntenna, fit_model
 from infield.replay.aided.checks import mounting_note, site_note, without_repeats
+from infield.replay.aided.headings import HeadingFound, Sky, find_heading
 from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.replay.aided.reasons import AidedReason, AidedVerdict
-from infield.replay.aided.start import FoundStart, moving_start, parked_start
+from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
 from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
 from ins.filters.aided_filter import KINDS, AidedNavigator
 from ins.filters.aided_records import (
@@ -42,6 +43,9 @@ FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
 HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
+# of log under way before a start by matching, which needs LONGEST_MATCH_S of it at most; beyond
+# it the heading is sought from the beginning on
+LATE_S = 75.0
 RESETS_TOLD = 5  # times of a new beginning that the reason names
 # without a used position: the solution coasts, and it is listed; at one fix a second 2 may be
 # lost
@@ -144,21 +148,45 @@ def navigate_aided(
     if rest is not None:
         stands = joined(rest, *stands)
 
+    noise = aided_noise(twin)
+    sky = Sky(
+        imu=imu,
+        fixes=fixes,
+        twin=twin,
+        noise=noise,
+        options=_options(header.gyro_technology, stands),
+        gyro_sigma_deg_h=sigma,
+        lever_arm_m=antenna.lever_arm_m,
+    )
+    headings: list[HeadingFound | Reason] = []
+
     def begin(late: Fixes, lever: NDArray) -> FoundStart | Reason:
-        if rest is None:
-            return moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
-        return parked_start(
-            imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever
+        if rest is not None:
+            return parked_start(
+                imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever
+            )
+        surveyed = surveyed_start(
+            imu, late, header, twin, stands=stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever
         )
+        if surveyed is not None:
+            return surveyed
+        if headings and isinstance(headings[0], HeadingFound):  # all flights begin alike
+            return headings[0].start(sky.with_antenna(late, lever))
+        found = moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
+        if isinstance(found, FoundStart) and not _comes_late(found, late, stands):
+            return found
+        if not headings:
+            headings.append(find_heading(sky.with_antenna(late, lever), stands))
+        if isinstance(headings[0], HeadingFound):
+            return headings[0].start(sky.with_antenna(late, lever))
+        return found if isinstance(found, FoundStart) else headings[0]
 
     declared_m = (
         twin.gnss.sigma_horizontal_m,
         twin.gnss.sigma_vertical_m,
         twin.gnss.sigma_velocity_m_s,
     )
-    flights = _Flights(
-        imu, fixes, aided_noise(twin), declared_m, stands, header.gyro_technology, begin
-    )
+    flights = _Flights(imu, fixes, noise, declared_m, stands, header.gyro_technology, begin)
     fitted = fit_model(flights, antenna, declared_m[0])
     if fitted is None:
         why = flights.start(antenna)
@@ -184,6 +212,23 @@ def navigate_aided(
         outages=find_outages(history),
         declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
         flicker=(gyro_densities(twin.gyro).instability, accel_densities(twin.accel).instability),
+    )
+
+
+def _comes_late(found: FoundStart, fixes: Fixes, stands: tuple[Where, ...]) -> bool:
+    """Whether a vehicle was under way for longer than LATE_S before its start was found."""
+    first_s, start_s = float(fixes.time_s[0]), found.start.state.time_s
+    stood = sum(max(min(b, start_s) - max(a, first_s), 0.0) for a, b in stands)
+    return start_s - first_s - stood > LATE_S
+
+
+def _options(technology: str, stands: tuple[Where, ...]) -> AidedOptions:
+    """What the filter is told of a technology's standstills."""
+    return AidedOptions(
+        stands=stands,
+        stand_sigma_m_s=STAND_SIGMA_M_S,
+        stand_rate_rad_s=STAND_RATE_RAD_S[technology],
+        reset_s=BEGIN_ANEW_S[technology],
     )
 
 
@@ -226,12 +271,7 @@ class _Flights:
             model.scales.of(self.noise, *self.declared_m),
             fixes,
             antenna=model.antenna.later(-base_s),
-            options=AidedOptions(
-                stands=self.stands,
-                stand_sigma_m_s=STAND_SIGMA_M_S,
-                stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
-                reset_s=BEGIN_ANEW_S[self.technology],
-            ),
+            options=_options(self.technology, self.stands),
         )
         for piece in self._pieces(start_s, whole=whole):
             navigator.feed(piece)

@@ -15,10 +15,12 @@ class AidedVerdict(StrEnum):
 
 
 class StartMethod(StrEnum):
-    """How an aided solution was begun: parked, or in motion."""
+    """How an aided solution was begun: parked, in motion, or from headings all round."""
 
     GYROCOMPASS = "gyrocompass"
     MATCHING = "velocity matching"
+    HEADINGS = "several headings"
+    SURVEYED = "surveyed heading"
 
 
 class AidedReason(StrEnum):
@@ -28,6 +30,7 @@ class AidedReason(StrEnum):
     FEW_FIXES = "few_fixes"
     NO_VELOCITY_CHANGE = "no_velocity_change"
     HEADING_UNSURE = "heading_unsure"
+    HEADINGS_DIFFER = "headings_differ"
     NIS_HIGH = "nis_high"
     MANY_REJECTED = "many_rejected"
     BEGUN_ANEW = "begun_anew"

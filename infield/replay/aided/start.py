@@ -6,7 +6,7 @@ from data that it sees again adds next to nothing: heading 0.05 rad or more on t
 three sigmas of the match, and floors, when moving.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from alignment import coarse
 from alignment.motion.inertial import Where
 from alignment.navigation_filter import DIFFUSE_TILT_RAD, diffuse_heading_rad
 from infield.replay.aided.reasons import AidedReason, StartMethod
-from infield.replay.aided.velocity_match import Match, match_velocity
+from infield.replay.aided.velocity_match import match_velocity
+from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, geodetic_from_ecef, gravity_magnitude
 from ins.filters.aided_records import AidedStart, Fixes
 from ins.filters.states import AIDED_ACCEL as ACCEL
@@ -24,7 +25,7 @@ from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_THETA as THETA
 from ins.filters.states import AIDED_VEL as VEL
 from ins.noise import gyro_densities, walk_with_flicker
-from ins.records import ImuLog, ImuSource, NavState, Site, TwinModel
+from ins.records import ImuLog, ImuSource, NavState, RunHeader, Site, TwinModel
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import Reason, because
 
@@ -37,18 +38,35 @@ LEAST_CHANGE_M_S = 2.0
 # sigma of a match that is taken: three of them are still nearly linear; 1 - cos(9 deg) is 1.2 %
 HEADING_LIMIT_RAD = 3.0 * DEG
 FLOORS_RAD = (1.0 * DEG, 1.0 * DEG, 2.0 * DEG)  # sigma of tilt and heading after a match
+LEAST_LEFT_S = 2.0  # of log after a start: the filter needs a row a second later
 REST_S = 30.0  # of standing before, whose mean rate is the gyros' bias
+SOON_S = 60.0  # chosen: a log that stands within its first 60 s began parked
 PLACE_M = 10.0  # position prior beside a fix; without one while parked, UNFIXED_PLACE_M
 UNFIXED_PLACE_M = 1000.0
 
 
 @dataclass(frozen=True)
-class _RateBefore:
+class RateBefore:
     """Gyro bias (3,) and its sigma [rad/s] before a start; means: of the stand that showed it."""
 
     bias_rad_s: NDArray
     sigma_rad_s: NDArray
     means: coarse.RestMeans | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """A bounded log that a moving start is found on, and what is known at its end.
+
+    fix: row of the last whole fix.
+    """
+
+    log: ImuLog
+    fixes: Fixes
+    fix: int
+    lever_arm_m: NDArray
+    gyro: RateBefore
+    twin: TwinModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,37 +93,109 @@ def parked_start(
     """From the beginning of a rest that a gyrocompass aligns on."""
     log = imu.between(*rest)
     means = coarse.rest_means(log)
-    C_nb = coarse.gyrocompass_dcm(means)
     sigma = gyro_sigma_deg_h * DEG_PER_HOUR
-    at = np.flatnonzero(
-        (fixes.time_s >= rest[0]) & (fixes.time_s <= rest[1]) & np.isfinite(fixes.r_e_m[:, 0])
-    )
-    place, place_sigma = site, np.full(3, UNFIXED_PLACE_M)
-    if at.size:
-        place = _site(fixes.r_e_m[at[0]])
-        place_sigma = np.maximum(PLACE_M, 10.0 * fixes.sigma_position_m[at[0]]) + float(
-            np.linalg.norm(lever_arm_m)
-        )
     heading = diffuse_heading_rad(np.diag(sigma**2), EARTH_RATE_RAD_S * np.cos(site.lat_rad))
-    P = _covariance(
-        place_sigma,
-        0.1,
-        np.diag([DIFFUSE_TILT_RAD, DIFFUSE_TILT_RAD, heading]) ** 2,
-        sigma,
-        twin,
-        means,
+    ground = _Parked(
+        rest=rest,
+        fixes=fixes,
+        site=site,
+        lever_arm_m=lever_arm_m,
+        gyro=RateBefore(np.zeros(3), sigma, means),
+        twin=twin,
     )
-    state = NavState(time_s=float(log.time_s[0]), site=place, v_n_m_s=np.zeros(3), C_nb=C_nb)
-    start = AidedStart(
-        state=state, gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3), covariance=P
+    return ground.started(
+        log, coarse.gyrocompass_dcm(means), heading, method=StartMethod.GYROCOMPASS
     )
-    return FoundStart(
-        start=start,
-        method=StartMethod.GYROCOMPASS,
-        span=rest,
-        sigma_heading_rad=heading,
-        gyro_sigma_rad_s=sigma,
+
+
+def surveyed_start(
+    imu: ImuSource,
+    fixes: Fixes,
+    header: RunHeader,
+    twin: TwinModel,
+    *,
+    stands: tuple[Where, ...],
+    gyro_sigma_deg_h: NDArray,
+    lever_arm_m: NDArray,
+) -> FoundStart | None:
+    """From the beginning of the stand that a log begins with, at the surveyed heading of its
+    header; None where it has none, or begins in motion.
+    """
+    survey = header.survey
+    if survey.heading_rad is None or not survey.sigma_heading_rad:
+        return None
+    rest = next((s for s in stands if s[0] < imu.start_s + SOON_S), None)
+    if rest is None:
+        return None
+    log = imu.between(*rest)
+    gyro = bias_before(imu, stands, rest[1], twin, gyro_sigma_deg_h)
+    means = coarse.rest_means(log)
+    f = means.f_ib_b
+    roll = float(np.arctan2(-f[1], -f[2]))
+    pitch = float(np.arctan2(f[0], np.hypot(f[1], f[2])))
+    ground = _Parked(
+        rest=rest,
+        fixes=fixes,
+        site=header.site,
+        lever_arm_m=lever_arm_m,
+        gyro=replace(gyro, means=means),
+        twin=twin,
     )
+    return ground.started(
+        log,
+        dcm_from_euler(roll, pitch, survey.heading_rad),
+        survey.sigma_heading_rad,
+        method=StartMethod.SURVEYED,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Parked:
+    """A rest that a parked start is made on, and what is known there."""
+
+    rest: Where
+    fixes: Fixes
+    site: Site
+    lever_arm_m: NDArray
+    gyro: RateBefore
+    twin: TwinModel
+
+    def started(
+        self, log: ImuLog, C_nb: NDArray, sigma_heading_rad: float, *, method: StartMethod
+    ) -> FoundStart:
+        """At the beginning of the rest, at this attitude."""
+        rest, fixes = self.rest, self.fixes
+        at = np.flatnonzero(
+            (fixes.time_s >= rest[0]) & (fixes.time_s <= rest[1]) & np.isfinite(fixes.r_e_m[:, 0])
+        )
+        place, place_sigma = self.site, np.full(3, UNFIXED_PLACE_M)
+        if at.size:
+            place = _site(fixes.r_e_m[at[0]])
+            place_sigma = np.maximum(PLACE_M, 10.0 * fixes.sigma_position_m[at[0]]) + float(
+                np.linalg.norm(self.lever_arm_m)
+            )
+        P = _covariance(
+            place_sigma,
+            0.1,
+            np.diag([DIFFUSE_TILT_RAD, DIFFUSE_TILT_RAD, sigma_heading_rad]) ** 2,
+            self.gyro.sigma_rad_s,
+            self.twin,
+            self.gyro.means,
+        )
+        state = NavState(time_s=float(log.time_s[0]), site=place, v_n_m_s=np.zeros(3), C_nb=C_nb)
+        start = AidedStart(
+            state=state,
+            gyro_bias_rad_s=self.gyro.bias_rad_s,
+            accel_bias_m_s2=np.zeros(3),
+            covariance=P,
+        )
+        return FoundStart(
+            start=start,
+            method=method,
+            span=rest,
+            sigma_heading_rad=sigma_heading_rad,
+            gyro_sigma_rad_s=self.gyro.sigma_rad_s,
+        )
 
 
 def moving_start(
@@ -122,11 +212,11 @@ def moving_start(
     """
     best: float | None = None
     for first_s in _candidates(imu, fixes):
-        gyro = _bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
+        gyro = bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
         for window_s in np.arange(FIRST_WINDOW_S, LONGEST_MATCH_S + 1.0, FIRST_WINDOW_S):
             if (
-                first_s + window_s > imu.end_s
-                or _level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S
+                first_s + window_s + LEAST_LEFT_S > imu.end_s
+                or level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S
             ):
                 continue
             log = imu.between(first_s, first_s + window_s)
@@ -140,9 +230,13 @@ def moving_start(
             if found is None:
                 continue
             best = min(best or np.inf, found.sigma_heading_rad)
-            last = _last_fix(fixes, log)
+            last = last_fix(fixes, log)
             if found.sigma_heading_rad <= HEADING_LIMIT_RAD and last is not None:
-                return _started(found, log, fixes, last, lever_arm_m, gyro, twin)
+                ground = Stretch(
+                    log=log, fixes=fixes, fix=last, lever_arm_m=lever_arm_m, gyro=gyro, twin=twin
+                )
+                theta = 9.0 * found.covariance + np.diag(np.square(FLOORS_RAD))
+                return started(ground, found.C_nb, found.rate_b, theta)
     if best is None:
         return because(
             AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_MATCH_S
@@ -163,11 +257,11 @@ def _candidates(imu: ImuSource, fixes: Fixes) -> list[float]:
     return [
         t
         for t in np.arange(first, imu.end_s - FIRST_WINDOW_S, STRIDE_S)
-        if _level_change(fixes, t, t + LONGEST_MATCH_S) > 0
+        if level_change(fixes, t, t + LONGEST_MATCH_S) > 0
     ]
 
 
-def _level_change(fixes: Fixes, start_s: float, end_s: float) -> float:
+def level_change(fixes: Fixes, start_s: float, end_s: float) -> float:
     """The largest change of level satellite velocity within a span, less four sigmas of it
     [m/s].
     """
@@ -178,20 +272,20 @@ def _level_change(fixes: Fixes, start_s: float, end_s: float) -> float:
     return max(change - 4.0 * float(np.median(fixes.sigma_velocity_m_s[rows, 0])), 0.0)
 
 
-def _bias_before(
+def bias_before(
     imu: ImuSource,
     stands: tuple[Where, ...],
     first_s: float,
     twin: TwinModel,
     gyro_sigma_deg_h: NDArray,
-) -> _RateBefore:
+) -> RateBefore:
     """What is known of the gyros at a time, from the last stand before it; Earth rate is
     within the sigma.
     """
     unknown = gyro_sigma_deg_h * DEG_PER_HOUR
     before = [(a, min(b, first_s)) for a, b in stands if min(b, first_s) - a >= 10.0]
     if not before or float(unknown.max()) < EARTH_RATE_RAD_S:
-        return _RateBefore(np.zeros(3), unknown)
+        return RateBefore(np.zeros(3), unknown)
     start, end = before[-1]
     log = imu.between(max(start, end - REST_S), end)
     seconds = float(log.dt_s.sum())
@@ -202,10 +296,10 @@ def _bias_before(
     late = np.sqrt(max(first_s - end, 0.0) / 3600.0)
     sigma = float(np.sqrt(EARTH_RATE_RAD_S**2 + noise**2 + (walk * late) ** 2))
     mean = log.dtheta_rad.sum(axis=0) / seconds
-    return _RateBefore(mean, np.full(3, sigma), coarse.rest_means(log))
+    return RateBefore(mean, np.full(3, sigma), coarse.rest_means(log))
 
 
-def _last_fix(fixes: Fixes, log: ImuLog) -> int | None:
+def last_fix(fixes: Fixes, log: ImuLog) -> int | None:
     """The last whole fix of a log, not more than a second before its end."""
     end_s = log.time_s[-1]
     rows = np.flatnonzero(
@@ -216,23 +310,18 @@ def _last_fix(fixes: Fixes, log: ImuLog) -> int | None:
     return int(rows[-1]) if rows.size else None
 
 
-def _started(
-    found: Match,
-    log: ImuLog,
-    fixes: Fixes,
-    fix: int,
-    lever_arm_m: NDArray,
-    gyro: _RateBefore,
-    twin: TwinModel,
-) -> FoundStart:
+def started(at: Stretch, C_nb: NDArray, rate_b: NDArray, theta: NDArray) -> FoundStart:
     """At the end of the log: the last fix brought to its time at its own velocity, antenna to
     unit.
+
+    theta (3, 3): covariance of the attitude's NED error; rate_b (3,): angular rate there.
     """
+    log, fixes, fix, lever_arm_m, gyro = at.log, at.fixes, at.fix, at.lever_arm_m, at.gyro
     late_s = float(log.time_s[-1] - fixes.time_s[fix])
-    swing = found.C_nb @ np.cross(found.rate_b, lever_arm_m)
+    swing = C_nb @ np.cross(rate_b, lever_arm_m)
     v_n = fixes.v_n_m_s[fix] - swing
     lat, lon, height = (float(a) for a in geodetic_from_ecef(fixes.r_e_m[fix]))
-    off = late_s * v_n - found.C_nb @ lever_arm_m
+    off = late_s * v_n - C_nb @ lever_arm_m
     gravity = float(gravity_magnitude(lat, height))
     radius = 6378137.0 + height
     site = Site(
@@ -240,20 +329,17 @@ def _started(
         lon_rad=lon + off[1] / (radius * np.cos(lat)),
         height_m=height - off[2],
     )
-    theta = 9.0 * found.covariance + np.diag(np.square(FLOORS_RAD))
     late_v = 10.0 * late_s + 0.1  # m/s that the velocity may have changed since the fix
     P = _covariance(
         3.0 * fixes.sigma_position_m[fix] + late_s * late_v + 1.0,
         float(3.0 * fixes.sigma_velocity_m_s[fix].max() + late_v),
         theta,
         gyro.sigma_rad_s,
-        twin,
+        at.twin,
         gyro.means,
         gravity=gravity,
     )
-    state = NavState(
-        time_s=float(log.time_s[-1]), site=site, v_n_m_s=v_n, C_nb=_orthonormal(found.C_nb)
-    )
+    state = NavState(time_s=float(log.time_s[-1]), site=site, v_n_m_s=v_n, C_nb=_orthonormal(C_nb))
     start = AidedStart(
         state=state, gyro_bias_rad_s=gyro.bias_rad_s, accel_bias_m_s2=np.zeros(3), covariance=P
     )

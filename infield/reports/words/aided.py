@@ -117,6 +117,10 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " cannot be found (a constant velocity does not show it)"
     ),
     AidedReason.HEADING_UNSURE: _heading_unsure,
+    AidedReason.HEADINGS_DIFFER: (
+        "two headings explain the first {longest_s:g} s of fixes, or a longer stretch says another"
+        " than a shorter one: the vehicle manoeuvres too little, or its fixes are not of this log"
+    ),
     AidedReason.NIS_HIGH: "satellite {kind}: {excess}",
     AidedReason.MANY_REJECTED: _many_rejected,
     AidedReason.BEGUN_ANEW: _begun_anew,
