@@ -60,19 +60,11 @@ SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
 # of the settings; CONSIDER: the antenna is, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4
-# what a step carries over the end of a piece, at places 0 to 11: NIS and count of the standing
-# updates so far; seconds and steps so far
-DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = (
-    0,
-    1,
-    4,
-    7,
-    8,
-    9,
-    10,
-    11,
-    12,
-)
+# what a step carries over the end of a piece, at places 0 to 14: NIS and count of the standing
+# updates so far; seconds and steps so far; variance that leaps of the positions add to their slow
+# error, fading with it (NED)
+DT, V_BEFORE, RATE, REJECTED_SINCE = 0, 1, 4, 7
+STAND_NIS, STOOD, CLOCK, STEPS, LEAPT, CARRY = 8, 9, 10, 11, 12, 15
 # of what is taken off: biases of gyros and accelerometers, slow errors, lever arm, delays
 B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 12, 15, 16, 17
 # the trail, one row a step: time, velocity, what velocity and position have gained since the
@@ -84,7 +76,8 @@ O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 # of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each;
 # log likelihood of each
 F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
-UNSEEN, REJECTED, USED, RESET = 0, 1, 2, 3  # what became of a fix, 0 to 3, in F_USED of its row
+# what became of a fix, 0 to 4, in F_USED of its row
+UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 POLE_TAN = 1e6
 UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
@@ -143,11 +136,12 @@ def transition(row, dt, Phi):
 
 
 @jit
-def predict(P, Phi, dt, noise, M):
+def predict(P, Phi, dt, noise, leapt, M):
     """P to Phi P Phi' + Q in place; M (26, 26) is room to work in.
 
     Phi is of the first fifteen. Biases stand still, so its rows 9-14 are unit, and so are those of
-    the antenna; slow errors fade.
+    the antenna; slow errors fade, and so does what leaps of the positions add to their variance,
+    leapt (3,).
     """
     for i in range(N):
         for j in range(N):
@@ -176,6 +170,9 @@ def predict(P, Phi, dt, noise, M):
         for j in range(N):
             P[j, i] *= fades
         P[i, i] += sigma * sigma * (1.0 - fades * fades)
+        if i < W_:
+            P[i, i] += leapt[i - B_] * (1.0 - fades * fades)
+            leapt[i - B_] *= fades * fades
     vrw2 = noise[VRW] ** 2
     for i in range(3):
         P[P_ + i, P_ + i] += vrw2 * dt**3 / 3.0
@@ -290,6 +287,19 @@ def restart(P, seen):
 
 
 @jit
+def jump(P, seen, leapt):
+    """Positions leapt while the velocities fit: either those before or those from now on are off.
+
+    Position and slow error take what was seen, both alike: the fixes alone cannot tell which.
+    leapt (3,): the variance that keeps the slow error so large for its time constant.
+    """
+    for i in range(3):
+        leapt[i] = max(leapt[i], seen[i] ** 2)
+        P[P_ + i, P_ + i] += seen[i] ** 2
+        P[B_ + i, B_ + i] += seen[i] ** 2
+
+
+@jit
 def leave_trail(trail, carry, row):
     """Write the step that ends now: row (36,) is the strapdown output there."""
     k, last = int(carry[STEPS]) % TRAIL_ROWS, int(carry[STEPS] - 1) % TRAIL_ROWS
@@ -352,11 +362,11 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
                 - at_velocity[9 + k] * row[C_NB_AT + 3 * j + m]
             )
     C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
-    off, z = np.zeros(3), np.zeros(6)
+    apart, z = np.zeros(3), np.zeros(6)
     for i in range(3):
-        off[i] = state[R + i] - fix[i]
+        apart[i] = state[R + i] - fix[i]
     for i in range(3):
-        z[i] = C[3 * i] * off[0] + C[3 * i + 1] * off[1] + C[3 * i + 2] * off[2]
+        z[i] = C[3 * i] * apart[0] + C[3 * i + 1] * apart[1] + C[3 * i + 2] * apart[2]
         z[i] += (
             arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
         )
@@ -365,10 +375,18 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
         H[3 + i, E_] = -at_velocity[6 + i]
     seen = np.zeros(6)
     lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
+    anew = RESET
     if lost and isfinite(z[0]):
         for i in range(6):
             seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
-        restart(P, seen)
+        if isfinite(z[3]):
+            off, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], fix[9:12], K, N)
+            if off <= settings[GATE]:
+                anew = JUMPED
+        if anew == JUMPED:
+            jump(P, seen, carry[LEAPT:CARRY])
+        else:
+            restart(P, seen)
     used = False
     for kind in range(2):
         a = 3 * kind
@@ -392,7 +410,7 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
                 x[i] = x_new[i]
                 for j in range(N):
                     P[i, j] = P_new[i, j]
-            out[F_USED + kind] = RESET if lost else USED
+            out[F_USED + kind] = anew if lost else USED
             out[F_LOGLIK + kind] = loglik
             used = True
             if kind == 0:
@@ -580,7 +598,7 @@ def run(
         opened[:] = 0.0
         step_s = carry[DT]
         transition(out[0], step_s, Phi)
-        predict(P, Phi, step_s, noise, M)
+        predict(P, Phi, step_s, noise, carry[LEAPT:CARRY], M)
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from alignment.motion.kinds import Witness
+from infield.replay.aided.reasons import AidedGrade
 from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
 from infield.reports.documents.aided import AidedDocument, AidedFlightDocument, aided_columns
@@ -25,6 +26,7 @@ from recal.service.results.result import Result
 from trajectories.runs.directory import read_reference
 from trajectories.runs.stream_files import write_columns
 
+WEAK_TOLD = 4  # chosen: 4 stretches are told on the terminal, replay.json holds all
 ATTITUDE_COLUMNS = ("roll_deg", "pitch_deg", "heading_deg")
 
 
@@ -274,12 +276,20 @@ def _aided_lines(aided: AidedDocument | None) -> list[str]:
     """The aided solution in a few lines."""
     if aided is None:
         return []
-    head = [f"  aided: {aided.verdict}", *(f"    because {reason}" for reason in aided.reasons)]
+    degraded = isinstance(aided, AidedFlightDocument) and aided.grade is AidedGrade.DEGRADED
+    head = [f"  aided: {aided.verdict}{', degraded in parts' if degraded else ''}"]
+    head += [f"    because {reason}" for reason in aided.reasons]
     head += [f"    {note}" for note in aided.notes]
     if not isinstance(aided, AidedFlightDocument):
         return head
     start, end, nis, fixes = aided.start, aided.end, aided.consistency, aided.fixes
     level = max(end["sigma_north_m"], end["sigma_east_m"])
+    head += [
+        f"    degraded from {w.start_s:.1f} to {w.end_s:.1f} s: {w.words}"
+        for w in aided.degraded[:WEAK_TOLD]
+    ]
+    if len(aided.degraded) > WEAK_TOLD:
+        head.append(f"    and {len(aided.degraded) - WEAK_TOLD} more stretches in replay.json")
     return head + [
         (
             f"    from {start.time_s:.1f} s by {start.method}; {fixes.used_position} fixes"

@@ -283,8 +283,33 @@ def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
         assert (history.used[wrong & (t < 355.0), 0] == 1).all() and (
             history.used[~wrong & (t > START_S + 1), 0] == 2
         ).all()
-        resets = np.flatnonzero(history.used[:, 0] == 3)
-        assert (resets.size == 1 and 360.0 <= t[resets[0]] <= 363.0) if reset else resets.size == 0
+        # the velocities went on to fit: a leap (4), whose size is in the sigma; nothing begun anew
+        leaps = np.flatnonzero(history.used[:, 0] == 4)
+        assert (leaps.size == 1 and 360.0 <= t[leaps[0]] <= 363.0) if reset else leaps.size == 0
+        assert not (history.used[:, 0] == 3).any()
+        after = history.variance[history.time_s > 365.0, :2].sum(axis=1)
+        if reset:  # before, 300 m off at a sigma of centimetres
+            assert np.sqrt(after).min() > 100.0
+
+
+def test_a_lasting_shift_without_velocities_is_begun_anew():
+    """Nothing tells then whether the solution or the fixes leapt: the solution follows, and says
+    so.
+    """
+    twin = twin_of("mems", flicker=False)
+    made = flown(ideal(), twin, 5)
+    fixes, t = fixes_from(made, twin), made.run.gnss.time_s
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
+    shift = np.where((t > 350.0)[:, None], 300.0, 0.0)
+    moved = replace(fixes, r_e_m=fixes.r_e_m + shift, v_n_m_s=fixes.v_n_m_s * np.nan)
+    history = navigated(made, start, aided_noise(twin), moved, reset_s=10.0)
+    resets = np.flatnonzero(history.used[:, 0] == 3)
+    assert resets.size == 1 and 360.0 <= t[resets[0]] <= 363.0
 
 
 def merged(imu, rows: int, first: int):

@@ -14,15 +14,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.gyrocompass import MAX_REJECTED, nis_verdict
+from alignment.gyrocompass import nis_verdict
 from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
 from infield.replay.aided.antenna import SeenAntenna, fit_model
 from infield.replay.aided.checks import mounting_note, site_note, without_repeats
+from infield.replay.aided.grade import Weak, graded
 from infield.replay.aided.headings import HeadingFound, Sky, find_heading
 from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
-from infield.replay.aided.reasons import AidedReason, AidedVerdict
+from infield.replay.aided.reasons import AidedGrade, AidedReason, AidedVerdict
 from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
 from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
 from ins.filters.aided_filter import KINDS, AidedNavigator
@@ -43,10 +44,13 @@ FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
 HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
-# of log under way before a start by matching, which needs LONGEST_MATCH_S of it at most; beyond
-# it the heading is sought from the beginning on
+# of log under way before a start by matching, which needs 60 s of it at most and tries every 20 s;
+# beyond it the heading is sought from the beginning on
 LATE_S = 75.0
-RESETS_TOLD = 5  # times of a new beginning that the reason names
+# of the fixes of a kind; as many as that may be wild, or leap for a while: those are told, and the
+# rest stand (`infield.replay.aided.grade`). With 1 in 3 wild a flight is inconsistent, with 1 in
+# 10 it is not (tests/infield/test_aided.py, test_aided_grade.py)
+MOST_REJECTED = 0.25
 # without a used position: the solution coasts, and it is listed; at one fix a second 2 may be
 # lost
 OUTAGE_S = 3.0
@@ -91,6 +95,8 @@ class AidedResult:
     declared_nis: tuple[float, float] = (float("nan"), float("nan"))
     stands: tuple[Where, ...] = ()
     outages: tuple[Outage, ...] = ()
+    grade: AidedGrade | None = None
+    weak: tuple[Weak, ...] = ()
     flicker: tuple[float, float] = (0.0, 0.0)
 
 
@@ -198,8 +204,14 @@ def navigate_aided(
     assert isinstance(found, FoundStart)
     notes = repeats + site_note(fixes, stands, header.site, imu.start_s) + mounting_note(history)
     notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, twin)
+    outages = find_outages(history)
+    grade, weak = graded(
+        history, tuple((o.start_s, o.end_s) for o in outages), inconsistent=bool(reasons)
+    )
     return AidedResult(
         verdict=AidedVerdict.INCONSISTENT if reasons else AidedVerdict.AIDED,
+        grade=grade,
+        weak=weak,
         reasons=reasons,
         role=role,
         found=found,
@@ -209,7 +221,7 @@ def navigate_aided(
         scales=scales,
         antenna=fitted.antenna,
         stands=stands,
-        outages=find_outages(history),
+        outages=outages,
         declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
         flicker=(gyro_densities(twin.gyro).instability, accel_densities(twin.accel).instability),
     )
@@ -318,6 +330,13 @@ def reset_times(history: AidedHistory) -> NDArray:
     return history.fix_time_s[history.used[:, 0] == RESET]
 
 
+def leap_times(history: AidedHistory) -> NDArray:
+    """When the positions had leapt while the velocities went on to fit."""
+    from ins.filters.aided_kernel import JUMPED
+
+    return history.fix_time_s[history.used[:, 0] == JUMPED]
+
+
 def judged(history: AidedHistory) -> tuple[Reason, ...]:
     """What speaks against a solution; empty where nothing does."""
     found = []
@@ -327,18 +346,16 @@ def judged(history: AidedHistory) -> tuple[Reason, ...]:
             found.append(because(AidedReason.NIS_HIGH, kind=kind, excess=reason))
         rejected = rejected_rows(history, k).size
         seen = rejected + dof // 3
-        if rejected > MAX_REJECTED * seen:
+        if rejected > MOST_REJECTED * seen:
             found.append(
                 because(
                     AidedReason.MANY_REJECTED,
                     kind=kind,
                     rejected=rejected,
                     seen=seen,
-                    most=MAX_REJECTED,
+                    most=MOST_REJECTED,
                 )
             )
-    if (times := reset_times(history)).size:
-        found.append(because(AidedReason.BEGUN_ANEW, times=times.size, first_s=times[:RESETS_TOLD]))
     return tuple(found)
 
 

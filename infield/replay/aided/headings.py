@@ -57,19 +57,24 @@ SURE_RAD = 3.0 * DEG
 # small by 10 % (1 / sqrt(1 + 1/4))
 UNSURE_RAD = 10.0 * DEG
 WIDEST_RAD = 20.0 * DEG  # 1 - cos is 6 % of a sigma: the filter is linear to that
-# odds of another heading, ELSEWHERE_RAD or more away, at which one is taken
+# odds of another heading, 30 deg or more away, up to which one is taken: 1 of 1 000
 ELSEWHERE, ELSEWHERE_RAD = 1e-3, 30.0 * DEG
-AGREES_SIGMAS = 3.0  # between two stretches
-LEAST_MOVED_M_S = 0.5  # of change of velocity within the longest stretch that is worth a search
+AGREES_SIGMAS = 3.0  # between two stretches; the shorter one is within the longer: 3 are many
+# of change of velocity within the longest stretch that is worth a search: at 1 m/s a slow vehicle
+# shows its heading in 3 min (tests/infield/test_aided_headings.py), noise of 0.1 m/s makes 0.4 m/s
+LEAST_MOVED_M_S = 0.5
 FIRST_SOUGHT_S = 120.0  # after the first fix, within which there are FIRST_WINDOW_S of whole fixes
 DELAY_S = 0.3  # the fixes may be older than their time by, as in `infield.replay.aided.antenna`
 BLOCK = 10  # innovations that are summed to see whether they are white: 10 s
-# steps of the noise that a stretch may need: of sensors as `WIDE` and beyond, of the receiver
-SENSORS = (1.0, 8.0, 64.0, 512.0)
-RECEIVER = (1.0, 3.0)
+# steps of the sensors' noise that a stretch may need: to half of the 1024 that
+# `infield.replay.aided.noise` tries
+SENSOR_STEPS = (1.0, 8.0, 64.0, 512.0)
+# the same of the receiver's; 3 is WIDE of `infield.replay.aided.antenna`
+RECEIVER_STEPS = (1.0, 3.0)
+STEP_PAIRS = {(i, j) for i in range(len(SENSOR_STEPS)) for j in range(len(RECEIVER_STEPS))}
 LARGEST_WALK = 32.0  # `WIDE` of `infield.replay.aided.antenna`
 HEADING = AIDED_THETA.start + 2  # theta about down
-ROUNDS = 3  # of noise and headings in turn; the third has changed neither on any log here
+NOISE_ROUNDS = 3  # of noise and headings in turn; the third has changed neither on any log here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,7 +254,7 @@ class _Bank:
         """What a stretch shows of the heading."""
         turns = np.arange(COARSE) * 2.0 * np.pi / COARSE
         logliks = self._logliks(log, turns)
-        for _ in range(ROUNDS):
+        for _ in range(NOISE_ROUNDS):
             level = self._noise(log, turns[int(np.argmax(logliks))])
             if level == self.level:
                 break
@@ -275,7 +280,7 @@ class _Bank:
 
     def _noise(self, log: ImuLog, turn_rad: float) -> tuple[int, int]:
         """The likeliest step of noise at a heading, from the present one up and down."""
-        best, at, tried = -np.inf, self.level, set()
+        best, at, tried = -np.inf, self.level, set[tuple[int, int]]()
         moves = [at]
         while moves:
             level = moves.pop()
@@ -288,7 +293,9 @@ class _Bank:
             moves = [
                 (i, j)
                 for i, j in near
-                if 0 <= i < len(SENSORS) and 0 <= j < len(RECEIVER) and (i, j) not in tried
+                if 0 <= i < len(SENSOR_STEPS)
+                and 0 <= j < len(RECEIVER_STEPS)
+                and (i, j) not in tried
             ]
         return at
 
@@ -303,7 +310,8 @@ class _Bank:
         sky = self.sky
         C_nb, theta = self.attitude(turn_rad, sigma_rad)
         found = started(self.ground, C_nb, self.pairs.rate_b, theta)
-        sensors, receiver = (steps[k] for steps, k in zip((SENSORS, RECEIVER), level or self.level))
+        step = level or self.level
+        sensors, receiver = SENSOR_STEPS[step[0]], RECEIVER_STEPS[step[1]]
         walk = min(sensors, LARGEST_WALK)
         noise = replace(
             sky.noise,

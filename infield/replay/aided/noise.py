@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from alignment.gyrocompass import nis_verdict
-from ins.filters.aided_filter import KINDS, REJECT_PROBABILITY
+from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
 
 # mean NIS above its band but below this is said, not acted on; sigmas 10 % too small: 1.1^2 is 1.21
@@ -204,13 +204,16 @@ def with_gnss(
 
 
 def capped_nis(history: AidedHistory, kind: int) -> float:
-    """Mean NIS per degree of freedom of a kind; 1 where there is none.
+    """NIS per degree of freedom of a kind; 1 where there is none.
 
-    Rejected fixes are left out where they are few, the receiver's own outliers; where they are more
-    than MAX_OUTLIERS of all, it is the model that does not fit, and each is taken as at the gate.
+    Rejected fixes are left out where they are few, the receiver's own outliers. Where they are more
+    than MAX_OUTLIERS of all, the median over all tells the noise: of white noise that is declared
+    too small it is as wrong as the mean, and leaps and wild fixes, up to half of all, leave it.
     """
-    nis = _counted(history, kind)
-    return float(np.minimum(nis, chi2.isf(REJECT_PROBABILITY, 3)).mean() / 3.0) if nis.size else 1.0
+    nis, few = _counted(history, kind)
+    if not nis.size:
+        return 1.0
+    return float(nis.mean() / 3.0 if few else np.median(nis) / chi2.median(3))
 
 
 def misfit(history: AidedHistory, kind: int) -> bool:
@@ -218,17 +221,18 @@ def misfit(history: AidedHistory, kind: int) -> bool:
     matters.
     """
     mean = capped_nis(history, kind)
-    return mean > MATERIAL and nis_verdict(mean, 3 * _counted(history, kind).size) is not None
+    return mean > MATERIAL and nis_verdict(mean, 3 * _counted(history, kind)[0].size) is not None
 
 
 def misfits(history: AidedHistory) -> bool:
     return any(misfit(history, k) for k in range(2))
 
 
-def _counted(history: AidedHistory, kind: int) -> NDArray:
-    from ins.filters.aided_kernel import REJECTED
+def _counted(history: AidedHistory, kind: int) -> tuple[NDArray, bool]:
+    """The NIS that tell the noise of a kind; whether those left out of them are few."""
+    from ins.filters.aided_kernel import USED
 
     nis = history.nis[:, kind]
-    seen, rejected = np.isfinite(nis), history.used[:, kind] == REJECTED
-    few = (seen & rejected).sum() <= MAX_OUTLIERS * seen.sum()
-    return nis[seen & ~rejected] if few else nis[seen]
+    seen, outside = np.isfinite(nis), history.used[:, kind] != USED
+    few = bool((seen & outside).sum() <= MAX_OUTLIERS * seen.sum())
+    return (nis[seen & ~outside] if few else nis[seen]), few

@@ -14,6 +14,25 @@ class AidedVerdict(StrEnum):
     REFUSED = "refused"
 
 
+class AidedGrade(StrEnum):
+    """How good a solution is; DEGRADED: in stretches that are named."""
+
+    GOOD = "good"
+    DEGRADED = "degraded"
+    INCONSISTENT = "inconsistent"
+
+
+class AidedWeakness(StrEnum):
+    """Why a stretch of a solution is degraded."""
+
+    START = "wide_start"
+    HEADING = "heading_wide"
+    OUTAGE = "outage"
+    REJECTED = "fixes_rejected"
+    LEAP = "positions_leap"
+    BEGUN_ANEW = "begun_anew"
+
+
 class StartMethod(StrEnum):
     """How an aided solution was begun: parked, in motion, or from headings all round."""
 
@@ -33,7 +52,6 @@ class AidedReason(StrEnum):
     HEADINGS_DIFFER = "headings_differ"
     NIS_HIGH = "nis_high"
     MANY_REJECTED = "many_rejected"
-    BEGUN_ANEW = "begun_anew"
     NOISE_UNBELIEVED = "noise_unbelieved"
 
 

@@ -38,7 +38,7 @@ LEAST_CHANGE_M_S = 2.0
 # sigma of a match that is taken: three of them are still nearly linear; 1 - cos(9 deg) is 1.2 %
 HEADING_LIMIT_RAD = 3.0 * DEG
 FLOORS_RAD = (1.0 * DEG, 1.0 * DEG, 2.0 * DEG)  # sigma of tilt and heading after a match
-LEAST_LEFT_S = 2.0  # of log after a start: the filter needs a row a second later
+LEAST_LEFT_S = 2.0  # of log after a start: the filter puts out its first row 1 s later
 REST_S = 30.0  # of standing before, whose mean rate is the gyros' bias
 SOON_S = 60.0  # chosen: a log that stands within its first 60 s began parked
 PLACE_M = 10.0  # position prior beside a fix; without one while parked, UNFIXED_PLACE_M

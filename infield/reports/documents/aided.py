@@ -10,8 +10,11 @@ end                       attitude, velocity, biases at the end, each with its s
 fixes                     count, and of each kind: used, rejected
 rejected[]                time_s, kind, nis, and the residual over its sigma, NED; at most MOST of
 them, in order of time outages[]                 start_s, end_s without a used position, sigma_m
-(level) at the end, off_m: what the next fix was off resets_s                  when the solution was
-begun anew standing[]                start_s, end_s: taken as measurements of no velocity
+(level) at the end, off_m: what the next fix was off resets_s, leaps_s         when the solution was
+begun anew, and when the positions leapt while the velocities fitted
+grade                     "good", "degraded" or "inconsistent"
+degraded[]                start_s, end_s, why (a code), words
+standing[]                start_s, end_s: taken as measurements of no velocity
 consistency               overall, position, velocity: nis_mean, dof, band_95; standing; is_test:
 false where noise was fitted noise                     factors on the declared sigmas, those at the
 largest that is tried, declared_nis (before any factor) antenna                   lever_arm_m (with
@@ -28,9 +31,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.replay.aided.flight import AidedResult, Outage, nis_of, rejected_rows, reset_times
-from infield.replay.aided.reasons import AidedVerdict, StartMethod
+from infield.replay.aided.flight import (
+    AidedResult,
+    Outage,
+    leap_times,
+    nis_of,
+    rejected_rows,
+    reset_times,
+)
+from infield.replay.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
 from infield.replay.aided.start import FoundStart
+from infield.reports.words.aided import WEAK_WORDS
 from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
@@ -55,6 +66,16 @@ class SpanDocument:
 
     start_s: float
     end_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeakDocument:
+    """A stretch in which the solution is degraded, why, and that in words."""
+
+    start_s: float
+    end_s: float
+    why: AidedWeakness
+    words: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +208,9 @@ class AidedFlightDocument(AidedDocument):
     rejected: Sequence[RejectedDocument]
     outages: Sequence[Outage]
     resets_s: Sequence[float]
+    leaps_s: Sequence[float]
+    grade: AidedGrade
+    degraded: Sequence[WeakDocument]
     consistency: ConsistencyDocument
     noise: NoiseDocument
     antenna: AntennaDocument | None
@@ -219,6 +243,9 @@ def aided_document(
         rejected=_rejected(history)[:MOST],
         outages=result.outages,
         resets_s=[float(t) for t in reset_times(history)],
+        leaps_s=[float(t) for t in leap_times(history)],
+        grade=result.grade or AidedGrade.GOOD,
+        degraded=[WeakDocument(**vars(w), words=WEAK_WORDS[w.why]) for w in result.weak],
         consistency=_consistency(result, history),
         noise=_noise(result),
         antenna=_antenna(result.antenna),

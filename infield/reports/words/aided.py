@@ -5,7 +5,7 @@ declared, what of it is not to be believed, and why there is none.
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
-from infield.replay.aided.reasons import AidedNote, AidedReason
+from infield.replay.aided.reasons import AidedNote, AidedReason, AidedWeakness
 from infield.reports.words.sentences import Template
 from ins.units import DEG
 
@@ -33,13 +33,6 @@ def _heading_unsure(*, best_rad: float, limit_rad: float, longest_s: float) -> s
 
 def _many_rejected(*, kind: str, rejected: int, seen: int, most: float) -> str:
     return f"{rejected} of {seen} satellite {PLURAL[kind]} rejected, needed at most {most:.0%}"
-
-
-def _begun_anew(*, times: int, first_s: Sequence[float]) -> str:
-    told = ", ".join(f"{t:.1f}" for t in first_s)
-    return (
-        f"the solution rejected all fixes for long and was begun anew {times} times (at {told} s)"
-    )
 
 
 def _unbelieved(*, factor: str, value: float, most: float, technology: str) -> str:
@@ -109,6 +102,16 @@ def _noise(
     return f"the innovations exceed the noise model ({source}): {told}{most}; NIS is no test then"
 
 
+# why a stretch of a solution is degraded
+WEAK_WORDS: Mapping[AidedWeakness, str] = {
+    AidedWeakness.START: "the position is not yet known",
+    AidedWeakness.HEADING: "the heading is known to no better than 5 deg",
+    AidedWeakness.OUTAGE: "no fixes: dead reckoning",
+    AidedWeakness.REJECTED: "fixes rejected one after the other",
+    AidedWeakness.LEAP: "the positions leapt while the velocities fitted",
+    AidedWeakness.BEGUN_ANEW: "all fixes rejected for long, begun anew",
+}
+
 SENTENCES: Mapping[StrEnum, Template] = {
     AidedReason.NO_FIXES: "no satellite fixes in the run",
     AidedReason.FEW_FIXES: "{count} satellite fixes within the imu log, needed {needed}",
@@ -123,7 +126,6 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ),
     AidedReason.NIS_HIGH: "satellite {kind}: {excess}",
     AidedReason.MANY_REJECTED: _many_rejected,
-    AidedReason.BEGUN_ANEW: _begun_anew,
     AidedReason.NOISE_UNBELIEVED: _unbelieved,
     AidedNote.REPEATED_FIXES: (
         "{count} fixes from {first_s:.1f} to {last_s:.1f} s are left out: their position is that of"
