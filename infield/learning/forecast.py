@@ -30,9 +30,13 @@ LEVEL_GYROS = (0, 1)
 TEMPERATURES = 5  # where a unit works: evenly spaced quantiles of what its sessions saw
 WORKS_AT_degC = (10.0, 40.0)  # of a unit without sessions
 PATHS = 400
-STEPS_PER_YEAR = 24
 HORIZON_YEARS = 12.0
+# when paths are looked at: today, in a day (what a date tells apart), and 287 times 3 % later each,
+# so that a date a week ahead is as finely told as one in years
+LOOKS = np.concatenate([[0.0], np.geomspace(1.0 / DAYS_PER_YEAR, HORIZON_YEARS, 288)])
 JITTER = 1e-9  # of a kernel's diagonal, so that it has a root
+# [NM/h] and [(NM/h)^2]: a millionth of a limit, where a division by nothing would be
+SMALLEST_DRIFT_NM_H, SMALLEST_VARIANCE = 1e-6, 1e-12
 
 
 @dataclass(frozen=True)
@@ -163,22 +167,25 @@ class Paths:
     ) -> None:
         rng = np.random.default_rng(seed)
         n = len(temperature_degC[0])
-        steps = int(HORIZON_YEARS * STEPS_PER_YEAR)
         drawn = {name: _drawn(value[name], rng) for name in value}
         self._temperature_degC = temperature_degC
         self._now = rng.standard_normal((PATHS, 2 * n))
-        level = drawn[PriorName.AGEING_COMMON][:, None, None]
-        shape = drawn[PriorName.AGEING_SHAPE][:, None, None]
-        rates = np.zeros((PATHS, steps + 1, 2 * n))
+        self._level = drawn[PriorName.AGEING_COMMON][:, None, None]
+        self._shape = drawn[PriorName.AGEING_SHAPE][:, None, None]
+        self._roots = []
+        rates = np.zeros((PATHS, LOOKS.size, 2 * n))
         for a in LEVEL_GYROS:
             kernel = smooth_kernel(temperature_degC[a], value[PriorName.LENGTH].value)
             root = np.linalg.cholesky(kernel + JITTER * np.eye(n))
-            smooth = rng.standard_normal((PATHS, steps + 1, n)) @ root.T
-            common = rng.standard_normal((PATHS, steps + 1, 1))
-            rates[:, :, a * n : (a + 1) * n] = level * common + shape * smooth
+            smooth = rng.standard_normal((PATHS, LOOKS.size, n)) @ root.T
+            common = rng.standard_normal((PATHS, LOOKS.size, 1))
+            rates[:, :, a * n : (a + 1) * n] = self._level * common + self._shape * smooth
+            self._roots.append(root)
         self._since = rates[:, 0]  # of a year since the last session
         self._ageing = np.zeros_like(rates)
-        np.cumsum(rates[:, 1:] / np.sqrt(STEPS_PER_YEAR), axis=1, out=self._ageing[:, 1:])
+        steps = np.sqrt(np.diff(LOOKS))[:, None]
+        np.cumsum(rates[:, 1:] * steps, axis=1, out=self._ageing[:, 1:])
+        self._chance = rng.random((PATHS, LOOKS.size - 1))
         flicker = FLICKER_FLOOR * drawn[PriorName.FLICKER]
         self._start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + flicker**2)
 
@@ -189,13 +196,33 @@ class Paths:
         values, vectors = np.linalg.eigh(P)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         now = mean + self._now @ root.T + np.sqrt(max(year - state.year, 0.0)) * self._since
-        squared = np.sum((now[:, None, :] + self._ageing) ** 2, axis=2) / n
+        error = now[:, None, :] + self._ageing
+        squared = np.sum(error**2, axis=2) / n
         drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
-        years = np.arange(drift.shape[1]) / STEPS_PER_YEAR
         beyond = drift > limit_nm_h
-        first = np.where(beyond.any(axis=1), years[np.argmax(beyond, axis=1)], np.inf)
+        beyond[:, 1:] |= self._passed_between(error, drift, limit_nm_h)
+        first = np.where(beyond.any(axis=1), LOOKS[np.argmax(beyond, axis=1)], np.inf)
         median, high = np.quantile(drift, [0.5, 0.95], axis=0)
-        return Outlook(years, median, high, first)
+        return Outlook(LOOKS, median, high, first)
+
+    def _passed_between(self, error: NDArray, drift: NDArray, limit_nm_h: float) -> NDArray:
+        """Whether a path (paths, looks - 1) was beyond the limit since the look before, where
+        neither look shows it.
+
+        A random walk between two known ends at distances a and b below a limit has touched it with
+        the probability exp(-2 a b / variance of its step): reflection principle.
+        """
+        n = error.shape[2] // 2
+        growth = np.zeros_like(drift[:, 1:])  # variance of the gradient times e, per year
+        for a in LEVEL_GYROS:
+            own = error[:, :-1, a * n : (a + 1) * n]
+            growth += (self._level[:, :, 0] * own.sum(axis=2)) ** 2
+            growth += self._shape[:, :, 0] ** 2 * np.sum((own @ self._roots[a]) ** 2, axis=2)
+        slope = NM_H_PER_DEG_H**2 / (n * np.maximum(drift[:, :-1], SMALLEST_DRIFT_NM_H))
+        variance = slope**2 * growth * np.diff(LOOKS)
+        room = np.maximum(limit_nm_h - drift, 0.0)
+        exponent = -2.0 * room[:, :-1] * room[:, 1:] / np.maximum(variance, SMALLEST_VARIANCE)
+        return np.asarray(self._chance < np.exp(exponent))
 
 
 def expected_passage(

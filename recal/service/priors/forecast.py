@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from infield.learning.forecast import (
+    HORIZON_YEARS,
     LEVEL_GYROS,
     LIMIT_NM_H,
-    STEPS_PER_YEAR,
     Outlook,
     Paths,
     UnitState,
@@ -51,7 +51,7 @@ from recal.service.results.result import Result
 # Mean temperature of a session below or above which it counts as a cold or a hot start: packaged
 # starts at -5, 20 and 45 degC lie on either side (trajectories/simulator/thermal.py).
 COLD_degC, HOT_degC = 10.0, 30.0
-TREND_EVERY = STEPS_PER_YEAR // 4  # a point of the trend each quarter
+TREND_YEARS = np.arange(0.0, HORIZON_YEARS + 0.1, 0.25)  # a point of the trend each quarter
 DATE, ISSUED = "%Y-%m-%d", "%Y-%m-%dT%H:%M:%SZ"
 MOST_URGENT = 25  # units of a technology on a page that is about more than them
 
@@ -251,9 +251,9 @@ class _Technology:
             temperature_degC=(float(min(t.min() for t in T)), float(max(t.max() for t in T))),
             rests_on=self._rests_on,
             trend=TrendDocument(
-                date_utc=[str(self._date(y)) for y in seen.years[::TREND_EVERY]],
-                median_nm_h=seen.median[::TREND_EVERY].tolist(),
-                high_nm_h=seen.high[::TREND_EVERY].tolist(),
+                date_utc=[str(self._date(y)) for y in TREND_YEARS],
+                median_nm_h=np.interp(TREND_YEARS, seen.years, seen.median).tolist(),
+                high_nm_h=np.interp(TREND_YEARS, seen.years, seen.high).tolist(),
             ),
             best_session=self._best(paths, state, value, seen),
         )

@@ -1,6 +1,7 @@
 """`recal fleet forecast` on units at the level of session points, and on a small store."""
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -59,6 +60,25 @@ def test_the_drift_now_is_that_of_what_the_table_leaves(unit):
     start = value[PriorName.TURN_ON].value ** 2 + (0.664 * value[PriorName.FLICKER].value) ** 2
     expected = 60.0 * np.sqrt(np.trace(P) / len(works_at(kept)[0]) + 2.0 * start)
     assert ahead(unit).median[0] == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.parametrize("years", (0.02, 2.0))
+def test_walks_leave_a_disc_when_theory_says(unit, years):
+    """Level errors that walk without a start from zero, alike at all temperatures, leave the disc
+    of radius r after r^2 / (2 q) on average, q their growth: a planar Brownian motion. A week ahead
+    as well as in years.
+    """
+    kept, state, value = unit
+    radius = 0.8 / 60.0
+    sizes = dict.fromkeys(value, 1e-9) | {
+        PriorName.AGEING_COMMON: radius / np.sqrt(2.0 * years),
+        PriorName.LENGTH: 30.0,
+    }
+    known = {name: Learnt.normal(sizes[name], 1e-9, shown=True, n=4) for name in OF_POINTS}
+    still = replace(state, covariance=0.0 * state.covariance)
+    seen = Paths(known, works_at(kept)).ahead(still, year=state.year)
+    expected = pytest.approx(years, abs=3.0 * np.std(seen.passes) / np.sqrt(seen.passes.size))
+    assert np.mean(seen.passes) == expected
 
 
 def test_a_session_puts_the_dates_off(unit):
