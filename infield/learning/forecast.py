@@ -33,7 +33,7 @@ PATHS = 400
 HORIZON_YEARS = 12.0
 # when paths are looked at: today, in a day (what a date tells apart), and 287 times 3 % later each,
 # so that a date a week ahead is as finely told as one in years
-LOOKS = np.concatenate([[0.0], np.geomspace(1.0 / DAYS_PER_YEAR, HORIZON_YEARS, 288)])
+LOOK_YEARS = np.concatenate([[0.0], np.geomspace(1.0 / DAYS_PER_YEAR, HORIZON_YEARS, 288)])
 JITTER = 1e-9  # of a kernel's diagonal, so that it has a root
 # [NM/h] and [(NM/h)^2]: a millionth of a limit, where a division by nothing would be
 SMALLEST_DRIFT_NM_H, SMALLEST_VARIANCE = 1e-6, 1e-12
@@ -173,19 +173,19 @@ class Paths:
         self._level = drawn[PriorName.AGEING_COMMON][:, None, None]
         self._shape = drawn[PriorName.AGEING_SHAPE][:, None, None]
         self._roots = []
-        rates = np.zeros((PATHS, LOOKS.size, 2 * n))
+        rates = np.zeros((PATHS, LOOK_YEARS.size, 2 * n))
         for a in LEVEL_GYROS:
             kernel = smooth_kernel(temperature_degC[a], value[PriorName.LENGTH].value)
             root = np.linalg.cholesky(kernel + JITTER * np.eye(n))
-            smooth = rng.standard_normal((PATHS, LOOKS.size, n)) @ root.T
-            common = rng.standard_normal((PATHS, LOOKS.size, 1))
+            smooth = rng.standard_normal((PATHS, LOOK_YEARS.size, n)) @ root.T
+            common = rng.standard_normal((PATHS, LOOK_YEARS.size, 1))
             rates[:, :, a * n : (a + 1) * n] = self._level * common + self._shape * smooth
             self._roots.append(root)
         self._since = rates[:, 0]  # of a year since the last session
         self._ageing = np.zeros_like(rates)
-        steps = np.sqrt(np.diff(LOOKS))[:, None]
+        steps = np.sqrt(np.diff(LOOK_YEARS))[:, None]
         np.cumsum(rates[:, 1:] * steps, axis=1, out=self._ageing[:, 1:])
-        self._chance = rng.random((PATHS, LOOKS.size - 1))
+        self._chance = rng.random((PATHS, LOOK_YEARS.size - 1))
         flicker = FLICKER_FLOOR * drawn[PriorName.FLICKER]
         self._start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + flicker**2)
 
@@ -201,9 +201,9 @@ class Paths:
         drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
         beyond = drift > limit_nm_h
         beyond[:, 1:] |= self._passed_between(error, drift, limit_nm_h)
-        first = np.where(beyond.any(axis=1), LOOKS[np.argmax(beyond, axis=1)], np.inf)
+        first = np.where(beyond.any(axis=1), LOOK_YEARS[np.argmax(beyond, axis=1)], np.inf)
         median, high = np.quantile(drift, [0.5, 0.95], axis=0)
-        return Outlook(LOOKS, median, high, first)
+        return Outlook(LOOK_YEARS, median, high, first)
 
     def _passed_between(self, error: NDArray, drift: NDArray, limit_nm_h: float) -> NDArray:
         """Whether a path (paths, looks - 1) was beyond the limit since the look before, where
@@ -219,7 +219,7 @@ class Paths:
             growth += (self._level[:, :, 0] * own.sum(axis=2)) ** 2
             growth += self._shape[:, :, 0] ** 2 * np.sum((own @ self._roots[a]) ** 2, axis=2)
         slope = NM_H_PER_DEG_H**2 / (n * np.maximum(drift[:, :-1], SMALLEST_DRIFT_NM_H))
-        variance = slope**2 * growth * np.diff(LOOKS)
+        variance = slope**2 * growth * np.diff(LOOK_YEARS)
         room = np.maximum(limit_nm_h - drift, 0.0)
         exponent = -2.0 * room[:, :-1] * room[:, 1:] / np.maximum(variance, SMALLEST_VARIANCE)
         return np.asarray(self._chance < np.exp(exponent))
