@@ -4,10 +4,10 @@ its technology, where the true noise is another one.
     python -m benchmarks.twin_updates run FIRST LAST -o updates.jsonl
     python -m benchmarks.twin_updates table updates.jsonl
 
-Each unit (ring laser, fibre optic in turn) has sizes of noise 0.3 to 3 times the defaults, each
-drawn apart. An hour of it parked at 10 Hz is fitted; an hour parked and a taxi, another power-on,
-are updated three times: with the defaults, with the fitted twin, with the true one. The squared
-error of the mean bias of each gyro over its variance is 1 where sigma is right.
+Each unit (ring laser, fibre optic, MEMS in turn) has sizes of noise 0.3 to 3 times the defaults,
+each drawn apart. An hour of it parked at 10 Hz is fitted; an hour parked and a taxi, another
+power-on, are updated three times: with the defaults, with the fitted twin, with the true one. The
+squared error of the mean bias of each gyro over its variance is 1 where sigma is right.
 """
 
 import argparse
@@ -35,7 +35,7 @@ from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
 
-TECHNOLOGIES = ("rlg", "fog")
+TECHNOLOGIES = ("rlg", "fog", "mems")
 FACTOR = 1.0 / 0.3
 NOISE = {
     "gyro": ("arw_deg_sqrt_h", "bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h"),

@@ -192,6 +192,15 @@ def test_a_noisy_unit_is_taken_as_it_is_and_a_shaking_one_refused():
     assert "times as much as their noise model" in sentence(updated([run], twin=tiny).reasons[0])
 
 
+def test_flicker_that_the_twin_declares_is_no_excess_noise():
+    """Seconds that its flicker makes three times as noisy as its white noise would."""
+    gyro = replace(TWIN.gyro, arw_deg_sqrt_h=0.05, bias_instability_deg_h=15.0)
+    twin = replace(TWIN, gyro=gyro)
+    found = updated([session(1, twin=twin).run], twin=twin).sessions[0]
+    assert found.verdict.accepted
+    assert found.estimate.parked.noise_scale == pytest.approx(1.0, abs=0.15)
+
+
 def test_an_unknown_unit_gets_the_sigma_that_it_shows():
     run = first()[0].run
     temperature = gyro_temperature(run.temperature)

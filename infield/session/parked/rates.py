@@ -37,6 +37,7 @@ from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
+from ins.noise import FLICKER_FLOOR
 from ins.records import Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
 from ins.verdicts import LeftOut, Reason, because
@@ -198,12 +199,24 @@ def surveyed_first(run: Run, rests: Rests, first: ParkedSeconds) -> tuple[float,
 
 
 def white_noise(seconds: ParkedSeconds, twin: TwinModel) -> tuple[NDArray, float]:
-    """Angle random walk (3,) [deg/sqrt(h)], the larger of the twin's and the log's, and the log's
-    over the twin's.
+    """Angle random walk (3,) [deg/sqrt(h)], the larger of the twin's and the log's, and what
+    neighbouring seconds of the log show over what the twin has them show.
     """
     seen = seconds.walk() / DEG_PER_SQRT_HOUR
-    declared = declared_walk(twin)
-    return np.maximum(seen, declared), float(seen.max() / declared)
+    expected = _neighbours(twin, float(np.median(seconds.dt_s)))
+    return np.maximum(seen, declared_walk(twin)), float(seen.max() / expected)
+
+
+def _neighbours(twin: TwinModel, dt_s: float) -> float:
+    """The random walk [deg/sqrt(h)] for which neighbouring means over dt_s take all noise of the
+    twin: its Allan deviation there (IEEE Std 952, annex C). Of a MEMS unit's flicker as much may be
+    in a second as of its white noise.
+    """
+    gyro, hours = twin.gyro, dt_s / HOUR
+    flicker = (FLICKER_FLOOR * gyro.bias_instability_deg_h) ** 2 * hours
+    walk = (gyro.rate_random_walk_deg_h_sqrt_h * hours) ** 2 / 3.0
+    counted = (gyro.quantization_rad / DEG) ** 2 / 12.0 * 3.0 / hours
+    return float(np.sqrt(declared_walk(twin) ** 2 + flicker + walk + counted))
 
 
 def declared_walk(twin: TwinModel) -> float:
