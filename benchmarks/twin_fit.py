@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct
 from scipy.optimize import nnls
 
 import recal
@@ -48,9 +49,8 @@ from trajectories.simulator.vehicle import Boarding
 
 RATE_HZ, PARKED_S = 100.0, HOUR
 ROLL_RAD, PITCH_RAD = 0.01, -0.02
-# of the sway's power that the vertical accelerometer feels; a large sway, which is white at high
-# frequencies, hides its noise with that
-UPRIGHT_SHARE = ROLL_RAD**2 + PITCH_RAD**2
+HISTORY = thermal_history("ambient")
+BLOCK_S = 20.0  # of the contrasts from which the bound takes what no noise can be told from
 FACTOR = 3.0
 BASES = {"rlg": 1.0, "fog": 5.0, "mems": 1.0}  # times the default gyro of the technology
 QUANTA = (0.5, 3.0)  # over the white noise of a row; `--quanta` measures others
@@ -158,7 +158,7 @@ def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> di
     unit = aged_unit(rng, gyro_technology=technology)
     simulated = simulate_run(
         _dithered() if technology == "rlg" else _ideal(),
-        thermal_history("ambient"),
+        HISTORY,
         unit,
         twin,
         rng=rng,
@@ -179,26 +179,49 @@ def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> di
         "truth": truth,
         "found": {n: found[n] for n in UNITS if n in found},
         "lines": [line.frequency_hz for line in fitted.record.lines],
-        "bound": bounds(twin),
+        "bound": bounds(twin, [event.time_s for event in events]),
         "slopes": slopes(imu.dtheta_rad[:, 0] * RATE_HZ),
         "moments": moments(imu.dtheta_rad[:, 0] * RATE_HZ),
     }
 
 
-def bounds(twin: TwinModel) -> dict[str, float]:
+def bounds(twin: TwinModel, steps_s: Sequence[float] = ()) -> dict[str, float]:
     """Cramer-Rao bound on the sigma of each log variance, by Whittle's integral over a parked hour
     of three axes; sway has its shape beside it.
+
+    Below the half of 1 / BLOCK_S it is a sum over slow contrasts, less what no noise can be told
+    from: a level before and after each step, the bias against temperature. The vertical
+    accelerometer feels 5e-4 of the sway (the unit is tilted), but the level ones tell that part to
+    within their own noise: of all three together its spectrum is its own noise.
     """
-    f = np.geomspace(1.5 / PARKED_S, 0.5 * RATE_HZ, 2000)
-    df, dt = np.gradient(f), 1.0 / RATE_HZ
-    v, w = twin.vehicle, 2.0 * np.pi * f
+    slow_hz = np.arange(1, round(PARKED_S / BLOCK_S)) / (2.0 * PARKED_S)
+    fast_hz = np.geomspace(0.5 / BLOCK_S, 0.5 * RATE_HZ, 2000)
+    slow, fast = (_axes(twin, f) for f in (slow_hz, fast_hz))
+    df = np.gradient(fast_hz)
+    found = {}
+    for names, of_slow, of_fast in zip((GYRO_NAMES, ACCEL_NAMES), slow, fast):
+        information = np.zeros((len(of_fast[0]), len(of_fast[0])))
+        for axis, (below, above) in enumerate(zip(of_slow, of_fast)):
+            relative = above / above[: len(names)].sum(axis=0)
+            information += PARKED_S * (relative * df) @ relative.T
+            information += _slow_information(below, len(names), _no_noise(axis, steps_s))
+        covariance = np.linalg.pinv(information)
+        found |= {n: float(np.sqrt(covariance[k, k])) for k, n in enumerate(names)}
+    return found
+
+
+def _axes(twin: TwinModel, f: NDArray) -> tuple[list[NDArray], list[NDArray]]:
+    """Powers (terms, k) of each gyro's and each accelerometer's terms, then those that the sway
+    would have for another frequency and damping.
+    """
+    v, w, dt = twin.vehicle, 2.0 * np.pi * f, 1.0 / RATE_HZ
     flicker, walk = 1.0 / (2.0 * np.pi * f), 1.0 / w**2
     ones, quantum = np.ones_like(f), 4.0 * np.sin(0.5 * w * dt) ** 2 / dt
 
     def swaying(hz: float, zeta: float) -> NDArray:
         at = 2.0 * np.pi * hz
         density = 4.0 * zeta * at * w**2 / ((at**2 - w**2) ** 2 + (2.0 * zeta * at * w) ** 2)
-        return np.asarray(density * quantum / dt)
+        return np.asarray(size("vehicle.sway_m_s") * density * quantum / dt)
 
     def size(name: str) -> float:
         section, key = name.split(".")
@@ -207,25 +230,34 @@ def bounds(twin: TwinModel) -> dict[str, float]:
     shapes = dict(zip(GYRO_NAMES, (ones, quantum, flicker, walk, ones)))
     gyro = [size(n) * shapes[n] for n in GYRO_NAMES]
     level = [*gyro[:4], 0.0 * ones]
-    sway = size("vehicle.sway_m_s") * swaying(v.sway_hz, v.sway_damping)
-    sway_w = size("vehicle.sway_m_s") * swaying(1.001 * v.sway_hz, v.sway_damping)
-    sway_z = size("vehicle.sway_m_s") * swaying(v.sway_hz, 1.001 * v.sway_damping)
+    sway = swaying(v.sway_hz, v.sway_damping)
+    sway_w = swaying(1.001 * v.sway_hz, v.sway_damping)
+    sway_z = swaying(v.sway_hz, 1.001 * v.sway_damping)
     still = [size(n) * s for n, s in zip(ACCEL_NAMES[:3], (ones, flicker, walk))]
     moved = [*still, sway, (sway_w - sway) / 1e-3, (sway_z - sway) / 1e-3]
-    upright = [*still, *(UPRIGHT_SHARE * part for part in moved[3:])]
-    found = {}
-    for names, axes, count in (
-        (GYRO_NAMES, (level, level, gyro), 5),
-        (ACCEL_NAMES, (moved, moved, upright), 4),
-    ):
-        information = np.zeros((len(axes[0]), len(axes[0])))
-        for parts in axes:
-            rows = np.stack(parts)
-            relative = rows / rows[:count].sum(axis=0)
-            information += PARKED_S * (relative * df) @ relative.T
-        covariance = np.linalg.pinv(information)
-        found |= {n: float(np.sqrt(covariance[k, k])) for k, n in enumerate(names)}
-    return found
+    upright = [*still, *(0.0 * part for part in moved[3:])]
+    gyros = [np.stack(axis) for axis in (level, level, gyro)]
+    return gyros, [np.stack(axis) for axis in (moved, moved, upright)]
+
+
+def _slow_information(parts: NDArray, count: int, X: NDArray) -> NDArray:
+    """Fisher information of the parts (p, k), powers of cosines k, of which the first `count` make
+    the noise, less regressors X (k, r): restricted likelihood.
+    """
+    inverse = np.diag(1.0 / parts[:count].sum(axis=0))
+    told = inverse @ X
+    P = inverse - told @ np.linalg.pinv(X.T @ told) @ told.T
+    return np.asarray(0.5 * parts @ (P * P.T) @ parts.T)
+
+
+def _no_noise(axis: int, steps_s: Sequence[float]) -> NDArray:
+    """Cosines (k, r) of what is taken out of a gyro or an accelerometer of an axis."""
+    middle = (np.arange(round(PARKED_S / BLOCK_S)) + 0.5) * BLOCK_S
+    T = HISTORY.at(middle).gyro_degC[:, axis]
+    u = (T - T.mean()) / np.ptp(T)
+    columns = [u, u**2, u**3, np.gradient(T)]
+    columns += [(middle > step).astype(float) for step in steps_s]
+    return np.asarray(dct(np.stack(columns, axis=1), axis=0, norm="ortho")[1:])
 
 
 def allan(rate: NDArray) -> tuple[NDArray, NDArray]:

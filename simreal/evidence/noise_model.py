@@ -18,7 +18,9 @@ from ins.records import TwinModel
 from ins.units import ARCSEC
 from simreal.effects.base import AddedNoise
 
+SIX_CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 FLICKER_GRID_S = 1.0
+LINE_ALIKE_S = 20.0  # over which a line keeps its phase: as finely as spectra of 20 s tell it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +29,9 @@ class ChannelNoise:
     markov variance;
 
     bounded: variance of a white bounded integral (angle, velocity); sway: velocity variance of an
-    oscillator with circular frequency sway_w and damping sway_zeta. run_s: length of the run
-    (lowest frequency of the flicker).
+    oscillator with circular frequency sway_w and damping sway_zeta; lines: circular frequency and
+    variance of the bounded integral of each. run_s: length of the run (lowest frequency of the
+    flicker).
     """
 
     white: float = 0.0
@@ -41,6 +44,7 @@ class ChannelNoise:
     sway: float = 0.0
     sway_w: float = 1.0
     sway_zeta: float = 0.2
+    lines: tuple[tuple[float, float], ...] = ()
     run_s: float = 3600.0
 
     def with_added(self, added: AddedNoise, scale: float) -> "ChannelNoise":
@@ -70,6 +74,7 @@ class ChannelNoise:
             markov_tau_s=added.markov_tau_s or 1.0,
             bounded=added.bounded,
             sway=added.sway,
+            lines=(),
         )
 
     def covariance(self, n: int, dt_s: float, start_s: float = 0.0) -> NDArray:
@@ -101,6 +106,8 @@ class ChannelNoise:
         r[0] = self.white / dt_s
         lag = np.abs(dt_s * np.arange(-1, n + 1))
         u = self.bounded * (lag < 1e-9) + self.sway * oscillator(lag, self.sway_w, self.sway_zeta)
+        for w, variance in self.lines:
+            u += variance * oscillator(lag, w, 1.0 / (w * LINE_ALIKE_S))
         r += (2.0 * u[1:-1] - u[:-2] - u[2:]) / dt_s**2
         if self.markov:
             r += self.markov * _markov_means(dt_s * np.arange(n), dt_s, self.markov_tau_s)
@@ -146,7 +153,8 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
 
     C_nb (3, 3): parked attitude. The heading creeps (white rate on z); each accelerometer feels its
     share of the level sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is
-    that of the accumulated angle or velocity: uniform, q^2/12.
+    that of the accumulated angle or velocity: uniform, q^2/12. Lines of dither and engines that a
+    fit found stand in the twin's `fit`.
     """
     g, v = twin.gyro, twin.vehicle
     rate, force = gyro_densities(g), accel_densities(twin.accel)
@@ -171,4 +179,15 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
     )
     share = C_nb[0] ** 2 + C_nb[1] ** 2
     x, y, z = (replace(accel, sway=float(s) * v.sway_m_s**2) for s in share)
-    return gyro, gyro, replace(gyro, white=gyro.white + creep), x, y, z
+    every = (gyro, gyro, replace(gyro, white=gyro.white + creep), x, y, z)
+    return tuple(replace(n, lines=_lines_of(twin, c)) for c, n in zip(SIX_CHANNELS, every))
+
+
+def _lines_of(twin: TwinModel, channel: str) -> tuple[tuple[float, float], ...]:
+    """Circular frequency of each line of a channel, and half its squared swing."""
+    found = (twin.fit or {}).get("lines", [])
+    return tuple(
+        (2.0 * np.pi * float(line["frequency_hz"]), 0.5 * float(line["swing"]) ** 2)
+        for line in found
+        if line["channel"] == channel and "swing" in line
+    )

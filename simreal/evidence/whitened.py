@@ -15,25 +15,14 @@ from scipy.fft import dct
 from ins.records import TwinModel
 from simreal.effects.base import AddedNoise, Effect
 from simreal.effects.telemetry import PARKED, Telemetry, Trace
-from simreal.evidence.noise_model import ChannelNoise, channel_noises
+from simreal.evidence.noise_model import SIX_CHANNELS, ChannelNoise, channel_noises
 from simreal.evidence.parked import PARKED_MEAN_S, ParkedBlock
 from simreal.evidence.parked_fixes import FIX_COMPONENTS, ParkedFixes
 from simreal.evidence.parked_fixes import FIX_MEAN_S as FIX_BIN_S
 from simreal.evidence.rolling import RollingBlock
 from simreal.evidence.run_view import RunView
 
-CHANNELS = (
-    "gyro_x",
-    "gyro_y",
-    "gyro_z",
-    "accel_x",
-    "accel_y",
-    "accel_z",
-    "temperature",
-    "odometer",
-    "gnss",
-    "vehicle",
-)
+CHANNELS = (*SIX_CHANNELS, "temperature", "odometer", "gnss", "vehicle")
 SENSORS = 6  # 3 gyros and 3 accelerometers
 # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
 BANDS = ((1, 4), (4, 10))

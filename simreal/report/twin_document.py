@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from ins.records import FitDocument, TwinModel
+from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.report.twin_records import (
     FIT_METHOD,
     ChannelRecord,
@@ -17,7 +18,7 @@ from simreal.report.twin_records import (
 from simreal.report.twin_words import PARAMETER_NAMES, YAW_NOTE, needs_words, size_words, why_words
 from simreal.twin.fit.evidence import AXES_DIFFER_P
 from simreal.twin.fit.fit import NoRest
-from simreal.twin.fit.result import SIX_CHANNELS, Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
 from simreal.twin.fit.streams import STILL_AT_LEAST_S
 
 DIFFERENT = (
@@ -114,6 +115,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
                 "channel": SIX_CHANNELS[line.channel],
                 "frequency_hz": line.frequency_hz,
                 "amplitude": line.amplitude,
+                "swing": line.swing,
             }
             for line in found.lines
         ],

@@ -104,6 +104,18 @@ def test_scatter_of_white_rows_is_chi_square():
     assert dof == pytest.approx(9.0)
 
 
+def test_a_line_of_a_fit_scatters_as_a_sine_of_its_amplitude():
+    """Rows of a line of dither: half its squared amplitude each; over ten seconds nearly none."""
+    hz, dt, swing = 23.0, 0.01, 1e-6
+    amplitude = swing * 2.0 * np.sin(np.pi * hz * dt) / dt
+    line = {"channel": "gyro_y", "frequency_hz": hz, "amplitude": amplitude, "swing": swing}
+    silent = replace(TwinModel(), gyro=GyroNoise(arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0))
+    x, y, *_ = channel_noises(replace(silent, fit={"lines": [line]}), 3600.0, LEVEL)
+    assert x.scatter(100, dt)[0] == pytest.approx(0.0, abs=1e-30)
+    assert y.scatter(100, dt)[0] == pytest.approx(100 * 0.5 * amplitude**2, rel=0.01)
+    assert y.covariance(2, 10.0)[0, 0] < 1e-4 * 0.5 * amplitude**2 + y.turn_on + 1e-10 * y.walk
+
+
 @pytest.mark.parametrize("sway", [0.0, 1.0])
 def test_band_sums_scatter_as_their_freedom_says(sway):
     """Mean squares of 300 sums over 60 blocks, drawn by the simulator's own oscillator: variance

@@ -9,16 +9,22 @@ import pytest
 from typer.testing import CliRunner
 
 import recal
+from alignment.motion.kinds import DISTURBED, Cause
 from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
+from ins.units import HOUR
 from recal.cli.app import app
 from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.constants import spread_between
+from simreal.twin.fit.evidence import needed_s
+from simreal.twin.fit.model import PRIOR_SIGMA, Fitted, Model
 from simreal.twin.fit.other_sensors import resolution
 from simreal.twin.fit.shared_motion import own_power
-from simreal.twin.fit.terms import Shape, Term, bin_covariance, sampled_psd
+from simreal.twin.fit.spectra import Bands
+from simreal.twin.fit.streams import stream_at_rest, stream_of
+from simreal.twin.fit.terms import Shape, Term, bin_covariance, sampled_psd, sway_folded
 
 
 @lru_cache
@@ -38,6 +44,54 @@ def test_a_terms_spectrum_is_the_transform_of_its_covariance(term):
     waves = np.exp(-2j * np.pi * np.outer(k, np.arange(n)) / n) * taper / np.sqrt(np.sum(taper**2))
     power = np.real(np.einsum("kn,nm,km->k", waves, V, waves.conj()))
     assert power == pytest.approx(sampled_psd(term, k / n, 1.0, shape), rel=0.02)
+
+
+def test_a_resonance_is_expected_as_a_short_window_shows_it():
+    """Windows of 20 s of a sway of 0.45 Hz, by its covariance: a taper flattens the resonance, by a
+    tenth at its top.
+    """
+    n, dt, shape = 400, 0.05, Shape(sway_w=2.0 * np.pi * 0.45, sway_zeta=0.2)
+    end = dt * np.arange(1.0, n + 1.0)
+    V = bin_covariance(Term.SWAY, end - dt, end, shape, run_s=1e6)
+    taper = np.hanning(n + 1)[:n]
+    k = np.arange(8, 40)
+    waves = np.exp(-2j * np.pi * np.outer(k, np.arange(n)) / n) * taper
+    power = np.real(np.einsum("kn,nm,km->k", waves, V, waves.conj())) * dt / np.sum(taper**2)
+    nothing = np.zeros(k.size, bool)
+    each = np.arange(k.size)
+    bands = Bands(3, dt, 1.0 / (n * dt), k / (n * dt), each, power, np.ones(k.size), nothing)
+    assert bands.expected(Term.SWAY, shape) == pytest.approx(power, rel=0.01)
+    flat = sampled_psd(Term.SWAY, bands.hz, dt, shape)
+    assert np.max(flat / power) > 1.06
+
+
+def test_means_show_a_quick_sway_that_rows_have_shown():
+    slow, quick = (Shape(sway_w=2.0 * np.pi * hz) for hz in (0.1, 0.8))
+    assert sway_folded(np.array([0.1]), 1.0, slow)[0] < 0.05
+    assert sway_folded(np.array([0.2]), 1.0, quick)[0] > 0.95
+
+
+def test_a_clip_may_hide_who_stepped_aboard():
+    """Still seconds on either side of a clip may be on another level; of a gust they are not."""
+    simulated, _ = fitted()
+    stream = stream_of(simulated.run, simulated.twin)
+    kind, cause = np.zeros_like(stream.motion.kind), np.full(stream.motion.kind.size, "", object)
+    kind[600:640] = DISTURBED
+    for why, places in ((Cause.CLIPPING, 2), (Cause.GUST, 1)):
+        cause[600:640] = why
+        motion = replace(stream.motion, kind=kind, cause=cause)
+        found = stream_at_rest(simulated.run, simulated.twin, None, motion=motion)
+        assert len(np.unique(found.place)) == places
+
+
+def test_a_longer_recording_is_asked_for_than_the_one_that_did_not_tell():
+    model = Model(
+        (Term.WHITE, Term.FLICKER), np.log([1e-12, 1e-30]), Shape(), np.full(2, PRIOR_SIGMA)
+    )
+    for size, needed in ((1e-30, np.inf), (1e-13, 2.0 * HOUR)):
+        x = np.log([1e-12, size])
+        fit = Fitted(model, x, 0.0, np.eye(2))
+        assert needed_s(fit, Term.FLICKER, 0.01, longer_s=HOUR) == needed
 
 
 def test_markov_means_are_those_of_the_noise_model():
@@ -173,6 +227,10 @@ def test_a_tilting_vehicle_is_not_charged_to_the_gyro():
     assert shared[0] == pytest.approx(0.33, abs=0.05)
     apart = own_power(gyro, white(100, 20, 3), np.zeros(20, int), np.array([2000.0]))
     assert apart[0][0] == pytest.approx(1.49, abs=0.12)
+    level = 100.0 * white(100, 20, 2)
+    upright = white(100, 20) + 0.02 * level[:, :, 0]  # four fifths of its power is sway
+    own = own_power(upright, level, np.zeros(20, int), np.array([2000.0]), 0.9)
+    assert own[0][0] == pytest.approx(1.0, abs=0.08) and own[1][0] == 1998.0
 
 
 def test_a_resolution_is_a_grid_and_noise_has_none():

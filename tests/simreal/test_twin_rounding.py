@@ -18,7 +18,9 @@ QUANTUM = 1.234567e-7
 
 @lru_cache
 def parked():
-    return recal.simulate("parked_only", seed=6, rate_hz=20).run
+    """Twenty minutes at rest."""
+    run = recal.simulate("parked_only", seed=6, rate_hz=20).run
+    return replace(run, imu=run.imu.between(run.imu.start_s, run.imu.start_s + 1200.0), phases=())
 
 
 def counted(run, quantum, *, sums):

@@ -23,9 +23,9 @@ from scipy.stats import gamma as gamma_law
 from ins.noise import accel_densities, gyro_densities
 from ins.records import TwinModel
 from ins.units import ARCSEC, HOUR, STANDARD_GRAVITY
+from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.evidence import without_comb
 from simreal.twin.fit.model import ABSENT, Model, band_model
-from simreal.twin.fit.result import SIX_CHANNELS
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import SlowData, slow_data
 from simreal.twin.fit.spectra import UPRIGHT, Bands, few_spectra

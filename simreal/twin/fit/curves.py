@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.model import Evidence, Fitted, band_model
-from simreal.twin.fit.result import SIX_CHANNELS, ChannelCurve
+from simreal.twin.fit.result import ChannelCurve
 from simreal.twin.fit.streams import Stream
 from simreal.twin.fit.terms import Term, sampled_psd
 

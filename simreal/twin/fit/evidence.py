@@ -22,7 +22,7 @@ from simreal.twin.fit.model import (
 )
 from simreal.twin.fit.rounding import SIGMA_OF_GRID
 from simreal.twin.fit.spectra import Bands
-from simreal.twin.fit.terms import Term, sampled_psd
+from simreal.twin.fit.terms import Term, sampled_psd, sway_folded
 
 # of a log variance, 0.25 of the size: beyond, normal limits hold the truth in less than 92 %
 # (chi-square with fewer than 8 degrees of freedom)
@@ -31,7 +31,10 @@ IDENTIFIED_SIGMA = 0.5
 # unknown (sigma 1) there, where its bound says that nobody can tell it
 SMALLEST_SIGMAS, STILL_SIGMA = 2.58, 0.8
 BELIEVED_SIGMA = 2.0 * np.log(3.0)  # of what the data do not tell: a factor 3 of the size
-LIMIT_DROP = 0.5 * float(chi2.ppf(0.90, 1))  # of the log likelihood at a one-sided 95 % limit
+# of the log likelihood at the upper end of a two-sided 95 % interval. A one-sided 95 % limit would
+# do for a term that is never told; but where chance makes it small it is not told, where chance
+# makes it large it has a two-sided interval: both together would hold 92.5 %
+LIMIT_DROP = 0.5 * float(chi2.ppf(0.95, 1))
 LIMIT_STEPS, LIMIT_WITHIN = 10, 0.3  # of a log variance: 15 % of a limit
 SCORE = 2.5  # sigmas: below, a Markov process cannot win 2 nats and more
 LITTLE = 1e-3  # of the flicker
@@ -51,6 +54,10 @@ PARKED_HOURS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 NEVER_S = float("inf")
 LOWEST_CYCLES = 1.5  # in a recording: what is slower went with its constant
 BOUND_POINTS = 400  # frequencies
+# of a log variance: a factor e^500 of the size, with which a term is nowhere in the spectrum
+NOWHERE_SIGMA = 1e3
+# of a correlation of two terms short of 1, to which round-off leaves a matrix its inverse
+LEAST_APART = 1e-10
 # probability that like axes are called unlike: 1 fit in 10,000, for the triad is then not one
 AXES_DIFFER_P = 1e-4
 AXIS_SIGMA = 0.2  # of an axis's own log variance: beyond 0.1 of its size the triad's is taken
@@ -61,7 +68,7 @@ class Told:
     """What the data say of one term, in log variance.
 
     value, sigma: of the twin that is written; low, high: 95 %; nats: log likelihood against none of
-    it; upper: one-sided 95 % limit; needed_s: parked seconds in one run that would identify it;
+    it; upper: 97.5 % limit; needed_s: parked seconds in one run that would identify it;
     hidden: by the rounding of rows.
     """
 
@@ -95,7 +102,11 @@ class TriadFit:
 
 def fit_triad(evidence: Evidence, model: Model, dt_s: float, used_s: float) -> TriadFit:
     """The noise of a triad. dt_s: of its rows; used_s: parked seconds, all runs."""
-    best, evidence = _counted(evidence, climb(evidence, model))
+    first = climb(evidence, model)
+    if Term.SWAY in model.terms:
+        evidence = _counted_once(evidence, first)
+        first = climb(evidence, model, first.x)
+    best, evidence = _counted(evidence, first)
     best = _with_markov(evidence, best)
     differ_p, axes, ratios = _axes(evidence, best)
     if ratios:
@@ -109,9 +120,27 @@ def fit_triad(evidence: Evidence, model: Model, dt_s: float, used_s: float) -> T
     for term in best.model.terms:
         told.append(_tell(evidence, best, term, 0.5 * float(np.log(count))))
     kept = {t.term for t in told if t.identified}
-    final = climb(evidence, _last_model(best.model, kept))
+    last = _last_model(best.model, kept)
+    final = climb(evidence, last, _carried(best, last))
     told = [_final(t, final, dt_s=dt_s, used_s=used_s, channels=channels) for t in told]
     return TriadFit(tuple(told), final, differ_p, axes, used_s)
+
+
+def _counted_once(evidence: Evidence, fitted: Fitted) -> Evidence:
+    """The evidence with bands of means counting for less by what folds into them of a quick sway:
+    the rows have shown that part already.
+    """
+    model, x = fitted.model, fitted.x
+    at, shape = model.terms.index(Term.SWAY), model.shape_at(fitted.x)
+    finest = min((b.dt_s for _, b in evidence.bands), default=0.0)
+    kept = []
+    for k, bands in evidence.bands:
+        if bands.dt_s > finest:
+            S, parts = band_model(model, x, (), bands, evidence.share[k])
+            folded = bands.mean(sway_folded(bands.hz, bands.dt_s, shape))
+            bands = replace(bands, dof=bands.dof * (1.0 - parts[at] / S * folded))
+        kept.append((k, bands))
+    return replace(evidence, bands=tuple(kept))
 
 
 def _last_model(model: Model, kept: set[Term]) -> Model:
@@ -123,6 +152,14 @@ def _last_model(model: Model, kept: set[Term]) -> Model:
             model = model.without(term)
     believed = [PRIOR_SIGMA if t in kept else BELIEVED_SIGMA for t in model.terms]
     return replace(model, width=np.minimum(model.width, believed))
+
+
+def _carried(found: Fitted, model: Model) -> NDArray:
+    """Parameters of a model with fewer terms where another was highest: from what was believed a
+    large sway leads to another summit.
+    """
+    terms = [found.log_variance(term) for term in model.terms]
+    return np.concatenate([terms, found.x[len(found.model.terms) :]])
 
 
 def _counted(evidence: Evidence, free: Fitted) -> tuple[Fitted, Evidence]:
@@ -315,7 +352,7 @@ def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
     hidden = best.model.hidden and term in (Term.WHITE, Term.QUANTIZATION)
     identified = nats > penalty and sigma < IDENTIFIED_SIGMA and not hidden
     identified = identified and _holds(evidence, best, k, sigma)
-    upper = value + 1.645 * sigma if identified else _upper(evidence, best, k)
+    upper = value + 1.96 * sigma if identified else _upper(evidence, best, k)
     return Told(
         term=term,
         value=value,
@@ -344,7 +381,7 @@ def _holds(evidence: Evidence, best: Fitted, k: int, sigma: float) -> bool:
 
 
 def _upper(evidence: Evidence, best: Fitted, k: int) -> float:
-    """The log variance at which the profile likelihood has fallen to its one-sided 95 % limit."""
+    """The log variance at which the profile likelihood has fallen to its 97.5 % limit."""
     x = best.x.copy()
     step = 2.0
     low, high = float(x[k]), np.inf
@@ -378,15 +415,19 @@ def _final(told: Told, final: Fitted, *, dt_s: float, used_s: float, channels: i
             needed_s=used_s,
         )
     value = min(value, told.upper)
-    needed = needed_s(final, told.term, dt_s, channels=channels)
+    needed = needed_s(final, told.term, dt_s, channels=channels, longer_s=used_s)
     return replace(told, value=value, sigma=sigma, low=-np.inf, high=told.upper, needed_s=needed)
 
 
-def needed_s(fitted: Fitted, term: Term, dt_s: float, *, channels: int = 3) -> float:
+def needed_s(
+    fitted: Fitted, term: Term, dt_s: float, *, channels: int = 3, longer_s: float = 0.0
+) -> float:
     """The shortest of PARKED_HOURS, in seconds, in which the bound on this term's sigma passes;
-    infinite where none does.
+    infinite where none does. longer_s: of recordings that did not tell it.
     """
     for hours in PARKED_HOURS:
+        if hours * HOUR <= longer_s:
+            continue
         bound = bound_sigma(fitted.model, fitted.x, dt_s, hours * HOUR, channels=channels)
         if bound[fitted.model.terms.index(term)] < 0.8 * IDENTIFIED_SIGMA:
             return hours * HOUR
@@ -414,5 +455,10 @@ def bound_sigma(
                 rows[j] = 0.0
         relative = rows / rows.sum(axis=0)
         total += (relative * df) @ relative.T * parked_s
-    bound = np.linalg.pinv(total + 1e-12 * np.eye(len(total)))
-    return np.asarray(np.sqrt(np.maximum(np.diag(bound), 0.0)))
+    size = np.sqrt(np.diag(total))
+    shown = size > 1.0 / NOWHERE_SIGMA
+    bound = np.full(len(total), np.inf)
+    alike = total[np.ix_(shown, shown)] / np.outer(size[shown], size[shown])
+    inverse = np.linalg.inv(alike + LEAST_APART * np.eye(len(alike)))
+    bound[shown] = np.sqrt(np.diag(inverse)) / size[shown]
+    return bound

@@ -17,6 +17,7 @@ from ins.noise import accel_densities, gyro_densities
 from ins.records import InputError, Run, RunHeader, TwinModel
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
 from ins.units import MICRO_G_PER_SQRT_HOUR as MICRO_G_WALK
+from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.constants import (
     CONSTANT_OVER_S,
     Spread,
@@ -28,7 +29,7 @@ from simreal.twin.fit.curves import curves_of
 from simreal.twin.fit.evidence import BELIEVED_SIGMA, IDENTIFIED_SIGMA, Told, TriadFit, fit_triad
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.result import SIX_CHANNELS, Needs, Parameter, RunUsed, TwinFit, Why
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import spectra_of
@@ -318,10 +319,19 @@ def _shape_parameters(
                 seconds=seconds,
                 why=why,
                 needs=Needs.NOTHING if identified else Needs.PARKED_SECONDS,
-                needed=seconds if identified else of.needed_s if of else float("inf"),
+                needed=seconds if identified else _shape_needed(of, sigma, seconds),
             )
         )
     return found
+
+
+def _shape_needed(of: Told | None, sigma: float, seconds: float) -> float:
+    """Parked seconds that would tell a shape: as long as the squared sigma of its logarithm takes
+    to fall, and its term has to be told.
+    """
+    if of is None:
+        return float("inf")
+    return max(of.needed_s, seconds * (2.0 * sigma / IDENTIFIED_SIGMA) ** 2)
 
 
 def _kept(

@@ -210,7 +210,9 @@ def band_model(
     for j, term in enumerate(model.terms):
         factor = model.factor(term, bands.channel, share)
         if factor and x[j] > ABSENT:
-            parts[j] = factor * np.exp(x[j]) * _band_psd(term, bands, shape)
+            parts[j] = factor * np.exp(x[j]) * bands.expected(term, shape)
+            if term is Term.SWAY:
+                parts[j, bands.own] = 0.0
     power = parts[: len(model.terms)].sum(axis=0)
     if model.on_grid and bands.rounding is not None:
         at, white = model.terms.index(Term.QUANTIZATION), model.terms.index(Term.WHITE)
@@ -225,7 +227,9 @@ def band_model(
         at = model.terms.index(term)
         factor = model.factor(term, bands.channel, share)
         if factor:
-            there = factor * np.exp(x[at]) * _band_psd(term, bands, model.shape_at(other))
+            there = factor * np.exp(x[at]) * bands.expected(term, model.shape_at(other))
+            if term is Term.SWAY:
+                there[bands.own] = 0.0
             parts[len(model.terms) + j] = (there - parts[at]) / SHAPE_STEP
     return power, parts
 
@@ -246,12 +250,6 @@ def rounding_power(model: Model, x: NDArray, bands: Bands, share: NDArray) -> ND
     colour = bands.rounding.colour(bands.hz, bands.dt_s, structure)
     flat = sampled_psd(Term.QUANTIZATION, bands.hz, bands.dt_s, shape)
     return bands.rounding.variance * bands.mean(colour * flat)
-
-
-def _band_psd(term: Term, bands: Bands, shape: Shape) -> NDArray:
-    if term in (Term.WHITE, Term.CREEP):
-        return np.ones(bands.power.size)
-    return bands.mean(sampled_psd(term, bands.hz, bands.dt_s, shape))
 
 
 def _gaussian(

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from ins.records import TwinModel
 from simreal.twin.fit.streams import Line
 
-SIX_CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
-
 
 class Why(StrEnum):
     """Why a parameter of a twin cannot be told from the runs."""

@@ -7,8 +7,9 @@ sum with structure function D(t) and mean rate u, and any phase,
 
     r(t) = q^2 / (2 pi^2) sum over m of m^-2 exp(-2 pi^2 m^2 D(t) / q^2) cos(2 pi m u t / q),
 
-times J0 for each line that swings the sum. Source: the Fourier series of a sawtooth; Widrow and
-Kollar (2008), Quantization Noise, ch. 20, for its correlation. Pinned by:
+times J0 for each line that swings the sum, and averaged over what u is in the parts of a log (a
+MEMS gyro that warms drifts through many phases). Source: the Fourier series of a sawtooth; Widrow
+and Kollar (2008), Quantization Noise, ch. 20, for its correlation. Pinned by:
 tests/simreal/test_twin_rounding.py
 """
 
@@ -19,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import j0
 
+from alignment.motion.seconds import seconds_of as log_seconds
+from simreal.evidence.seconds import seconds_of
 from simreal.twin.fit.streams import Line, Stream
 
 GRID_ROWS = 4096  # that a grid is looked for in
@@ -27,6 +30,7 @@ OFF_GRID = 0.02
 FINEST = 1e-9  # of the largest reading: 64-bit numbers differ by 1e-16 of it, sums of them by 1e-12
 COUNTS = 3e5  # steps in the largest reading: beyond, the rounding of a 32-bit number hides the grid
 MEAN_OVER_S = 300.0  # of the channel: its phase over LAGS rows is known to a hundredth
+DRIFT_PARTS = 24  # of a log: of an hour, as long as a warm-up takes for a tenth of its way
 HARMONICS = 6  # of the sawtooth: the rest holds 9 % of the error and is white
 # of the step: rows of normal noise that scatter by less after rounding scatter by 0.4 steps before;
 # the variance of their rounding is then no longer that of a uniform error (Widrow, ch. 5: 4 % off)
@@ -43,13 +47,14 @@ class Rounding:
 
     quantum: step of the sum [rad or m/s]; mean: of the channel at rest [unit/s]; row_sigma: scatter
     of the rows' increments; lines: circular frequency [rad/s] and amplitude of the sum [unit] of
-    each line.
+    each line; drift: of the mean, in parts of the log [unit/s].
     """
 
     quantum: float
     mean: float
     row_sigma: float = 0.0
     lines: tuple[tuple[float, float], ...] = ()
+    drift: tuple[float, ...] = (0.0,)
 
     @property
     def hides_rows(self) -> bool:
@@ -68,7 +73,9 @@ class Rounding:
         lag = dt_s * np.arange(structure.size)
         m = np.arange(1, HARMONICS + 1)[:, None]
         alike = np.exp(-2.0 * (np.pi * m / self.quantum) ** 2 * structure)
-        alike = alike * np.cos(2.0 * np.pi * m * self.mean * lag / self.quantum)
+        means = self.mean + np.array(self.drift)
+        turns = np.multiply.outer(2.0 * np.pi * means / self.quantum, m * lag)
+        alike = alike * np.cos(turns).mean(axis=0)
         for w, amplitude in self.lines:
             swing = 4.0 * np.pi * m * amplitude / self.quantum
             alike = alike * j0(swing * np.abs(np.sin(0.5 * w * lag)))
@@ -105,6 +112,8 @@ def roundings(stream: Stream, lines: Sequence[Line]) -> dict[int, Rounding]:
     sums = np.concatenate([log.dtheta_rad, log.dv_m_s], axis=1)
     dt_s = float(np.median(log.dt_s))
     found: dict[int, Rounding] = {}
+    raw = seconds_of(log_seconds(stream.run.imu)).mean[stream.still]
+    parts = np.array([part.mean(axis=0) for part in np.array_split(raw, DRIFT_PARTS)])
     for c in range(6):
         if stream.seconds.dead[c]:
             continue
@@ -113,9 +122,10 @@ def roundings(stream: Stream, lines: Sequence[Line]) -> dict[int, Rounding]:
             mean = float(sums[:, c].sum() / log.dt_s.sum())
             own = [line for line in lines if line.channel == c]
             turns = [2.0 * np.pi * line.frequency_hz for line in own]
-            swings = [line.amplitude / w for line, w in zip(own, turns)]
+            swings = [line.swing for line in own]
             sigma = float(sums[:, c].std())
-            found[c] = Rounding(quantum, mean, sigma, tuple(zip(turns, swings)))
+            drift = tuple((parts[:, c] - mean).tolist())
+            found[c] = Rounding(quantum, mean, sigma, tuple(zip(turns, swings)), drift)
     return found
 
 

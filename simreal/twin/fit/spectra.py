@@ -7,8 +7,8 @@ left out. What the gyros share with the accelerometers is the vehicle's, and is 
 (`shared_motion`).
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.stats import gamma as gamma_law
 
 from simreal.twin.fit.rounding import Rounding
-from simreal.twin.fit.shared_motion import own_power
+from simreal.twin.fit.shared_motion import MOSTLY_SHARED, MOSTLY_SWAY, own_power
 from simreal.twin.fit.streams import Line, Stream
+from simreal.twin.fit.terms import Shape, Term, sampled_psd
 
 HIGH_HZ = 0.4  # the rows' spectra begin here, those of the seconds end here
 WINDOW_S = 20.0  # of rows
@@ -31,6 +32,9 @@ PER_DECADE = 25  # bands
 # Independent complex values that half-overlapping Hann windows give a bin: 1 / (1 + var(w^2) / mean
 # (w^2)^2 / 2) of a half, w^2 summed over windows is 0.75 + 0.25 cos.
 SHARE = 0.5 / (1.0 + (0.25 / 0.75) ** 2 / 2.0)
+# of the expected power of a bin under a Hann taper, its own and that of either neighbour: squares
+# of the taper's lines 1/2 and 1/4, by their sum
+HANN_BIN, HANN_BESIDE = 2.0 / 3.0, 1.0 / 6.0
 # of one bin between its neighbours under the taper: white noise shows in 1.5 of them
 BINS_ALIKE = 1.5
 # of the vertical along a gyro: beyond 0.5, 30 deg off level, its turns are mostly yaw, which the
@@ -46,17 +50,21 @@ ROUGH_BANDS = 4  # in which a window is judged
 
 @dataclass(frozen=True)
 class Bands:
-    """One channel in one layer: dt_s: of the samples; bins hz (m,) and band (m,) of each; power
-    (b,) [unit^2/Hz, two-sided], dof (b,): complex values behind it; rounding: where it counts.
+    """One channel in one layer: dt_s: of the samples; bin_hz: from bin to bin; bins hz (m,) and
+    band (m,) of each; power (b,) [unit^2/Hz, two-sided], dof (b,): complex values behind it; own
+    (b,): where what the other accelerometers tell is taken out; rounding: where it counts.
     """
 
     channel: int
     dt_s: float
+    bin_hz: float
     hz: NDArray
     band: NDArray
     power: NDArray
     dof: NDArray
+    own: NDArray
     rounding: Rounding | None = None
+    known: dict[Term, NDArray] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def centre_hz(self) -> NDArray:
@@ -67,6 +75,22 @@ class Bands:
         """Mean over the bins of each band."""
         count = np.bincount(self.band, minlength=self.power.size)
         return np.bincount(self.band, of_bins, self.power.size) / count
+
+    def expected(self, term: Term, shape: Shape) -> NDArray:
+        """Power (b,) that a term of unit variance is expected to show under the taper."""
+        if term in (Term.WHITE, Term.CREEP):
+            return np.ones(self.power.size)
+        shaped = term in (Term.SWAY, Term.MARKOV)
+        if not shaped and term in self.known:
+            return self.known[term]
+        around = (self.hz - self.bin_hz, self.hz, self.hz + self.bin_hz)
+        below, at, above = sampled_psd(term, np.concatenate(around), self.dt_s, shape).reshape(
+            3, -1
+        )
+        found = self.mean(HANN_BIN * at + HANN_BESIDE * (below + above))
+        if not shaped:
+            self.known[term] = found
+        return found
 
 
 @dataclass(frozen=True)
@@ -87,7 +111,7 @@ def spectra_of(stream: Stream) -> Spectra:
     layers = [(_row_windows(stream, stream.spans), 1.0 / stream.run.imu.rate_hz, HIGH_HZ, np.inf)]
     steps = decimations(stream)
     layers += [_mean_layer(stream, step) for step in steps]
-    found = _joined(layers, _level_gyros(stream))
+    found = _joined(layers, _level_gyros(stream) | _vertical_accelerometer(stream))
     return replace(found, slow_s=slow_block_s(steps))
 
 
@@ -95,7 +119,7 @@ def few_spectra(stream: Stream) -> tuple[Spectra, Spectra]:
     """Spectra of a few minutes of rows, spread over the rest, and of all seconds."""
     dt_s = 1.0 / stream.run.imu.rate_hz
     rows = (_row_windows(stream, _few_spans(stream)), dt_s, HIGH_HZ, np.inf)
-    return _joined([rows], ()), _joined([_mean_layer(stream, 1)], _level_gyros(stream))
+    return _joined([rows], {}), _joined([_mean_layer(stream, 1)], _level_gyros(stream))
 
 
 def _few_spans(stream: Stream) -> list[tuple[int, int]]:
@@ -112,17 +136,29 @@ def _mean_layer(stream: Stream, step: int) -> Layer:
     return _mean_windows(stream, step), float(step), FIRST_BIN / (POINTS * step), HIGH_HZ / step
 
 
-def _level_gyros(stream: Stream) -> tuple[int, ...]:
-    return tuple(np.flatnonzero(np.abs(stream.up_b) < UPRIGHT).tolist())
+Witnesses = Mapping[int, tuple[int, ...]]  # of a channel: those that tell what the vehicle does
 
 
-def _joined(layers: Sequence[Layer], level: tuple[int, ...]) -> Spectra:
+def _level_gyros(stream: Stream) -> dict[int, tuple[int, ...]]:
+    return {int(c): (3, 4, 5) for c in np.flatnonzero(np.abs(stream.up_b) < UPRIGHT)}
+
+
+def _vertical_accelerometer(stream: Stream) -> dict[int, tuple[int, ...]]:
+    """Told by the two others, where they are level."""
+    level = np.abs(stream.up_b) < UPRIGHT
+    if level.sum() != 2:
+        return {}
+    others = tuple((3 + np.flatnonzero(level)).tolist())
+    return {3 + int(np.flatnonzero(~level)[0]): others}
+
+
+def _joined(layers: Sequence[Layer], witnesses: Witnesses) -> Spectra:
     bands: list[Bands] = []
     lines: list[Line] = []
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
     for windows, dt_s, low_hz, high_hz in layers:
-        found = _layer(list(windows), dt_s, (low_hz, high_hz), level)
+        found = _layer(list(windows), dt_s, (low_hz, high_hz), witnesses)
         if found is None:
             continue
         bands += found.bands
@@ -177,7 +213,7 @@ def _mean_windows(stream: Stream, step: int) -> Iterator[NDArray]:
 
 
 def _layer(
-    windows: list[NDArray], dt_s: float, where_hz: tuple[float, float], level: tuple[int, ...]
+    windows: list[NDArray], dt_s: float, where_hz: tuple[float, float], witnesses: Witnesses
 ) -> Spectra | None:
     if not windows:
         return None
@@ -198,7 +234,7 @@ def _layer(
     power, Z = power[~wild], Z[~wild]
     mean = power.mean(axis=0)
     dof = SHARE * len(power) if len(windows) > 1 else 1.0 / BINS_ALIKE
-    line, lines = _lines(mean, f, len(power), dt_s * n)
+    line, lines = _lines(mean, f, len(power), (dt_s * n, dt_s))
     band = _bands_of(f)
     bands: list[Bands] = []
     shared = np.zeros(3)
@@ -208,15 +244,27 @@ def _layer(
             continue
         _, own = np.unique(band[good], return_inverse=True)
         count = np.bincount(own).astype(float)
-        found = Bands(c, dt_s, f[good], own, np.bincount(own, mean[good, c]) / count, dof * count)
-        if c in level:
-            own_rows = Z[:, good]
-            cleaned = own_power(own_rows[:, :, c], own_rows[:, :, 3:], own, found.dof)
-            found = replace(found, power=cleaned[0], dof=cleaned[1])
-            shared[c] = float(np.max(cleaned[2]))
+        power_of = np.bincount(own, mean[good, c]) / count
+        nothing = np.zeros(count.size, bool)
+        bin_hz = 1.0 / (n * dt_s)
+        found = Bands(c, dt_s, bin_hz, f[good], own, power_of, dof * count, nothing)
+        if c in witnesses:
+            found, told = _less_told(found, Z[:, good], witnesses[c])
+            if c < 3:
+                shared[c] = told
         bands.append(found)
     name = "rows" if dt_s < 1.0 else f"{dt_s:.0f} s"
     return Spectra(tuple(bands), lines, {name: left}, shared, 0.0)
+
+
+def _less_told(bands: Bands, Z: NDArray, witnesses: tuple[int, ...]) -> tuple[Bands, float]:
+    """A channel's bands less what its witnesses tell, and the largest share of that."""
+    mostly = MOSTLY_SHARED if bands.channel < 3 else MOSTLY_SWAY
+    power, dof, shared = own_power(
+        Z[:, :, bands.channel], Z[:, :, list(witnesses)], bands.band, bands.dof, mostly
+    )
+    found = replace(bands, power=power, dof=dof, own=dof != bands.dof)
+    return found, float(np.max(shared))
 
 
 def _transforms(windows: list[NDArray], dt_s: float) -> NDArray:
@@ -252,9 +300,10 @@ def _wild(power: NDArray) -> NDArray:
 
 
 def _lines(
-    mean: NDArray, f: NDArray, windows: int, window_s: float
+    mean: NDArray, f: NDArray, windows: int, length: tuple[float, float]
 ) -> tuple[NDArray, tuple[Line, ...]]:
-    """Bins (m, 6) that belong to lines, and the lines."""
+    """Bins (m, 6) that belong to lines, and the lines; length: of a window and of a sample [s]."""
+    window_s, dt_s = length
     line = np.zeros(mean.shape, bool)
     found: list[Line] = []
     nu = max(SHARE * windows, 0.5)
@@ -276,7 +325,9 @@ def _lines(
             excess = float(np.sum(mean[beside, c] - floor[beside])) / window_s
             sigma = float(floor[k]) / window_s / np.sqrt(max(windows, 1))
             amplitude = np.sqrt(max(4.0 * excess, 0.0))
-            found.append(Line(c, float(f[k]), float(amplitude), float(2.0 * sigma / amplitude)))
+            swing = amplitude * dt_s / (2.0 * np.sin(np.pi * f[k] * dt_s))
+            known = float(2.0 * sigma / amplitude)
+            found.append(Line(c, float(f[k]), float(amplitude), known, float(swing)))
     return line, tuple(found)
 
 

@@ -29,18 +29,22 @@ from simreal.evidence.seconds import Seconds, seconds_of
 
 STILL_AT_LEAST_S = 60.0  # of a still stretch: 3 of the slow means of 20 s
 WHOLE_SECOND = 0.9  # of the usual number of rows: 0.1 fewer change a mean by 5 % of its sigma
-# causes that may leave the vehicle on another level; a gust, a clip or a lost row does not
-LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH)
+# causes that may leave the vehicle on another level; a gust or a lost row does not, but what makes
+# a sensor clip may: of a person who boarded, a clip was all that the timeline said
+LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH, Cause.CLIPPING, Cause.SHOCK)
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line of one channel: its frequency [Hz], amplitude in rad/s or m/s^2, and sigma of that."""
+    """A line of one channel: its frequency [Hz], amplitude in rad/s or m/s^2, and sigma of that;
+    swing: amplitude of the angle [rad] or velocity [m/s] whose changes the rows are.
+    """
 
     channel: int
     frequency_hz: float
     amplitude: float
     sigma: float
+    swing: float
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,17 @@ def _sampled_oscillator(f_hz: NDArray, dt_s: float, shape: Shape) -> NDArray:
     return np.asarray(np.real(c * (1.0 - p**2) / (1.0 - 2.0 * p * cosine + p**2)))
 
 
+def sway_folded(f_hz: NDArray, dt_s: float, shape: Shape) -> NDArray:
+    """Share (k,) of the sway's spectrum at f_hz, of means over dt_s, that folds there from above
+    half the sampling rate.
+    """
+    w, at = 2.0 * np.pi * f_hz, shape.sway_w
+    resonance = (at**2 - w**2) ** 2 + (2.0 * shape.sway_zeta * at * w) ** 2
+    velocity = 4.0 * shape.sway_zeta * at * w**2 / resonance
+    own = 4.0 * np.sin(np.pi * f_hz * dt_s) ** 2 / dt_s**2 * velocity
+    return np.asarray(np.clip(1.0 - own / sampled_psd(Term.SWAY, f_hz, dt_s, shape), 0.0, 1.0))
+
+
 def bin_covariance(
     term: Term, start_s: NDArray, end_s: NDArray, shape: Shape, *, run_s: float
 ) -> NDArray:
