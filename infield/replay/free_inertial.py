@@ -133,12 +133,13 @@ def replay(
     *,
     applied_table: Callable[[str], ThermalTable] | None = None,
     reference: ReferenceLog | None = None,
-    aided: bool = True,
+    aided: bool | tuple[Where, ...] = True,
     told: Callable[[str], None] = lambda words: None,
 ) -> ReplayResult:
     """Fly a log with each table, the active one first; `aided`: and with its GNSS, where it has
     that.
 
+    Stretches for `aided`: their fixes are left out of that flight, which is scored with them.
     applied_table(sha256): the table that the unit had subtracted, to be added back (InputError
     where unknown); told(words): hears what is being done. A run without gyro temperatures is flown
     raw, once, and the notes say so. Refusals are verdicts.
@@ -180,10 +181,23 @@ def replay(
         first = next((t.history for t in flown if t.history is not None), None)
         if first is not None:
             result = _with_scores(result, raw, first, twin, reference)
-    if not aided or raw.gnss is None:
+    if aided is False or raw.gnss is None:
         return result
     told("navigating with satellite fixes")
-    return _with_aided(result, raw, tables[0], temperature, twin, rest)
+    choice = tables[0]
+    imu, _, sigma, _ = _prepared(
+        raw, choice, temperature, twin, rest or (raw.imu.start_s, raw.imu.end_s)
+    )
+    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in WITH_HEADING
+    flight = navigate_aided(
+        raw,
+        imu,
+        twin,
+        rest=rest if gyrocompassed else None,
+        gyro_sigma_deg_h=sigma,
+        left_out=() if aided is True else aided,
+    )
+    return _with_aided(result, flight)
 
 
 def _temperature_of(raw: Run) -> tuple[GyroTemperature | None, tuple[Reason, ...]]:
@@ -204,24 +218,10 @@ def _temperature_of(raw: Run) -> tuple[GyroTemperature | None, tuple[Reason, ...
     return temperature, (*faults, *stand_ins)
 
 
-def _with_aided(
-    result: ReplayResult,
-    raw: Run,
-    choice: TableChoice,
-    temperature: GyroTemperature | None,
-    twin: TwinModel,
-    rest: Where | None,
-) -> ReplayResult:
+def _with_aided(result: ReplayResult, aided: AidedResult) -> ReplayResult:
     """The result with the aided flight; where that is all there is, it is a replay, and the notes
     keep the refusal.
     """
-    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in WITH_HEADING
-    imu, _, sigma, _ = _prepared(
-        raw, choice, temperature, twin, rest or (raw.imu.start_s, raw.imu.end_s)
-    )
-    aided = navigate_aided(
-        raw, imu, twin, rest=rest if gyrocompassed else None, gyro_sigma_deg_h=sigma
-    )
     if result.verdict is not ReplayVerdict.REFUSED or aided.history is None:
         return replace(result, aided=aided)
     contradicted = aided.verdict is AidedVerdict.INCONSISTENT

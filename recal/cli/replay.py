@@ -1,5 +1,6 @@
 """`recal replay`: navigate a log with the stored table and with the one before it."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +37,15 @@ def command(
             help="Also navigate with the satellite fixes of the run, where it has any.",
         ),
     ] = True,
+    outage: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--outage",
+            metavar="START:LENGTH",
+            help="Leave the fixes of a stretch out of the aided solution, and score it with them"
+            " [s]; repeatable.",
+        ),
+    ] = None,
     kml: Annotated[
         bool,
         typer.Option("--kml", rich_help_panel=OUTPUT, help="Also write track.kml for a globe."),
@@ -67,7 +77,12 @@ def command(
     need_free_report(folder, "replay.json", "recal.replay/1", others, force=force)
     with Progress("replaying", quiet=quiet, steps=REPLAY_STEPS) as told:
         flown = replay(
-            run, twin=twin, store=store, thermal_model=thermal_model, aided=aided, told=told
+            run,
+            twin=twin,
+            store=store,
+            thermal_model=thermal_model,
+            aided=_with_outages(outage or [], aided=aided),
+            told=told,
         )
         told("drawing the report")
         written = flown.write(output, kml=kml, csv=csv)
@@ -80,3 +95,26 @@ def command(
         report=written / "replay.html",
     )
     finish(flown.verdict)
+
+
+def _with_outages(outages: list[str], *, aided: bool) -> bool | list[tuple[float, float]]:
+    """The stretches to leave out; else whether there is an aided flight."""
+    from ins.records import InputError
+
+    if outages and not aided:
+        raise InputError("--outage: needed the aided flight, which --no-aided switches off")
+    return [_stretch(words) for words in outages] if outages else aided
+
+
+def _stretch(words: str) -> tuple[float, float]:
+    """Start and length of a stretch written START:LENGTH [s]."""
+    from ins.records import InputError
+
+    start, _, length = words.partition(":")
+    try:
+        found = float(start), float(length)
+    except ValueError:
+        found = (math.nan, math.nan)
+    if not (math.isfinite(found[0]) and 0.0 < found[1] < math.inf):
+        raise InputError(f"--outage {words!r}: needed START:LENGTH in seconds, such as 300:60")
+    return found

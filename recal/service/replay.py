@@ -1,6 +1,6 @@
 """`replay`: navigate a log with the stored table and with the one before it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from infield.reports.replay_page import render, verdict_words
 from infield.reports.track_kml import track_kml
 from infield.store.table_store import TableStore
 from ins.attitude import euler_from_dcm
-from ins.records import Run
+from ins.records import InputError, Run
 from ins.units import DEG
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, with_thermal_model
@@ -85,7 +85,7 @@ def replay(
     *,
     store: TableStore | str | None = None,
     thermal_model: AnyPath | None = None,
-    aided: bool = True,
+    aided: bool | Sequence[tuple[float, float]] = True,
     told: Callable[[str], None] = lambda words: None,
 ) -> Replayed:
     """Navigate a run again, free-inertial and with its GNSS.
@@ -102,8 +102,9 @@ def replay(
         SQLAlchemy URL, or a store that is open.
     thermal_model : path, optional
         A fitted thermal_rlg.json or thermal_fog.json, taken out of the log first.
-    aided : bool
-        Also navigate with the run's GNSS, where it has one.
+    aided : bool or sequence of (float, float)
+        Also navigate with the run's GNSS, where it has one; a sequence: start and length [s] of
+        stretches whose fixes are left out of that solution, which is then scored with them.
     told : callable
         Told what is being done.
 
@@ -128,6 +129,8 @@ def replay(
     told("reading the run")
     reference = None if isinstance(run, Run) else read_reference(Path(run))
     (read,) = runs_of(run)
+    if not isinstance(aided, bool) and read.gnss is None:
+        raise InputError("outage: the run has no satellite fixes to leave out")
     database = opened(store)
     model = None if thermal_model is None else Path(thermal_model)
     unit, (read,), use = with_thermal_model(given_unit(read, table, twin, database), [read], model)
@@ -137,7 +140,7 @@ def replay(
         tables,
         unit.twin,
         reference=reference,
-        aided=aided,
+        aided=_spans(aided),
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
         told=told,
     )
@@ -154,6 +157,13 @@ def replay(
     )
     found = replace(document, noise_source=unit.noise_source)
     return Replayed(found, page=lambda: render(found), flown=result)
+
+
+def _spans(aided: bool | Sequence[tuple[float, float]]) -> bool | tuple[tuple[float, float], ...]:
+    """Start and end of each stretch that is left out."""
+    if isinstance(aided, bool):
+        return aided
+    return tuple((start_s, start_s + length_s) for start_s, length_s in aided)
 
 
 def _choices(
@@ -290,6 +300,12 @@ def _aided_lines(aided: AidedDocument | None) -> list[str]:
     ]
     if len(aided.degraded) > WEAK_TOLD:
         head.append(f"    and {len(aided.degraded) - WEAK_TOLD} more stretches in replay.json")
+    head += [
+        f"    {o.fixes} fixes from {o.start_s:.1f} to {o.end_s:.1f} s left out: level error RMS"
+        f" {o.rms_level_m:.3g} m, at the end {o.end_level_m:.3g} m (1 sigma"
+        f" {o.sigma_end_level_m:.3g} m), error over sigma {o.error_over_sigma:.2f}"
+        for o in aided.outage_scores
+    ]
     return head + [
         (
             f"    from {start.time_s:.1f} s by {start.method}; {fixes.used_position} fixes"

@@ -254,3 +254,20 @@ def test_bad_input_is_one_line(folder, applied):
     assert isinstance(outcome.exception, InputError) and "\n" not in str(outcome.exception)
     assert ("abab" if applied else "no such run") in str(outcome.exception)
     assert not (folder / "out").exists()
+
+
+def test_outages_are_left_out_and_scored(folder):
+    """In replay.json, on the page and on the terminal; a mistyped one is named in a line."""
+    arguments = ["run", "--outage", "1220:30", "--outage", "1100:20", "-o", "out"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    scores = json.loads((folder / "out" / "replay.json").read_text())["aided"]["outage_scores"]
+    assert [(s["start_s"], s["end_s"]) for s in scores] == [(1220.0, 1250.0), (1100.0, 1120.0)]
+    assert all(s["error_over_sigma"] < 4.0 and s["fixes"] > 15 for s in scores)
+    assert "fixes from 1220.0 to 1250.0 s left out: level error RMS" in result.output
+    assert "fixes left out, s" in (folder / "out" / "replay.html").read_text()
+    for words, told in (("300", "needed START:LENGTH in seconds"), ("300:-5", "such as 300:60")):
+        refused = CliRunner().invoke(app, ["run", "--outage", words, "-o", "other"])
+        assert isinstance(refused.exception, InputError) and told in str(refused.exception)
+    off = CliRunner().invoke(app, ["run", "--no-aided", "--outage", "300:60", "-o", "other"])
+    assert "--no-aided" in str(off.exception)

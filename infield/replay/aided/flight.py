@@ -22,6 +22,7 @@ from infield.replay.aided.antenna import SeenAntenna, fit_model
 from infield.replay.aided.checks import mounting_note, site_note, without_repeats
 from infield.replay.aided.grade import Weak, graded
 from infield.replay.aided.headings import HeadingFound, Sky, find_heading
+from infield.replay.aided.left_out import OutageScore, check_left_out, scored, without
 from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.replay.aided.reasons import AidedGrade, AidedReason, AidedVerdict
 from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
@@ -95,6 +96,7 @@ class AidedResult:
     declared_nis: tuple[float, float] = (float("nan"), float("nan"))
     stands: tuple[Where, ...] = ()
     outages: tuple[Outage, ...] = ()
+    outage_scores: tuple[OutageScore, ...] = ()
     grade: AidedGrade | None = None
     weak: tuple[Weak, ...] = ()
     flicker: tuple[float, float] = (0.0, 0.0)
@@ -125,8 +127,11 @@ def navigate_aided(
     rest: Where | None,
     gyro_sigma_deg_h: NDArray | None,
     role: str = "active",
+    left_out: tuple[Where, ...] = (),
 ) -> AidedResult:
     """The aided solution of a run.
+
+    left_out: stretches whose fixes it is not given, and is scored with.
 
     imu: compensated. rest: where a gyrocompass aligned, None where it could not. gyro_sigma_deg_h
     (3,): what may be left of the gyro biases, None: unknown, the technology's.
@@ -141,6 +146,8 @@ def navigate_aided(
         velocity_m_s=twin.gnss.sigma_velocity_m_s,
     )
     fixes, repeats = without_repeats(fixes)
+    check_left_out(left_out, fixes, imu.end_s)
+    every, fixes = fixes, without(fixes, left_out)
     inside = (
         (fixes.time_s > imu.start_s) & (fixes.time_s <= imu.end_s) & np.isfinite(fixes.r_e_m[:, 0])
     )
@@ -222,6 +229,7 @@ def navigate_aided(
         antenna=fitted.antenna,
         stands=stands,
         outages=outages,
+        outage_scores=scored(history, every, left_out),
         declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
         flicker=(gyro_densities(twin.gyro).instability, accel_densities(twin.accel).instability),
     )

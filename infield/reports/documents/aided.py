@@ -12,6 +12,8 @@ rejected[]                time_s, kind, nis, and the residual over its sigma, NE
 them, in order of time outages[]                 start_s, end_s without a used position, sigma_m
 (level) at the end, off_m: what the next fix was off resets_s, leaps_s         when the solution was
 begun anew, and when the positions leapt while the velocities fitted
+outage_scores[]           stretches whose fixes were left out (--outage): level and vertical error
+RMS and at the last fix, sigma there, error over sigma
 grade                     "good", "degraded" or "inconsistent"
 degraded[]                start_s, end_s, why (a code), words
 standing[]                start_s, end_s: taken as measurements of no velocity
@@ -39,6 +41,7 @@ from infield.replay.aided.flight import (
     rejected_rows,
     reset_times,
 )
+from infield.replay.aided.left_out import OutageScore
 from infield.replay.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
 from infield.replay.aided.start import FoundStart
 from infield.reports.words.aided import WEAK_WORDS
@@ -207,6 +210,7 @@ class AidedFlightDocument(AidedDocument):
     fixes: FixesDocument
     rejected: Sequence[RejectedDocument]
     outages: Sequence[Outage]
+    outage_scores: Sequence[OutageScore]
     resets_s: Sequence[float]
     leaps_s: Sequence[float]
     grade: AidedGrade
@@ -242,6 +246,7 @@ def aided_document(
         fixes=_fixes(history),
         rejected=_rejected(history)[:MOST],
         outages=result.outages,
+        outage_scores=result.outage_scores,
         resets_s=[float(t) for t in reset_times(history)],
         leaps_s=[float(t) for t in leap_times(history)],
         grade=result.grade or AidedGrade.GOOD,
