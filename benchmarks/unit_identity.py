@@ -35,6 +35,7 @@ from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 # of a unit, 1 sigma: what calibration leaves of accelerometers (a navigation-grade one repeats its
 # bias within some 100 micro-g over a year); thermometers of 0.5 degC limits
 ACCEL_ug, THERMOMETER_degC, OWN_HEAT, OWN_LAG = 100.0, 0.3, 0.25, 0.1
+REPEATS_degC, GAIN = 0.05, 1e-3  # of a thermometer: anew each power-on; of its reading
 STILL_WARM = 1.0 / 3.0  # of power-ons
 LATE_s = 120.0  # up to which logs begin after power-on
 TOO_FAR_SIGMAS = 4.0
@@ -46,13 +47,15 @@ CASES = ("own log", "another unit", "raw, declared compensated", "compensated, d
 @dataclass(frozen=True)
 class Made:
     """One unit as it was made: its gyros, its twin record, what its thermometers read above the
-    truth (7,) (gyros, accelerometers, block), its own heat and lags over the usual ones (3,).
+    truth (7,) (gyros, accelerometers, block) and times what, its own heat and lags over the usual
+    ones (3,).
     """
 
     unit: UnitTruth
     table: ThermalTable
     twin: TwinModel
     thermometer_degC: NDArray
+    gain: NDArray
     heat: NDArray
     lag: NDArray
 
@@ -69,6 +72,7 @@ def made(rng: np.random.Generator) -> Made:
         table=table_from_dict(unit.factory_table(), name="factory"),
         twin=replace(usual, accel=replace(usual.accel, bias_ug=(x, y, z))),
         thermometer_degC=THERMOMETER_degC * rng.standard_normal(7),
+        gain=1.0 + GAIN * rng.standard_normal(7),
         heat=1.0 + OWN_HEAT * rng.standard_normal(3),
         lag=1.0 + OWN_LAG * rng.standard_normal(3),
     )
@@ -102,10 +106,11 @@ def _read_by(made: Made, run: Run, rng: np.random.Generator) -> Run:
     """The log as this unit's thermometers read it. A unit that is still warm keeps a part of its
     own heat, which each gyro loses to the block with its lag; a late log lacks its beginning.
     """
-    log, own = run.temperature, made.thermometer_degC
+    log, gain = run.temperature, made.gain
+    own = made.thermometer_degC + REPEATS_degC * rng.standard_normal(7)
     assert log is not None and log.accel_degC is not None and log.block_degC is not None
     t = log.time_s
-    gyro = log.gyro_degC + own[:3]
+    gyro = log.gyro_degC * gain[:3] + own[:3]
     if rng.uniform() < STILL_WARM:
         left = rng.uniform(0.2, 1.0) * np.array([1.5, 2.5, 0.8]) * made.heat
         gyro = gyro + left * np.exp(-t[:, None] / (400.0 * made.lag))
@@ -114,8 +119,8 @@ def _read_by(made: Made, run: Run, rng: np.random.Generator) -> Run:
         log,
         time_s=t[after],
         gyro_degC=gyro[after],
-        accel_degC=(log.accel_degC + own[3:6])[after],
-        block_degC=(log.block_degC + own[6])[after],
+        accel_degC=(log.accel_degC * gain[3:6] + own[3:6])[after],
+        block_degC=(log.block_degC * gain[6] + own[6])[after],
         gradient_degC=None if log.gradient_degC is None else log.gradient_degC[after],
         ambient_degC=None if log.ambient_degC is None else log.ambient_degC[after],
     )

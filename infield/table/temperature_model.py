@@ -79,6 +79,11 @@ class TemperatureModel(ABC):
         """Gradient lines that the model needs."""
         return ()
 
+    @property
+    def lags_s(self) -> NDArray:
+        """By how much (3, 2) [s] each gyro's thermometer, and the lines for it, read late."""
+        return np.zeros((len(AXES), 2))
+
     def settled_deg_h(self, temperature_degC: NDArray) -> NDArray:
         """Of a unit whose temperature stands."""
         return self._by_gyro(lambda c, k: c.settled_deg_h(temperature_degC[:, k]), temperature_degC)

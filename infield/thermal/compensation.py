@@ -24,6 +24,9 @@ PARTS = ("all", "rates")
 
 
 BiasSeries = Callable[[NDArray], NDArray]
+# the change of a bias is taken over a minute, as the rates are that models are fitted to
+# (RAMP_BLOCK_S of `thermal.ramp_runs`)
+CHANGE_OVER_S = 60.0
 
 
 def bias_deg_h(
@@ -36,6 +39,24 @@ def bias_deg_h(
     return rates if part == "rates" else rates + model.settled_deg_h(T)
 
 
+def _not_late(
+    model: TemperatureModel,
+    readings: tuple[NDArray, NDArray, NDArray],
+    change: Callable[[NDArray], NDArray],
+    part: str,
+) -> NDArray:
+    """The bias (n, 3) of temperatures, rates and lines that read late: the model's, and lag times
+    its change [per second] (`thermal.rlg.lag`).
+    """
+    T, rate, lines = readings
+    bias = bias_deg_h(model, T, rate, lines, part=part)
+    lag = model.lags_s
+    if not lag.any():
+        return bias
+    of_lines = model.rates_deg_h(T, np.zeros_like(rate), lines)
+    return np.asarray(bias + lag[:, 0] * change(bias - of_lines) + lag[:, 1] * change(of_lines))
+
+
 def batch_series(
     model: TemperatureModel, log: TemperatureLog, temperature: GyroTemperature, *, part: str = "all"
 ) -> BiasSeries:
@@ -44,9 +65,16 @@ def batch_series(
     """
     nodes = temperature.time_s
     lines = gradient_lines(log).at(nodes) if model.lines else np.zeros((nodes.size, 3))
-    bias = bias_deg_h(
-        model, temperature.temperature_degC, temperature.rate_degC_min, lines, part=part
-    )
+    readings = temperature.temperature_degC, temperature.rate_degC_min, lines
+
+    def change(values: NDArray) -> NDArray:
+        before, after = (
+            np.stack([np.interp(nodes + s, nodes, column) for column in values.T], axis=1)
+            for s in (-0.5 * CHANGE_OVER_S, 0.5 * CHANGE_OVER_S)
+        )
+        return np.asarray((after - before) / CHANGE_OVER_S)
+
+    bias = _not_late(model, readings, change, part)
     return lambda time_s: np.stack([np.interp(time_s, nodes, column) for column in bias.T], axis=1)
 
 
@@ -60,7 +88,12 @@ def causal_series(model: TemperatureModel, log: TemperatureLog, *, part: str = "
         if log.gradient_degC is None
         else causal_rates(log.time_s, log.gradient_degC)[0]
     )
-    bias = bias_deg_h(model, T, rate, np.where(np.isfinite(lines), lines, 0.0), part=part)
+
+    def change(values: NDArray) -> NDArray:
+        return causal_rates(log.time_s, values)[1] / 60.0  # per minute, as rates of temperature
+
+    readings = T, rate, np.where(np.isfinite(lines), lines, 0.0)
+    bias = _not_late(model, readings, change, part)
     bias = np.where(np.isfinite(bias), bias, 0.0)
 
     def at(time_s: NDArray) -> NDArray:

@@ -190,7 +190,8 @@ def removal(run: Run, stored: StoredModel) -> Removed:
     assert log is not None  # check_usable
     temperature = gyro_temperature(log)
     nodes, T, rate = temperature.time_s, temperature.temperature_degC, temperature.rate_degC_min
-    lines = gradient_lines(log).at(nodes) if stored.model.lines else np.zeros_like(T)
+    # a line that was dropped has a sigma that goes with that of the rate
+    lines = gradient_lines(log).at(nodes)
     parts = (
         stored.model.rates_deg_h(T, rate, lines),
         stored.model.rates_sigma_deg_h(T, rate, lines),

@@ -42,7 +42,7 @@ def drawn(rng, own, *, scale=1.0, warm=None):
 
 
 def test_sound_sessions_are_rarely_beyond_the_limit_and_never_the_others():
-    """Of 400 sessions 0.1 % lie beyond by the rule, 4 beyond would be one in 10,000; of other units
+    """Of 400 sessions 0.5 % may lie beyond by the rule, 2; 9 would be one in 4,000; of other units
     nine in ten do: biases find 94 of 100, the two together 99 and more.
     """
     rng = np.random.default_rng(5)
@@ -52,7 +52,7 @@ def test_sound_sessions_are_rarely_beyond_the_limit_and_never_the_others():
         known = [drawn(rng, unit) for _ in range(2)]
         wrong += not likeness(drawn(rng, unit), known).same
         missed += likeness(drawn(rng, other), known).same
-    assert wrong <= 4 and missed <= 0.1 * count
+    assert wrong <= 8 and missed <= 0.1 * count
 
 
 def test_chi2_is_one_a_degree_of_freedom_where_nothing_is_warm():

@@ -94,6 +94,18 @@ class ConditionDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LagDocument:
+    """By how much the gyro's thermometer and the gradient lines read late, 0 where that was not
+    believed; the sigmas are of what may be, believed or not.
+    """
+
+    gyro_s: float
+    sigma_gyro_s: float
+    lines_s: float
+    sigma_lines_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class CollinearDocument:
     """A term that was dropped."""
 
@@ -139,6 +151,7 @@ class AxisDocument:
     leave_one_run_out: ResidualDocument | None
     temperature_only: Mapping[str, float]
     residual_over_sigma: float
+    lag: LagDocument
     minutes: int
 
 
@@ -269,6 +282,12 @@ def _axis(a: AxisModel, reference_degC: float) -> AxisDocument:
         leave_one_run_out=None if a.by_run is None else _residual(a.by_run),
         temperature_only={name: float(a.temperature_only[k]) for k, name in enumerate(TERMS[:3])},
         residual_over_sigma=float(np.sqrt(a.scatter)),
+        lag=LagDocument(
+            gyro_s=a.lag.gyro_s,
+            sigma_gyro_s=a.lag.sigma_gyro_s,
+            lines_s=a.lag.lines_s,
+            sigma_lines_s=a.lag.sigma_lines_s,
+        ),
         minutes=a.rows,
     )
 

@@ -95,7 +95,7 @@ def _unlike(
     return (
         f"accelerometers and thermometers are not those of this unit in {sessions} earlier"
         f" session{'s' if sessions != 1 else ''}: chi2 {chi2:.1f} for {dof} degrees of freedom,"
-        f" 99.9 % lie below {limit:.1f}; furthest off is {which} by {off:+.3g} +- {sigma:.2g}"
+        f" 99.5 % lie below {limit:.1f}; furthest off is {which} by {off:+.3g} +- {sigma:.2g}"
         f" {shown}. Another unit under the same serial, or a repaired one (check_unit = false)?"
     )
 

@@ -8,7 +8,10 @@ import numpy as np
 from infield.reports.words.sentences import Template
 from infield.thermal.reasons import ThermalNote, ThermalReason
 
-DROPPED = "dropped, and right only while heat flows as in these runs"
+DROPPED = (
+    "dropped, and right only while heat flows as in these runs; what it may be is in the sigmas of"
+    " the others"
+)
 
 
 def _moving_base(*, run_id: str, turned_rad: float, needed_rad: float, role: str = "") -> str:
@@ -67,6 +70,30 @@ def _of_noise(*, term: str, others: Sequence[str], noise_share: float, limit: fl
     return (
         f"{term} goes with {_along(others)} ({noise_share:.0%} of what it has of its own is noise"
         f" of the thermometers, limit {limit:.0%}): {DROPPED}"
+    )
+
+
+def _late(
+    *,
+    axis: str,
+    gyro_s: float,
+    lines_s: float,
+    sigma_gyro_s: float,
+    sigma_lines_s: float,
+    gain_chi2: float,
+) -> str:
+    """By how much thermometers read late."""
+    late = [
+        f"{what} {lag_s:.0f} +- {sigma_s:.0f} s late"
+        for what, lag_s, sigma_s in (
+            ("its thermometer reads", gyro_s, sigma_gyro_s),
+            ("the gradient lines read", lines_s, sigma_lines_s),
+        )
+        if lag_s > 0.0
+    ]
+    return (
+        f"gyro {axis}: {' and '.join(late)} (chi2 less by {gain_chi2:.0f}): taken into account in"
+        " the terms and in use"
     )
 
 
@@ -138,5 +165,6 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "gyro {axis}: the held-out residual is {times:.2f} times its noise, needed {needed:g}:"
         " something is missing, or too few runs hold the terms apart"
     ),
+    ThermalNote.LATE_THERMOMETER: _late,
     ThermalNote.TAKEN_OUT: _taken_out,
 }

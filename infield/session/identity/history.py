@@ -15,7 +15,6 @@ from scipy.stats import chi2
 from infield.session.identity.marks import FORCE, UnitMarks
 from infield.session.reasons import SessionReason
 from infield.session.wrong_facts import ANOMALY_ug
-from infield.table.merge import CONFIDENCE
 from ins.verdicts import Reason, because
 
 # gravity anomalies repeat within so much of the Earth [rad]: 10 km; they change over 20 to 50 km
@@ -24,13 +23,16 @@ SAME_PLACE_rad = 10e3 / 6.37e6
 # of its heating pattern, what a unit may still have as it is switched on again: from nothing to
 # all, so that of either of two power-ons 0.4 and of their difference 0.8 is one sigma to spare
 STILL_WARM = 0.8
+# of a unit's own sessions, that may be beyond the limit: 1 in 200; another unit in its table costs
+# more than a session that has to be flown again (99.9 % let 1 of 100 through, docs/wrong_facts.md)
+BELONGS = 0.995
 MARK_UNITS = ("degC", "ug")  # the marks that share a scatter: by the unit at the end of their names
 
 
 @dataclass(frozen=True)
 class Likeness:
     """How far a session's marks are off the unit's history: chi2 over dof degrees of freedom, the
-    99.9 % limit, the number of sessions compared with, and the mark that is furthest off, in its
+    limit, the number of sessions compared with, and the mark that is furthest off, in its
     own sigmas.
     """
 
@@ -86,7 +88,7 @@ def likeness(marks: UnitMarks | None, known: Sequence[UnitMarks]) -> Likeness | 
     return Likeness(
         chi2=squared,
         dof=dof,
-        limit=float(chi2.ppf(CONFIDENCE, dof)),
+        limit=float(chi2.ppf(BELONGS, dof)),
         sessions=len(known),
         furthest=names[worst],
         off=float(off[worst]),
@@ -163,7 +165,7 @@ def _scatter(names: tuple[str, ...], known: Sequence[UnitMarks]) -> NDArray:
             part = one.of(of_kind)
             off = part.value - mean
             squared += float(off @ np.linalg.solve(part.covariance + warm, off))
-        if squared > chi2.ppf(CONFIDENCE, dof):
+        if squared > chi2.ppf(BELONGS, dof):
             wider[at] = np.sqrt(squared / dof)
     return wider
 

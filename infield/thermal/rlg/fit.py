@@ -7,7 +7,7 @@ and leaving one out is a subtraction.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
+from infield.thermal.rlg.lag import Beside, Lag, corrected_columns, derivatives, find_lag
 from infield.thermal.rlg.terms import (
     LINE_TERMS,
     REST_OF_TURN_ON,
@@ -30,6 +31,7 @@ from infield.thermal.rlg.terms import (
     solve_terms,
     term_sets,
 )
+from infield.thermal.rlg.unsure import Open, covariance_of
 from infield.thermal.study import INFLATE_ABOVE
 from ins.records import AXES, TwinModel
 
@@ -87,10 +89,12 @@ class AxisModel:
     """One gyro: coefficients theta (8 + m,), those of TERMS (0 where not used) and of the rest's
     nodes; covariance of all.
 
-    The covariance is that of all terms the data hold apart, used or not: it covers what leaving
-    some out does to the others. orders: the best choice of each number of terms; temperature_only
-    (8 + m,): the best fit without rates and lines. condition: of the terms used; condition_all: of
-    all before any was dropped, condition_uncentred: those with temperatures counted from 0 degC.
+    The covariance is that of all terms that may be there and of all lags of the thermometers
+    (`thermal.rlg.unsure`): it covers what leaving some out does to the others. lag: taken out
+    of the columns where it was believed. orders: the best choice of each number of terms;
+    temperature_only (8 + m,): the best fit without rates and lines. condition: of the terms used;
+    condition_all: of all before any was dropped, condition_uncentred: those with temperatures
+    counted from 0 degC.
     held_out: stretches; by_run: whole runs, None where there is one. scatter: as in
     `thermal.study`. level_known: K1 is a bias, not a share of Earth rate.
     """
@@ -113,6 +117,7 @@ class AxisModel:
     scatter: float
     level_known: bool
     rows: int
+    lag: Lag = field(default_factory=Lag)
 
     @property
     def used(self) -> tuple[str, ...]:
@@ -144,13 +149,15 @@ class AxisFit:
         T = np.concatenate([run.blocks.temperature_degC[run.usable, k] for run in runs])
         self.range = float(T.min()), float(T.max())
         self.nodes = rest_nodes(*self.range)
+        self.lag = Lag()
 
     def model(self) -> AxisModel:
+        rests = [k * max(self.twin.gyro.turn_on_deg_h, LEAST_REST_deg_h) for k in REST_OF_TURN_ON]
+        self.lag = self._find_lag(rests[len(rests) // 2])
         whole = self._sum(self.all)
         kept, dropped = hold_apart(whole.A, self._noise(), self.allowed, f"K6{AXES[self.k]}")
         stretches = [part for j, run in enumerate(self.runs) for part in self._stretches(j, run)]
         folds = self._folds(stretches)
-        rests = [k * max(self.twin.gyro.turn_on_deg_h, LEAST_REST_deg_h) for k in REST_OF_TURN_ON]
         orders = _choose(folds, kept, rests)
         best = _shortest(orders, sum(gram.rows for gram in folds))
         plain = min(
@@ -160,9 +167,14 @@ class AxisFit:
         self.extra = self._reading_errors(solve_terms(whole, best.mask, best.rest_deg_h)[0])
         whole = self._sum(self.all)
         theta, _ = solve_terms(whole, best.mask, best.rest_deg_h)
-        _, P = solve_terms(whole, np.array([name in kept for name in TERMS]), best.rest_deg_h)
         scatter = whole.misfit(theta) / max(whole.rows - len(best.used), 1)
-        P *= max(scatter, INFLATE_ABOVE)
+        taken = Open(
+            allowed=np.array([name in self.allowed for name in TERMS]),
+            own=f"K6{AXES[self.k]}",
+            rest_deg_h=best.rest_deg_h,
+            scatter=max(scatter, INFLATE_ABOVE),
+        )
+        P, lag = covariance_of(self._beside(), theta, self.lag, taken)
         level = float(max(run.blocks.level_sigma_deg_h[self.k] for run in self.runs))
         P[0, 0] += 0.0 if self.free else level**2
         allowed, used = (
@@ -189,7 +201,27 @@ class AxisFit:
             level_known=all(run.blocks.heading_known for run in self.runs)
             or level < KNOWN_LEVEL_deg_h,
             rows=whole.rows,
+            lag=lag,
         )
+
+    def _find_lag(self, rest_deg_h: float) -> Lag:
+        """The lags under which the terms that the data hold apart explain the runs best."""
+        beside = self._beside()
+        kept, _ = hold_apart(beside.at(Lag()).A, self._noise(), self.allowed, f"K6{AXES[self.k]}")
+        terms = np.array([name in kept for name in TERMS])
+        nodes = np.ones(self.nodes.size, dtype=bool)
+        at = np.flatnonzero(np.r_[terms, nodes])
+        precision = np.diag(np.where(at < len(TERMS), 0.0, rest_deg_h**-2.0))
+        return find_lag(beside, at, precision)
+
+    def _beside(self) -> Beside:
+        """Normal equations of the columns as read and of their derivatives, all runs."""
+        grams = []
+        for j, rows in self.all:
+            X = self._read_columns(j, self.reference)
+            both = np.column_stack([X, derivatives(X, self.runs[j].blocks.time_s)])
+            grams.append(Reduced(self._blocks(j, rows)).normal(both[rows]))
+        return Beside(sum(grams[1:], grams[0]))
 
     @staticmethod
     def _condition(gram: NormalEquations, allowed: NDArray) -> float:
@@ -223,12 +255,15 @@ class AxisFit:
         blocks = axis_blocks([self.runs[j].blocks], self.k, self.twin, free=self.free, rows=[rows])
         return replace(blocks, sigma_deg_h=np.sqrt(blocks.sigma_deg_h**2 + self.extra[j]))
 
-    def _columns(self, j: int, rows: NDArray, reference: float) -> NDArray:
+    def _read_columns(self, j: int, reference: float) -> NDArray:
+        """Of a whole run, as its thermometers read."""
         b, k = self.runs[j].blocks, self.k
-        lines = self.runs[j].gradient_degC[rows]
-        return columns(
-            b.temperature_degC[rows, k], b.rate_degC_min[rows, k], lines, reference, self.nodes
-        )
+        T, rate = b.temperature_degC[:, k], b.rate_degC_min[:, k]
+        return columns(T, rate, self.runs[j].gradient_degC, reference, self.nodes)
+
+    def _columns(self, j: int, rows: NDArray, reference: float) -> NDArray:
+        X = self._read_columns(j, reference)
+        return corrected_columns(X, self.runs[j].blocks.time_s, self.lag)[rows]
 
     def _gram(self, j: int, rows: NDArray, reference: float) -> NormalEquations:
         return Reduced(self._blocks(j, rows)).normal(self._columns(j, rows, reference))

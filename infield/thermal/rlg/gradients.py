@@ -73,11 +73,16 @@ def fit_gradients(
         for a in axes
         for found in a.collinear
     ]
+    late = [
+        because(ThermalNote.LATE_THERMOMETER, axis=a.axis, **vars(a.lag))
+        for a in axes
+        if a.lag.found
+    ]
     against = contradicted(axes, Moves.GRADIENTS)
     return replace(
         study,
         axes=() if against else axes,
-        notes=(*notes, *_line_notes(runs, lines), *left_out, *dropped, *widened(axes)),
+        notes=(*notes, *_line_notes(runs, lines), *left_out, *dropped, *late, *widened(axes)),
         inconsistent=against,
         reference_degC=reference,
         validation=f"every fifth stretch of {STRETCH_MIN} min",

@@ -11,6 +11,7 @@ from infield.thermal.compensation import both_ways
 from infield.thermal.gradient_runs import GradientRun, gradient_run
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermal.rlg.fit import AxisModel, five_minute_means, noise_of_means
+from infield.thermal.rlg.lag import corrected_columns
 from infield.thermal.rlg.model import RlgModel
 from infield.thermal.rlg.terms import columns
 from ins.records import AXES, Run, TwinModel
@@ -53,12 +54,13 @@ def held_out_run(
         if rows.size < 3 * int(settle_s / RAMP_BLOCK_S):
             continue
         X = columns(
-            b.temperature_degC[rows, k],
-            b.rate_degC_min[rows, k],
-            raw.gradient_degC[rows],
+            b.temperature_degC[:, k],
+            b.rate_degC_min[:, k],
+            raw.gradient_degC,
             model.reference_degC,
             fit.nodes_degC,
         )
+        X = corrected_columns(X, b.time_s, fit.lag)[rows]
         plain = b.bias_deg_h[rows, k] - X @ fit.temperature_only
         values = np.column_stack([b.bias_deg_h[rows, k], plain, batch[rows, k], causal[rows, k]])
         found, time_s, blocks = five_minute_means(b.time_s[rows], values)

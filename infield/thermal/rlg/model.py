@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.temperature_model import TemperatureModel
+from infield.thermal.rlg.lag import LONGEST_LAG_s
 from infield.thermal.rlg.terms import LINE_TERMS, TERMS, columns, rest_columns
 from infield.thermal.study import check_fitted
 from ins.records import AXES, InputError
@@ -21,7 +22,8 @@ SETTLED = np.array([name in ("K1", "K2", "K3") for name in TERMS])
 @dataclass(frozen=True)
 class AxisTerms:
     """One gyro: coefficients (8,) in the order of TERMS about a reference temperature, their
-    covariance (8, 8), the rest at its nodes, temperatures fitted to.
+    covariance (8, 8), the rest at its nodes, temperatures fitted to; lag_s: of its thermometer and
+    of the lines.
     """
 
     theta: NDArray
@@ -30,6 +32,7 @@ class AxisTerms:
     rest_deg_h: NDArray
     range_degC: tuple[float, float]
     reference_degC: float
+    lag_s: tuple[float, float] = (0.0, 0.0)
 
     def settled_deg_h(self, T: NDArray) -> NDArray:
         """K1 + K2 T + K3 T^2 and the rest."""
@@ -71,6 +74,11 @@ class RlgModel(TemperatureModel):
         return self.terms
 
     @property
+    def lags_s(self) -> NDArray:
+        """Of each gyro, (0, 0) of one without a model."""
+        return np.array([self.terms[a].lag_s if a in self.terms else (0.0, 0.0) for a in AXES])
+
+    @property
     def lines(self) -> tuple[str, ...]:
         """Those with a K6 of any gyro."""
         first = TERMS.index(LINE_TERMS[0])
@@ -105,6 +113,10 @@ def _terms(fitted: Mapping[str, Any], reference_degC: float) -> AxisTerms:
     nodes = np.array(rest["temperature_degC"], dtype=float)
     values = np.array(rest["bias_deg_h"], dtype=float)
     low, high = map(float, fitted["temperature_degC"])
+    late = fitted.get("lag", {"gyro_s": 0.0, "lines_s": 0.0})  # none in models of older versions
+    lag_s = float(late["gyro_s"]), float(late["lines_s"])
+    if not all(0.0 <= lag <= LONGEST_LAG_s for lag in lag_s):
+        raise ValueError(f"a lag from 0 to {LONGEST_LAG_s:g} s")
     if (
         covariance.shape != (len(TERMS),) * 2
         or nodes.shape != values.shape
@@ -116,4 +128,4 @@ def _terms(fitted: Mapping[str, Any], reference_degC: float) -> AxisTerms:
         np.diff(nodes) > 0
     ):
         raise ValueError("finite numbers, nodes that rise")
-    return AxisTerms(theta, covariance, nodes, values, (low, high), reference_degC)
+    return AxisTerms(theta, covariance, nodes, values, (low, high), reference_degC, lag_s)
