@@ -192,7 +192,7 @@ def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspic
         if not found or found[0].convicts:
             break
         doubted.append(found[0])
-        estimate = widened_by(estimate, found[0].size * found[0].pattern)
+        estimate = widened_by(estimate, *_doubts(found[0]))
     return estimate, tuple(doubted)
 
 
@@ -227,9 +227,25 @@ def doubtful_compensation(
     )
 
 
-def widened_by(estimate: SessionEstimate, pattern: NDArray) -> SessionEstimate:
-    """The estimate with a pattern (3N,) [deg/h], 1 sigma, among its own uncertainties."""
-    doubt = np.outer(pattern, pattern)
+def _doubts(suspicion: Suspicion) -> tuple[NDArray, ...]:
+    """The patterns (3N,) [deg/h] that a suspicion adds to a session's uncertainties.
+
+    Of a step nobody knows which side of it is the gyro's own: either may be the odd one. With the
+    later one alone in doubt the earlier taught the table all the more, up to 4.4 sigma wrong.
+    """
+    late = suspicion.size * suspicion.pattern
+    if suspicion.fact is not WrongFact.GYRO_STEP:
+        return (late,)
+    early = np.zeros_like(late)
+    of_axis = slice(AXES.index(suspicion.axis), None, len(AXES))
+    early[of_axis] = suspicion.size - late[of_axis]
+    return late / np.sqrt(2.0), early / np.sqrt(2.0)
+
+
+def widened_by(estimate: SessionEstimate, *patterns: NDArray) -> SessionEstimate:
+    """The estimate with patterns (3N,) [deg/h], 1 sigma each, among its own uncertainties."""
+    S = np.array(patterns)
+    doubt = S.T @ S
     learnt = learnt_of(estimate).widened(doubt)
     return replace(
         estimate,

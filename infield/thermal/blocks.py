@@ -22,7 +22,7 @@ class AxisBlocks:
     white sigma.
 
     bin (n,): index of the drift bin of each row, drift (m, m) [(deg/h)^2]: prior covariance of the
-    bins.
+    bins. sense (n, q): from -1 (cooling) to 1 (warming), None where nobody asks for hysteresis.
     """
 
     temperature_degC: NDArray
@@ -31,6 +31,7 @@ class AxisBlocks:
     sigma_deg_h: NDArray
     bin: NDArray
     drift: NDArray
+    sense: NDArray | None = None
 
 
 def axis_blocks(

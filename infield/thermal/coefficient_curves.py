@@ -28,7 +28,7 @@ VALUE_ORDER, CURVATURE_ORDER = 2, 3
 PENALTY_STEPS = np.arange(
     -3.0, 2.51, 0.5
 )  # log10 of a difference over the smallest sigma: what is tried
-FLAT = 1e-12  # relative precision added so that a null space of the penalty has a factor
+FLAT = 1e-13  # relative precision added so that a null space of the penalty has a factor
 # log evidence below the best by more than this has no share; e^-3 is 5 % of the best
 NEGLIGIBLE_NATS = 3.0
 Basis = Callable[[NDArray], NDArray]
@@ -97,11 +97,14 @@ class Reduced:
 
     def design(self, bases: Sequence[Basis]) -> NDArray:
         """Rows of the model: the first basis for K_T, the second, where there is one, times the
-        rate for K_delta.
+        rate for K_delta, the third times the senses for hysteresis.
         """
         columns = [basis(self.blocks.temperature_degC) for basis in bases]
         if len(columns) > 1:
             columns[1] = columns[1] * self.blocks.rate_degC_min[:, None]
+        if len(columns) > 2:
+            assert self.blocks.sense is not None
+            columns[2] = columns[2] * self.blocks.sense
         return np.concatenate(columns, axis=1)
 
     def fit(self, bases: Sequence[Basis], penalties: Sequence[NDArray | None] = ()) -> CurveFit:

@@ -43,6 +43,10 @@ STEADY_SHARE = 0.3
 BUMP_SIGMAS, BUMP_ROWS = 8.0, 61
 # the sense of a ramp is that of the median over so many: a chamber's control may ripple
 RIPPLE_BLOCKS = 11
+# rates over a minute that differ from those over the window by more than this many of their own
+# sigmas are a ripple of the chamber; a window hides it from the rate and not from the gyro
+# (benchmarks/fog_confidence.py: K_delta 16 in squared error over variance)
+RIPPLE_SIGMAS = 3.0
 SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10  # 10 blocks at 1 degC/min pass 10 degC
 
 
@@ -135,31 +139,62 @@ def ramp_run(
     blocks = _Blocks(run)
     known, level_sigma, level = _earth_rate(run, blocks.f_b, twin)
     t, bias = blocks.time_s, blocks.omega / DEG_PER_HOUR - known
-    T = temperature.at(t)
-    window = window_s or _rate_window(temperature, t)
-    rate = _rates(temperature, t, window)
-    seen = [k for k, axis in enumerate(AXES) if axis not in temperature.unusable]
-    covered = covered_blocks(temperature, t, seen)
-    legs = _legs(t, T[:, seen].mean(axis=1), rate[:, seen].mean(axis=1), covered)
+    read = read_ramps(temperature, t, window_s)
     return RampRun(
         run_id=header.run_id,
         sha256=run.sha256,
         imu_serial=header.imu_serial,
         gyro_technology=header.gyro_technology,
         time_s=t,
-        temperature_degC=T,
-        rate_degC_min=rate,
+        temperature_degC=read.temperature_degC,
+        rate_degC_min=read.rate_degC_min,
         bias_deg_h=bias,
         sigma_deg_h=blocks.sigma / DEG_PER_HOUR,
-        rate_sigma_degC_min=_rate_sigma(temperature, t, window),
+        rate_sigma_degC_min=read.rate_sigma_degC_min,
         level_sigma_deg_h=level_sigma,
-        legs=legs,
+        legs=read.legs,
         excluded=(*blocks.excluded, *temperature.left_out()),
         unusable=temperature.unusable,
         roll_pitch_rad=level,
         heading_known=run.header.survey.heading_rad is not None,
         turned_rad=blocks.turned_rad,
     )
+
+
+@dataclass(frozen=True)
+class RampReadings:
+    """What thermometers say of blocks: temperature_degC, rate_degC_min (n, 3), the sigma (3,) of a
+    rate in the middle of the run, and the ramps.
+    """
+
+    temperature_degC: NDArray
+    rate_degC_min: NDArray
+    rate_sigma_degC_min: NDArray
+    legs: tuple[Leg, ...]
+
+
+def read_ramps(
+    temperature: GyroTemperature, time_s: NDArray, window_s: float | None = None
+) -> RampReadings:
+    """Temperatures and rates of blocks about times (n,); window_s: over which a rate is read, None:
+    by the ramps themselves.
+    """
+    T = temperature.at(time_s)
+    window = window_s or _rate_window(temperature, time_s)
+    rate = _rates(temperature, time_s, window)
+    seen = [k for k, axis in enumerate(AXES) if axis not in temperature.unusable]
+    covered = covered_blocks(temperature, time_s, seen)
+    legs = _legs(time_s, T[:, seen].mean(axis=1), rate[:, seen].mean(axis=1), covered)
+    sigma = _rate_sigma(temperature, time_s, window)
+    inside = np.zeros(time_s.size, dtype=bool)
+    for leg in legs:
+        inside[leg.start : leg.end] = True
+    quick = _rates(temperature, time_s, RAMP_BLOCK_S)
+    off = np.sqrt(np.mean((quick - rate)[inside] ** 2, axis=0)) if inside.any() else np.zeros(3)
+    noise = _rate_sigma(temperature, time_s, RAMP_BLOCK_S)
+    if np.any(off[seen] > RIPPLE_SIGMAS * noise[seen]):
+        rate = quick
+    return RampReadings(T, rate, sigma, legs)
 
 
 class _Blocks:

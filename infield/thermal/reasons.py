@@ -41,6 +41,8 @@ class ThermalNote(StrEnum):
     OF_NOISE = "term_of_noise"
     NO_LINES = "no_gradient_column"
     LINE_IDLE = "gradient_column_idle"
+    HYSTERESIS = "hysteresis"
+    HYSTERESIS_UNTOLD = "hysteresis_untold"
     LATE_THERMOMETER = "late_thermometer"
     HELD_OUT_WORSE = "held_out_residual_above_noise"
     TAKEN_OUT = "model_taken_out"

@@ -8,7 +8,14 @@ from scipy.stats import chi2
 
 from infield.session.one_run import take_run
 from infield.session.reasons import SessionReason, WrongFact
-from infield.session.wrong_facts import Learnt, force_off_gravity, suspicions, with_doubt
+from infield.session.wrong_facts import (
+    Learnt,
+    Suspicion,
+    _doubts,
+    force_off_gravity,
+    suspicions,
+    with_doubt,
+)
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import Outcome
 from tests.infield.sessions import PARKED, SETTINGS, TWIN, estimate, estimate_of, factory, simulated
@@ -151,3 +158,18 @@ def test_a_clock_that_runs_fast_shows_in_gravity():
     reason = force_off_gravity(replace(run, imu=fast), TWIN, at_rest)
     assert reason is not None and reason.code is SessionReason.FORCE_OFF_GRAVITY
     assert reason.values["excess_ug"] == pytest.approx(-1e6 * CLOCK, rel=0.15)
+
+
+def test_a_doubted_step_leaves_neither_side_of_it_as_the_truth():
+    """A sound session of 17 bins drew a step of 3.6 sigma; with the later side alone in doubt the
+    earlier one taught the table 4.4 sigma of error.
+    """
+    pattern = np.zeros((6, 3))
+    pattern[4:, 1] = 1.0
+    step = Suspicion(WrongFact.GYRO_STEP, "y", 1200.0, 0.02, 0.005, 4.2, False, pattern.ravel())
+    early, late = np.array(_doubts(step)).reshape(2, 6, 3)[::-1]
+    assert np.sum(early[:, [0, 2]] ** 2 + late[:, [0, 2]] ** 2) == 0.0
+    assert early[:, 1] ** 2 + late[:, 1] ** 2 == pytest.approx(0.5 * 0.02**2)
+    turned = replace(step, fact=WrongFact.LATITUDE, axis="")
+    (alone,) = _doubts(turned)
+    assert alone == pytest.approx(0.02 * pattern.ravel())

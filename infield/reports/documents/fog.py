@@ -174,6 +174,18 @@ class FixedPointDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HysteresisDocument:
+    """Half of the difference between warming and cooling at any rate; held_apart: the runs tell it
+    from K_delta, and it is a term of the fit; shown: it is there beyond chance.
+    """
+
+    value_deg_h: float
+    sigma_deg_h: float
+    held_apart: bool
+    shown: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class AxisDocument:
     """One fitted gyro."""
 
@@ -184,6 +196,7 @@ class AxisDocument:
     K_delta_deg_h_per_degC_min: Sequence[float]
     sigma_K_delta_deg_h_per_degC_min: Sequence[float]
     residual_over_sigma: float
+    hysteresis: HysteresisDocument
     up_down: PairDocument | None
     document: SubtractionDocument | None
     closed_forms: Mapping[str, ClosedFormDocument | None]
@@ -338,6 +351,12 @@ def _axis(
         K_delta_deg_h_per_degC_min=c.K_delta.tolist(),
         sigma_K_delta_deg_h_per_degC_min=_sigma(c),
         residual_over_sigma=float(np.sqrt(a.scatter)),
+        hysteresis=HysteresisDocument(
+            value_deg_h=a.hysteresis.value_deg_h,
+            sigma_deg_h=a.hysteresis.sigma_deg_h,
+            held_apart=a.hysteresis.apart,
+            shown=a.hysteresis.shown,
+        ),
         up_down=_pair(a),
         document=_subtraction(a, study),
         closed_forms={"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},

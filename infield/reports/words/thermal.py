@@ -165,6 +165,14 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "gyro {axis}: the held-out residual is {times:.2f} times its noise, needed {needed:g}:"
         " something is missing, or too few runs hold the terms apart"
     ),
+    ThermalNote.HYSTERESIS: (
+        "gyro {axis}: warming and cooling differ by {split_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h"
+        " at any rate (hysteresis): a term of the fit, not of the model in use, whose sigma has it"
+    ),
+    ThermalNote.HYSTERESIS_UNTOLD: (
+        "ramps at one rate do not tell hysteresis from K_delta: the sigma of K_delta allows for"
+        " {allowed_deg_h:.4f} deg/h; a slow ramp up and down would tell"
+    ),
     ThermalNote.LATE_THERMOMETER: _late,
     ThermalNote.TAKEN_OUT: _taken_out,
 }

@@ -22,12 +22,14 @@ SCHEMA = "recal.thermal_fog/1"
 @dataclass(frozen=True)
 class FogCurves:
     """K_T [deg/h] and K_delta [deg/h per degC/min] of one gyro; sigma_K_delta: temperatures and the
-    sigma there, None where nothing is stated.
+    sigma there, None where nothing is stated. hysteresis_deg_h: half of what warming and cooling
+    differ by at any rate, which no compensation takes out.
     """
 
     K_T: Piecewise
     K_delta: Piecewise
     sigma_K_delta: tuple[NDArray, NDArray] | None = None
+    hysteresis_deg_h: float = 0.0
 
     @property
     def range_degC(self) -> tuple[float, float]:
@@ -44,27 +46,35 @@ class FogCurves:
     def rates_sigma_deg_h(
         self, T: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
     ) -> NDArray:
-        """Sigma of K_delta times the rate."""
+        """Sigma of K_delta times the rate, and the hysteresis."""
         if self.sigma_K_delta is None:
-            return np.zeros(np.shape(T))
-        return np.asarray(np.interp(T, *self.sigma_K_delta) * np.abs(rate_degC_min))
+            return np.full(np.shape(T), self.hysteresis_deg_h)
+        of_rate = np.interp(T, *self.sigma_K_delta) * np.abs(rate_degC_min)
+        return np.asarray(np.hypot(of_rate, self.hysteresis_deg_h))
 
 
 @dataclass(frozen=True)
 class FogModel(TemperatureModel):
     """Piecewise K_T [deg/h] and K_delta [deg/h per degC/min] of each fitted gyro.
 
-    sigma_K_delta: temperatures and the sigma there, where the document has it.
+    sigma_K_delta: temperatures and the sigma there, where the document has it. hysteresis_deg_h: of
+    each gyro that shows one.
     """
 
     K_T: Mapping[str, Piecewise]
     K_delta: Mapping[str, Piecewise]
     sigma_K_delta: Mapping[str, tuple[NDArray, NDArray]] = field(default_factory=dict)
+    hysteresis_deg_h: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def curves(self) -> Mapping[str, FogCurves]:
         return {
-            axis: FogCurves(self.K_T[axis], self.K_delta[axis], self.sigma_K_delta.get(axis))
+            axis: FogCurves(
+                self.K_T[axis],
+                self.K_delta[axis],
+                self.sigma_K_delta.get(axis),
+                self.hysteresis_deg_h.get(axis, 0.0),
+            )
             for axis in self.K_T
         }
 
@@ -87,11 +97,16 @@ def model_from_document(document: dict[str, Any], *, name: str = "model") -> Fog
             )
             for axis, fitted in document["axes"].items()
         }
+        felt = {
+            axis: abs(float(fitted["hysteresis"]["value_deg_h"]))
+            for axis, fitted in document["axes"].items()
+            if fitted.get("hysteresis", {}).get("shown")  # none in models of older versions
+        }
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{name}: axes: piecewise tables cannot be read ({type(error).__name__} {error})"
         ) from None
-    return FogModel(curves["K_T"], curves["K_delta"], sigma)
+    return FogModel(curves["K_T"], curves["K_delta"], sigma, felt)
 
 
 def curve_from(data: dict[str, Any]) -> Piecewise:

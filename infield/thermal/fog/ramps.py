@@ -17,7 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.blocks import AxisBlocks, axis_blocks
-from infield.thermal.coefficient_curves import CurveFit, Reduced, smooth_basis
+from infield.thermal.coefficient_curves import Basis, CurveFit, Reduced, smooth_basis
+from infield.thermal.fog.hysteresis import (
+    FREE_SIZE,
+    Hysteresis,
+    each_width,
+    hysteresis_of,
+    no_more_than,
+    with_sense,
+    without,
+)
 from infield.thermal.ramp_runs import Leg, RampRun
 from infield.thermal.reasons import Moves, ThermalNote, ThermalReason
 from infield.thermal.study import (
@@ -95,7 +104,8 @@ class AxisFit:
 
     scatter: chi2 of the residual per degree of freedom, before the sigmas were widened by its root.
     level_deg_h, level_sigma_deg_h: mean of K_T over the grid, and how well it is known apart from
-    Earth rate.
+    Earth rate. hysteresis: taken out of `reduced` where the runs tell it; the curves' covariance
+    has what is not known of it.
     """
 
     axis: str
@@ -110,6 +120,7 @@ class AxisFit:
     level_deg_h: float
     level_sigma_deg_h: float
     level_known: bool
+    hysteresis: Hysteresis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,9 +164,27 @@ def separate(
     return replace(
         study,
         axes=() if against else axes,
-        notes=(*notes, *left_out, *widened(axes)),
+        notes=(*notes, *left_out, *_of_hysteresis(axes), *widened(axes)),
         inconsistent=against,
     )
+
+
+def _of_hysteresis(axes: Sequence[AxisFit]) -> list[Reason]:
+    """What a reader must know of it."""
+    untold = [a.hysteresis.sigma_deg_h for a in axes if not a.hysteresis.apart]
+    told = [
+        because(
+            ThermalNote.HYSTERESIS,
+            axis=a.axis,
+            split_deg_h=2.0 * a.hysteresis.value_deg_h,
+            sigma_deg_h=2.0 * a.hysteresis.sigma_deg_h,
+        )
+        for a in axes
+        if a.hysteresis.shown
+    ]
+    if untold:
+        told.append(because(ThermalNote.HYSTERESIS_UNTOLD, allowed_deg_h=max(untold)))
+    return told
 
 
 def _cannot_separate(
@@ -219,26 +248,36 @@ def _fit_axis(
 ) -> AxisFit:
     runs = (*fast, *slow)
     blocks = axis_blocks(runs, k, twin, free=free)
-    reduced, fit = _fitted(blocks)
+    apart = bool(slow) and {leg.direction for run in runs for leg in run.legs} == {"up", "down"}
+    blocks, terms = (with_sense(blocks, runs, k), 3) if apart else (blocks, 2)
+    reduced, fit = _fitted(blocks, terms)
     scatter = fit.chi2 / max(fit.dof, 1.0)
     if scatter > INFLATE_ABOVE:
         wider = np.sqrt(scatter)
-        reduced, fit = _fitted(
-            replace(blocks, sigma_deg_h=blocks.sigma_deg_h * wider, drift=blocks.drift * scatter)
+        blocks = replace(
+            blocks, sigma_deg_h=blocks.sigma_deg_h * wider, drift=blocks.drift * scatter
         )
+        reduced, fit = _fitted(blocks, terms)
     T = blocks.temperature_degC
     low, high = np.ceil(T.min() / GRID_degC) * GRID_degC, np.floor(T.max() / GRID_degC) * GRID_degC
     grid = np.arange(low, high + 0.5 * GRID_degC, GRID_degC)
     curves = _curves(fit, grid, _rate_share(runs, k))
+    if apart:
+        hysteresis = hysteresis_of(fit)
+        reduced = Reduced(without(blocks, hysteresis))
+    else:
+        hysteresis = no_more_than(twin.gyro.turn_on_deg_h)
+        curves = _unsure(curves, hysteresis, max(run.rate for run in fast))
     assert curves.K_T_covariance is not None
     # else it is in the covariance, run by run
     common = 0.0 if free else max(float(run.level_sigma_deg_h[k]) for run in runs)
     level_sigma = float(np.hypot(np.sqrt(curves.K_T_covariance.mean()), common))
     pair = None
     if slow and {leg.direction for run in fast for leg in run.legs} == {"up", "down"}:
-        pair = _curves(
-            _fitted(axis_blocks(fast, k, twin, free=free))[1], grid, _rate_share(fast, k)
-        )
+        of_fast = axis_blocks(fast, k, twin, free=free)
+        of_fast = without(with_sense(of_fast, fast, k), hysteresis)
+        pair = _curves(_fitted(of_fast)[1], grid, _rate_share(fast, k))
+        pair = _unsure(pair, hysteresis, max(run.rate for run in fast))
     document, two_ramps, fast_ramps = _closed_forms(fast, slow, k, twin, grid)
     return AxisFit(
         axis=AXES[k],
@@ -254,16 +293,26 @@ def _fit_axis(
         level_sigma_deg_h=level_sigma,
         level_known=level_sigma < 0.25 * max(float(np.ptp(curves.K_T_deg_h)), 1e-9)
         or all(run.heading_known for run in runs),
+        hysteresis=hysteresis,
     )
 
 
+def _unsure(curves: Curves, hysteresis: Hysteresis, rate_degC_min: float) -> Curves:
+    """The curves of ramps at one rate with what a hysteresis may have put into K_delta."""
+    assert curves.K_delta_covariance is not None
+    P = curves.K_delta_covariance + (hysteresis.sigma_deg_h / rate_degC_min) ** 2
+    return replace(curves, K_delta_covariance=P)
+
+
 def _fitted(blocks: AxisBlocks, terms: int = 2) -> tuple[Reduced, CurveFit]:
-    """Smooth curves over the range of the blocks; terms 1: K_T alone."""
+    """Smooth curves over the range of the blocks; terms 1: K_T alone, 3: with hysteresis."""
     basis, penalty = smooth_basis(
         float(blocks.temperature_degC.min()), float(blocks.temperature_degC.max())
     )
     reduced = Reduced(blocks)
-    return reduced, reduced.fit([basis] * terms, [penalty] * terms)
+    bases: list[Basis] = [basis, basis, each_width]
+    penalties = [penalty, penalty, FREE_SIZE]
+    return reduced, reduced.fit(bases[:terms], penalties[:terms])
 
 
 def _rate_share(runs: Sequence[RampRun], k: int) -> float:
