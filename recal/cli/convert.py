@@ -71,6 +71,14 @@ def command(
     to_s: Annotated[
         float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")
     ] = None,
+    each_stretch: Annotated[
+        bool,
+        typer.Option(
+            "--split",
+            help="Write a run for each stretch between gaps of over 1 s: run-1, run-2, ... in the"
+            " folder -o.",
+        ),
+    ] = False,
     force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -83,7 +91,7 @@ def command(
     Example: recal convert flight.bin -o runs/flight-imu3 --imu 3
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.convert import convert, made_of
+    from recal.service.convert import convert, made_of, split
     from recal.service.results.overwrite import need_free_run
 
     given = {
@@ -97,7 +105,10 @@ def command(
         "run_id": run_id,
     }
     chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
-    need_free_run(output, lambda run: made_of(run, log), f"made of {log.name}", force=force)
+    folders = sorted(output.glob("run-*")) if each_stretch else [output]
+    for folder in folders:
+        need_free_run(folder, lambda run: made_of(run, log), f"made of {log.name}", force=force)
+    make = split if each_stretch else convert
     with Progress("converting", quiet=quiet):
-        converted = convert(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
+        converted = make(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
     answer(converted.document, converted.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -1,18 +1,23 @@
 """`convert`: a flight log of a known format, or by a column map, to a run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from infield.reports.documents.spans import SpanDocument
 from ins.json_file import JsonObject, read_toml
-from ins.records import ReferenceLog, Run
+from ins.records import InputError, ReferenceLog, Run
 from recal.service.results.overwrite import Peeked
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.readers.conversion import Conversion, convert_log, file_sha256
+from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
+
+# of a stretch that becomes a run; chosen: 10 fixes of one a second are the fewest that aided replay
+# takes
+SHORTEST_SPLIT_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +124,117 @@ def convert(
             conversion=conversion.record,
         )
     return Converted(summary(conversion, output), conversion=conversion)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOutDocument:
+    """A stretch of a log that became no run, and why; times by the log's own clock."""
+
+    from_s: float
+    to_s: float
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitDocument:
+    """What `recal convert --split --json` prints."""
+
+    schema: str = "recal.convert_split/1"
+    runs: Sequence[ConvertDocument]
+    left_out: Sequence[LeftOutDocument]
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Split(Result[SplitDocument]):
+    """The runs of a log with gaps.
+
+    Parameters
+    ----------
+    parts : tuple of Converted
+        In order of time.
+    """
+
+    parts: tuple[Converted, ...]
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Each run, and what became none."""
+        told = [line for part in self.parts for line in part.lines(verbose=verbose)]
+        return told + [
+            f"left out: log time {s.from_s:.3f} to {s.to_s:.3f} s: {s.why}"
+            for s in self.record.left_out
+        ]
+
+
+def split(
+    log: AnyPath,
+    output: AnyPath,
+    *,
+    map_file: AnyPath | None = None,
+    gnss: AnyPath | None = None,
+    header: Mapping[str, str | float | None] | None = None,
+    options: Mapping[str, str | float | None] | None = None,
+) -> Split:
+    """Convert a flight log to a run for each stretch without a gap: run-1, run-2, ... in a folder.
+
+    Parameters
+    ----------
+    log, map_file, gnss, header, options
+        As of `convert`; the name of a run is that of the log, or run_id, with its number.
+    output : str or path
+        The folder to write to, made if need be.
+
+    Returns
+    -------
+    Split
+        The runs, and the stretches that became none.
+
+    Raises
+    ------
+    InputError
+        Where no stretch becomes a run: what the longest one lacks.
+    """
+    name = str((header or {}).get("run_id") or Path(log).name.split(".")[0])
+
+    def made(number: int, more: Mapping[str, str | float | None]) -> Converted:
+        return convert(
+            log,
+            Path(output) / f"run-{number}",
+            map_file=map_file,
+            gnss=gnss,
+            header={**(header or {}), "run_id": f"{name}-{number}"},
+            options={**(options or {}), **more},
+        )
+
+    try:
+        parts, left = [made(1, {})], list[LeftOutDocument]()
+    except LogGapError as gaps:
+        parts, left = _each(gaps, made)
+    document = SplitDocument(runs=[part.record for part in parts], left_out=left)
+    return Split(document, parts=tuple(parts))
+
+
+def _each(
+    gaps: LogGapError, made: Callable[[int, Mapping[str, float]], Converted]
+) -> tuple[list[Converted], list[LeftOutDocument]]:
+    """A run of each stretch that can be one, and the stretches that became none."""
+    parts: list[Converted] = []
+    left: list[LeftOutDocument] = []
+    for from_s, to_s in gaps.stretches:
+        why = f"{to_s - from_s:.1f} s, needed {SHORTEST_SPLIT_S:g} s"
+        if to_s - from_s >= SHORTEST_SPLIT_S:
+            try:
+                parts.append(made(len(parts) + 1, {"from_s": from_s, "to_s": to_s}))
+                continue
+            except InputError as error:
+                why = str(error)
+        left.append(LeftOutDocument(from_s=from_s, to_s=to_s, why=why))
+    if not parts:
+        longest = max(left, key=lambda s: s.to_s - s.from_s)
+        raise InputError(
+            f"no stretch becomes a run; the longest one, --from-s {longest.from_s:.3f} --to-s"
+            f" {longest.to_s:.3f}: {longest.why}"
+        ) from gaps
+    return parts, left
 
 
 def made_of(found: Peeked, log: Path) -> bool:

@@ -49,6 +49,17 @@ class CleanRows:
     others: NDArray
 
 
+class LogGapError(InputError):
+    """A log with gaps that a run may not hold.
+
+    stretches: (from, to) of those without one, by the log's own clock [s].
+    """
+
+    def __init__(self, line: str, stretches: tuple[tuple[float, float], ...]) -> None:
+        super().__init__(line)
+        self.stretches = stretches
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
     """Log time to take [s]; `base_s` is what the log's own clock shows at time 0 of the columns."""
@@ -258,16 +269,15 @@ def _refuse_gaps(steps: NDArray, log_s: NDArray, rows: NDArray, label: str) -> N
         return
     k = int(gaps[0])
     starts, ends = np.concatenate([[0], gaps + 1]), np.concatenate([gaps, [log_s.size - 1]])
+    begins_s, stops_s = np.floor(log_s[starts] * 1e3) / 1e3, np.ceil(log_s[ends] * 1e3) / 1e3
     best = int(np.argmax(log_s[ends] - log_s[starts]))
-    start_s, end_s = (
-        np.floor(log_s[starts[best]] * 1e3) / 1e3,
-        np.ceil(log_s[ends[best]] * 1e3) / 1e3,
-    )
+    start_s, end_s = begins_s[best], stops_s[best]
     more = f" and {gaps.size - 1} more" if gaps.size > 1 else ""
-    raise InputError(
+    raise LogGapError(
         f"{label}: gap of {steps[k]:.3f} s after row {rows[k] + 1} (log time {log_s[k]:.3f}"
         f" s){more}, needed at most {MAX_GAP_S:g} s; the longest stretch without one: --from-s"
-        f" {start_s:.3f} --to-s {end_s:.3f} ({end_s - start_s:.1f} s)"
+        f" {start_s:.3f} --to-s {end_s:.3f} ({end_s - start_s:.1f} s), or --split for all",
+        tuple(zip(begins_s.tolist(), stops_s.tolist())),
     )
 
 
