@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+
+from ins.robust import chi2
 
 
 class Innovation(NamedTuple):

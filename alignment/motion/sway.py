@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from alignment.motion.parked_seconds import ParkedSeconds
 from ins.units import DEG_PER_HOUR, HOUR
@@ -62,6 +61,8 @@ class Sway:
 
 def sway_of(seconds: ParkedSeconds) -> Sway | None:
     """The spectrum of a stretch that sways; None where nothing stands out of its noise."""
+    from scipy.signal import welch  # half a second of CPU, which units that find north never need
+
     rate = seconds.sums[:, 3:] / seconds.dt_s[:, None] / DEG_PER_HOUR
     segment = int(np.clip(len(rate) // PIECES, SHORTEST_SEGMENT_S, SEGMENT_S))
     if len(rate) < 2 * segment:

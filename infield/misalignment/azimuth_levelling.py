@@ -17,12 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi_square
 
 from infield.misalignment.azimuth_runs import Stop
 from infield.table.least_squares import fit_correlated
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, Site
+from ins.robust import chi2 as chi_square
 from ins.units import HOUR, MICRO_G
 
 CONFIDENCE = 0.999  # 1 of 1000 sound studies is said to disagree
@@ -44,7 +44,7 @@ class LevelOffsets:
 
     @property
     def same_ground(self) -> bool:
-        return self.chi2 <= chi_square.ppf(CONFIDENCE, self.dof)
+        return self.chi2 <= float(chi_square.ppf(CONFIDENCE, self.dof))
 
 
 def level_offsets(

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2 as chi_square
 
 from infield.table.least_squares import fit_rows
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import InputError, frozen_array
+from ins.robust import chi2 as chi_square
 from ins.units import DEG_PER_HOUR
 
 CONFIDENCE = 0.999  # of the redundancy check; 1 of 1000 sound studies fails it

@@ -4,8 +4,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy.stats import chi2
-
 from alignment.gyrocompass import nis_verdict, rejected_share
 from alignment.motion.kinds import DISTURBED, STILL
 from alignment.reasons import AlignmentVerdict
@@ -16,6 +14,7 @@ from infield.session.reasons import SessionReason
 from infield.session.wrong_facts import Suspicion
 from infield.table.merge import AXIS_Z_LIMIT, CONFIDENCE, MergeResult
 from ins.records import AXES
+from ins.robust import chi2
 from ins.verdicts import Observability, Outcome, Reason, because
 
 # requirements.md: white noise alone leaves 0.0069 deg/h of 5 min, and a default ring-laser table
@@ -122,7 +121,7 @@ def _compensated_before(estimate: SessionEstimate) -> tuple[Reason, ...]:
     p = estimate.parked
     if p is None:
         return ()
-    band = chi2.ppf(CONFIDENCE, max(p.shape_dof, 1))
+    band = float(chi2.ppf(CONFIDENCE, max(p.shape_dof, 1)))
     if p.shape_nis_compensated > min(band, p.shape_nis - PLAIN_NIS):
         return ()
     before = because(

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from infield.session.bins import SessionBins
 from infield.session.estimate import SessionEstimate
@@ -28,6 +27,7 @@ from infield.table.merge import CONFIDENCE
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import AXES, Run, TwinModel
+from ins.robust import norm
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
 from ins.verdicts import Reason, because
 

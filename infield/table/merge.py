@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2, norm
 
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import AXES, GyroNoise, InputError, frozen_array
+from ins.robust import chi2, norm
 from ins.units import DEG_PER_HOUR, HOUR, MILLIRADIAN
 
 CONFIDENCE = 0.999  # of the band a session must lie in to be merged (requirements R11, R16)

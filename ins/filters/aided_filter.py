@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ins.filters.aided_records import (
     AidedHistory,
@@ -28,6 +27,7 @@ from ins.filters.states import (
     AIDED_STATES,
 )
 from ins.records import ImuLog, InputError, frozen_array
+from ins.robust import chi2
 from ins.strapdown.start import check_initial, check_rows, earth_frame_state, interval_at
 
 STEP_S = 0.2

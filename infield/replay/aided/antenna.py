@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from infield.replay.aided.noise import (
     COARSE_FACTOR,
@@ -31,6 +30,7 @@ from infield.replay.aided.noise import (
     with_gnss,
 )
 from ins.filters.aided_records import AidedHistory, Antenna
+from ins.robust import chi2
 
 PRIOR_ARM_M = 2.0
 PRIOR_DELAY_S = 0.3

@@ -13,11 +13,11 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from alignment.gyrocompass import nis_verdict
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
+from ins.robust import chi2
 
 # mean NIS above its band but below this is said, not acted on; sigmas 10 % too small: 1.1^2 is 1.21
 MATERIAL = 1.2
@@ -213,7 +213,7 @@ def capped_nis(history: AidedHistory, kind: int) -> float:
     nis, few = _counted(history, kind)
     if not nis.size:
         return 1.0
-    return float(nis.mean() / 3.0 if few else np.median(nis) / chi2.median(3))
+    return float(nis.mean() / 3.0 if few else np.median(nis) / float(chi2.ppf(0.5, 3)))
 
 
 def misfit(history: AidedHistory, kind: int) -> bool:

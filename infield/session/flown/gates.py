@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from alignment.gyrocompass import nis_verdict
 from infield.session.acceptance import MAX_REJECTED_SHARE
@@ -26,6 +25,7 @@ from infield.session.flown.priors import Further, Layout
 from infield.session.reasons import FlightReason
 from infield.table.merge import CONFIDENCE
 from ins.filters.error_filter import ErrorFilter
+from ins.robust import norm
 from ins.units import DEG_PER_HOUR
 from ins.verdicts import Reason, because
 

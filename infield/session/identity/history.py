@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from infield.session.identity.marks import FORCE, UnitMarks
 from infield.session.reasons import SessionReason
 from infield.session.wrong_facts import ANOMALY_ug
+from ins.robust import chi2
 from ins.verdicts import Reason, because
 
 # gravity anomalies repeat within so much of the Earth [rad]: 10 km; they change over 20 to 50 km

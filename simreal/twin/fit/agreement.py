@@ -18,10 +18,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.stats import gamma as gamma_law
 
 from ins.noise import accel_densities, gyro_densities
 from ins.records import TwinModel
+from ins.robust import gamma as gamma_law
 from ins.units import ARCSEC, HOUR, STANDARD_GRAVITY
 from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.evidence import without_comb

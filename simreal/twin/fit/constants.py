@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import chi2
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.robust import chi2
 from simreal.twin.fit.streams import Stream
 
 CONSTANT_OVER_S = 900.0  # of rest: the constant of a run is taken here, before it drifts

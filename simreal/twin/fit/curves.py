@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from ins.robust import chi2
 from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.model import Evidence, Fitted, band_model
 from simreal.twin.fit.result import ChannelCurve

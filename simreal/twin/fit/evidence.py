@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from ins.robust import chi2
 from ins.units import HOUR
 from simreal.twin.fit.model import (
     PRIOR_SIGMA,

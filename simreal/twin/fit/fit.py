@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import accel_densities, gyro_densities
 from ins.records import InputError, Run, RunHeader, TwinModel
+from ins.robust import chi2
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
 from ins.units import MICRO_G_PER_SQRT_HOUR as MICRO_G_WALK
 from simreal.evidence.noise_model import SIX_CHANNELS

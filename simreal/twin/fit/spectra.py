@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import gamma as gamma_law
 
+from ins.robust import gamma as gamma_law
 from simreal.twin.fit.rounding import Rounding
 from simreal.twin.fit.shared_motion import MOSTLY_SHARED, MOSTLY_SWAY, own_power
 from simreal.twin.fit.streams import Line, Stream
