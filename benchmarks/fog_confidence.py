@@ -129,7 +129,7 @@ def study_of(name: str, seed: int) -> tuple[Truth, RampStudy]:
 def scores(name: str, units: int) -> dict[str, list[float]]:
     """Normalised errors of both curves at temperatures apart, and of the hysteresis."""
     found: dict[str, list[float]] = {"K_delta": [], "K_T": [], "hysteresis": [], "knees": []}
-    found["refused"] = []
+    found["refused"], found["of three"] = [], []
     for seed in range(units):
         truth, study = study_of(name, seed)
         found["refused"].append(float(not study.axes))
@@ -153,10 +153,10 @@ def _score(a: AxisFit, k: int, truth: Truth, way: Way, found: dict[str, list[flo
             (hysteresis.value_deg_h - way.hysteresis_deg_h) / hysteresis.sigma_deg_h
         )
     if way.knees:
-        marks = piecewise_pair(a.reduced).K_T.breakpoints
-        for knee in KNEES_degC:
-            inside = [b for b in marks if b.low_degC <= knee <= b.high_degC]
-            found["knees"].append(float(bool(inside)))
+        marks = [b for b in piecewise_pair(a.reduced).K_T.breakpoints if b.called_for]
+        inside = [any(b.low_degC <= knee <= b.high_degC for knee in KNEES_degC) for b in marks]
+        found["knees"] += [float(yes) for yes in inside]
+        found["of three"].append(float(sum(inside)))
 
 
 def row(name: str, found: dict[str, list[float]]) -> str:
@@ -174,13 +174,15 @@ def row(name: str, found: dict[str, list[float]]) -> str:
         mean = float(np.mean(z**2))
         mark = "" if low < mean < high else "!"
         cells.append(f"{mean:.2f}{mark}, {np.max(np.abs(z)):.1f}")
-    knees = f"{np.mean(found['knees']):.0%}" if found["knees"] else "-"
+    knees = "-"
+    if found["knees"]:
+        knees = f"{np.mean(found['knees']):.0%}; {np.mean(found['of three']):.1f}"
     return f"| {name} | {' | '.join(cells)} | {knees} | {np.mean(found['refused']):.0%} |"
 
 
 def main(units: int = UNITS) -> None:
     """Measure and print."""
-    titles = "| case | K_delta | K_T | hysteresis | knees in an interval | refused |"
+    titles = "| case | K_delta | K_T | hysteresis | breakpoints on a knee; of three | refused |"
     sys.stdout.write(f"{titles}\n|{'---|' * 6}\n")
     for name in CASES:
         sys.stdout.write(row(name, scores(name, units)) + "\n")

@@ -44,9 +44,10 @@ BUMP_SIGMAS, BUMP_ROWS = 8.0, 61
 # the sense of a ramp is that of the median over so many: a chamber's control may ripple
 RIPPLE_BLOCKS = 11
 # rates over a minute that differ from those over the window by more than this many of their own
-# sigmas are a ripple of the chamber; a window hides it from the rate and not from the gyro
-# (benchmarks/fog_confidence.py: K_delta 16 in squared error over variance)
-RIPPLE_SIGMAS = 3.0
+# sigmas (RMS over a ramp: of 100 blocks by less than 1.2) are a ripple of the chamber; a window
+# hides it from the rate and not from the gyro (benchmarks/fog_confidence.py: K_delta 16 in squared
+# error over variance; 5 with 3 sigmas)
+RIPPLE_SIGMAS = 1.5
 SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10  # 10 blocks at 1 degC/min pass 10 degC
 
 

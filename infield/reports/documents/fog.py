@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
@@ -122,6 +123,7 @@ class BreakpointDocument:
 
     temperature_degC: float
     interval_95_degC: Sequence[float]
+    called_for: bool = True
     sigma_degC: float
     kind: str
 
@@ -339,12 +341,10 @@ def _axis(
     a: AxisFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
 ) -> AxisDocument:
     c, T = a.curves, a.curves.temperature_degC
-    centre = np.eye(T.size) - 1.0 / T.size
-    assert c.K_T_covariance is not None
     return AxisDocument(
         temperature_degC=T.tolist(),
         K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
-        sigma_K_T_deg_h=np.sqrt(np.diag(centre @ c.K_T_covariance @ centre)).tolist(),
+        sigma_K_T_deg_h=_sigma_shape(a, pair).tolist(),
         level=LevelDocument(
             value_deg_h=a.level_deg_h, sigma_deg_h=a.level_sigma_deg_h, known=a.level_known
         ),
@@ -373,6 +373,19 @@ def _axis(
         slow_rate=_slow_rate(a, study, export.allowed_deg_h),
         fixed_point=_fixed_point(a.axis, model, study, export.word_bits),
     )
+
+
+def _sigma_shape(a: AxisFit, pair: PiecewisePair) -> NDArray:
+    """Sigma of K_T less its mean. Where the data call for knees, a smooth curve cannot follow them:
+    what it is off the pieces is as uncertain as that.
+    """
+    c, T = a.curves, a.curves.temperature_degC
+    centre = np.eye(T.size) - 1.0 / T.size
+    assert c.K_T_covariance is not None
+    sigma = np.sqrt(np.diag(centre @ c.K_T_covariance @ centre))
+    if not any(mark.kind == "knee" for mark in pair.K_T.breakpoints):
+        return np.asarray(sigma)
+    return np.asarray(np.hypot(sigma, centre @ (c.K_T_deg_h - pair.K_T(T))))
 
 
 def _sigma(curves: Curves) -> list[float]:
@@ -465,6 +478,7 @@ def _breakpoint(b: Breakpoint) -> BreakpointDocument:
     return BreakpointDocument(
         temperature_degC=b.temperature_degC,
         interval_95_degC=[b.low_degC, b.high_degC],
+        called_for=b.called_for,
         sigma_degC=b.sigma_degC,
         kind=b.kind,
     )

@@ -114,7 +114,8 @@ def curve_from(data: dict[str, Any]) -> Piecewise:
     marks = []
     for mark in data["breakpoints"]:
         low, high = mark["interval_95_degC"]
-        marks.append(Breakpoint(mark["temperature_degC"], low, high, mark["kind"]))
+        told = mark["temperature_degC"], low, high, mark["kind"]
+        marks.append(Breakpoint(*told, bool(mark.get("called_for", True))))
     edges, rows = (
         np.array(data["edges_degC"], dtype=float),
         np.array(data["coefficients"], dtype=float),

@@ -5,11 +5,13 @@ An inflection is where the second derivative of the smooth curve changes sign, s
 both sides; its interval is every temperature around it at which the second derivative may be zero
 (Fieller's set, 95 %). Knots, their number and the degree are chosen by BIC with the sigma of the
 blocks known; where the inflections do not suffice, segments are halved and the added breakpoints
-are marked so. Sources: CN 106017511 (segments at inflections), Schwarz (1978).
+are marked so. Breakpoints that are found freely (`thermal.fog.knees`) stand against these: where a
+curve has knees, it bends there and not at its inflections. Each breakpoint has the interval of its
+posterior. Sources: CN 106017511 (segments at inflections), Schwarz (1978).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -23,6 +25,7 @@ from infield.thermal.coefficient_curves import (
     smooth_basis,
     spline_basis,
 )
+from infield.thermal.fog.knees import Known, find_knees, intervals, places_of
 
 STEP_degC = 0.25
 # sigmas: of an interval's end, and of the sign of the second derivative on either side of an
@@ -37,14 +40,16 @@ NEAREST_degC = 4.0
 
 @dataclass(frozen=True)
 class Breakpoint:
-    """Where two segments meet, with its 95 % interval; kind: inflection, or added (a halved
-    segment, no interval).
+    """Where two segments meet, with its 95 % interval; kind: inflection, knee (found freely), or
+    added (a halved segment). called_for: the data tell the place from others; where they do not, a
+    breakpoint somewhere in the interval serves as well.
     """
 
     temperature_degC: float
     low_degC: float
     high_degC: float
     kind: str
+    called_for: bool = True
 
     @property
     def sigma_degC(self) -> float:
@@ -163,8 +168,30 @@ def _choose(
         trial = list(bases)
         trial[which] = _basis(low, high, knots, degree)
         tried.append((_bic(reduced.fit(trial)), len(tried), knots, degree))
+    places = {
+        degree: places_of(reduced, bases[1 - which], which, degree, NEAREST_degC)
+        for degree in degrees
+    }
+    for degree, of_degree in places.items():
+        at = find_knees(of_degree)
+        found = tuple(
+            Breakpoint(value, value, value, "knee")
+            for value in of_degree.grid_degC[list(at)].tolist()
+        )
+        tried.append((of_degree.bic(at), len(tried), found, degree))
     _, _, knots, degree = min(tried)
-    return tuple(sorted(knots, key=lambda b: b.temperature_degC)), degree
+    knots = tuple(sorted(knots, key=lambda b: b.temperature_degC))
+    known = intervals(places[degree], [b.temperature_degC for b in knots])
+    return tuple(_with_interval(b, k) for b, k in zip(knots, known)), degree
+
+
+def _with_interval(knot: Breakpoint, known: Known) -> Breakpoint:
+    """A breakpoint with what is known of its place, its own place always within."""
+    at = knot.temperature_degC
+    low, high = min(known.low_degC, at), max(known.high_degC, at)
+    if knot.kind == "inflection":  # of the curve's own bend, whatever the pieces say
+        low, high = min(low, knot.low_degC), max(high, knot.high_degC)
+    return replace(knot, low_degC=low, high_degC=high, called_for=known.called_for)
 
 
 def _apart(knots: Sequence[Breakpoint], at: float, low: float, high: float) -> bool:
