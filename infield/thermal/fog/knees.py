@@ -25,14 +25,14 @@ from infield.thermal.coefficient_curves import Basis, Reduced
 
 PLACE_STEP_degC = 0.5
 SEARCH_EVERY = 4  # of those places, while they are looked for: every 2 degC
-REACH = 12  # places to either side that one is moved by as others join: 6 degC
+MOVED_BY = 12  # places to either side that one is moved by as others join: 6 degC
 MOST_TURNS = 8  # of all breakpoints; 2 to 4 were enough in tests/infield/test_fog_knees.py
 MOST_KNEES = 5  # six pieces of 60 degC are 10 degC each, as the nodes of a table
-STEPS, FORGOTTEN = 4000, 500  # of the walk; the first of them are not counted
+WALK_STEPS, FORGOTTEN = 4000, 500  # of the walk; the first of them are not counted
 LEAP_degC = (0.5, 2.0, 8.0)  # of a step: within a knee, along a slow bend, from one to another
 SEED = 20261122  # the same data have the same intervals
 OF_A_PLACE = 2  # parameters, beside the coefficients that a breakpoint brings
-JITTER = 1e-10  # relative, for places whose columns hardly differ
+LIFT = 1e-10  # relative, for places whose columns hardly differ
 # of what lies between its neighbours, beyond which a place is not told from any other: 1/2
 ANYWHERE = 0.5
 
@@ -62,7 +62,7 @@ class Places:
             return self.c
         rows = (np.array(at)[:, None] * self.degree + np.arange(self.degree)).ravel()
         A, b = self.A[np.ix_(rows, rows)], self.b[rows]
-        return self.c - float(b @ np.linalg.solve(A + JITTER * np.diag(np.diag(A)), b))
+        return self.c - float(b @ np.linalg.solve(A + LIFT * np.diag(np.diag(A)), b))
 
     def bic(self, at: Sequence[int]) -> float:
         count = self.base + len(at) * (self.degree + OF_A_PLACE)
@@ -101,7 +101,7 @@ def places_of(
 def _taken_out(normal: NormalEquations, count: int) -> tuple[NDArray, NDArray, float]:
     """Normal equations less their first columns, which are free."""
     first = normal.A[:count, :count]
-    first = first + JITTER * np.diag(np.maximum(np.diag(first), LEAST_SQUARE))
+    first = first + LIFT * np.diag(np.maximum(np.diag(first), LEAST_SQUARE))
     both = np.column_stack([normal.A[:count, count:], normal.b[:count]])
     solved = np.linalg.solve(first, both)
     A = normal.A[count:, count:] - normal.A[count:, :count] @ solved[:, :-1]
@@ -132,7 +132,7 @@ def _settled(places: Places, at: tuple[int, ...]) -> tuple[int, ...]:
         before = sorted(at)
         for _ in range(len(at)):
             one, others = at[0], at[1:]
-            near = range(max(one - REACH, 0), min(one + REACH, size))
+            near = range(max(one - MOVED_BY, 0), min(one + MOVED_BY, size))
             # the one that was moved goes last, so that each has its turn
             at = min((kept for k in near if places.apart(kept := (*others, k))), key=places.chi2)
         if sorted(at) == before:
@@ -147,9 +147,9 @@ def walk(places: Places, at: Sequence[int]) -> NDArray:
     left = places.chi2(now)
     visited = []
     leaps = np.array(LEAP_degC) / PLACE_STEP_degC
-    moved = rng.integers(len(now), size=STEPS)
-    by = np.rint(rng.choice(leaps, STEPS) * rng.standard_normal(STEPS)).astype(int)
-    chance = np.log(rng.uniform(size=STEPS))
+    moved = rng.integers(len(now), size=WALK_STEPS)
+    by = np.rint(rng.choice(leaps, WALK_STEPS) * rng.standard_normal(WALK_STEPS)).astype(int)
+    chance = np.log(rng.uniform(size=WALK_STEPS))
     for k, step, nats in zip(moved.tolist(), by.tolist(), chance.tolist()):
         tried = list(now)
         tried[k] += step
