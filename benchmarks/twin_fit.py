@@ -305,9 +305,10 @@ def moments(rate: NDArray) -> dict[str, float]:
 
 def table_lines(hours: list[dict]) -> list[str]:
     """The Markdown table: of each technology and parameter what an hour tells, and how well."""
-    head = "| unit | parameter | hours that tell it | in the 95 % interval | RMS error"
-    head += " | over the bound | slopes | moments | called told where the bound says not |"
-    lines = [head, "|---|---|---|---|---|---|---|---|---|"]
+    head = "| unit | parameter | hours that tell it | in the 95 % interval"
+    head += " | of those that the fit calls told | RMS error | over the bound | slopes | moments"
+    head += " | called told where the bound says not |"
+    lines = [head, "|" + "---|" * 10]
     for technology in BASES:
         own = [h for h in hours if h["technology"] == technology]
         for name in UNITS if own else ():
@@ -325,7 +326,7 @@ def _row(technology: str, name: str, own: list[dict]) -> str:
     wrong = sum(bool(h["found"][name][4]) for h in untold)
     called = f"{wrong} of {len(untold)}"
     if not told:
-        return f"| {technology} | `{name}` | 0 of {len(own)} | | | | | | {called} |"
+        return f"| {technology} | `{name}` | 0 of {len(own)} | | | | | | | {called} |"
     true = np.array([h["truth"][name] for h in told])
     value, _, low, high, _ = np.array([h["found"][name] for h in told], dtype=float).T
     inside = int(np.sum((low <= true) & (true <= high)))
@@ -333,10 +334,17 @@ def _row(technology: str, name: str, own: list[dict]) -> str:
     bound = np.array([0.5 * h["bound"][name] for h in told])
     return (
         f"| {technology} | `{name}` | {len(told)} of {len(own)} | {inside} of {len(told)}"
-        f" ({100 * inside / len(told):.0f} %) | {100 * _rms(error):.2g} %"
+        f" ({100 * inside / len(told):.0f} %) | {_of_told(own, name)} | {100 * _rms(error):.2g} %"
         f" | {_rms(error / bound):.2f} | {_beside(told, name, 'slopes')}"
         f" | {_beside(told, name, 'moments')} | {called} |"
     )
+
+
+def _of_told(own: list[dict], name: str) -> str:
+    """How many intervals hold the truth of all hours in which the fit, not the bound, told it."""
+    told = [h for h in own if name in h["found"] and h["found"][name][4]]
+    inside = [h["found"][name][2] <= h["truth"][name] <= h["found"][name][3] for h in told]
+    return f"{sum(inside)} of {len(told)}"
 
 
 def _beside(told: list[dict], name: str, method: str) -> str:

@@ -878,7 +878,8 @@ class FitDocument(TypedDict, total=False):
     parameters: names, section and key, with values, sigma and interval_95 of each and their
     covariance; identified: whether the runs tell it; seconds: at rest behind it; needed_s: parked
     in one recording that would tell it, null where none of 128 h does; needed_runs: for the
-    turn-on; not_identified: why, by name; runs: hashes; method: how.
+    turn-on; not_identified: why, by name; lines: of dither and engines, left out of the noise;
+    axes: of channels whose triad is unlike, variances over the twin's; runs: hashes; method: how.
     """
 
     parameters: list[str]
@@ -892,6 +893,7 @@ class FitDocument(TypedDict, total=False):
     needed_runs: list[float | None]
     not_identified: dict[str, str]
     lines: list[dict[str, float | str]]
+    axes: list[dict[str, float | str]]
     runs: list[str]
     method: str
 

@@ -95,6 +95,7 @@ class _Fit(StrictModel):
     needed_runs: list[float | None] = Field(default_factory=list)
     not_identified: dict[str, str] = Field(default_factory=dict)
     lines: list[dict[str, float | str]] = Field(default_factory=list)
+    axes: list[dict[str, float | str]] = Field(default_factory=list)
     runs: list[str] = Field(default_factory=list)
     method: str = ""
 

@@ -154,7 +154,7 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
     C_nb (3, 3): parked attitude. The heading creeps (white rate on z); each accelerometer feels its
     share of the level sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is
     that of the accumulated angle or velocity: uniform, q^2/12. Lines of dither and engines that a
-    fit found stand in the twin's `fit`.
+    fit found, and what sets one axis apart from the others, stand in the twin's `fit`.
     """
     g, v = twin.gyro, twin.vehicle
     rate, force = gyro_densities(g), accel_densities(twin.accel)
@@ -179,8 +179,21 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
     )
     share = C_nb[0] ** 2 + C_nb[1] ** 2
     x, y, z = (replace(accel, sway=float(s) * v.sway_m_s**2) for s in share)
-    every = (gyro, gyro, replace(gyro, white=gyro.white + creep), x, y, z)
+    every = [
+        replace(noise, white=white * noise.white, bounded=counts * noise.bounded)
+        for noise, (white, counts) in zip((gyro, gyro, gyro, x, y, z), axis_variances(twin))
+    ]
+    every[2] = replace(every[2], white=every[2].white + creep)
     return tuple(replace(n, lines=_lines_of(twin, c)) for c, n in zip(SIX_CHANNELS, every))
+
+
+def axis_variances(twin: TwinModel) -> list[tuple[float, float]]:
+    """Of each of the six channels, white noise and quantisation over the twin's, as variances."""
+    said = {entry["channel"]: entry for entry in (twin.fit or {}).get("axes", [])}
+    return [
+        (float(said[c]["white"]), float(said[c]["quantization"])) if c in said else (1.0, 1.0)
+        for c in SIX_CHANNELS
+    ]
 
 
 def _lines_of(twin: TwinModel, channel: str) -> tuple[tuple[float, float], ...]:

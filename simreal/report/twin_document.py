@@ -119,6 +119,10 @@ def fitted_twin(found: TwinFit) -> TwinModel:
             }
             for line in found.lines
         ],
+        "axes": [
+            {"channel": channel, "white": white, "quantization": counts}
+            for channel, (white, counts) in found.axes.items()
+        ],
         "runs": [r.sha256 for r in found.runs],
         "method": FIT_METHOD,
     }
@@ -196,7 +200,8 @@ def _notes(found: TwinFit) -> list[str]:
         notes.append(
             f"{len(found.lines)} lines of dither or engines on {channels} channels are left out of"
             f" the noise, such as {worst.frequency_hz:.4g} Hz on {SIX_CHANNELS[worst.channel]},"
-            f" amplitude {worst.amplitude:.2g} {unit}; a twin has no place for them"
+            f" amplitude {worst.amplitude:.2g} {unit}; the twin lists them for recal"
+            " diagnose"
         )
     silent = [r.run_id for r in found.runs if r.parked_s == 0.0]
     if silent:

@@ -116,6 +116,15 @@ def test_a_line_of_a_fit_scatters_as_a_sine_of_its_amplitude():
     assert y.covariance(2, 10.0)[0, 0] < 1e-4 * 0.5 * amplitude**2 + y.turn_on + 1e-10 * y.walk
 
 
+def test_an_axis_of_a_fit_has_its_own_white_noise_and_quantum():
+    twin = replace(TwinModel(), gyro=GyroNoise(quantization_rad=1e-6))
+    apart = {"channel": "gyro_z", "white": 4.0, "quantization": 0.25}
+    x, _, z, *_ = channel_noises(replace(twin, fit={"axes": [apart]}), 3600.0, LEVEL)
+    creep = channel_noises(twin, 3600.0, LEVEL)[2].white - x.white
+    assert z.white == pytest.approx(4.0 * x.white + creep)
+    assert z.bounded == pytest.approx(0.25 * x.bounded)
+
+
 @pytest.mark.parametrize("sway", [0.0, 1.0])
 def test_band_sums_scatter_as_their_freedom_says(sway):
     """Mean squares of 300 sums over 60 blocks, drawn by the simulator's own oscillator: variance

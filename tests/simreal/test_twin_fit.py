@@ -13,10 +13,11 @@ from alignment.motion.kinds import DISTURBED, Cause
 from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
-from ins.units import HOUR
+from ins.units import DEG_PER_SQRT_HOUR, HOUR
 from recal.cli.app import app
 from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
+from simreal.twin.fit.agreement import Part, swings
 from simreal.twin.fit.constants import spread_between
 from simreal.twin.fit.evidence import needed_s
 from simreal.twin.fit.model import PRIOR_SIGMA, Fitted, Model
@@ -170,6 +171,20 @@ def test_a_twin_is_held_against_a_run():
     assert check_twin(simulated.run, replace(result.twin, gyro=within)).verdict == "ok"
 
 
+def test_an_axis_that_differs_is_held_against_its_own_noise():
+    """A unit whose gyro x is twice as noisy as y: told apart, and its own twin fits."""
+    simulated, _ = fitted()
+    imu = simulated.run.imu.whole()
+    noisy = imu.dtheta_rad.copy()
+    row_rad = simulated.twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR * np.sqrt(0.05)
+    noisy[:, 0] += np.sqrt(3.0) * row_rad * np.random.default_rng(4).standard_normal(imu.rows)
+    run = replace(simulated.run, imu=replace(imu, dtheta_rad=noisy))
+    twin = recal.fit_twin(run).twin
+    axes = {entry["channel"]: entry["white"] for entry in twin.fit["axes"]}
+    assert axes["gyro_x"] / axes["gyro_y"] == pytest.approx(4.0, rel=0.15)
+    assert check_twin(run, twin).verdict == "ok"
+
+
 def test_wind_is_not_charged_to_the_unit():
     """A ring laser in a strong breeze, 15,000 times its noise at 1 Hz: its own twin fits, one whose
     white noise is half or twice as large does not.
@@ -185,6 +200,23 @@ def test_wind_is_not_charged_to_the_unit():
         assert wrong.verdict == "inconsistent"
         bad = [c for c in wrong.record.cells if c.of == "sensor" and not c.fits]
         assert {c.channel[:4] for c in bad} == {"gyro"}
+
+
+def test_a_spectrum_that_falls_gently_is_no_swinging_vehicle():
+    """Power over the declared one by bands, as an integrated gyro's has it: the last band holds few
+    rows, and is low by chance.
+    """
+    edges = (0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 34.0)
+    dof = (180.0, 320.0, 580.0, 1300.0, 2300.0, 5200.0, 60.0)
+
+    def parts(ratios):
+        return [
+            Part(0, low, high, ratio, n, 1.0, 0.0)
+            for low, high, ratio, n in zip(edges, edges[1:], ratios, dof)
+        ]
+
+    assert not swings(parts((1.2, 1.1, 1.12, 1.1, 1.06, 1.0, 0.8)))
+    assert swings(parts((1.2, 1.6, 1.12, 1.1, 1.06, 1.0, 0.8)))
 
 
 def test_a_twin_is_not_written_over_unasked(tmp_path):

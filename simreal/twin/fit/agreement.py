@@ -23,7 +23,7 @@ from ins.noise import accel_densities, gyro_densities
 from ins.records import TwinModel
 from ins.robust import gamma as gamma_law
 from ins.units import ARCSEC, HOUR, STANDARD_GRAVITY
-from simreal.evidence.noise_model import SIX_CHANNELS
+from simreal.evidence.noise_model import SIX_CHANNELS, axis_variances
 from simreal.twin.fit.evidence import without_comb
 from simreal.twin.fit.model import ABSENT, Model, band_model
 from simreal.twin.fit.rounding import roundings
@@ -101,7 +101,7 @@ class Agreement:
 
 
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """What one run says of one cell. power: declared [unit^2/Hz]; sway: its share that is sway."""
 
     channel: int
@@ -115,7 +115,7 @@ class _Part:
 
 def agreement(streams: Sequence[Stream], twin: TwinModel) -> Agreement | None:
     """The noise of the runs against a twin; None where no stream holds enough to say."""
-    cells: dict[tuple[int, float, float, Of], list[_Part]] = {}
+    cells: dict[tuple[int, float, float, Of], list[Part]] = {}
     for stream in streams:
         for part, of in _parts(stream, twin):
             key = (part.channel, part.low_hz, part.high_hz, of)
@@ -128,7 +128,7 @@ def agreement(streams: Sequence[Stream], twin: TwinModel) -> Agreement | None:
     return Agreement(tuple(found), float(min(worst, 1.0)), sum(s.still_s for s in streams))
 
 
-def _joined(parts: Sequence[_Part], of: Of) -> Cell:
+def _joined(parts: Sequence[Part], of: Of) -> Cell:
     """One cell of all runs."""
     dof = np.array([p.dof for p in parts])
     total = float(dof.sum())
@@ -153,15 +153,15 @@ def _p_value(ratio: float, dof: float) -> float:
     return min(2.0 * min(high, low), 1.0)
 
 
-def _parts(stream: Stream, twin: TwinModel) -> list[tuple[_Part, Of]]:
+def _parts(stream: Stream, twin: TwinModel) -> list[tuple[Part, Of]]:
     """The cells of a run, and whose noise each shows."""
     share = np.tile(1.0 - stream.up_b**2, 2)
     models = {0: declared_model(twin, gyro=True), 3: declared_model(twin, gyro=False)}
     live = [c for c in range(6) if not stream.seconds.dead[c]]
     rows, seconds = few_spectra(stream)
     counts = roundings(stream, rows.lines) if _counts(twin) else {}
-    of_rows: list[_Part] = []
-    slow: list[_Part] = []
+    of_rows: list[Part] = []
+    slow: list[Part] = []
     for bands in rows.bands:
         if bands.channel in live:
             counted = replace(bands, rounding=counts.get(bands.channel))
@@ -172,8 +172,8 @@ def _parts(stream: Stream, twin: TwinModel) -> list[tuple[_Part, Of]]:
     for data in slow_data(stream, BLOCK_S):
         if data.channel in live:
             slow.append(_slow(data, models[3 * (data.channel // 3)], share))
-    turns = _moves([p for p in of_rows if p.channel < 3])
-    sways = turns or _moves(of_rows)
+    turns = swings([p for p in of_rows if p.channel < 3])
+    sways = turns or swings(of_rows)
     level = [c for c in range(3) if abs(stream.up_b[c]) < UPRIGHT]
     tilted = _tilted(slow, level)
     found = []
@@ -184,7 +184,7 @@ def _parts(stream: Stream, twin: TwinModel) -> list[tuple[_Part, Of]]:
     return found
 
 
-def _tilted(parts: Sequence[_Part], level: Sequence[int]) -> list[_Part]:
+def _tilted(parts: Sequence[Part], level: Sequence[int]) -> list[Part]:
     """The slow cells of level gyros whose excess may be a tilting vehicle: the gravity that such a
     tilt brings in hides in what the level accelerometers show.
     """
@@ -198,20 +198,27 @@ def _tilted(parts: Sequence[_Part], level: Sequence[int]) -> list[_Part]:
     return found
 
 
-def _shown(part: _Part) -> float:
+def _shown(part: Part) -> float:
     """Power of a cell, at its upper 97.5 % limit."""
     return part.ratio * part.power * (1.0 + 2.0 / np.sqrt(part.dof))
 
 
-def _moves(parts: Sequence[_Part]) -> bool:
+def swings(parts: Sequence[Part]) -> bool:
     """Whether the vehicle moves on its gear more than declared: a channel shows more, of what its
-    own quietest band makes one expect, where gears swing.
+    own quietest band makes one expect, where gears swing. Of what gears do not reach the mean
+    counts: a last band of a few rows is the quietest by chance, and a spectrum that falls gently
+    with frequency is no swinging.
     """
     for channel in {p.channel for p in parts}:
         own = [p for p in parts if p.channel == channel]
-        least = min(p.ratio for p in own)
-        swings = [p for p in own if p.low_hz < SWINGS_BELOW_HZ and p.sway < VEHICLES]
-        for p in swings:
+        quick = [p for p in own if p.low_hz >= GEAR_BELOW_HZ]
+        levels = [p.ratio for p in own if p.low_hz < GEAR_BELOW_HZ]
+        if quick:
+            dof = np.array([p.dof for p in quick])
+            levels.append(float(np.array([p.ratio for p in quick]) @ dof / dof.sum()))
+        least = min(levels)
+        low = [p for p in own if p.low_hz < SWINGS_BELOW_HZ and p.sway < VEHICLES]
+        for p in low:
             over = p.ratio / max(least, 1e-12) / (1.0 + MOVES_BY) ** 2
             if float(gamma_law.sf(over * p.dof, p.dof)) * len(parts) < MOVES_P:
                 return True
@@ -235,10 +242,14 @@ def declared_model(twin: TwinModel, *, gyro: bool) -> Model:
         sizes[Term.SWAY] = v.sway_m_s**2
     logs = np.array([np.log(size) if size > 0 else ABSENT - 1.0 for size in sizes.values()])
     shape = Shape(sway_w=2.0 * np.pi * max(v.sway_hz, 1e-3), sway_zeta=max(v.sway_damping, 1e-3))
-    return Model(tuple(sizes), logs, shape, np.ones(logs.size))
+    ratios: dict[tuple[Term, int], float] = {}
+    for channel, (white, counts) in enumerate(axis_variances(twin)):
+        if (channel < 3) is gyro:
+            ratios |= {(Term.WHITE, channel): white, (Term.QUANTIZATION, channel): counts}
+    return Model(tuple(sizes), logs, shape, np.ones(logs.size), ratios)
 
 
-def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[float]) -> list[_Part]:
+def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[float]) -> list[Part]:
     """Cells of a spectrum."""
     quantum = float(np.sqrt(12.0 * np.exp(model.start[model.terms.index(Term.QUANTIZATION)])))
     grid = bands.rounding
@@ -248,7 +259,7 @@ def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[floa
     S, parts = band_model(model, model.start, (), bands, share)
     sway = parts[model.terms.index(Term.SWAY)] / S if Term.SWAY in model.terms else 0.0 * S
     f = bands.centre_hz
-    found: list[_Part] = []
+    found: list[Part] = []
     for low, high in pairwise(edges_hz):
         inside = (f >= low) & (f < high) & (bands.dof > 0)
         if inside.any():
@@ -257,11 +268,11 @@ def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[floa
             part = float(dof @ sway[inside] / dof.sum())
             top = min(high, 0.5 / bands.dt_s)
             power = float(np.mean(S[inside]))
-            found.append(_Part(bands.channel, low, top, ratio, float(dof.sum()), power, part))
+            found.append(Part(bands.channel, low, top, ratio, float(dof.sum()), power, part))
     return found
 
 
-def _slow(slow: SlowData, model: Model, share: NDArray) -> _Part:
+def _slow(slow: SlowData, model: Model, share: NDArray) -> Part:
     """The cell of the slow means: their mean squared whitened contrast."""
     w, x = slow.whole, model.start
     V, v = np.zeros((w, w)), np.zeros(slow.y.size - w)
@@ -279,4 +290,4 @@ def _slow(slow: SlowData, model: Model, share: NDArray) -> _Part:
     n = slow.y.size
     own = sway / float(np.trace(V))
     power = float(np.median(np.append(np.diag(V), v))) * BLOCK_S
-    return _Part(slow.channel, 0.0, 0.5 / BLOCK_S, square / n, 0.5 * n, power, own)
+    return Part(slow.channel, 0.0, 0.5 / BLOCK_S, square / n, 0.5 * n, power, own)

@@ -26,7 +26,14 @@ from simreal.twin.fit.constants import (
     spread_between,
 )
 from simreal.twin.fit.curves import curves_of
-from simreal.twin.fit.evidence import BELIEVED_SIGMA, IDENTIFIED_SIGMA, Told, TriadFit, fit_triad
+from simreal.twin.fit.evidence import (
+    AXES_DIFFER_P,
+    BELIEVED_SIGMA,
+    IDENTIFIED_SIGMA,
+    Told,
+    TriadFit,
+    fit_triad,
+)
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
 from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
@@ -104,6 +111,7 @@ def fit_twin(
         runs=tuple(used),
         differ={"gyro": gyro.differ_p, "accel": accel.differ_p},
         axis_white=_axis_white(gyro, accel),
+        axes=_axis_variances(gyro) | _axis_variances(accel),
         shared=shared,
         left_out=left_out,
         seconds=seconds,
@@ -517,6 +525,17 @@ def _covariance(
         block = fit.fitted.covariance[np.ix_(own, own)] * np.outer(scale, scale)
         total[np.ix_(at, at)] = block
     return names, total
+
+
+def _axis_variances(fit: TriadFit) -> dict[str, tuple[float, float]]:
+    """Variances of white noise and quantisation over the twin's: channels of axes that differ."""
+    ratios = fit.fitted.model.ratios
+    if fit.differ_p > AXES_DIFFER_P:
+        return {}
+    return {
+        SIX_CHANNELS[c]: (ratios.get((Term.WHITE, c), 1.0), ratios.get((Term.QUANTIZATION, c), 1.0))
+        for c in sorted({channel for _, channel in ratios})
+    }
 
 
 def _axis_white(gyro: TriadFit, accel: TriadFit) -> dict[str, float]:

@@ -93,7 +93,9 @@ class TwinFit:
     """A fitted twin.
 
     covariance: of the parameters `names`; differ: per triad the p-value that its axes are alike and
-    the white noise of each; shared (3,): largest share of a band of a gyro that the vehicle made.
+    the white noise of each; axes: of each channel the variances of its white noise and of its
+    quantisation over those of the twin, where its triad's differ; shared (3,): largest share of a
+    band of a gyro that the vehicle made.
     """
 
     twin: TwinModel
@@ -105,6 +107,7 @@ class TwinFit:
     runs: tuple[RunUsed, ...]
     differ: Mapping[str, float]
     axis_white: Mapping[str, float]
+    axes: Mapping[str, tuple[float, float]]
     shared: NDArray
     left_out: Mapping[str, float]
     seconds: float
