@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.replay.aided.noise import (
+    CHANGE_GAIN_NATS,
     COARSE_FACTOR,
     FINE_FACTOR,
     SLOW_PARTS,
@@ -99,11 +100,7 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     if found is None:
         return as_declared
     loud = misfits(found[0].history)
-    scales = (
-        _all_noise(fly, first, found[0])
-        if loud
-        else raised_noise(found[0], fly, SLOW_PARTS).model.scales
-    )
+    scales = _noise(fly, first, found[0], loud=loud)
     if scales.fitted:
         found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     best, seen = found
@@ -121,7 +118,21 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     return Fitted(model=last.model, antenna=seen, history=last.history, declared=declared)
 
 
-def _all_noise(fly: Fly, first: Model, found: Flown) -> NoiseScales:
+def _noise(fly: Fly, first: Model, found: Flown, *, loud: bool) -> NoiseScales:
+    """The likeliest factors. Where the innovations fit, a slow error of the receiver is looked for;
+    where one is found, the sensors may be what wanders: on a vibrating airframe their biases walk
+    10 to 100 times as far as at rest, which sigmas of fixes that are declared wide do not show.
+    """
+    if loud:
+        return _all_noise(fly, first, found).model.scales
+    quiet = raised_noise(found, fly, SLOW_PARTS)
+    if not quiet.model.scales.fitted:
+        return quiet.model.scales
+    every = _all_noise(fly, first, found)
+    return (every if every.over(quiet) > CHANGE_GAIN_NATS else quiet).model.scales
+
+
+def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
     """The likeliest factors where the innovations do not fit, looked for from noise as declared and
     from WIDE noise: a slow error of the receiver explains much of what noisy sensors do, and the
     other way round.
@@ -133,7 +144,7 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> NoiseScales:
     )
     assert low is not None
     better = wide if wide is not None and wide.over(low) > 0.0 else low
-    return raised_noise(better, fly, steps=(FINE_FACTOR,)).model.scales
+    return raised_noise(better, fly, steps=(FINE_FACTOR,))
 
 
 def choose(

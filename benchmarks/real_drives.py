@@ -1,0 +1,272 @@
+"""Aided replay of public logs that nobody here recorded or tuned for: what starts, what it says of
+itself, and how far off it is where fixes are left out.
+
+    python -m benchmarks.real_drives LOGS [--clones FOLDER] [--json FILE]
+
+LOGS is a folder: what is missing in it is downloaded (or, with --clones, taken from clones named
+OWNER+NAME/repo). Nothing of a log is part of the project. Prints a Markdown table; the page made of
+it is docs/real_drives.md.
+"""
+
+import argparse
+import json
+import subprocess
+import time
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.aided_real_logs import Against, against_att, logged_attitude
+from infield.replay.aided.flight import AidedResult
+from infield.replay.free_inertial import TableChoice, replay
+from infield.reports.words.sentences import sentences
+from ins.records import InputError, Run
+from ins.twin_file import default_twin
+from trajectories.readers.conversion import Conversion, convert_log
+from trajectories.readers.rows.row_cleaning import LogGapError
+
+ERLE, ERLE_COMMIT = "erlerobot/logs", "3f7d4a0d17f2485f7fa5cb7124fc2a5b13d6c688"
+DIAGNOSIS, DIAGNOSIS_COMMIT = (
+    "BeastAyyG/ardupilot-log-diagnosis",
+    "79fad4ee5963c830f90ebad199a4c592ab26022b",
+)
+# receivers of these logs give no week: the day in their path
+NO_DATE_UTC = "2014-09-07T12:00:00Z"
+COPTERS = (
+    "09-10-2014/25.BIN",
+    "09-10-2014/30.BIN",
+    "09-10-2014/31.BIN",
+    "10-11-2014/103.BIN",
+    "10-11-2014/104.BIN",
+    "10-11-2014/105.BIN",
+    "11-2-2015/112.BIN",
+    "14-11-2014/118.BIN",
+    "15-12-2014/16.BIN",
+    "22-12-2014/37.BIN",
+    "26-11-2014/181.BIN",
+    "31-3-2015/83.BIN",
+    "5-12-2014/218.BIN",
+    "6-11-2014/GPS_issues1.BIN",
+    "6-11-2014/GPS_issues2.BIN",
+    "6-11-2014/GPS_issues3.BIN",
+    "6-11-2014/Loiter_RTL.bin",
+    "7-9-2014/6.BIN",
+    "7-9-2014/21.BIN",
+    "7-9-2014/25.BIN",
+    "8-10-2014/10.BIN",
+    "8-10-2014/11.BIN",
+)
+PLANES = ("4-12-2014/329.BIN", "5-12-2014/05_12_2014_E.BIN")
+MECHANICAL = (
+    "data/clean_imports/background_expert_01/benchmark_ready/dataset/"
+    "log_0036_mechanical_failure.bin"
+)
+SHORT_S, LONG_S = 30.0, 60.0  # of the outages
+LEAST_S = 90.0  # of solution, for an outage; 240 s for the long one besides
+LONG_LEAST_S = 240.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """A log of a public repository."""
+
+    repository: str
+    commit: str
+    path: str
+    vehicle: str
+
+    @property
+    def name(self) -> str:
+        return self.path.replace("/", "_")
+
+    def fetched(self, folder: Path, clones: Path | None) -> Path:
+        """The log in a folder, brought there if need be."""
+        path = folder / self.name
+        if path.exists():
+            return path
+        folder.mkdir(parents=True, exist_ok=True)
+        if clones is not None:
+            clone = clones / self.repository.replace("/", "+") / "repo"
+            blob = f"{self.commit}:{self.path}"
+            path.write_bytes(
+                subprocess.run(
+                    ["git", "-C", str(clone), "show", blob], check=True, capture_output=True
+                ).stdout
+            )
+            return path
+        url = f"https://raw.githubusercontent.com/{self.repository}/{self.commit}/{self.path}"
+        with urllib.request.urlopen(url) as answer:
+            path.write_bytes(answer.read())
+        return path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What came out of a log; what is None does not apply."""
+
+    name: str
+    vehicle: str
+    seconds: float
+    fixes: int
+    verdict: str
+    grade: str | None = None
+    why: str = ""
+    start_s: float | None = None
+    method: str | None = None
+    sigma_start_deg: float | None = None
+    sigma_end_deg: float | None = None
+    att_heading_deg: float | None = None
+    att_tilt_deg: float | None = None
+    outages: tuple[tuple[float, float, float, float], ...] = ()
+    cpu_s: float = 0.0
+
+
+def sources() -> Iterator[Source]:
+    """The logs, one after the other."""
+    for path in COPTERS:
+        yield Source(ERLE, ERLE_COMMIT, f"pxf/copter/{path}", "copter")
+    for path in PLANES:
+        yield Source(ERLE, ERLE_COMMIT, f"pxf/plane/{path}", "plane")
+    yield Source(DIAGNOSIS, DIAGNOSIS_COMMIT, MECHANICAL, "copter")
+
+
+def converted(path: Path) -> Conversion:
+    """The log, or its longest stretch between gaps, as `recal convert --split` takes it."""
+    try:
+        return dated(path, {})
+    except LogGapError as gaps:
+        from_s, to_s = max(gaps.stretches, key=lambda s: s[1] - s[0])
+        return dated(path, {"from_s": from_s, "to_s": to_s})
+
+
+def dated(path: Path, options: dict[str, float]) -> Conversion:
+    """The log, with a date where its receiver gave none."""
+    try:
+        return convert_log(path, options, {})
+    except LogGapError:
+        raise
+    except InputError:
+        return convert_log(path, options, {"start_utc": NO_DATE_UTC})
+
+
+def fly(run: Run, outages: tuple[tuple[float, float], ...]) -> AidedResult | None:
+    table = [TableChoice(role="active", table=None, origin="none")]
+    twin = default_twin(run.header.gyro_technology)
+    return replay(run, table, twin, aided=outages or True).aided
+
+
+def stretches(first_s: float, last_s: float) -> tuple[tuple[float, float], ...]:
+    """Where fixes are left out of a solution from first_s to last_s: at 45 %, and at 65 % of long
+    ones.
+    """
+    length_s = last_s - first_s
+    if length_s < LEAST_S:
+        return ()
+    short_s = first_s + 0.45 * length_s
+    found = [(short_s, short_s + SHORT_S)]
+    if length_s >= LONG_LEAST_S:
+        long_s = first_s + 0.65 * length_s
+        found.append((long_s, long_s + LONG_S))
+    return tuple(found)
+
+
+def measured(source: Source, path: Path) -> Row:
+    """What comes out of a log."""
+    began = time.process_time()
+    head = {"name": source.path, "vehicle": source.vehicle}
+    try:
+        made = converted(path)
+    except InputError as error:
+        return Row(**head, seconds=0.0, fixes=0, verdict="not converted", why=str(error))
+    run = made.run
+    count = 0 if run.gnss is None else run.gnss.time_s.size
+    found = fly(run, ())
+    head |= {"seconds": run.imu.end_s, "fixes": count}
+    if found is None:
+        return Row(**head, verdict="no fixes")
+    if found.history is None or found.found is None:
+        return Row(**head, verdict=found.verdict, why="; ".join(sentences(found.reasons)))
+    history = found.history
+    cpu_s = time.process_time() - began
+    att = compared(found, path, float(made.record.time_shift_s))
+    first_s, last_s = float(history.time_s[0]), float(history.time_s[-1])
+    left_out = stretches(first_s, last_s)
+    scored = fly(run, left_out) if left_out else None
+    sigma = np.degrees(np.sqrt(history.phi_covariance[:, 2, 2]))
+    return Row(
+        **head,
+        verdict=found.verdict,
+        grade=found.grade,
+        why="; ".join([*sentences(found.reasons), *sorted({str(w.why) for w in found.weak})]),
+        start_s=first_s,
+        method=found.found.method,
+        sigma_start_deg=float(np.degrees(found.found.sigma_heading_rad)),
+        sigma_end_deg=float(sigma[-1]),
+        att_heading_deg=None if att is None else float(att.median_deg[2]),
+        att_tilt_deg=None if att is None else float(np.hypot(*att.median_deg[:2])),
+        outages=tuple(
+            (o.end_s - o.start_s, o.end_level_m, o.sigma_end_level_m, o.error_over_sigma)
+            for o in (scored.outage_scores if scored else ())
+        ),
+        cpu_s=cpu_s,
+    )
+
+
+def compared(found: AidedResult, path: Path, shift_s: float) -> Against | None:
+    """Against the autopilot's own attitude, where it logs one and the vehicle is fast enough."""
+    try:
+        time_s, euler = logged_attitude(path)
+        against = against_att(found, time_s - shift_s, euler)
+    except (InputError, KeyError):
+        return None
+    return against if against.seconds >= 5 else None
+
+
+def table(rows: list[Row]) -> str:
+    """As Markdown."""
+    lines = [
+        "| log | vehicle | s | verdict | starts at, s | heading sigma: start, end, deg |"
+        " off the autopilot: tilt, heading, deg | outages: length, error, sigma, m (error/sigma) |"
+        " CPU s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        if r.start_s is None or r.sigma_start_deg is None:
+            lines.append(
+                f"| `{r.name}` | {r.vehicle} | {r.seconds:.0f} | {r.verdict}: {r.why} | | | | | |"
+            )
+            continue
+        outages = "; ".join(
+            f"{length:.0f} s: {end:.1f}, {sigma:.1f} ({ratio:.2f})"
+            for length, end, sigma, ratio in r.outages
+        )
+        att = ""
+        if r.att_heading_deg is not None:
+            att = f"{r.att_tilt_deg:.1f}, {r.att_heading_deg:.1f}"
+        told = f"{r.verdict}, {r.grade}" + (f" ({r.why})" if r.why else "")
+        lines.append(
+            f"| `{r.name}` | {r.vehicle} | {r.seconds:.0f} | {told} | {r.start_s:.0f}, {r.method} |"
+            f" {r.sigma_start_deg:.1f}, {r.sigma_end_deg:.1f} | {att} | {outages} | {r.cpu_s:.1f} |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("logs", type=Path)
+    parser.add_argument("--clones", type=Path)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    rows = []
+    for source in sources():
+        rows.append(measured(source, source.fetched(given.logs, given.clones)))
+        if given.json:
+            given.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
