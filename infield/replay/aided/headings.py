@@ -53,10 +53,10 @@ FINE_RAD = 4.0 * DEG  # between two of the FINE: 9 of them reach 16 deg to eithe
 WIDTH = 0.5
 # heading known so well ends the search; three of it, 9 deg, are nearly linear (1 - cos is 1.2 %)
 SURE_RAD = 3.0 * DEG
-# and up to here there is a start: WIDEST_RAD then is two of it, and the filter's own sigma too
-# small by 10 % (1 / sqrt(1 + 1/4))
-UNSURE_RAD = 10.0 * DEG
-WIDEST_RAD = 20.0 * DEG  # 1 - cos is 6 % of a sigma: the filter is linear to that
+# and up to here there is a start: WIDEST_RAD then is 1.7 of it, and the filter's own sigma at first
+# too small by 14 % (1 / sqrt(1 + 0.36))
+UNSURE_RAD = 15.0 * DEG
+WIDEST_RAD = 25.0 * DEG  # sin is 3 % off there, 1 - cos is 9 %: the filter is linear to that
 # odds of another heading, 30 deg or more away, up to which one is taken: 1 of 1 000
 ELSEWHERE, ELSEWHERE_RAD = 1e-3, 30.0 * DEG
 AGREES_SIGMAS = 3.0  # between two stretches; the shorter one is within the longer: 3 are many
@@ -66,11 +66,16 @@ LEAST_MOVED_M_S = 0.5
 FIRST_SOUGHT_S = 120.0  # after the first fix, within which there are FIRST_WINDOW_S of whole fixes
 DELAY_S = 0.3  # the fixes may be older than their time by, as in `infield.replay.aided.antenna`
 BLOCK = 10  # innovations that are summed to see whether they are white: 10 s
-# steps of the sensors' noise that a stretch may need: to half of the 1024 that
+# steps of the sensors' noise that a stretch may need: to a quarter of the 1024 that
 # `infield.replay.aided.noise` tries
-SENSOR_STEPS = (1.0, 8.0, 64.0, 512.0)
-# the same of the receiver's; 3 is WIDE of `infield.replay.aided.antenna`
-RECEIVER_STEPS = (1.0, 3.0)
+SENSOR_STEPS = (1.0, 4.0, 16.0, 64.0, 256.0)
+# the same of the receiver's: a default of 0.03 m/s for one of 1 m/s
+RECEIVER_STEPS = (1.0, 3.0, 10.0, 30.0)
+# the step that is begun with: 64 times and 10 times, where every heading explains something
+FIRST_STEP = (3, 2)
+# m and m/s: sides of the cube that a wild position or velocity is in; chosen: 200 m are two blocks
+# of a street, 20 m/s a car's speed
+WILD = (200.0, 20.0)
 STEP_PAIRS = {(i, j) for i in range(len(SENSOR_STEPS)) for j in range(len(RECEIVER_STEPS))}
 LARGEST_WALK = 32.0  # `WIDE` of `infield.replay.aided.antenna`
 HEADING = AIDED_THETA.start + 2  # theta about down
@@ -158,11 +163,10 @@ def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | Reason:
     ground, pairs = first
     begin_s = float(ground.log.time_s[-1])
     bank = _Bank(replace(sky, fixes=_thinned(sky.fixes)), ground, pairs)
-    held, taken, best_rad = None, None, np.pi
+    held, taken = None, None
     for length_s in STRETCHES_S:
         log = sky.imu.between(begin_s - 2.0, begin_s + length_s)
         seen = bank.look(log)
-        best_rad = min(best_rad, seen.sigma_rad)
         last = begin_s + length_s >= sky.imu.end_s
         tested = held is not None and held.known and held.agrees(seen)
         taken = seen if seen.known and (tested or last) else None
@@ -170,11 +174,12 @@ def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | Reason:
         if last or (taken is not None and taken.sigma_rad <= SURE_RAD):
             break
     if taken is None:
-        if held is not None and held.sigma_rad <= UNSURE_RAD:
+        assert held is not None
+        if held.sigma_rad <= UNSURE_RAD:
             return because(AidedReason.HEADINGS_DIFFER, longest_s=STRETCHES_S[-1])
         return because(
             AidedReason.HEADING_UNSURE,
-            best_rad=best_rad,
+            best_rad=min(held.sigma_rad, np.pi),
             limit_rad=UNSURE_RAD,
             longest_s=STRETCHES_S[-1],
         )
@@ -233,7 +238,7 @@ class _Bank:
     sky: Sky
     ground: Stretch
     pairs: Pairs
-    level: tuple[int, int] = (0, 0)
+    level: tuple[int, int] = FIRST_STEP
 
     def attitude(self, turn_rad: float, sigma_rad: float) -> tuple[NDArray, NDArray]:
         """C_nb at the end of the first window, turned about the vertical from its match and
@@ -333,7 +338,15 @@ class _Bank:
 
 
 def _loglik(history: AidedHistory) -> float:
-    return float(np.nansum(history.loglik))
+    """Log likelihood of a flight; a fix that it could not use is a wild one, as likely anywhere
+    within WILD.
+    """
+    from ins.filters.aided_kernel import USED
+
+    seen = np.isfinite(history.loglik)
+    fits = seen & (history.used == USED)
+    wild = (seen & ~fits).sum(axis=0) @ -np.log(np.array(WILD) ** 3 / (2.0 * np.pi) ** 1.5)
+    return float(history.loglik[fits].sum() + wild)
 
 
 def _moments(off_rad: NDArray, logliks: NDArray, step_rad: float) -> tuple[float, float]:
