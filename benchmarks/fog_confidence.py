@@ -18,6 +18,7 @@ from scipy.stats import chi2
 from infield.thermal.fog.piecewise import piecewise_pair
 from infield.thermal.fog.ramps import AxisFit, RampStudy, separate
 from infield.thermal.ramp_runs import RampRun, read_ramps
+from infield.thermometer.causal_rate import causal_rates, time_constant_s
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import TemperatureLog
 from tests.infield.ramp_cases import TWIN, Truth, flicker, ramp
@@ -180,8 +181,36 @@ def row(name: str, found: dict[str, list[float]]) -> str:
     return f"| {name} | {' | '.join(cells)} | {knees} | {np.mean(found['refused']):.0%} |"
 
 
+def in_time() -> list[str]:
+    """What the rate leaves of K_delta dT/dt in minute means, over their noise: in real-time order
+    with a time constant of 60 s, with the one that the thermometers allow, and smoothed.
+    """
+    rng = np.random.default_rng(97)
+    lines = [
+        "| ripple, K_delta 0.3 | 60 s | as the thermometers allow | smoothed |",
+        "|---|---|---|---|",
+    ]
+    t = np.arange(0.0, 7200.0)
+    white = TWIN.gyro.arw_deg_sqrt_h * np.sqrt(60.0)
+    for ripple, period in ((0.0, 480.0), (0.3, 480.0), (0.3, 1200.0)):
+        T = 0.5 * t / 60.0 + ripple * np.sin(2 * np.pi * t / period)
+        true = 0.5 + 60.0 * ripple * 2 * np.pi / period * np.cos(2 * np.pi * t / period)
+        read = np.round(T[:, None] + 0.01 * rng.standard_normal((t.size, 3)), 2)
+        smooth = gyro_temperature(TemperatureLog(time_s=t, gyro_degC=read))
+        rates = [
+            causal_rates(t, read)[1][:, 0],
+            causal_rates(t, read, time_constant_s(t, read))[1][:, 0],
+            np.interp(t, smooth.time_s, smooth.rate_degC_min[:, 0]),
+        ]
+        left = [0.3 * (rate - true)[600:].reshape(-1, 60).mean(axis=1) for rate in rates]
+        over = [f"{np.hypot(1.0, np.std(one) / white):.2f}" for one in left]
+        lines.append(f"| {ripple:g} degC in {period / 60:g} min | {' | '.join(over)} |")
+    return lines
+
+
 def main(units: int = UNITS) -> None:
     """Measure and print."""
+    sys.stdout.write("\n".join(in_time()) + "\n\n")
     titles = "| case | K_delta | K_T | hysteresis | breakpoints on a knee; of three | refused |"
     sys.stdout.write(f"{titles}\n|{'---|' * 6}\n")
     for name in CASES:

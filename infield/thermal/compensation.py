@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from infield.table.temperature_model import TemperatureModel
 from infield.thermal.gradient_runs import gradient_lines
-from infield.thermometer.causal_rate import causal_rates
+from infield.thermometer.causal_rate import causal_rates, time_constant_s
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature
 from ins.compensation import compensate, corrected
 from ins.records import ImuLog, ImuSource, Run, TemperatureLog
@@ -82,7 +82,8 @@ def causal_series(model: TemperatureModel, log: TemperatureLog, *, part: str = "
     """The same in real-time order: at each time from readings up to it alone; 0 before the first
     and where there is none.
     """
-    T, rate = causal_rates(log.time_s, log.gyro_degC)
+    tau_s = time_constant_s(log.time_s, log.gyro_degC)
+    T, rate = causal_rates(log.time_s, log.gyro_degC, tau_s)
     lines = (
         np.zeros_like(T)
         if log.gradient_degC is None

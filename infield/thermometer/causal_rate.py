@@ -12,7 +12,17 @@ from math import exp, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-TAU_S = 60.0
+TAU_S = 60.0  # where readings step: as long as it takes a ramp of 0.1 degC/min to the next step
+SHORTEST_TAU_S = 10.0  # ten readings of an ordinary logger (1 Hz)
+# noise of a rate [degC/min] that a shorter time constant may leave: with 0.3 deg/h per degC/min of
+# a fibre coil 0.0015 deg/h, a tenth of a minute's white noise (0.0155 deg/h, physics.md 6.3)
+QUIET_RATE_degC_min = 0.005
+FEWEST_JUDGED = 60  # readings: a noise of 60 is known to 10 %
+JUDGED_S = (
+    300.0  # of a log as it begins, by which the time constant is chosen; chosen: 300 readings
+)
+# of readings that differ from the one before; with fewer the thermometer shows stairs: 1/2
+STAIRS = 0.5
 
 
 class CausalRate:
@@ -48,6 +58,29 @@ class CausalRate:
         self._rate += b * error / dt
         self._time_s, self._count = time_s, n + 1
         return self._value, 60.0 * self._rate
+
+
+def time_constant_s(time_s: NDArray, reading_degC: NDArray) -> float:
+    """The shortest time constant whose rates are quiet, for readings (n, m) as they begin: the
+    filter is late by twice it, and a chamber that ripples asks for little.
+    """
+    begun = time_s <= time_s[0] + JUDGED_S
+    t, values = time_s[begun], reading_degC[begun]
+    if len(t) < FEWEST_JUDGED:
+        return TAU_S
+    dt = float(np.median(np.diff(t)))
+    change = np.diff(values, axis=0)
+    known = np.isfinite(change)
+    if np.mean(change[known] != 0.0) < STAIRS:
+        return TAU_S
+    second = np.diff(change, axis=0)
+    second = second[np.isfinite(second)]
+    if not second.size:
+        return TAU_S
+    # second differences of white noise s have 6 s^2
+    noise = float(np.sqrt(np.mean(second**2) / 6.0))
+    quiet = 0.5 * dt * (60.0 * np.sqrt(2.0) * noise / (dt * QUIET_RATE_degC_min)) ** (2.0 / 3.0)
+    return float(np.clip(quiet, SHORTEST_TAU_S, TAU_S))
 
 
 def causal_rates(

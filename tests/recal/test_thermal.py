@@ -11,7 +11,12 @@ from typer.testing import CliRunner
 from infield.thermal.compensation import compensate_batch, compensate_causal
 from infield.thermal.fog.model import model_from_document
 from infield.thermal.ramp_runs import ramp_run
-from infield.thermometer.causal_rate import CausalRate, causal_rates
+from infield.thermometer.causal_rate import (
+    CausalRate,
+    QUIET_RATE_degC_min,
+    causal_rates,
+    time_constant_s,
+)
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin
@@ -247,6 +252,22 @@ def test_a_result_that_is_none_is_no_model(fitted):
     ):
         with pytest.raises(InputError, match=said):
             model_from_document({**fitted[1], **change})
+
+
+def test_the_time_constant_is_as_short_as_the_thermometers_allow():
+    """Noise of 0.01 degC allows 10 to 20 s; stairs, much noise and short logs keep the usual 60."""
+    rng, t = np.random.default_rng(2), np.arange(0.0, 900.0)
+    ramp = (20.0 + 0.5 * t / 60.0)[:, None]
+    fine = ramp + 0.01 * rng.standard_normal((t.size, 3))
+    tau = time_constant_s(t, fine)
+    assert 10.0 < tau < 20.0
+    _, rate = causal_rates(t, fine, tau)
+    assert np.std(rate[300:]) < 1.3 * QUIET_RATE_degC_min
+    assert time_constant_s(t, 0.1 * np.round(10.0 * ramp)) == 60.0
+    assert time_constant_s(t, ramp + rng.standard_normal((t.size, 3))) == 60.0
+    assert time_constant_s(t[:20], fine[:20]) == 60.0
+    later = np.where((t > 400.0)[:, None], 99.0, fine)
+    assert time_constant_s(t, later) == tau  # knows nothing of what comes
 
 
 def test_causal_rate_on_a_ramp_and_its_noise():
