@@ -78,7 +78,9 @@ def _compared(found: SessionResult, simulated: SimulatedRun) -> Compared:
     bins = e.bins
     weights = np.kron(bins.duration_s / bins.duration_s.sum(), east)
     mean = (bins.table_deg_h + e.mean_deg_h) @ weights
-    of_bins = (_at(simulated, bins.centre_s) @ east) @ (bins.duration_s / bins.duration_s.sum())
+    t_s = simulated.bias_time_s
+    inside = (t_s >= bins.start_s[0]) & (t_s < bins.end_s[-1])
+    of_bins = float(np.mean(simulated.gyro_bias_true_deg_h[inside] @ east))
     return Compared(
         (1e3 * (chain.psi_rad - psi), 1e3 * chain.sigma_psi_rad),
         (1e3 * (e.heading_error_rad - psi), 1e3 * e.sigma_heading_rad),
