@@ -149,7 +149,7 @@ MANOEUVRES: Mapping[str, tuple[Segment, ...]] = {
 }
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=8)
 def ideal_session(
     place: int, rate_hz: float = RATE_HZ, flight: tuple[Segment, ...] = FLIGHT
 ) -> IdealSensors:
