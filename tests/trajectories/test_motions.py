@@ -110,6 +110,12 @@ def test_impossible_motions_are_refused_by_name(segments, word):
         lay(segments)
 
 
+def test_a_change_that_the_clock_cannot_hold_is_refused():
+    """After 3e12 s of parking a change that takes 0.1 ms begins and ends at one time."""
+    with pytest.raises(InputError, match="within 0 s, needed at least"):
+        lay([Park(duration_s=3e12), Straight(duration_s=10.0, speed_m_s=5e-5)])
+
+
 @pytest.mark.parametrize("name", REFERENCE_MOTIONS)
 def test_reference_motions_park_70_minutes_with_10_of_alignment(name):
     heading_rad, motion = reference_motion(name)

@@ -257,6 +257,10 @@ def _profile(blends: list[tuple[float, float, float, float]], end_s: float) -> P
             rows.append([0, 0, 0, 0, 0, y0])
             breaks.append(start_s)
         T, d = stop_s - start_s, y1 - y0
+        if T < SHORTEST_BLEND_S:
+            raise InputError(
+                f"a change by {d:g} within {T:g} s, needed at least {SHORTEST_BLEND_S:g} s"
+            )
         rows.append([6 * d / T**5, -15 * d / T**4, 10 * d / T**3, 0, 0, y0])
         breaks.append(stop_s)
         value = y1
