@@ -33,7 +33,9 @@ def within(z, probability=0.999):
     return low < np.sum(z**2) < high
 
 
-@pytest.mark.parametrize("name", ["no heater", "three sides, all 180 s late"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("no heater", marks=pytest.mark.slow), "three sides, all 180 s late"]
+)
 def test_kept_terms_are_as_sure_as_their_sigmas_say(name):
     """K4 was 23 sigma off without a heater, K2 to K6 up to 9 with late thermometers."""
     found = scores(name, FEW)
