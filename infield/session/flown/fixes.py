@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from alignment.navigation_filter import StepViews
 from infield.session.flown.priors import Further, Layout
+from infield.session.navigated.receiver import sigma_of_fixes
 from infield.session.navigated.taxi_heading import velocity_rows
 from ins.earth import EARTH_RATE_RAD_S, displacement_ned
 from ins.filters import error_model as em
@@ -159,7 +160,7 @@ class FixAid:
         arm_n, swing = self._arm(views, at, time_s)
         of_antenna = v_n[:, :2] + swing
         z = arm_n - way + of_antenna * self.antenna.delay_s
-        sigma = self._sigma(self.log.sigma_horizontal_m, k, self.sigmas.horizontal_m)
+        sigma = sigma_of_fixes(self.log.sigma_horizontal_m, k, self.sigmas.horizontal_m)
         rows: list[dict[int, ArrayLike]] = [{em.POS.start + i: 1.0} for i in range(2)]
         self._with_receiver(rows, Further.SLOW_POSITION)
         self._with_antenna(rows, -views.C_nb[at, :2, :], of_antenna, 0)
@@ -171,7 +172,7 @@ class FixAid:
         _, swing = self._arm(views, at, time_s)
         z = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
         z = z + acceleration[:, :2] * self.antenna.velocity_delay_s
-        sigma = self._sigma(self.log.sigma_velocity_m_s, k, self.sigmas.velocity_m_s)
+        sigma = sigma_of_fixes(self.log.sigma_velocity_m_s, k, self.sigmas.velocity_m_s)
         variance = sigma**2 + (SWING_SHARE * np.linalg.norm(swing, axis=1)) ** 2
         rows = velocity_rows(views, at, v_n)
         rate = self._turning(time_s)
@@ -204,12 +205,3 @@ class FixAid:
                 row[k] = of_arm[:, i, axis]
             if delays:
                 row[delays[delay]] = of_delay[:, i]
-
-    @staticmethod
-    def _sigma(logged: NDArray | None, k: NDArray, declared: float) -> NDArray:
-        """Sigma (m,) of a fix, as logged, else as declared: all of it taken for its own, beside the
-        slow error that is a state. What a receiver declares of its whole error is safe so.
-        """
-        if logged is None:
-            return np.full(len(k), declared)
-        return np.where(np.isfinite(logged[k]) & (logged[k] > 0), logged[k], declared)

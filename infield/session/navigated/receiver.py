@@ -106,8 +106,8 @@ def receiver_errors(
     errors : ReceiverErrors
     """
     heard = _heard(log, stood)
-    white_m = _sigma(log.sigma_horizontal_m, heard, sigmas[0])
-    white_m_s = _sigma(log.sigma_velocity_m_s, heard, sigmas[1])
+    white_m = sigma_of_fixes(log.sigma_horizontal_m, heard, sigmas[0])
+    white_m_s = sigma_of_fixes(log.sigma_velocity_m_s, heard, sigmas[1])
     places, velocities = np.empty((0, 2)), log.v_n_m_s[heard, :2]
     if heard.size:
         first = heard[0]
@@ -147,11 +147,13 @@ def _heard(log: GnssLog, stood: tuple[float, float]) -> NDArray:
     return np.flatnonzero(inside & ~same)
 
 
-def _sigma(logged: NDArray | None, heard: NDArray, declared: float) -> NDArray:
-    """Sigma of each fix heard (n,), as logged, else as declared."""
+def sigma_of_fixes(logged: NDArray | None, fixes: NDArray, declared: float) -> NDArray:
+    """Sigma (m,) of fixes by their rows, as logged, else as declared: all of it taken for their
+    own, beside a slow error that is a state. What a receiver declares of its whole error is safe.
+    """
     if logged is None:
-        return np.full(heard.size, declared)
-    told = logged[heard]
+        return np.full(fixes.size, declared)
+    told = logged[fixes]
     return np.where(np.isfinite(told) & (told > 0), told, declared)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
-from infield.session.navigated.receiver import WHITE, ReceiverErrors
+from infield.session.navigated.receiver import WHITE, ReceiverErrors, sigma_of_fixes
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
@@ -211,7 +211,7 @@ class GnssAid:
         )
         arm_n, swing, _ = self._arm(views, at)
         z = arm_n - ago * (swing + v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
-        variance = self._sigma(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
+        variance = sigma_of_fixes(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
         rows: list[dict[int, ArrayLike]] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
         if Nuisance.ANTENNA in self.assumed.free:
             of_arm = -views.C_nb[at, :2, :2]
@@ -231,7 +231,7 @@ class GnssAid:
         _, v_n, acceleration = _motion_at(views, at, ago_s)
         arm_n, swing, spin = self._arm(views, at)
         z = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
-        sigma = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
+        sigma = sigma_of_fixes(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
         variance = sigma**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
         rows = velocity_rows(views, at, v_n)
         if Nuisance.ANTENNA in self.assumed.free:
@@ -247,12 +247,6 @@ class GnssAid:
         if self.slow.velocity.sigma > 0.0:
             _with_own(rows, em.GNSS_SLOW_VEL)
         program.measure(OF_FIXES, at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
-
-    @staticmethod
-    def _sigma(logged: NDArray | None, k: NDArray, declared: float) -> NDArray:
-        if logged is None:
-            return np.full(len(k), declared)
-        return np.where(np.isfinite(logged[k]) & (logged[k] > 0), logged[k], declared)
 
 
 @dataclass
