@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from infield.replay.free_inertial import replay
-from infield.session.navigated.taxi_heading import GnssAid
+from infield.session.navigated.receiver import sigma_of_fixes
 from ins.columns import FIX_SIGMA_COLUMNS
 from ins.filters.aided_records import fixes_of
 from ins.records import InputError
@@ -138,14 +138,8 @@ def test_a_missing_sigma_counts_with_the_declared_one():
         )
     ):
         np.testing.assert_array_equal(sigma, np.where(lost[k], DECLARED[name], 2 * DECLARED[name]))
-    aid = GnssAid(
-        missing.gnss,
-        (0.0, 0.0, 0.0),
-        DECLARED[FIX_SIGMA_COLUMNS[0]],
-        DECLARED[FIX_SIGMA_COLUMNS[2]],
-    )
     np.testing.assert_array_equal(
-        aid._sigma(missing.gnss.sigma_horizontal_m, rows, aid.sigma_horizontal_m),
+        sigma_of_fixes(missing.gnss.sigma_horizontal_m, rows, DECLARED[FIX_SIGMA_COLUMNS[0]]),
         a.sigma_position_m[:, 0],
     )
 
