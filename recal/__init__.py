@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from recal.service.convert import convert
     from recal.service.diagnose import diagnose
     from recal.service.inputs.records import read_run, read_table, read_twin
+    from recal.service.look.look import look
     from recal.service.misalignment import misalignment
     from recal.service.plan import PlanRequest, plan
     from recal.service.replay import replay
@@ -37,6 +38,7 @@ _HOMES = {
     "fit_fog": "thermal",
     "fit_rlg": "thermal",
     "fit_twin": "twin.fit",
+    "look": "look.look",
     "misalignment": "misalignment",
     "open_store": "store",
     "plan": "plan",
@@ -58,6 +60,7 @@ __all__ = [
     "fit_fog",
     "fit_rlg",
     "fit_twin",
+    "look",
     "misalignment",
     "open_store",
     "plan",

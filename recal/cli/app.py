@@ -19,6 +19,11 @@ COMMANDS = {  # the first paragraph of each command's help
     "simulate": (
         "Simulate one power-on session from a scenario and write it as a run with its reference."
     ),
+    "look": (
+        "Look at any log: what it holds, how its sensors behave, and what it can be used for, each"
+        " use with the next command. Exit code 0, 3 where something is wrong, 4 where it is fit for"
+        " nothing."
+    ),
     "convert": (
         "Convert a flight log of a known format, or by a column map, to a run; list all "
         "that was dropped or repaired."
@@ -57,6 +62,7 @@ GROUPS = {  # what each group of commands says of itself
     "twin": "The noise model of a unit, from its own logs.",
 }
 MODULES = {
+    "look": "recal.cli.logs.look",
     "table": "recal.cli.table.commands",
     "thermal": "recal.cli.thermal.app",
     "twin": "recal.cli.twin.app",
@@ -92,15 +98,18 @@ class _Loaded(MutableMapping[str, Any]):
 
 def _command(name: str) -> Any:
     holder = typer.Typer(add_completion=False, rich_markup_mode=None)
-    holder.command(name, cls=Command)(importlib.import_module(f"recal.cli.{name}").command)
+    holder.command(name, cls=Command)(_module(name).command)
     return typer.main.get_command(holder)
 
 
 def _group(name: str) -> Any:
-    module = importlib.import_module(MODULES.get(name, f"recal.cli.{name}"))
-    group = typer.main.get_command(module.app)
+    group = typer.main.get_command(_module(name).app)
     group.name = name
     return group
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(MODULES.get(name, f"recal.cli.{name}"))
 
 
 class Program(TyperGroup):

@@ -31,7 +31,7 @@ EXIT_CODES = {
         ("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"),
         DONE_EXIT,
     ),
-    **dict.fromkeys(("approved", "rejected"), DONE_EXIT),
+    **dict.fromkeys(("approved", "rejected", "usable"), DONE_EXIT),
     **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE_EXIT),
     "intact": DONE_EXIT,
     "broken": BAD_INPUT_EXIT,

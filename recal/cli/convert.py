@@ -6,38 +6,30 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import Force, JsonFlag, NoSeed, Quiet, Verbose, answer
-from recal.cli.terminal.help import INPUT
+from recal.cli.logs.options import (
+    From,
+    GnssFile,
+    Height,
+    Latitude,
+    LogFormat,
+    Longitude,
+    MapFile,
+    OfSerial,
+    OfTechnology,
+    To,
+    WhichImu,
+)
 
 
 def command(
     log: Annotated[Path, typer.Argument(help="A flight log.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
-    map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            rich_help_panel=INPUT,
-            help="Column map (TOML) of a table: its columns, units, axes and rate.",
-        ),
-    ] = None,
-    serial: Annotated[
-        str | None, typer.Option("--serial", help="Serial number of the unit.")
-    ] = None,
-    technology: Annotated[
-        str | None,
-        typer.Option(
-            "--technology", metavar="rlg|fog|mems", help="Technology of the unit's gyros."
-        ),
-    ] = None,
-    lat_deg: Annotated[
-        float | None,
-        typer.Option("--lat-deg", help="Latitude where the run starts [deg]. Default: the log's."),
-    ] = None,
-    lon_deg: Annotated[float | None, typer.Option("--lon-deg", help="Its longitude [deg].")] = None,
-    height_m: Annotated[
-        float | None, typer.Option("--height-m", help="Its height above the ellipsoid [m].")
-    ] = None,
+    map_file: MapFile = None,
+    serial: OfSerial = None,
+    technology: OfTechnology = None,
+    lat_deg: Latitude = None,
+    lon_deg: Longitude = None,
+    height_m: Height = None,
     tail: Annotated[str | None, typer.Option("--tail", help="Tail number of the aircraft.")] = None,
     start_utc: Annotated[
         str | None,
@@ -46,31 +38,11 @@ def command(
     run_id: Annotated[
         str | None, typer.Option("--run-id", help="Name of the run. Default: the name of the log.")
     ] = None,
-    log_format: Annotated[
-        str | None,
-        typer.Option("--format", help="Format of the log. Default: known by its content."),
-    ] = None,
-    imu: Annotated[
-        int | None,
-        typer.Option(
-            "--imu", min=1, rich_help_panel=INPUT, help="Which IMU of a log that has several."
-        ),
-    ] = None,
-    gnss: Annotated[
-        Path | None,
-        typer.Option(
-            "--gnss",
-            metavar="FILE",
-            rich_help_panel=INPUT,
-            help="Satellite fixes that are in a file of their own.",
-        ),
-    ] = None,
-    from_s: Annotated[
-        float | None, typer.Option("--from-s", help="Where to begin, by the log's own clock [s].")
-    ] = None,
-    to_s: Annotated[
-        float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")
-    ] = None,
+    log_format: LogFormat = None,
+    imu: WhichImu = None,
+    gnss: GnssFile = None,
+    from_s: From = None,
+    to_s: To = None,
     each_stretch: Annotated[
         bool,
         typer.Option(

@@ -273,6 +273,7 @@ def test_every_verdict_has_its_exit_code():
             "fitted",
             "no_gap",
             "explained",
+            "usable",
             "partly_explained",
             "unexplained",
             "approved",

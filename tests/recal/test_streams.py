@@ -75,6 +75,7 @@ def shown(*arguments, **options):
 SLOW = {  # the verb that a command calls
     "demo": "recal.service.demo.demo",
     "simulate": "recal.service.simulate.simulate",
+    "look": "recal.service.look.look.look",
     "convert": "recal.service.convert.convert",
     "check": "recal.service.check.check",
     "align": "recal.service.align.align",
@@ -96,6 +97,7 @@ SLOW = {  # the verb that a command calls
 QUICK = {  # the words after the name; every command has its line here
     "demo": OUTPUT,
     "simulate": ["parked_only", *OUTPUT],
+    "look": ["log.bin", *OUTPUT],
     "convert": ["log.bin", *OUTPUT],
     "check": ["run"],
     "align": ["run", *OUTPUT],
@@ -129,6 +131,7 @@ QUICK = {  # the words after the name; every command has its line here
     "fleet reject": ["1", "--by", "K.", "--reason", "why"],
 }
 REPORTS = {
+    "look": "look",
     "demo": "update",
     "replay": "replay",
     "update": "update",

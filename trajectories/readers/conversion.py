@@ -1,7 +1,7 @@
 """A flight log to a run: choose the reader, complete the header, check what came out."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,13 @@ def convert_log(
     """
     path = Path(path)
     name, log = read_log(path, LogOptions(options))
+    return conversion_of(path, name, log, given)
+
+
+def conversion_of(
+    path: Path, name: str, log: ConvertedLog, given: Mapping[str, str | float | None]
+) -> Conversion:
+    """The run in a log that is read already; name: of its format, given: as of `convert_log`."""
     findings, label = Findings(), path.name
     header, errors, unknown = header_from_json(
         _header(log, given, path), name="options and map [run]"
@@ -133,11 +140,7 @@ def _header(
     site = header.get("site", {})
     header["site"] = {**site, **position} if isinstance(site, dict) else site
     if isinstance(header["site"], dict):
-        missing = [
-            k
-            for k in RUN_OPTIONS
-            if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)
-        ]
+        missing = _missing(header, header["site"])
         if missing:
             told = ", ".join(f"{k} ({RUN_OPTIONS[k]})" for k in missing)
             reasons = {TELLING[key] for key in ("", *missing) if key in TELLING}
@@ -146,6 +149,18 @@ def _header(
                 f"{path.name}: needed from the options or [run] in the map: {told}{why}"
             )
     return header
+
+
+def missing_keys(log: ConvertedLog, given: Mapping[str, str | float | None]) -> tuple[str, ...]:
+    """The keys of RUN_OPTIONS that neither the log nor the options say."""
+    site = log.header.get("site", {})
+    known = {k for k, v in given.items() if v is not None}
+    return tuple(_missing({*log.header, *known}, {*site, *known}))
+
+
+def _missing(keys: Container[str], site_keys: Container[str]) -> list[str]:
+    """The keys of RUN_OPTIONS that are neither in a header nor in its site."""
+    return [k for k in RUN_OPTIONS if k not in (site_keys if k.endswith(("_deg", "_m")) else keys)]
 
 
 def file_sha256(path: Path) -> str:

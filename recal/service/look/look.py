@@ -1,0 +1,243 @@
+"""`look`: any log of any known format, recognised, converted, checked, drawn and judged."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ins.records import InputError, Run
+from ins.twin_file import default_twin
+from recal.service.align import align
+from recal.service.check import Check, check
+from recal.service.look.opened import Opened, Stretch, opened_log
+from recal.service.look.page import look_html
+from recal.service.look.records import Fit, LookDocument, LookVerdict, NoiseDocument, UseDocument
+from recal.service.look.series import series_of
+from recal.service.look.uses import Judged, convert_command, uses_of
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from simreal.report.twin_document import twin_fit_document
+from simreal.report.twin_page import allan_figure
+from simreal.report.twin_records import TwinFitRecord
+from simreal.twin.fit.fit import NoRest
+from simreal.twin.fit.fit import fit_twin as fit_runs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LOOK_STEPS = 5  # that `told` is told of
+OPTIONS = {  # of `recal convert`, by the key of run.json
+    "imu_serial": "--serial",
+    "gyro_technology": "--technology",
+    "lat_deg": "--lat-deg",
+    "lon_deg": "--lon-deg",
+    "height_m": "--height-m",
+    "start_utc": "--start-utc",
+    "imu": "--imu",
+    "format": "--format",
+    "from_s": "--from-s",
+    "to_s": "--to-s",
+}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Looked(Result[LookDocument]):
+    """What a log holds and what it can be used for: verdict `usable`, `refused` where it is fit for
+    nothing, or `bad_input` where its check found an error.
+    """
+
+    @property
+    def uses(self) -> tuple[UseDocument, ...]:
+        """Each use with its fit (`yes`, `partly`, `no`), why, and the command that does it."""
+        return tuple(self.record.uses)
+
+    def plot(self) -> "Figure":
+        """Allan deviation of each channel at rest, and of the fitted noise model.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Made without pyplot; `.savefig(path)` writes it.
+
+        Raises
+        ------
+        InputError
+            Where the log never rests.
+        """
+        if self.record.fitted is None:
+            raise InputError(f"{self.record.run_id}: the log never rests, so no noise is drawn")
+        return allan_figure(self.record.fitted)
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """What the log is, what is wrong with it, and each use with its command."""
+        return summary(self.record)
+
+    def write(self, output: AnyPath | None = None) -> Path:
+        """Write look.json and look.html to a directory, made if need be (else `recal-look`);
+        returns the directory.
+        """
+        folder = output_directory(None if output is None else Path(output), "look")
+        files = {folder / "look.json": self.to_json()}
+        if self.page is not None:
+            files[folder / "look.html"] = self.page()
+        write_files(files)
+        return folder
+
+
+def look(
+    log: AnyPath,
+    *,
+    map_file: AnyPath | None = None,
+    gnss: AnyPath | None = None,
+    header: Mapping[str, str | float | None] | None = None,
+    options: Mapping[str, str | float | None] | None = None,
+    told: Callable[[str], None] = lambda words: None,
+) -> Looked:
+    """Look at a log of any known format, or at a run directory.
+
+    Parameters
+    ----------
+    log : str or path
+        A flight log, or a run directory.
+    map_file : str or path, optional
+        TOML map of a table: columns, units, axes, rate.
+    gnss : str or path, optional
+        Fixes that are in a file of their own.
+    header, options : mapping, optional
+        As of `convert`. What neither they nor the log say is taken for granted and named.
+    told : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Looked
+        Verdict, `.uses`, what the log holds, its noise at rest; `.to_html(path)` draws it. Nothing
+        is kept of the run that it is converted to.
+
+    Raises
+    ------
+    InputError
+        Where the log's format is not known or it cannot be read, and why.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.look("nothing.bin")
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nothing.bin: no such file
+    """
+    path = Path(log)
+    given_header, given_options = dict(header or {}), dict(options or {})
+    told("reading the log")
+    opening = opened_log(
+        path, map_file=map_file, gnss=gnss, header=given_header, options=given_options
+    )
+    with opening as opened:
+        told("checking the run")
+        checked = check(opened.folder)
+        told("aligning")
+        aligned = align(opened.run).record
+        told("fitting the noise")
+        fitted = _noise(opened.run)
+        is_run = opened.folder == path
+        run_path = str(path) if is_run else f"{path.name.split('.')[0]}-run"
+        judged = Judged(run=opened.run, run_path=run_path, aligned=aligned, fitted=fitted)
+        uses = uses_of(judged)
+        files = {"--map": map_file, "--gnss": gnss}
+        given: dict[str, str | float | None]
+        given = {name: None if file is None else str(file) for name, file in files.items()}
+        given |= {OPTIONS[k]: v for k, v in {**given_header, **given_options}.items()}
+        cut = opened.stretch
+        if cut is not None:
+            given |= {"--from-s": f"{cut.from_s:.3f}", "--to-s": f"{cut.to_s:.3f}"}
+        told("drawing the page")
+        document = LookDocument(
+            verdict=_verdict(checked, uses),
+            reasons=[p.text for p in checked.problems if p.level != "warning"],
+            version=program_version(),
+            log=str(path),
+            format=opened.format,
+            run_id=opened.run.header.run_id,
+            imu_serial=opened.run.header.imu_serial,
+            gyro_technology=opened.run.header.gyro_technology,
+            start_utc=_start(opened),
+            assumed=opened.assumed,
+            holds=checked.record.holds,
+            problems=checked.problems,
+            notes=[*_gap_note(opened.stretch), *opened.notes],
+            repaired=checked.record.repaired,
+            phases=aligned.phases,
+            rest_s=judged.rest_s,
+            uses=uses,
+            noise=_told_noise(fitted),
+            convert="" if is_run else convert_command(str(path), run_path, opened.assumed, given),
+            series=series_of(opened.run),
+            fitted=fitted,
+        )
+    return Looked(document, page=lambda: look_html(document))
+
+
+def _noise(run: Run) -> TwinFitRecord | None:
+    """The noise at rest, None where the run never rests."""
+    believed = default_twin(run.header.gyro_technology)
+    found = fit_runs([run], believed)
+    if isinstance(found, NoRest):
+        return None
+    return twin_fit_document(found, believed, program_version())
+
+
+def _verdict(checked: Check, uses: Sequence[UseDocument]) -> LookVerdict:
+    if not checked.ok:
+        return LookVerdict.BAD_INPUT
+    usable = any(use.fit is not Fit.NO for use in uses)
+    return LookVerdict.USABLE if usable else LookVerdict.REFUSED
+
+
+def _start(opened: Opened) -> str | None:
+    if any(one.key == "start_utc" for one in opened.assumed):
+        return None
+    return opened.run.header.start_utc
+
+
+def _gap_note(cut: Stretch | None) -> list[str]:
+    """That only one stretch of the log was looked at."""
+    if cut is None:
+        return []
+    return [
+        f"the log has gaps of more than a second: this is the longest of {cut.of} stretches,"
+        f" {cut.from_s:.3f} to {cut.to_s:.3f} s by the log's own clock; recal convert --split makes"
+        " a run of each"
+    ]
+
+
+def _told_noise(fitted: TwinFitRecord | None) -> list[NoiseDocument]:
+    if fitted is None:
+        return []
+    return [
+        NoiseDocument(name=p.name, value=p.value, sigma=p.sigma, unit=p.unit)
+        for p in fitted.parameters
+        if p.identified
+    ]
+
+
+def summary(document: LookDocument) -> list[str]:
+    """The result in a few lines for people."""
+    imu = document.holds.imu
+    size = "" if imu is None else f", {imu.duration_s / 60.0:.1f} min at {imu.rate_hz:.4g} Hz"
+    lines = [
+        f"{document.run_id}: {document.verdict.replace('_', ' ')}",
+        f"  {document.format}, {document.gyro_technology} unit {document.imu_serial}{size},"
+        f" {document.rest_s / 60.0:.1f} min at rest",
+    ]
+    for one in document.assumed:
+        value = one.value if isinstance(one.value, str) else f"{one.value:g}"
+        lines.append(f"  taken: {one.key} {value} ({one.text}); {one.option} says it")
+    lines += [f"  note: {note}" for note in document.notes]
+    lines += [f"  {p.level}: {p.text}" for p in document.problems]
+    for use in document.uses:
+        lines.append(f"  {use.use:10s}{use.fit:7s} {use.why}")
+    commands = [document.convert, *(use.command for use in document.uses)]
+    lines += ["  next:", *(f"    {command}" for command in commands if command)]
+    return lines

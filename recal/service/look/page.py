@@ -1,0 +1,79 @@
+"""look.html: what `look` found as one page that fetches nothing. Computes nothing."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader
+from markupsafe import Markup
+
+from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script
+from recal.service.look.records import Fit, LookDocument, LookVerdict, Use
+from recal.service.results.pages import page_environment, svg_text
+from simreal.report.twin_page import allan_figure
+from simreal.report.twin_words import PARAMETER_NAMES, size_words
+
+LOOK_VERDICTS = {  # word, look, symbol
+    LookVerdict.USABLE: ("Usable", "good", "✔"),
+    LookVerdict.REFUSED: ("Fit for nothing here", "none", "■"),
+    LookVerdict.BAD_INPUT: ("Something is wrong with this log", "bad", "✖"),
+}
+FIT_BADGES = {Fit.YES: ("yes", "good"), Fit.PARTLY: ("partly", "fair"), Fit.NO: ("no", "none")}
+USES = {
+    Use.ALIGNMENT: "Alignment: attitude and heading",
+    Use.NOISE: "Noise model of the unit",
+    Use.TABLE: "Thermal table: recalibration",
+    Use.REPLAY: "Replay: navigation",
+    Use.DIAGNOSIS: "Diagnosis: simulator against log",
+}
+CAPTIONS = {
+    "temperature": "Every thermometer that reads anything.",
+    "rate": "Means, and shaded in the colour of each axis the least and greatest row behind them.",
+    "force": "Means, and shaded in the colour of each axis the least and greatest row behind them.",
+    "velocity": "North, east and down, as the receiver gives them.",
+    "height": "Height above the ellipsoid, as far as the log knows it: where a log gives height"
+    " above mean sea level, it stands here as it is (no geoid model is used).",
+    "odometer": "Along the vehicle.",
+}
+
+
+def look_html(document: LookDocument) -> str:
+    """The page of a look."""
+    fitted = document.fitted
+    told = [] if fitted is None or fitted.found is None else fitted.found.parameters
+    return (
+        _environment()
+        .get_template("look.html.j2")
+        .render(
+            d=document,
+            verdict=LOOK_VERDICTS[document.verdict],
+            fits=FIT_BADGES,
+            uses=USES,
+            drawings=[
+                (figure.title, _zoom(name, figure, document))
+                for name, figure in document.series.items()
+            ],
+            allan=None if fitted is None else _allan(document),
+            noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
+            script=zoom_script(),
+        )
+    )
+
+
+def _zoom(name: str, figure: ZoomFigure, document: LookDocument) -> Markup:
+    spans = [(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
+    return zoom_figure(replace(figure, spans=spans), CAPTIONS[name])
+
+
+def _allan(document: LookDocument) -> Markup:
+    assert document.fitted is not None
+    figure = allan_figure(document.fitted)
+    return svg_text(figure, "Allan deviation of each channel and of the fitted model")
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    shared = page_environment()
+    assert shared.loader is not None
+    return shared.overlay(
+        loader=ChoiceLoader([PackageLoader("recal.service.look", "templates"), shared.loader])
+    )

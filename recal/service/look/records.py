@@ -1,0 +1,106 @@
+"""What `look.json` (`recal.look/1`) holds: a field is a key."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from infield.reports.documents.spans import SpanDocument
+from infield.reports.zoom import ZoomFigure
+from ins.records import Phase
+from ins.verdicts import UNWRITTEN
+from recal.service.check import HoldsDocument
+from simreal.report.twin_records import TwinFitRecord
+from trajectories.runs.checks import Finding
+
+SCHEMA = "recal.look/1"
+
+
+class LookVerdict(StrEnum):
+    """Whether the log can be used for anything."""
+
+    USABLE = "usable"
+    REFUSED = "refused"
+    BAD_INPUT = "bad_input"
+
+
+class Use(StrEnum):
+    """What a log may be used for."""
+
+    ALIGNMENT = "alignment"
+    NOISE = "noise"
+    TABLE = "table"
+    REPLAY = "replay"
+    DIAGNOSIS = "diagnosis"
+
+
+class Fit(StrEnum):
+    """How far a log can be used for something."""
+
+    YES = "yes"
+    PARTLY = "partly"
+    NO = "no"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UseDocument:
+    """One use: whether the log is fit for it, why, and the command that does it (empty where it is
+    not).
+    """
+
+    use: Use
+    fit: Fit
+    why: str
+    reason_code: str
+    command: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class AssumedDocument:
+    """What the log does not say: the key of run.json, what was taken for it, and the option that
+    says it.
+    """
+
+    key: str
+    value: str | float
+    option: str
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseDocument:
+    """A number of the noise model that the log tells, with one sigma."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookDocument:
+    """What `recal look --json` prints; noise: only what the log itself tells; start_utc: None where
+    nobody knows it.
+    """
+
+    schema: str = SCHEMA
+    verdict: LookVerdict
+    reasons: Sequence[str]
+    version: str
+    log: str
+    format: str
+    run_id: str
+    imu_serial: str
+    gyro_technology: str
+    start_utc: str | None
+    assumed: Sequence[AssumedDocument]
+    holds: HoldsDocument
+    problems: Sequence[Finding]
+    notes: Sequence[str]
+    repaired: Sequence[SpanDocument]
+    phases: Sequence[Phase]
+    rest_s: float
+    uses: Sequence[UseDocument]
+    noise: Sequence[NoiseDocument]
+    convert: str
+    series: Mapping[str, ZoomFigure] = field(metadata=UNWRITTEN)
+    fitted: TwinFitRecord | None = field(metadata=UNWRITTEN)

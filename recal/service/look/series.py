@@ -1,0 +1,112 @@
+"""Columns of a run as a page draws them: a few hundred means, each with the least and the greatest
+value of its rows.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.reports.zoom import ZoomCurve, ZoomFigure
+from ins.records import AXES, GnssLog, ImuSource, Run, TemperatureLog
+from ins.units import DEG
+
+DRAWN_BINS = 1500  # of a curve; chosen: two a pixel of a page 1180 px wide are more than it shows
+
+
+def series_of(run: Run) -> Mapping[str, ZoomFigure]:
+    """All that a run's streams show over time, by the name of the drawing."""
+    found = dict(_imu_series(run.imu))
+    if run.temperature is not None:
+        found["temperature"] = _temperature_series(run.temperature)
+    if run.gnss is not None:
+        found |= _gnss_series(run.gnss)
+    if run.odometer is not None:
+        rows = _few(run.odometer.time_s.size)
+        speed = ZoomCurve(name="wheel", values=run.odometer.speed_m_s[rows])
+        found["odometer"] = ZoomFigure(
+            title="Wheel speed", unit="m/s", time_s=run.odometer.time_s[rows], curves=(speed,)
+        )
+    return {name: series for name, series in found.items() if series.curves}
+
+
+def _imu_series(imu: ImuSource) -> Mapping[str, ZoomFigure]:
+    """Rates and specific force."""
+    edges = np.linspace(imu.start_s, imu.end_s, min(DRAWN_BINS, max(imu.rows // 2, 1)) + 1)[1:-1]
+    count = np.zeros(edges.size + 1)
+    total = np.zeros((edges.size + 1, 6))
+    low, high = np.full(total.shape, np.inf), np.full(total.shape, -np.inf)
+    for piece in imu.pieces():
+        rows = np.hstack([piece.dtheta_rad, piece.dv_m_s]) / piece.dt_s[:, None]
+        of = np.searchsorted(edges, piece.time_s)
+        first = np.flatnonzero(np.diff(of, prepend=-1))
+        bins = of[first]
+        count[bins] += np.diff(np.append(first, of.size))
+        total[bins] += np.add.reduceat(rows, first)
+        low[bins] = np.minimum(low[bins], np.minimum.reduceat(rows, first))
+        high[bins] = np.maximum(high[bins], np.maximum.reduceat(rows, first))
+    held = count > 0
+    time_s = np.concatenate([[imu.start_s], edges])[held]
+    mean = total[held] / count[held, None]
+    low, high = low[held], high[held]
+
+    def triad(title: str, unit: str, at: int, scale: float) -> ZoomFigure:
+        curves = tuple(
+            ZoomCurve(
+                name=axis,
+                values=mean[:, at + k] * scale,
+                low=low[:, at + k] * scale,
+                high=high[:, at + k] * scale,
+            )
+            for k, axis in enumerate(AXES)
+        )
+        return ZoomFigure(title=title, unit=unit, time_s=time_s, curves=curves)
+
+    return {
+        "rate": triad("Angular rate", "deg/s", 0, 1.0 / DEG),
+        "force": triad("Specific force", "m/s2", 3, 1.0),
+    }
+
+
+def _temperature_series(log: TemperatureLog) -> ZoomFigure:
+    """Every thermometer that reads anything, differential readings apart."""
+    rows = _few(log.time_s.size)
+    columns = {f"gyro {axis}": log.gyro_degC[:, k] for k, axis in enumerate(AXES)}
+    if log.accel_degC is not None:
+        columns |= {f"accelerometer {axis}": log.accel_degC[:, k] for k, axis in enumerate(AXES)}
+    if log.block_degC is not None:
+        columns["block"] = log.block_degC
+    if log.ambient_degC is not None:
+        columns["ambient"] = log.ambient_degC
+    curves = tuple(
+        ZoomCurve(name=name, values=values[rows])
+        for name, values in columns.items()
+        if np.isfinite(values).any()
+    )
+    return ZoomFigure(title="Temperatures", unit="degC", time_s=log.time_s[rows], curves=curves)
+
+
+def _gnss_series(log: GnssLog) -> Mapping[str, ZoomFigure]:
+    """Speed and height of the fixes."""
+    rows = _few(log.time_s.size)
+    time_s = log.time_s[rows]
+    velocity = log.v_n_m_s[rows]
+    speeds = [
+        ZoomCurve(name=name, values=velocity[:, k])
+        for k, name in enumerate(("north", "east", "down"))
+        if np.isfinite(velocity[:, k]).any()
+    ]
+    height = ZoomCurve(name="height", values=log.height_m[rows])
+    return {
+        "velocity": ZoomFigure(
+            title="Velocity of the fixes", unit="m/s", time_s=time_s, curves=tuple(speeds)
+        ),
+        "height": ZoomFigure(
+            title="Height of the fixes", unit="m", time_s=time_s, curves=(height,)
+        ),
+    }
+
+
+def _few(rows: int) -> NDArray:
+    """At most DRAWN_BINS of so many rows, evenly."""
+    return np.unique(np.linspace(0, rows - 1, min(rows, DRAWN_BINS)).round().astype(int))

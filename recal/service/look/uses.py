@@ -1,0 +1,200 @@
+"""What a log can and cannot be used for, each with the reason and the command that does it."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from alignment.reasons import AlignmentVerdict
+from infield.replay.aided.flight import FEWEST_FIXES
+from infield.reports.documents.alignment import AlignmentDocument
+from infield.session.parked.stretches import find_rests
+from ins.records import Run
+from recal.service.look.records import AssumedDocument, Fit, Use, UseDocument
+from simreal.report.twin_records import TwinFitRecord
+
+# of one gyro over the rest: 1 degC of a usual table, 0.001 deg/h per degC, is a third of what
+# a session of an hour tells a gyro's bias to
+NARROW_DEGC = 1.0
+
+
+class UseReason(StrEnum):
+    """Why a log is fit for a use, or is not."""
+
+    HEADING_FOUND = "heading_found"
+    LEVEL_ONLY = "level_only"
+    NOT_ALIGNED = "not_aligned"
+    NOISE_TOLD = "noise_told"
+    NO_REST = "no_rest"
+    NEVER_PARKED = "never_parked"
+    TEMPERATURES = "temperatures"
+    NARROW = "narrow"
+    NO_TEMPERATURE = "no_temperature"
+    FIXES = "fixes"
+    NO_FIXES = "no_fixes"
+    NO_START = "no_start"
+    TWIN_FIRST = "twin_first"
+
+
+USE_WORDS: Mapping[UseReason, str] = {
+    UseReason.HEADING_FOUND: "Heading is found to {sigma_deg:.2g} deg (1 sigma).",
+    UseReason.LEVEL_ONLY: "Roll and pitch are found, heading is not: {why}.",
+    UseReason.NOT_ALIGNED: "No attitude is found: {why}.",
+    UseReason.NOISE_TOLD: (
+        "{told} of {of} numbers of the noise model are told by {rest_min:.1f} min at rest."
+    ),
+    UseReason.NO_REST: "The unit never rests for a minute, so its own noise cannot be seen.",
+    UseReason.NEVER_PARKED: (
+        "The unit never stands parked for a minute, so no bias can be read against temperature."
+    ),
+    UseReason.TEMPERATURES: (
+        "The gyros rest at {low_degC:.1f} to {high_degC:.1f} degC: the table is renewed there."
+    ),
+    UseReason.NARROW: (
+        "The gyros rest at {low_degC:.1f} to {high_degC:.1f} degC only: the table is renewed in"
+        " that narrow range."
+    ),
+    UseReason.NO_TEMPERATURE: (
+        "The log holds no gyro temperature, and a bias without its temperature has no place in a"
+        " table."
+    ),
+    UseReason.FIXES: "{fixes} satellite fixes aid the navigation and judge it.",
+    UseReason.NO_FIXES: (
+        "There are fewer than {needed} satellite fixes: only the free-inertial drift can be shown."
+    ),
+    UseReason.NO_START: "Without fixes the navigation needs a heading to start from.",
+    UseReason.TWIN_FIRST: (
+        "The log is compared with a noise model; the first command makes one. Make it from another"
+        " log of the unit where you have one: a log always fits itself."
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """What a look found of a log, for its uses.
+
+    run_path: of the run that the commands name; fitted: None where no rest was found.
+    """
+
+    run: Run
+    run_path: str
+    aligned: AlignmentDocument
+    fitted: TwinFitRecord | None
+
+    @property
+    def rest_s(self) -> float:
+        """Seconds at rest."""
+        return 0.0 if self.fitted is None else self.fitted.parked_s
+
+
+def uses_of(judged: Judged) -> tuple[UseDocument, ...]:
+    """Every use, in the order in which a newcomer goes through them."""
+    return (_alignment(judged), _noise(judged), _table(judged), _replay(judged), _diagnosis(judged))
+
+
+def convert_command(
+    log: str,
+    run_path: str,
+    assumed: Sequence[AssumedDocument],
+    given: Mapping[str, str | float | None],
+) -> str:
+    """The command that makes the run for good: options that were given, then those taken for
+    granted.
+    """
+    words = ["recal", "convert", log, "-o", run_path]
+    for option, value in given.items():
+        if value is not None:
+            words += [option, _text(value)]
+    for one in assumed:
+        words += [one.option, _text(one.value)]
+    return shlex.join(words)
+
+
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:.12g}"
+
+
+def _use(
+    use: Use, fit: Fit, code: UseReason, words: Sequence[str] = (), **values: float | str
+) -> UseDocument:
+    return UseDocument(
+        use=use,
+        fit=fit,
+        why=USE_WORDS[code].format(**values),
+        reason_code=code.value,
+        command=shlex.join(words).replace(" '&&' ", " && "),
+    )
+
+
+def _first_reason(aligned: AlignmentDocument) -> str:
+    return str(aligned.reasons[0]) if aligned.reasons else "the rest says too little"
+
+
+def _alignment(judged: Judged) -> UseDocument:
+    aligned, words = judged.aligned, ("recal", "align", judged.run_path)
+    why = _first_reason(aligned)
+    if aligned.verdict is AlignmentVerdict.ALIGNED:
+        sigma = float(aligned.sigma_heading_deg)
+        return _use(Use.ALIGNMENT, Fit.YES, UseReason.HEADING_FOUND, words, sigma_deg=sigma)
+    if aligned.verdict is AlignmentVerdict.LEVEL_ONLY:
+        return _use(Use.ALIGNMENT, Fit.PARTLY, UseReason.LEVEL_ONLY, words, why=why)
+    return _use(Use.ALIGNMENT, Fit.NO, UseReason.NOT_ALIGNED, why=why)
+
+
+def _noise(judged: Judged) -> UseDocument:
+    if judged.fitted is None:
+        return _use(Use.NOISE, Fit.NO, UseReason.NO_REST)
+    parameters = judged.fitted.parameters
+    told = sum(p.identified for p in parameters)
+    return _use(
+        Use.NOISE,
+        Fit.YES if told else Fit.PARTLY,
+        UseReason.NOISE_TOLD,
+        ("recal", "twin", "fit", judged.run_path, "-o", "twin.json"),
+        told=told,
+        of=len(parameters),
+        rest_min=judged.rest_s / 60.0,
+    )
+
+
+def _table(judged: Judged) -> UseDocument:
+    run = judged.run
+    if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
+        return _use(Use.TABLE, Fit.NO, UseReason.NO_TEMPERATURE)
+    mems = run.header.gyro_technology == "mems"
+    if mems and not find_rests(run).stretches:
+        return _use(Use.TABLE, Fit.NO, UseReason.NEVER_PARKED)
+    if not mems and judged.aligned.verdict is not AlignmentVerdict.ALIGNED:
+        return _use(Use.TABLE, Fit.NO, UseReason.NOT_ALIGNED, why=_first_reason(judged.aligned))
+    low, high = np.nanmin(run.temperature.gyro_degC), np.nanmax(run.temperature.gyro_degC)
+    narrow = bool(high - low < NARROW_DEGC)
+    return _use(
+        Use.TABLE,
+        Fit.PARTLY if narrow else Fit.YES,
+        UseReason.NARROW if narrow else UseReason.TEMPERATURES,
+        ("recal", "update", judged.run_path, "--new-store", "--new-unit"),
+        low_degC=float(low),
+        high_degC=float(high),
+    )
+
+
+def _replay(judged: Judged) -> UseDocument:
+    words = ("recal", "replay", judged.run_path)
+    gnss = judged.run.gnss
+    if gnss is not None and gnss.time_s.size >= FEWEST_FIXES:
+        return _use(Use.REPLAY, Fit.YES, UseReason.FIXES, words, fixes=gnss.time_s.size)
+    if judged.aligned.verdict is AlignmentVerdict.ALIGNED:
+        return _use(Use.REPLAY, Fit.PARTLY, UseReason.NO_FIXES, words, needed=FEWEST_FIXES)
+    return _use(Use.REPLAY, Fit.NO, UseReason.NO_START)
+
+
+def _diagnosis(judged: Judged) -> UseDocument:
+    if judged.fitted is None:
+        return _use(Use.DIAGNOSIS, Fit.NO, UseReason.NO_REST)
+    run = judged.run_path
+    fit = ("recal", "twin", "fit", run, "-o", "twin.json")
+    diagnose = ("recal", "diagnose", run, "--twin", "twin.json")
+    return _use(Use.DIAGNOSIS, Fit.YES, UseReason.TWIN_FIRST, (*fit, "&&", *diagnose))

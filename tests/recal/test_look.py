@@ -1,0 +1,154 @@
+"""`recal look`: any log on one page, with what it can be used for and the commands that do it."""
+
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import recal
+from ins.records import AXES
+from recal.cli.app import app
+from recal.service.look.records import Fit, Use
+
+SITE_LATITUDE_DEG = 45.0  # of the packaged scenarios
+# of the latitude by gyros: 5 deg/h of bias is 20 deg of it, the simulated unit's 0.01 far less
+LATITUDE_TOLERANCE_DEG = 1.0
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """Ten minutes of a parked ring-laser unit, as a run and as a bare table of its rows."""
+    folder = tmp_path_factory.mktemp("look")
+    scenario = recal.simulate("parked_only", seed=7, rate_hz=10)
+    run = scenario.write(folder / "run") and recal.read_run(folder / "run")
+    imu = run.imu.between(-np.inf, 600.0)
+    names = [f"dtheta_{a}_rad" for a in AXES] + [f"dv_{a}_m_s" for a in AXES]
+    rows = np.column_stack([imu.time_s, imu.dtheta_rad, imu.dv_m_s])
+    header = ",".join(["time_s", *names])
+    np.savetxt(folder / "bare.csv", rows, "%.12g", ",", header=header, comments="")
+    moved = rows.copy()
+    moved[:, 1:] += np.random.default_rng(1).normal(0.0, 0.05, moved[:, 1:].shape)
+    np.savetxt(folder / "shaken.csv", moved, "%.12g", ",", header=header, comments="")
+    gap = np.delete(rows, slice(1500, 1600), axis=0)
+    np.savetxt(folder / "gap.csv", gap, "%.12g", ",", header=header, comments="")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def looked(simulated):
+    return recal.look(simulated / "run")
+
+
+def call(*words):
+    done = CliRunner().invoke(app, ["look", *map(str, words)])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    return done
+
+
+def fits(document):
+    return {use["use"]: use["fit"] for use in document["uses"]}
+
+
+def test_a_parked_run_is_fit_for_all_but_aided_replay(looked):
+    assert looked.verdict == "usable"
+    assert fits(looked.to_dict()) == {
+        "alignment": "yes",
+        "noise": "yes",
+        "table": "yes",
+        "replay": "partly",
+        "diagnosis": "yes",
+    }
+    assert {use.use for use in looked.uses} == set(Use)
+    assert all(use.command for use in looked.uses if use.fit is not Fit.NO)
+
+
+def test_the_noise_is_the_simulated_one(looked):
+    told = {one["name"]: one for one in looked.to_dict()["noise"]}
+    found = told["gyro.arw_deg_sqrt_h"]
+    assert abs(found["value"] - 0.002) < 5.0 * found["sigma"]
+    assert found["unit"] == "deg/sqrt(h)"
+
+
+def test_the_page_fetches_nothing_and_reads_without_a_script(looked):
+    page = looked.page()
+    without = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.search(r"""(?:src|href)=["']?(?:https?:)?//""", page)
+    assert without.count("<svg") == 4  # rates, force, temperatures, Allan
+    assert "recal align" in without and "Heading is found" in without
+    for numbers in re.findall(r'<script type="application/json">(.*?)</script>', page):
+        told = json.loads(numbers)
+        assert len(told["x"]) == len(told["curves"][0]["values"]) <= 2000
+
+
+def test_what_a_bare_log_does_not_say_is_taken_and_named(simulated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = call(simulated / "bare.csv", "--json")
+    document = json.loads(done.stdout)
+    assert done.exit_code == 0
+    taken = {one["key"]: one["value"] for one in document["assumed"]}
+    assert taken["gyro_technology"] == "fog"  # the gyros show the Earth's rate
+    assert abs(taken["lat_deg"] - SITE_LATITUDE_DEG) < LATITUDE_TOLERANCE_DEG
+    assert set(taken) == {
+        "imu_serial",
+        "gyro_technology",
+        "start_utc",
+        "lat_deg",
+        "lon_deg",
+        "height_m",
+    }
+    assert document["start_utc"] is None
+    assert fits(document)["table"] == "no"  # no temperatures
+
+
+def test_the_commands_do_what_they_say(simulated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    document = json.loads(call(simulated / "bare.csv", "--json").stdout)
+    words = shlex.split(document["convert"])
+    assert words[0] == "recal"
+    assert CliRunner().invoke(app, words[1:]).exit_code == 0
+    align = next(use["command"] for use in document["uses"] if use["use"] == "alignment")
+    done = CliRunner().invoke(app, shlex.split(align)[1:])
+    assert done.exit_code == 0 and "aligned" in done.stdout
+
+
+def test_of_a_log_with_gaps_the_longest_stretch_is_looked_at(simulated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = call(simulated / "gap.csv", "--json")
+    document = json.loads(done.stdout)
+    assert done.exit_code == 0
+    assert "longest of 2 stretches" in document["notes"][0]
+    assert document["holds"]["imu"]["duration_s"] == pytest.approx(440.0, abs=1.0)
+    made = CliRunner().invoke(app, shlex.split(document["convert"])[1:])
+    assert made.exit_code == 0
+
+
+def test_a_log_that_is_fit_for_nothing_is_refused(simulated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = call(simulated / "shaken.csv")
+    assert done.exit_code == 4
+    assert done.stdout.startswith("shaken: refused\n")
+    assert (tmp_path / "recal-look" / "look.html").exists()
+
+
+def test_what_is_no_log_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "poem.txt").write_text("no numbers here\n" * 100)
+    done = CliRunner().invoke(app, ["look", "poem.txt"])
+    assert "format not recognised" in str(done.exception)
+    assert not (tmp_path / "recal-look" / "look.html").exists()
+
+
+def test_the_zoom_works_in_a_browser(looked, tmp_path):
+    from tests.recal.chromium import chromium
+
+    page = looked.to_html(tmp_path / "look.html")
+    with chromium(tmp_path / "profile") as browser:
+        for width in (1280, 390):
+            browser.size(width, mobile=width < 500)
+            browser.open(page.as_uri())
+            assert browser.evaluate("document.querySelectorAll('.zoom.live canvas').length") == 3
+            assert browser.evaluate("document.documentElement.scrollWidth") <= width
+            assert browser.complaints() == []
