@@ -108,15 +108,11 @@ def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving):
     assert (mean > 0.55).all() and (mean < 1.35).all()
 
 
-def test_constant_velocity_and_parked_logs_are_refused():
+def test_parked_logs_and_few_fixes_are_refused():
     twin, made = twin_of("mems"), flown(ideal(PARK_S), twin_of("mems"), 1)
-    for a, b in ((0.0, 170.0), (PARK_S + 380.0, PARK_S + 420.0)):
-        found = aided(made, cut_run(made.run, a, b), twin, gyrocompass=False)
-        assert (
-            found.verdict == "refused"
-            and "heading" in sentences(found.reasons)[0]
-            and found.history is None
-        )
+    found = aided(made, cut_run(made.run, 0.0, 170.0), twin, gyrocompass=False)
+    assert found.verdict == "refused" and "heading" in sentences(found.reasons)[0]
+    assert found.history is None
     few = replace(
         made.run,
         gnss=type(made.run.gnss)(

@@ -12,6 +12,7 @@ from infield.replay.aided.flight import navigate_aided
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.records import Run, Site
+from ins.units import MICRO_G
 from tests.infield.aided_cases import (
     SITE,
     errors,
@@ -94,6 +95,28 @@ def test_left_handed_and_wrong_scale_units_are_inconsistent():
     assert found.verdict == "inconsistent" and any(
         "scale factor" in reason for reason in sentences(found.reasons)
     )
+
+
+@pytest.mark.parametrize("flights", [1, pytest.param(8, marks=pytest.mark.slow)])
+def test_shaken_accelerometers_make_no_gyro_noise(flights):
+    """White noise of 32 times the declared on the accelerometers alone: found there, and the gyros
+    keep theirs; with one factor for both, attitudes walked 8 times as far as they do. Errors are
+    those of the sigmas.
+    """
+    ratios = []
+    for seed in range(flights):
+        made = flown(ideal(PARK_S), twin_of("mems"), 60 + seed)
+        imu = made.run.imu
+        density = 32.0 * twin_of("mems").accel.vrw_ug_sqrt_hz * MICRO_G
+        shake = np.random.default_rng([seed, 61]).standard_normal(imu.dv_m_s.shape)
+        dv = imu.dv_m_s + density * np.sqrt(imu.dt_s)[:, None] * shake
+        header = replace(made.run.header, gyro_technology="mems")
+        found = fly(replace(made.run, imu=replace(imu, dv_m_s=dv), header=header), "mems")
+        assert found.verdict == "aided" and found.scales.white <= 4.0
+        assert 8.0 <= found.scales.accel_white <= 128.0
+        assert "white noise of the accelerometers" in sentences(found.notes)[-1]
+        ratios.append(normalised(made, found.history, 60))
+    assert (np.mean(ratios, axis=0) > 0.3).all() and (np.mean(ratios, axis=0) < 2.0).all()
 
 
 def test_unit_turned_about_the_vertical_is_told():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from infield.replay.aided.flight import navigate_aided
+from infield.replay.aided.open_heading import mixed
 from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.records import Run, Survey
@@ -85,12 +86,58 @@ def test_heading_by_parts_of_the_compass_does_not_matter():
     assert abs(wrap_pi(heading[0] - heading[1])) < sigma
 
 
-def test_constant_velocity_shows_no_heading():
-    """Two minutes of steady cruise, and two of standing: refused, and why."""
+def test_standing_shows_no_heading():
+    """Nothing is flown where nothing moves, and why."""
     made = flown(ideal(180.0), twin_of("mems"), 1)
-    for start_s, end_s in ((0.0, 170.0), (560.0, 600.0)):
-        found = fly(cut_run(made.run, start_s, end_s))
-        assert found.verdict == "refused" and "heading" in sentences(found.reasons)[0]
+    found = fly(cut_run(made.run, 0.0, 170.0))
+    assert found.verdict == "refused" and "heading" in sentences(found.reasons)[0]
+
+
+@pytest.mark.parametrize("flights", [4, pytest.param(30, marks=pytest.mark.slow)])
+def test_constant_velocity_is_flown_from_all_headings(flights):
+    """Forty seconds of steady cruise, which show no heading: refused before. The heading's sigma is
+    at first that of a compass of which nothing is known, 104 deg, and never one that its error
+    contradicts; positions and velocities are as good as their sigmas say.
+    """
+    turned, ratios = [], []
+    for seed in range(flights):
+        made = flown(ideal(180.0), twin_of("mems"), 40 + seed)
+        found = fly(cut_run(made.run, 560.0, 600.0))
+        assert found.verdict == "aided" and found.found.method == "all headings"
+        assert found.grade == "degraded" and {str(w.why) for w in found.weak} >= {"heading_wide"}
+        assert "never changes" in sentences(found.notes)[0]
+        history = found.history
+        off, sigma = errors(made, history), np.sqrt(history.variance)
+        assert 95.0 < sigma[0, 8] / DEG < 110.0 and sigma[-1, 8] / DEG > 20.0
+        turned.append(off[-1, 8] / sigma[-1, 8])
+        ratios.append(np.mean((off[5:, :6] / sigma[5:, :6]) ** 2))
+    assert np.abs(turned).max() < 3.0
+    assert 0.3 < np.mean(ratios) < 1.6
+
+
+def test_mixture_of_two_flights_worked_by_hand():
+    """Headings 0 and 90 deg, alike: 45 deg, sigma of the flights and 45 deg from either. 0 and
+    180 deg have no mean: the likelier one, and the other as far as it is. Places 2 m apart at
+    weights 0.7 and 0.3: 0.6 m of the way, with 0.7 0.3 2^2 m^2 more.
+    """
+    made = flown(ideal(180.0), twin_of("mems"), 1)
+    one = fly(cut_run(made.run, 60.0, 420.0)).history
+    turn = dcm_from_rotation_vector(np.array([0.0, 0.0, 90.0 * DEG]))
+    north = replace(one, C_nb=np.broadcast_to(np.eye(3), one.C_nb.shape))
+    alike = np.full((one.time_s.size, 2), 0.5)
+    both = mixed([north, replace(north, C_nb=north.C_nb @ turn)], alike)
+    heading = np.arctan2(both.C_nb[:, 1, 0], both.C_nb[:, 0, 0])
+    assert heading == pytest.approx(45.0 * DEG)
+    assert both.phi_covariance[:, 2, 2] == pytest.approx(
+        one.phi_covariance[:, 2, 2] + (45.0 * DEG) ** 2
+    )
+    weights = np.tile([0.7, 0.3], (one.time_s.size, 1))
+    back = replace(north, C_nb=north.C_nb @ turn @ turn, height_m=one.height_m - 2.0)
+    both = mixed([north, back], weights)
+    assert both.C_nb == pytest.approx(north.C_nb, abs=1e-12)
+    assert both.variance[:, 8] == pytest.approx(one.variance[:, 8] + 0.3 * np.pi**2)
+    assert both.height_m == pytest.approx(one.height_m - 0.6, abs=1e-6)
+    assert both.variance[:, 2] == pytest.approx(one.variance[:, 2] + 0.7 * 0.3 * 4.0, rel=1e-5)
 
 
 @pytest.mark.parametrize("off_sigmas", [0.0, 1.5])

@@ -209,7 +209,7 @@ def test_refused_writes_its_reasons_and_no_old_navigation(folder):
     result_of("run", "-o", "out", "--no-aided")
     assert (folder / "out/navigation.parquet").exists()
     write_run(folder / "moving", never_rests(session().run))
-    document = result_of("moving", "-o", "out", exit_code=4)
+    document = result_of("moving", "-o", "out", "--no-aided", exit_code=4)
     assert document["verdict"] == "refused" and "never rests" in document["reasons"][0]
     assert json.loads((folder / "out/replay.json").read_text()) == document
     assert "never rests" in (folder / "out/replay.html").read_text()

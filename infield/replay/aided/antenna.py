@@ -45,10 +45,12 @@ FILTERED_M_S = 1.5
 DELAY_FLOOR_S = 0.005  # of stamps that jitter
 ARM_PROBABILITY = 1e-4  # 1 of 10 000 true declared arms is doubted
 # in which no large bias hides the antenna
-WIDE = NoiseScales(white=8.0, walk=32.0, position=3.0, velocity=8.0)
+WIDE = NoiseScales(
+    white=8.0, walk=32.0, accel_white=8.0, accel_walk=32.0, position=3.0, velocity=8.0
+)
 # sensors on a running airframe: between the two lies a valley of likelihood, 84 nats deep at walks
 # of 4 on a copter whose walks of 16 bring 2,100
-SHAKEN = NoiseScales(white=8.0, walk=32.0)
+SHAKEN = NoiseScales(white=8.0, walk=32.0, accel_white=8.0, accel_walk=32.0)
 ARM, DELAYS = slice(0, 3), slice(3, 5)
 
 
@@ -128,7 +130,7 @@ def _noise(fly: Fly, first: Model, found: Flown, *, loud: bool) -> NoiseScales:
     """
     if loud:
         return _all_noise(fly, first, found).model.scales
-    quiet = raised_noise(found, fly, (*SLOW_PARTS, "walk"))
+    quiet = raised_noise(found, fly, (*SLOW_PARTS, "walk", "accel_walk"))
     shaken = flown(replace(found.model, scales=SHAKEN), fly)
     better = shaken is not None and shaken.over(quiet) > CHANGE_GAIN_NATS
     if not quiet.model.scales.fitted and not better:

@@ -8,7 +8,6 @@ Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part o
 flights.
 """
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,36 +17,31 @@ from alignment.gyrocompass import nis_verdict
 from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
-from infield.replay.aided.antenna import SeenAntenna, fit_model
+from infield.replay.aided.antenna import Fitted, SeenAntenna, fit_model
 from infield.replay.aided.checks import mounting_note, site_note, without_repeats
+from infield.replay.aided.flights import Beginning, Flights, options_of
 from infield.replay.aided.grade import Weak, graded
-from infield.replay.aided.headings import HeadingFound, Sky, find_heading
+from infield.replay.aided.headings import HeadingOpen, Sky
 from infield.replay.aided.left_out import OutageScore, check_left_out, scored, without
-from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
-from infield.replay.aided.reasons import AidedGrade, AidedReason, AidedVerdict
-from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
-from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
-from ins.filters.aided_filter import KINDS, AidedNavigator
-from ins.filters.aided_records import (
-    AidedHistory,
-    AidedNoise,
-    AidedOptions,
-    Antenna,
-    Fixes,
-    fixes_of,
+from infield.replay.aided.noise import MATERIAL, NoiseScales, capped_nis
+from infield.replay.aided.open_heading import fly_open
+from infield.replay.aided.reasons import (
+    AidedGrade,
+    AidedNote,
+    AidedReason,
+    AidedVerdict,
+    StartMethod,
 )
+from infield.replay.aided.start import FoundStart
+from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
+from ins.filters.aided_filter import KINDS
+from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
 from ins.noise import DEFAULT_SIGMA_deg_h, accel_densities, flicker_walk, gyro_densities
-from ins.records import ImuLog, ImuSource, Run, TwinModel
+from ins.records import ImuSource, Run, TwinModel
 from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G_PER_SQRT_HOUR
 from ins.verdicts import Reason, because
 
 FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
-HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
-# of log that noise and antenna are fitted on, from the first time on that the vehicle moves
-FIT_S = 1800.0
-# of log under way before a start by matching, which needs 60 s of it at most and tries every 20 s;
-# beyond it the heading is sought from the beginning on
-LATE_S = 75.0
 # of the fixes of a kind; as many as that may be wild, or leap for a while: those are told, and the
 # rest stand (`infield.replay.aided.grade`). With 1 in 3 wild a flight is inconsistent, with 1 in
 # 10 it is not (tests/infield/test_aided.py, test_aided_grade.py)
@@ -55,12 +49,6 @@ MOST_REJECTED = 0.25
 # without a used position: the solution coasts, and it is listed; at one fix a second 2 may be
 # lost
 OUTAGE_S = 3.0
-STAND_SIGMA_M_S = 0.01
-# a parked vehicle's own turning; 0: no measurement (a gyrocompass
-STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}
-# does better with what the gyros read)
-# a solution that rejects every position for so long is begun anew
-BEGIN_ANEW_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,49 +155,32 @@ def navigate_aided(
         fixes=fixes,
         twin=twin,
         noise=noise,
-        options=_options(header.gyro_technology, stands),
+        options=options_of(header.gyro_technology, stands),
         gyro_sigma_deg_h=sigma,
         lever_arm_m=antenna.lever_arm_m,
     )
-    headings: list[HeadingFound | Reason] = []
-
-    def begin(late: Fixes, lever: NDArray) -> FoundStart | Reason:
-        if rest is not None:
-            return parked_start(
-                imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever
-            )
-        surveyed = surveyed_start(
-            imu, late, header, twin, stands=stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever
-        )
-        if surveyed is not None:
-            return surveyed
-        if headings and isinstance(headings[0], HeadingFound):  # all flights begin alike
-            return headings[0].start(sky.with_antenna(late, lever))
-        found = moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
-        if isinstance(found, FoundStart) and not _comes_late(found, late, stands):
-            return found
-        if not headings:
-            headings.append(find_heading(sky.with_antenna(late, lever), stands))
-        if isinstance(headings[0], HeadingFound):
-            return headings[0].start(sky.with_antenna(late, lever))
-        return found if isinstance(found, FoundStart) else headings[0]
-
     declared_m = (
         twin.gnss.sigma_horizontal_m,
         twin.gnss.sigma_vertical_m,
         twin.gnss.sigma_velocity_m_s,
     )
-    flights = _Flights(imu, fixes, noise, declared_m, stands, header.gyro_technology, begin)
+    begin = Beginning(sky=sky, header=header, rest=rest, stands=stands)
+    flights = Flights(imu, fixes, noise, declared_m, stands, header.gyro_technology, begin)
     fitted = fit_model(flights, antenna, declared_m[0])
     if fitted is None:
         why = flights.start(antenna)
         assert isinstance(why, Reason)
         return replace(_refused(why, role), fixes=fixes, stands=stands)
-    history, scales = fitted.history, fitted.model.scales
-    reasons = judged(history) + unbelieved(scales, header.gyro_technology)
     found = flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
-    notes = repeats + site_note(fixes, stands, header.site, imu.start_s) + mounting_note(history)
+    open_heading: tuple[Reason, ...] = ()
+    if found.method is StartMethod.ALL_HEADINGS:
+        fitted, why = _from_all_headings(flights, fitted)
+        open_heading = (because(AidedNote.HEADING_OPEN, reason=why),)
+    history, scales = fitted.history, fitted.model.scales
+    reasons = judged(history) + unbelieved(scales, header.gyro_technology)
+    notes = open_heading + repeats + site_note(fixes, stands, header.site, imu.start_s)
+    notes += mounting_note(history)
     notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, twin)
     outages = find_outages(history)
     grade, weak = graded(
@@ -235,82 +206,20 @@ def navigate_aided(
     )
 
 
-def _comes_late(found: FoundStart, fixes: Fixes, stands: tuple[Where, ...]) -> bool:
-    """Whether a vehicle was under way for longer than LATE_S before its start was found."""
-    first_s, start_s = float(fixes.time_s[0]), found.start.state.time_s
-    stood = sum(max(min(b, start_s) - max(a, first_s), 0.0) for a, b in stands)
-    return start_s - first_s - stood > LATE_S
-
-
-def _options(technology: str, stands: tuple[Where, ...]) -> AidedOptions:
-    """What the filter is told of a technology's standstills."""
-    return AidedOptions(
-        stands=stands,
-        stand_sigma_m_s=STAND_SIGMA_M_S,
-        stand_rate_rad_s=STAND_RATE_RAD_S[technology],
-        reset_s=BEGIN_ANEW_S[technology],
-    )
+def _from_all_headings(flights: Flights, fitted: Fitted) -> tuple[Fitted, Reason]:
+    """The model that fits, flown from all headings, and why none is known."""
+    heading, model = flights.begin.heading, fitted.model
+    assert isinstance(heading, HeadingOpen)
+    late = flights.fixes.earlier(model.antenna.velocity_delay_s)
+    starts = heading.starts(flights.begin.sky.with_antenna(late, model.antenna.lever_arm_m))
+    pieces = flights.pieces(starts[0].start.state.time_s, whole=True)
+    history = fly_open([flights.navigator(found, model) for found in starts], pieces)
+    return replace(fitted, history=flights.as_timed(history, model)), heading.why
 
 
 def _refused(reason: Reason, role: str) -> AidedResult:
     """The result where nothing can be flown."""
     return AidedResult(verdict=AidedVerdict.REFUSED, reasons=(reason,), role=role)
-
-
-@dataclass(frozen=True)
-class _Flights:
-    """Flies the log as often as it is asked to; a start is looked for once for each antenna."""
-
-    imu: ImuSource
-    fixes: Fixes
-    noise: AidedNoise
-    declared_m: tuple[float, float, float]
-    stands: tuple[Where, ...]
-    technology: str
-    begin: Callable[[Fixes, NDArray], FoundStart | Reason]
-    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
-    held: list[ImuLog] = field(default_factory=list)
-
-    def start(self, antenna: Antenna) -> FoundStart | Reason:
-        key = antenna.velocity_delay_s, *antenna.lever_arm_m
-        if key not in self.starts:
-            self.starts[key] = self.begin(
-                self.fixes.earlier(antenna.velocity_delay_s), antenna.lever_arm_m
-            )
-        return self.starts[key]
-
-    def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
-        found = self.start(model.antenna)
-        if isinstance(found, Reason):
-            return None
-        start_s = found.start.state.time_s
-        base_s = min(model.antenna.delay_s, model.antenna.velocity_delay_s)
-        fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
-        navigator = AidedNavigator(
-            found.start,
-            model.scales.of(self.noise, *self.declared_m),
-            fixes,
-            antenna=model.antenna.later(-base_s),
-            options=_options(self.technology, self.stands),
-        )
-        for piece in self._pieces(start_s, whole=whole):
-            navigator.feed(piece)
-        history = navigator.finish()
-        return replace(history, antenna=history.antenna.later(base_s))
-
-    def _pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
-        """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in
-        memory if it is not long.
-        """
-        first_s = start_s - 2.0
-        if whole:
-            return self.imu.pieces(first_s, np.inf)
-        end_s = next((b for a, b in self.stands if a <= start_s + 1.0 < b), start_s) + FIT_S
-        if end_s - self.imu.start_s > HELD_S:
-            return self.imu.pieces(first_s, end_s)
-        if not self.held:
-            self.held.append(self.imu.between(self.imu.start_s, end_s))
-        return self.held[0].pieces(first_s, end_s)
 
 
 def nis_of(history: AidedHistory, kind: int) -> tuple[float, int]:

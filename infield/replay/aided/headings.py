@@ -56,6 +56,7 @@ SURE_RAD = 3.0 * DEG
 # and up to here there is a start: WIDEST_RAD then is 1.7 of it, and the filter's own sigma at first
 # too small by 14 % (1 / sqrt(1 + 0.36))
 UNSURE_RAD = 15.0 * DEG
+UNKNOWN_RAD = np.pi / np.sqrt(3.0)  # sigma of a heading of which nothing is known
 WIDEST_RAD = 25.0 * DEG  # sin is 3 % off there, 1 - cos is 9 %: the filter is linear to that
 # odds of another heading, 30 deg or more away, up to which one is taken: 1 of 1 000
 ELSEWHERE, ELSEWHERE_RAD = 1e-3, 30.0 * DEG
@@ -152,17 +153,53 @@ class HeadingFound:
         return replace(found, method=StartMethod.HEADINGS, span=self.span)
 
 
-def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | Reason:
-    """The heading at the beginning of the fixes; what is missing where it cannot be told."""
+@dataclass(frozen=True)
+class HeadingOpen:
+    """No heading is known, and why; turn_rad: of the likeliest, from the match; `bank` begins at
+    any.
+    """
+
+    why: Reason
+    turn_rad: float
+    bank: "Bank"
+
+    def starts(self, sky: Sky) -> list[FoundStart]:
+        """A start at each of the COARSE headings."""
+        bank = replace(self.bank, sky=sky)
+        step = 2.0 * np.pi / COARSE
+        return [bank.begun(k * step, WIDTH * step) for k in range(COARSE)]
+
+    def likeliest(self, sky: Sky) -> FoundStart:
+        """The start at the likeliest heading, as wide as is linear: what noise and antenna are
+        found with.
+        """
+        found = replace(self.bank, sky=sky).begun(self.turn_rad, WIDEST_RAD)
+        first, last = self.bank.ground.log.time_s[[0, -1]]
+        return replace(
+            found,
+            method=StartMethod.ALL_HEADINGS,
+            span=(float(first), float(last)),
+            sigma_heading_rad=UNKNOWN_RAD,
+        )
+
+
+def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | HeadingOpen | Reason:
+    """The heading at the beginning of the fixes, or all of them; what is missing where there is
+    nothing to begin on.
+    """
     first = _first_window(sky, stands)
     end_s = min(STRETCHES_S[-1] + float(sky.fixes.time_s[0]), sky.imu.end_s)
-    if first is None or level_change(sky.fixes, sky.imu.start_s, end_s) < LEAST_MOVED_M_S:
-        return because(
-            AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_MOVED_M_S, longest_s=STRETCHES_S[-1]
-        )
+    still = because(
+        AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_MOVED_M_S, longest_s=STRETCHES_S[-1]
+    )
+    if first is None or not _moves(sky.fixes):
+        return still
     ground, pairs = first
     begin_s = float(ground.log.time_s[-1])
-    bank = _Bank(replace(sky, fixes=_thinned(sky.fixes)), ground, pairs)
+    bank = Bank(replace(sky, fixes=_thinned(sky.fixes)), ground, pairs)
+    if level_change(sky.fixes, sky.imu.start_s, end_s) < LEAST_MOVED_M_S:
+        seen = bank.look(sky.imu.between(begin_s - 2.0, begin_s + STRETCHES_S[0]))
+        return HeadingOpen(still, seen.turn_rad, bank)
     held, taken = None, None
     for length_s in STRETCHES_S:
         log = sky.imu.between(begin_s - 2.0, begin_s + length_s)
@@ -176,13 +213,15 @@ def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | Reason:
     if taken is None:
         assert held is not None
         if held.sigma_rad <= UNSURE_RAD:
-            return because(AidedReason.HEADINGS_DIFFER, longest_s=STRETCHES_S[-1])
-        return because(
+            differ = because(AidedReason.HEADINGS_DIFFER, longest_s=STRETCHES_S[-1])
+            return HeadingOpen(differ, held.turn_rad, bank)
+        unsure = because(
             AidedReason.HEADING_UNSURE,
             best_rad=min(held.sigma_rad, np.pi),
             limit_rad=UNSURE_RAD,
             longest_s=STRETCHES_S[-1],
         )
+        return HeadingOpen(unsure, held.turn_rad, bank)
     sigma = float(np.clip(3.0 * taken.sigma_rad, FLOORS_RAD[2], WIDEST_RAD))
     C_nb, theta = bank.attitude(taken.turn_rad, sigma)
     return HeadingFound(
@@ -193,6 +232,14 @@ def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | Reason:
         span=(float(ground.log.time_s[0]), float(log.time_s[-1])),
         gyro=ground.gyro,
     )
+
+
+def _moves(fixes: Fixes) -> bool:
+    """Whether the satellite velocities are ever more than noise; a parked log has no flight."""
+    speed = np.linalg.norm(fixes.v_n_m_s[:, :2], axis=1)
+    seen = np.isfinite(speed)
+    noise = 4.0 * float(np.median(fixes.sigma_velocity_m_s[seen, 0])) if seen.any() else 0.0
+    return bool(seen.any() and float(speed[seen].max()) - noise > LEAST_MOVED_M_S)
 
 
 def _thinned(fixes: Fixes) -> Fixes:
@@ -230,7 +277,7 @@ def _first_window(sky: Sky, stands: tuple[Where, ...]) -> tuple[Stretch, Pairs] 
 
 
 @dataclass
-class _Bank:
+class Bank:
     """Flights of longer and longer stretches from headings all round, with the noise that the last
     one needed.
     """
@@ -276,7 +323,7 @@ class _Bank:
         rival = _rival(turns - top - mean, logliks)
         flight = self._fly(log, top + mean, WIDEST_RAD)
         sigma = max(sigma, float(np.sqrt(flight.variance[:, HEADING].min())))
-        colour = _colour(flight)
+        colour = colour_of(flight)
         return Seen(
             turn_rad=float(wrap_pi(top + mean)),
             sigma_rad=float(np.sqrt(colour)) * sigma,
@@ -308,13 +355,17 @@ class _Bank:
         width = WIDTH * float(turns[1] - turns[0])
         return np.array([_loglik(self._fly(log, float(turn), width)) for turn in turns])
 
+    def begun(self, turn_rad: float, sigma_rad: float) -> FoundStart:
+        """The start at a heading."""
+        C_nb, theta = self.attitude(turn_rad, sigma_rad)
+        return started(self.ground, C_nb, self.pairs.rate_b, theta)
+
     def _fly(
         self, log: ImuLog, turn_rad: float, sigma_rad: float, level: tuple[int, int] | None = None
     ) -> AidedHistory:
         """A stretch from a heading."""
         sky = self.sky
-        C_nb, theta = self.attitude(turn_rad, sigma_rad)
-        found = started(self.ground, C_nb, self.pairs.rate_b, theta)
+        found = self.begun(turn_rad, sigma_rad)
         step = level or self.level
         sensors, receiver = SENSOR_STEPS[step[0]], RECEIVER_STEPS[step[1]]
         walk = min(sensors, LARGEST_WALK)
@@ -338,15 +389,20 @@ class _Bank:
 
 
 def _loglik(history: AidedHistory) -> float:
-    """Log likelihood of a flight; a fix that it could not use is a wild one, as likely anywhere
-    within WILD.
+    """Log likelihood of a flight."""
+    return float(fix_logliks(history).sum())
+
+
+def fix_logliks(history: AidedHistory) -> NDArray:
+    """Log likelihood (n,) of each fix; one that the flight could not use is a wild one, as likely
+    anywhere within WILD.
     """
     from ins.filters.aided_kernel import USED
 
     seen = np.isfinite(history.loglik)
     fits = seen & (history.used == USED)
-    wild = (seen & ~fits).sum(axis=0) @ -np.log(np.array(WILD) ** 3 / (2.0 * np.pi) ** 1.5)
-    return float(history.loglik[fits].sum() + wild)
+    wild = (seen & ~fits) * -np.log(np.array(WILD) ** 3 / (2.0 * np.pi) ** 1.5)
+    return np.asarray((np.where(fits, history.loglik, 0.0) + wild).sum(axis=1))
 
 
 def _moments(off_rad: NDArray, logliks: NDArray, step_rad: float) -> tuple[float, float]:
@@ -366,7 +422,7 @@ def _rival(off_rad: NDArray, logliks: NDArray) -> float:
     return float(logliks[peak].max()) if peak.any() else -np.inf
 
 
-def _colour(history: AidedHistory) -> float:
+def colour_of(history: AidedHistory) -> float:
     """How much larger the variance of sums of BLOCK innovations is than that of white ones, at
     least 1.
     """

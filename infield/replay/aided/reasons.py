@@ -34,12 +34,15 @@ class AidedWeakness(StrEnum):
 
 
 class StartMethod(StrEnum):
-    """How an aided solution was begun: parked, in motion, or from headings all round."""
+    """How an aided solution was begun: parked, in motion, or from headings all round; ALL_HEADINGS:
+    none of them is known to be the vehicle's.
+    """
 
     GYROCOMPASS = "gyrocompass"
     MATCHING = "velocity matching"
     HEADINGS = "several headings"
     SURVEYED = "surveyed heading"
+    ALL_HEADINGS = "all headings"
 
 
 class AidedReason(StrEnum):
@@ -58,6 +61,7 @@ class AidedReason(StrEnum):
 class AidedNote(StrEnum):
     """What was taken from the log beyond what was declared, and what it contradicts."""
 
+    HEADING_OPEN = "heading_open"
     REPEATED_FIXES = "repeated_fixes"
     SITE_ELSEWHERE = "site_elsewhere"
     OFF_THE_TRACK = "off_the_track"

@@ -5,7 +5,7 @@ believed.
 import numpy as np
 
 from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.replay.aided.noise import BELIEVED, NoiseScales
+from infield.replay.aided.noise import BELIEVED, BELIEVED_ACCEL_WHITE, SENSOR_PARTS, NoiseScales
 from infield.replay.aided.reasons import AidedNote, AidedReason
 from ins.filters.aided_records import Antenna
 from ins.records import TwinModel
@@ -57,7 +57,7 @@ def noise_notes(scales: NoiseScales, twin: TwinModel) -> tuple[Reason, ...]:
             "sigma_m_s": scales.slow_velocity * twin.gnss.sigma_velocity_m_s,
             "time_s": scales.slow_velocity_s,
         }
-    factors = {name: getattr(scales, name) for name in ("white", "walk", "position", "velocity")}
+    factors = {name: getattr(scales, name) for name in (*SENSOR_PARTS, "position", "velocity")}
     note = because(
         AidedNote.NOISE_TAKEN,
         factors=factors,
@@ -71,7 +71,8 @@ def noise_notes(scales: NoiseScales, twin: TwinModel) -> tuple[Reason, ...]:
 
 def unbelieved(scales: NoiseScales, technology: str) -> tuple[Reason, ...]:
     """Factors on the sensors that no noise explains."""
-    most = BELIEVED[technology]
+    limits = dict.fromkeys(SENSOR_PARTS, BELIEVED[technology])
+    limits["accel_white"] = BELIEVED_ACCEL_WHITE[technology]
     return tuple(
         because(
             AidedReason.NOISE_UNBELIEVED,
@@ -80,6 +81,6 @@ def unbelieved(scales: NoiseScales, technology: str) -> tuple[Reason, ...]:
             most=most,
             technology=technology,
         )
-        for name in ("white", "walk")
+        for name, most in limits.items()
         if getattr(scales, name) >= most
     )

@@ -142,6 +142,8 @@ class NoiseDocument:
     fitted: bool
     white_factor: float
     walk_factor: float
+    accel_white_factor: float
+    accel_walk_factor: float
     position_factor: float
     velocity_factor: float
     slow_factor: float
@@ -324,6 +326,8 @@ def _noise(result: AidedResult) -> NoiseDocument:
         fitted=s.fitted,
         white_factor=s.white,
         walk_factor=s.walk,
+        accel_white_factor=s.accel_white,
+        accel_walk_factor=s.accel_walk,
         position_factor=s.position,
         velocity_factor=s.velocity,
         slow_factor=s.slow,

@@ -11,8 +11,10 @@ from ins.units import DEG
 
 PLURAL = {"position": "positions", "velocity": "velocities"}
 FACTORS = {
-    "white": "white noise of the sensors",
-    "walk": "walks of their biases",
+    "white": "white noise of the gyros",
+    "walk": "walks of the gyros' biases",
+    "accel_white": "white noise of the accelerometers",
+    "accel_walk": "walks of the accelerometers' biases",
     "position": "satellite position",
     "velocity": "satellite velocity",
 }
@@ -127,6 +129,10 @@ SENTENCES: Mapping[StrEnum, Template] = {
     AidedReason.NIS_HIGH: "satellite {kind}: {excess}",
     AidedReason.MANY_REJECTED: _many_rejected,
     AidedReason.NOISE_UNBELIEVED: _unbelieved,
+    AidedNote.HEADING_OPEN: (
+        "{reason}. The solution is that of flights from headings all round, weighed by what they"
+        " explain: its heading is worth what its sigma says"
+    ),
     AidedNote.REPEATED_FIXES: (
         "{count} fixes from {first_s:.1f} to {last_s:.1f} s are left out: their position is that of"
         " the fix before, to the last digit, at {speed_m_s:.1f} m/s (a receiver that is stuck, or a"

@@ -1,0 +1,162 @@
+"""A log flown as often as models are tried on it: from which start, with which filter, on which
+part of it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.inertial import Where
+from infield.replay.aided.headings import HeadingFound, HeadingOpen, Sky, find_heading
+from infield.replay.aided.noise import Model
+from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
+from ins.filters.aided_filter import AidedNavigator
+from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.records import ImuLog, ImuSource, RunHeader
+from ins.verdicts import Reason
+
+HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
+# of log that noise and antenna are fitted on, from the first time on that the vehicle moves
+FIT_S = 1800.0
+# of log under way before a start by matching, which needs 60 s of it at most and tries every 20 s;
+# beyond it the heading is sought from the beginning on
+LATE_S = 75.0
+STAND_SIGMA_M_S = 0.01
+# a parked vehicle's own turning; 0: no measurement (a gyrocompass does better with what the gyros
+# read)
+STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}
+# a solution that rejects every position for so long is begun anew
+BEGIN_ANEW_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}
+
+
+@dataclass
+class Beginning:
+    """Finds the start of a log, for fixes at other times and for other lever arms; headings all
+    round are sought once.
+    """
+
+    sky: Sky
+    header: RunHeader
+    rest: Where | None
+    stands: tuple[Where, ...]
+    heading: HeadingFound | HeadingOpen | Reason | None = None
+
+    def __call__(self, late: Fixes, lever_arm_m: NDArray) -> FoundStart | Reason:
+        """Parked on a gyrocompass, else at a surveyed heading, else in motion."""
+        sky = self.sky
+        known = {"gyro_sigma_deg_h": sky.gyro_sigma_deg_h, "lever_arm_m": lever_arm_m}
+        if self.rest is not None:
+            return parked_start(sky.imu, late, self.header.site, sky.twin, rest=self.rest, **known)
+        surveyed = surveyed_start(sky.imu, late, self.header, sky.twin, stands=self.stands, **known)
+        return self._moving(late, lever_arm_m) if surveyed is None else surveyed
+
+    def _moving(self, late: Fixes, lever_arm_m: NDArray) -> FoundStart | Reason:
+        """By velocity matching where that is soon, else from headings all round."""
+        here = self.sky.with_antenna(late, lever_arm_m)
+        if isinstance(self.heading, HeadingFound):  # all flights begin alike
+            return self.heading.start(here)
+        found = moving_start(
+            here.imu,
+            late,
+            here.twin,
+            self.stands,
+            gyro_sigma_deg_h=here.gyro_sigma_deg_h,
+            lever_arm_m=lever_arm_m,
+        )
+        if isinstance(found, FoundStart) and not _comes_late(found, late, self.stands):
+            return found
+        if self.heading is None:
+            self.heading = find_heading(here, self.stands)
+        if isinstance(self.heading, HeadingFound):
+            return self.heading.start(here)
+        if isinstance(found, FoundStart):
+            return found
+        return (
+            self.heading.likeliest(here) if isinstance(self.heading, HeadingOpen) else self.heading
+        )
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Flies the log as often as it is asked to; a start is looked for once for each antenna."""
+
+    imu: ImuSource
+    fixes: Fixes
+    noise: AidedNoise
+    declared_m: tuple[float, float, float]
+    stands: tuple[Where, ...]
+    technology: str
+    begin: "Beginning"
+    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
+    held: list[ImuLog] = field(default_factory=list)
+
+    def start(self, antenna: Antenna) -> FoundStart | Reason:
+        key = antenna.velocity_delay_s, *antenna.lever_arm_m
+        if key not in self.starts:
+            self.starts[key] = self.begin(
+                self.fixes.earlier(antenna.velocity_delay_s), antenna.lever_arm_m
+            )
+        return self.starts[key]
+
+    def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
+        found = self.start(model.antenna)
+        if isinstance(found, Reason):
+            return None
+        navigator = self.navigator(found, model)
+        for piece in self.pieces(found.start.state.time_s, whole=whole):
+            navigator.feed(piece)
+        return self.as_timed(navigator.finish(), model)
+
+    def navigator(self, found: FoundStart, model: Model) -> AidedNavigator:
+        """The filter under a model, from a start; its delays are those beyond the lesser one."""
+        base_s = _base_s(model)
+        fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
+        return AidedNavigator(
+            found.start,
+            model.scales.of(self.noise, *self.declared_m),
+            fixes,
+            antenna=model.antenna.later(-base_s),
+            options=options_of(self.technology, self.stands),
+        )
+
+    def as_timed(self, history: AidedHistory, model: Model) -> AidedHistory:
+        """The history with the delays that the fixes have."""
+        return replace(history, antenna=history.antenna.later(_base_s(model)))
+
+    def pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
+        """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in
+        memory if it is not long.
+        """
+        first_s = start_s - 2.0
+        if whole:
+            return self.imu.pieces(first_s, np.inf)
+        end_s = next((b for a, b in self.stands if a <= start_s + 1.0 < b), start_s) + FIT_S
+        if end_s - self.imu.start_s > HELD_S:
+            return self.imu.pieces(first_s, end_s)
+        if not self.held:
+            self.held.append(self.imu.between(self.imu.start_s, end_s))
+        return self.held[0].pieces(first_s, end_s)
+
+
+def _base_s(model: Model) -> float:
+    """The delay that positions and velocities have in common [s]."""
+    return min(model.antenna.delay_s, model.antenna.velocity_delay_s)
+
+
+def _comes_late(found: FoundStart, fixes: Fixes, stands: tuple[Where, ...]) -> bool:
+    """Whether a vehicle was under way for longer than LATE_S before its start was found."""
+    first_s, start_s = float(fixes.time_s[0]), found.start.state.time_s
+    stood = sum(max(min(b, start_s) - max(a, first_s), 0.0) for a, b in stands)
+    return start_s - first_s - stood > LATE_S
+
+
+def options_of(technology: str, stands: tuple[Where, ...]) -> AidedOptions:
+    """What the filter is told of a technology's standstills."""
+    return AidedOptions(
+        stands=stands,
+        stand_sigma_m_s=STAND_SIGMA_M_S,
+        stand_rate_rad_s=STAND_RATE_RAD_S[technology],
+        reset_s=BEGIN_ANEW_S[technology],
+    )
