@@ -19,10 +19,17 @@ OF_RATE = "unknown_function_of_temperature_rate"
 OF_TIME = "unknown_function_of_time"
 OF_RUN = "unknown_function_of_run"
 UNKNOWN_MOTION = "unknown"  # of the motion, on a channel that only moving vehicles have
-FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN_MOTION})
+# an error of a gyro or an accelerometer that is there only while the vehicle moves
+WHILE_MOVING = "unknown_while_moving"
+FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN_MOTION, WHILE_MOVING})
+# what belongs to one run alone, and cannot be carried to another
+OF_ONE_RUN = frozenset({OF_RUN, WHILE_MOVING})
+# of a free function of the time in motion; chosen: half the period of the quickest error that moves
+# a level by more than its accelerometer's noise over 10 s, and so few columns for a long flight
+MOVING_NODE_S, MOST_MOVING_NODES = 20.0, 40
 # m/s, m/s, m at 10 m/s: what would matter there
 MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}
-Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
+Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run; columns of zeros leave it alone
 Quantity = Callable[[Telemetry, str], NDArray | None]
 
 
@@ -72,7 +79,47 @@ def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
             )
         if len(runs) > 1:
             out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
+        out += moving_functions(runs, target)
     return (*out, *motion_functions(runs))
+
+
+def moving_functions(runs: Sequence[Telemetry], target: str) -> list[Generic]:
+    """Free functions of a sensor's error in motion alone: of the motion, and of the time in motion.
+
+    The second has nodes of its own in each run. Nothing of either reaches a parked second.
+    """
+    nodes = [_moving_nodes(run) for run in runs]
+    count = sum(n.size for n in nodes)
+    if not count:
+        return []
+    functions = {_MOTION_COLUMNS: _of_moving, count: _over_moving(nodes)}
+    return [Generic(WHILE_MOVING, target, k, hats) for k, hats in sorted(functions.items())]
+
+
+_MOTION_COLUMNS = 5  # of `_of_moving`
+
+
+def _moving_nodes(run: Telemetry) -> NDArray:
+    """Nodes over the time from the first to the last second in motion [s]."""
+    moving = run.time_s[~run.parked]
+    if not moving.size:
+        return np.zeros(0)
+    span = float(moving[-1] - moving[0])
+    count = int(np.clip(np.ceil(span / MOVING_NODE_S), 1, MOST_MOVING_NODES)) + 1
+    return np.linspace(moving[0], moving[0] + max(span, 1.0), count)
+
+
+def _over_moving(nodes: Sequence[NDArray]) -> Hats:
+    first = np.concatenate([[0], np.cumsum([n.size for n in nodes])])
+
+    def hats(run: Telemetry) -> NDArray:
+        own = nodes[run.run_index]
+        out = np.zeros((run.n, int(first[-1])))
+        for k, row in enumerate(np.eye(own.size)):
+            out[:, first[run.run_index] + k] = np.interp(run.time_s, own, row)
+        return out * ~run.parked[:, None]
+
+    return hats
 
 
 def motion_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
@@ -93,6 +140,11 @@ def _of_motion(run: Telemetry) -> NDArray:
     v, a, turn = run.speed_m_s, run.acceleration_m_s2, run.turn_rad_s
     columns = np.stack([v / 10.0, (v / 10.0) ** 2, a, v * turn], axis=1)
     return np.asarray(columns * (run.rolling | (np.abs(v) > 0.5))[:, None])
+
+
+def _of_moving(run: Telemetry) -> NDArray:
+    """A constant and the motion, while the vehicle moves."""
+    return _of_fixes(run) * ~run.parked[:, None]
 
 
 def _of_fixes(run: Telemetry) -> NDArray:

@@ -446,6 +446,12 @@ FREE_WORDS: Mapping[str, EffectWords] = {
         size="Its value in each run is in the report.",
         remedy="Record more headings and sites, so that headings, site and power-on part.",
     ),
+    "unknown_while_moving": EffectWords(
+        what="An error of the sensor that is there only while the vehicle moves.",
+        brought_on_by="Motion: vibration, engines, loads, or what runs only then.",
+        size="The parked part of the run is free of it.",
+        remedy="Log what differs on the move, and record drives at two speeds with stops.",
+    ),
     "unknown": EffectWords(
         what="Something that goes with the vehicle's motion, as no named effect does.",
         brought_on_by="Speed, acceleration or turns.",

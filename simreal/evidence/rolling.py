@@ -288,6 +288,8 @@ def _aids(view: RunView, twin: TwinModel) -> list[Aid]:
         n = max(round(1.0 / float(np.median(np.diff(run.odometer.time_s)))), 1)
         # the way of n intervals of 1/n s by trapezoids; the aid takes n - 1 independent samples
         noise_m_s = twin.odometer.noise_m_s * (np.sqrt((n - 0.5) * (n - 1)) / n if n > 1 else 1.0)
+        # the unit sways on its wheels, over the second as a whole
+        noise_m_s = float(np.hypot(noise_m_s, np.sqrt(max(n - 1, 1) * _sway_variance(twin))))
         aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m))
     if run.gnss is not None and run.gnss.time_s.size > 1:
         noise = twin.gnss
@@ -306,16 +308,17 @@ def _sway_way(twin: TwinModel) -> float:
     """The jitter that gives a step of a second the variance that sway gives its way
     (`taxi_heading._way_variance`).
     """
+    return float(np.sqrt(max(0.5 * (_sway_variance(twin) - LATERAL_FLOOR_M**2), 0.0)))
+
+
+def _sway_variance(twin: TwinModel) -> float:
+    """Variance of the way [m^2] that sway makes over a second."""
     v = twin.vehicle
     w = 2.0 * np.pi * max(v.sway_hz, 1e-3)
-    # way over 1 s: integral of the velocity's autocorrelation, triangle weight
+    # integral of the velocity's autocorrelation, triangle weight
     fine = np.arange(-20, 20) / 20.0 + 0.025
-    way = (
-        v.sway_m_s**2
-        * float(np.mean((1.0 - np.abs(fine)) * oscillator(np.abs(fine), w, v.sway_damping)))
-        * 2.0
-    )
-    return float(np.sqrt(max(0.5 * (way - LATERAL_FLOOR_M**2), 0.0)))
+    weight = (1.0 - np.abs(fine)) * oscillator(np.abs(fine), w, v.sway_damping)
+    return 2.0 * v.sway_m_s**2 * float(np.mean(weight))
 
 
 def _step_seconds(view: RunView, views: StepViews) -> NDArray:

@@ -7,6 +7,7 @@ sums of squares over their expected value (`Scatter`), chi-square distributed.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ SENSORS = 6  # 3 gyros and 3 accelerometers
 BANDS = ((1, 4), (4, 10))
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(PARKED_MEAN_S)
+SWAYING = "accel_x"  # the level sway is one for all sensors; its variance is read off this one
 NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3  # of Gaussian blocks 4e-8 lie beyond
 BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05  # of Gaussian blocks 2e-23 lie beyond
@@ -116,6 +118,8 @@ def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> 
                 twin = replace(
                     twin, odometer=replace(twin.odometer, noise_m_s=float(np.sqrt(total)))
                 )
+            elif added.channel == SWAYING and added.sway:
+                twin = _swaying(twin, added.sway * item.square)
             elif added.channel == "temperature" and more:
                 total = max(twin.temperature.noise_degC**2 + more, 1e-12)
                 twin = replace(
@@ -124,11 +128,18 @@ def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> 
     return twin
 
 
-class RunEvidence:
-    """One run whitened with the twin's noise and what `extra` adds to its channels; `known`: what
-    the twin expects of
+def _swaying(twin: TwinModel, more: float) -> TwinModel:
+    """The twin with so much more variance of the sway's velocity, for what follows as well."""
+    sway = float(np.sqrt(max(twin.vehicle.sway_m_s**2 + more, 1e-12)))
+    return replace(twin, vehicle=replace(twin.vehicle, sway_m_s=sway))
 
-    the effects that it lists, taken off the data.
+
+class RunEvidence:
+    """One run whitened with the twin's noise and what `extra` adds to its channels.
+
+    known : what the twin expects of the effects that it lists, taken off the data.
+    parked_only : signatures are those of the parked stretch alone, and what follows it is left as
+        it is.
     """
 
     def __init__(
@@ -137,10 +148,13 @@ class RunEvidence:
         twin: TwinModel,
         extra: Sequence[ExtraNoise] = (),
         known: Trace | None = None,
+        *,
+        parked_only: bool = False,
     ) -> None:
+        noises = channel_noises_with(twin, view, extra)
         self.view, self.twin = view, with_extra(twin, view.telemetry, extra)
         twin = self.twin
-        self.parked = ParkedBlock(view, twin, channel_noises_with(twin, view, extra))
+        self.parked = ParkedBlock(view, twin, noises)
         self.fixes = ParkedFixes(view, twin)
         data = self.parked.residual(view)[:, :, None]
         z_parked, handoff = self.parked.whiten(data)
@@ -152,8 +166,10 @@ class RunEvidence:
         if self.rolling is not None:
             parts.append(self.rolling.whiten_data())
         self.z = np.concatenate(parts)
+        self.parked_only = False
         if known is not None:
             self.z = self.z - self.whiten([known])[:, 0]
+        self.parked_only = parked_only
         self.scatter = _scatter(view, self.parked, twin)
 
     def whiten(self, traces: Sequence[Trace]) -> NDArray:
@@ -165,7 +181,8 @@ class RunEvidence:
         fixes, site_m = self.fixes.whiten(listed)
         parts = [white, fixes]
         if self.rolling is not None:
-            parts.append(self.rolling.whiten(listed, handoff, site_m))
+            follows = self.rolling.whiten(listed, handoff, site_m)
+            parts.append(np.zeros_like(follows) if self.parked_only else follows)
         return np.vstack(parts)
 
     def outlier_times(self) -> list[float]:
@@ -233,7 +250,7 @@ class RunEvidence:
 
 
 class Evidence:
-    """All runs under one twin."""
+    """All runs under one twin; parked_only: what follows the parked stretches explains nothing."""
 
     def __init__(
         self,
@@ -241,10 +258,16 @@ class Evidence:
         twin: TwinModel,
         extra: Sequence[ExtraNoise] = (),
         known: Sequence[Trace | None] | None = None,
+        *,
+        parked_only: bool = False,
     ) -> None:
+        self.parked_only = parked_only
         self.views, self.twin, self.extra = tuple(views), twin, tuple(extra)
         self.known = tuple(known) if known is not None else (None,) * len(self.views)
-        self.runs = [RunEvidence(view, twin, extra, own) for view, own in zip(views, self.known)]
+        self.runs = [
+            RunEvidence(view, twin, extra, own, parked_only=parked_only)
+            for view, own in zip(views, self.known)
+        ]
         self.offsets = np.concatenate([[0], np.cumsum([r.z.size for r in self.runs])])
         labels = [r.rows(k) for k, r in enumerate(self.runs)]
         self.rows = Rows(
@@ -258,6 +281,14 @@ class Evidence:
     @property
     def size(self) -> int:
         return int(self.z.size)
+
+    @cached_property
+    def followed(self) -> NDArray:
+        """Rows of what follows the parked stretches (boolean)."""
+        out = np.zeros(self.size, bool)
+        for k, run in enumerate(self.runs):
+            out[self.rows_of(k)][run.blocks[2]] = True
+        return out
 
     def rows_of(self, run: int) -> slice:
         return slice(int(self.offsets[run]), int(self.offsets[run + 1]))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from simreal.declared.generic import OF_RUN
+from simreal.declared.generic import OF_ONE_RUN
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence
@@ -74,7 +74,7 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
         return _of_noise(attribution, slot)
     evidence, runs = attribution.evidence, len(attribution.evidence.runs)
     repeats = slot.hypothesis.effect.repeats if slot.hypothesis.effect is not None else "R"
-    own_run = repeats in ("E", "P") or slot.hypothesis.name == OF_RUN
+    own_run = repeats in ("E", "P") or slot.hypothesis.name in OF_ONE_RUN
     touched = _touched(attribution, slot)
     if runs > 1 and not own_run:
         parts = [
@@ -163,7 +163,7 @@ class HeldOut:
     def judges(slot: Slot) -> bool:
         """What belongs to one run alone cannot be judged on another."""
         effect = slot.hypothesis.effect
-        return (effect is None or effect.repeats == "R") and slot.hypothesis.name != OF_RUN
+        return (effect is None or effect.repeats == "R") and slot.hypothesis.name not in OF_ONE_RUN
 
     def shrink(self, number: int) -> Shrink:
         slot = self._of_all.slots[number]

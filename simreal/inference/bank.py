@@ -239,7 +239,7 @@ class Bank:
         first = len(self._specs)
         per_run = [generic.traces(t) for t in self.telemetry]
         for c in range(len(per_run[0])):
-            self._specs.append([traces[c] for traces in per_run])
+            self._specs.append([traces[c] if _any(traces[c]) else None for traces in per_run])
         count = len(self._specs) - first
         typical = usual_coefficient(generic.target, self.evidence.twin)
         same.groups.append(
@@ -331,6 +331,11 @@ class Bank:
     def traces_of(self, column: int, run: int) -> Trace | None:
         """A column before whitening."""
         return self._specs[column][run]
+
+
+def _any(trace: Trace) -> bool:
+    """Whether a trace adds anything at all."""
+    return any(np.any(v) for v in vars(trace).values() if v is not None)
 
 
 def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:

@@ -182,7 +182,8 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
             G = gram[np.ix_(c, c)]
             if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):
                 continue
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
+            seen = np.diag(G) > 0.0
+            scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, np.diag(G), 1.0)), 0.0)
             inner = (
                 (cross * scale)
                 @ np.linalg.pinv(G * np.outer(scale, scale), rcond=1e-6, hermitian=True)

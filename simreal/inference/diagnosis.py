@@ -5,56 +5,36 @@ runs -> views -> whitened evidence -> cells -> attribution -> what is left -> sh
 data -> twin with effects
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
 from simreal.effects.base import SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue
-from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING
+from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView, view_run
-from simreal.evidence.whitened import CHANNELS, Evidence, ExtraNoise
+from simreal.evidence.whitened import ExtraNoise
 from simreal.inference.addback import HeldOut, shrink_of
 from simreal.inference.attribute import (
     REPLICATES,
     Attribution,
     Attributor,
     Listed,
-    Slot,
     tail_probability,
 )
 from simreal.inference.bank import silent
 from simreal.inference.causes import Cause, cause_of, posterior_bars
 from simreal.inference.excess import Excess, excesses
-from simreal.inference.locate import Cell, CellTable, Leftover, cells_of, locate, measure_cells
-from simreal.inference.noise_hypotheses import NoiseHypothesis, term_of
-from simreal.inference.scoring import fit
+from simreal.inference.locate import CellTable, Leftover, cells_of, locate, measure_cells
+from simreal.inference.places import Place, places
 from simreal.inference.verdict import GapVerdict, Looks
+from simreal.inference.wrong_site import entered_wrong_rad, with_entered, with_latitude_less
 
 DEFAULT_ALPHA = 0.01
-MOST_PLACES = 8
-SPAN = (0.05, 0.95)  # of the energy, for the stretch of time and temperature that a place names
-LEAST_SHARE = 0.02  # of the gap, for a channel to be named; chosen: as TOUCHED of addback, 1/50
-PHASE_OF_MOTION = {PARKED: "extended_alignment", ROLLING: "taxi", AIRBORNE: "flight"}
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a part of the gap lies; share of the total excess. temperature: None where there is
-    none.
-    """
-
-    channel: str
-    phase: str
-    temperature_degC: tuple[float, float] | None
-    frequency_hz: tuple[float, float]
-    time_s: tuple[float, float]
-    share: float
 
 
 @dataclass(frozen=True)
@@ -130,23 +110,68 @@ def diagnose(
         them.
     """
     how = settings or DiagnosisSettings()
-    views, unused = _views(runs, twin, table, table_sha256)
-    chosen = catalogue() if how.effects is None else tuple(how.effects)
-    views, held = _split(views, how.hold_out)
-    listed = parse_effects(twin)
-    known = [twin_traces(listed, v.telemetry, v.name) if listed else None for v in [*views, *held]]
-    extra = [e for k, v in enumerate(views) for e in _listed_noise(listed, v.name, k)]
-    attribution = Attributor(
-        views,
-        twin,
-        chosen,
-        alpha=how.alpha,
-        rng=np.random.default_rng(how.seed),
-        replicates=how.replicates,
-        listed=Listed(tuple(extra), known[: len(views)]),
-    ).explain()
-    apart = HeldOut(attribution, [*views, *held], len(views), known) if held else None
-    return _diagnosed(attribution, [*views, *held], unused, how, apart)
+    look = _Look(runs, twin, table, table_sha256, how)
+    seen = look.at(0.0)
+    attribution = look.attributed(seen, enough=lambda so_far: entered_wrong_rad(so_far) != 0.0)
+    if wrong_rad := entered_wrong_rad(attribution):
+        seen = look.at(wrong_rad)
+        attribution = look.attributed(seen)
+    every = [*seen.views, *seen.held]
+    apart = HeldOut(attribution, every, len(seen.views), seen.known) if seen.held else None
+    return _diagnosed(attribution, every, seen.unused, how, apart)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Runs to attribute on, runs held out, what the twin makes of both in their order, and the runs
+    that cannot be looked at.
+    """
+
+    views: list[RunView]
+    held: list[RunView]
+    known: list[Trace | None]
+    unused: list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What is diagnosed, and how."""
+
+    runs: Sequence[Run]
+    twin: TwinModel
+    table: ThermalTable | None
+    table_sha256: str
+    how: DiagnosisSettings
+
+    def at(self, wrong_rad: float) -> _Seen:
+        """The runs from a latitude this much less than the entered one."""
+        runs = with_latitude_less(self.runs, wrong_rad) if wrong_rad else self.runs
+        found, unused = _views(runs, self.twin, self.table, self.table_sha256)
+        views, held = _split(found, self.how.hold_out)
+        listed = parse_effects(self.twin)
+        known = [
+            with_entered(twin_traces(listed, v.telemetry, v.name) if listed else None, v, wrong_rad)
+            for v in [*views, *held]
+        ]
+        return _Seen(views, held, known, unused)
+
+    def attributed(
+        self, seen: _Seen, enough: Callable[[Attributor], bool] = lambda _: False
+    ) -> Attribution:
+        """Which effects explain these runs."""
+        how, listed = self.how, parse_effects(self.twin)
+        extra = [e for k, v in enumerate(seen.views) for e in _listed_noise(listed, v.name, k)]
+        attributor = Attributor(
+            seen.views,
+            self.twin,
+            catalogue() if how.effects is None else tuple(how.effects),
+            alpha=how.alpha,
+            rng=np.random.default_rng(how.seed),
+            replicates=how.replicates,
+            listed=Listed(tuple(extra), seen.known[: len(seen.views)]),
+        )
+        attributor.enough = enough
+        return attributor.explain()
 
 
 def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
@@ -232,7 +257,7 @@ def _diagnosed(
     bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * how.alpha
-    where = _places(attribution, before, after)
+    where = places(attribution, before, after)
     verdict = _verdict(causes, present)
     order = np.argsort([-c.probability for c in causes], kind="stable")
     return Diagnosis(
@@ -318,128 +343,6 @@ def _called(cause: Cause) -> str:
     if not cause.named:
         return f"an {cause.effect.replace('_', ' ')} on {cause.target}"
     return f"{cause.effect} on {cause.target}"
-
-
-def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tuple[Place, ...]:
-    """Channels by their share of the gap, with band, time and temperature.
-
-    A found effect counts where it enters: on its target if that is a channel (a gyro's drift also
-    shows in GNSS), else on the channels that hold its energy. What is left counts in the cells that
-    still stand out.
-    """
-    evidence, squares = attribution.plain_evidence, attribution.plain_squares
-    channels = np.array([CHANNELS.index(c.channel) for c in cells.cells])
-    by_cell, by_channel = np.zeros(len(cells.cells)), np.zeros(len(CHANNELS))
-    explained = np.zeros(evidence.size)
-    for slot in attribution.slots:
-        if slot.extra is not None:
-            energy = 2.0 * max(slot.log_odds, 0.0) * _noise_cells(attribution, slot, cells)
-        else:
-            signature = _signature(attribution, slot)
-            explained += signature
-            ratio = squares.ratio(signature[:, None])[:, 0]
-            for quick in squares.quick.values():
-                ratio[quick] = 0.0
-            energy = np.array(
-                [float((squares.dof[c.index] * ratio[c.index]).sum()) for c in cells.cells]
-            )
-        target = slot.hypothesis.target
-        # as a target it is the vehicle, as a channel its side slip
-        if target in CHANNELS and target != "vehicle":
-            own = energy * (channels == CHANNELS.index(target))
-            energy = own * (energy.sum() / own.sum()) if own.sum() > 0 else energy
-        by_cell += energy
-    by_cell += np.where(after.located, 2.0 * np.maximum(after.nats, 0.0), 0.0)
-    if not attribution.slots:
-        by_cell = np.where(cells.located, 2.0 * np.maximum(cells.nats, 0.0), 0.0)
-    np.add.at(by_channel, channels, by_cell)
-    total = float(by_channel.sum())
-    places = []
-    for number in np.flatnonzero(by_channel > LEAST_SHARE * max(total, 1e-300)):
-        mine = channels == number
-        largest = float(by_cell[mine].max())
-        own = [cells.cells[k] for k in np.flatnonzero(mine & (by_cell > 0.1 * largest))]
-        places.append(
-            _place(evidence, CHANNELS[number], own, explained, float(by_channel[number] / total))
-        )
-    places.sort(key=lambda p: -p.share)
-    return tuple(places[:MOST_PLACES])
-
-
-def _signature(attribution: Attribution, slot: Slot) -> NDArray:
-    """Whitened rows of one found effect as fitted with the others."""
-    columns = attribution.columns
-    beta, _ = fit(attribution.bank, columns)
-    return attribution.bank.signature(slot.columns, beta[np.isin(columns, slot.columns)])
-
-
-def _noise_cells(attribution: Attribution, slot: Slot, cells: CellTable) -> NDArray:
-    """Shares of the cells (k,) in what a found noise changes."""
-    factor = np.zeros(attribution.plain_squares.dof.size)
-    h = slot.hypothesis
-    assert isinstance(h, NoiseHypothesis) and slot.extra is not None
-    term = term_of(
-        attribution.plain_evidence,
-        attribution.plain_squares,
-        h.effect,
-        h.target,
-        dict(slot.extra.shape),
-        h.run,
-    )
-    factor[term.index] = np.abs(slot.extra.square) * term.factor
-    dof = attribution.plain_squares.dof
-    change = np.array([float((dof[c.index] * factor[c.index] ** 2).sum()) for c in cells.cells])
-    return np.asarray(change / max(change.sum(), 1e-300))
-
-
-def _place(
-    evidence: Evidence, channel: str, cells: Sequence[Cell], explained: NDArray, share: float
-) -> Place:
-    rows = evidence.rows
-    at = np.flatnonzero(rows.channel == CHANNELS.index(channel))
-    e = (
-        explained[at] ** 2
-        if np.any(explained[at])
-        else (evidence.z[at] ** 2 if at.size else np.zeros(0))
-    )
-    if not at.size:
-        span, kind, warm = (evidence.views[0].start_s, evidence.views[0].end_s), PARKED, None
-    else:
-        kind = int(np.bincount(rows.kind[at], weights=e, minlength=3).argmax())
-        inside = rows.kind[at] == kind
-        span = _span(rows.time_s[at][inside], e[inside]) or (0.0, 0.0)
-        T = rows.temperature_degC[at][inside]
-        warm = _span(T[np.isfinite(T)], e[inside][np.isfinite(T)])
-    low = min(c.frequency_hz[0] for c in cells)
-    high = max(min(c.frequency_hz[1], 1e3) for c in cells)
-    return Place(
-        channel, _phase_name(evidence, kind, span), warm, (float(low), float(high)), span, share
-    )
-
-
-def _span(values: NDArray, weights: NDArray) -> tuple[float, float] | None:
-    if not values.size or not weights.sum() > 0:
-        return None
-    order = np.argsort(values)
-    total = np.cumsum(weights[order]) / weights.sum()
-    a, b = np.searchsorted(total, SPAN)
-    return float(values[order][min(a, values.size - 1)]), float(
-        values[order][min(b, values.size - 1)]
-    )
-
-
-def _phase_name(evidence: Evidence, kind: int, span: tuple[float, float]) -> str:
-    """The logged phase that holds the middle of the span, else the kind of motion in words of
-    formats.md.
-    """
-    middle = 0.5 * (span[0] + span[1])
-    for view in evidence.views:
-        for phase in view.run.phases:
-            if phase.start_s <= middle <= phase.end_s:
-                return str(phase.phase)
-    if kind == PARKED and not any(v.run.phases for v in evidence.views):
-        return "parked"
-    return PHASE_OF_MOTION[kind]
 
 
 def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:

@@ -135,6 +135,18 @@ class Squares:
                     dof.append(np.ones(rows.size))
                     at += rows.size
         self.dof = np.concatenate(dof) if dof else np.zeros(0)
+        self.channel = self._channels()
+
+    def _channels(self) -> NDArray:
+        """Number of the channel of each entry (k,)."""
+        out = np.zeros(self.dof.size, dtype=int)
+        for (_, c), index in self.slow.items():
+            out[index] = c
+        for (_, c, _), index in self.quick.items():
+            out[index] = c
+        for (_, c), (index, _) in self.single.items():
+            out[index] = c
+        return out
 
     def ratio(self, z: NDArray, rng: np.random.Generator | None = None) -> NDArray:
         """Ratios (k, reps) of rows (rows, reps); the scatter is the data's, or drawn where an rng
@@ -309,7 +321,7 @@ def _factors(
     c = CHANNELS.index(added.channel)
     out = []
     if c >= SENSORS:
-        if (r, c) in squares.single:
+        if (r, c) in squares.single and not squares.evidence.parked_only:
             index, rows = squares.single[r, c]
             variance = run.rows(r).variance[rows - int(squares.evidence.offsets[r])]
             out.append((index, added.sample / (_samples(run, added.channel) * variance)))

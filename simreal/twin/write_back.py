@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
-from simreal.declared.generic import OF_RUN, UNKNOWN_MOTION
+from simreal.declared.generic import OF_RUN, UNKNOWN_MOTION, WHILE_MOVING
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PROCESS, RUN_ID
 from simreal.effects.base import SLOW_NAME
@@ -20,6 +20,8 @@ from simreal.effects.catalogue import effects_named
 from simreal.inference.causes import Cause
 
 TABLE_NAME = "table.json"
+# of the motion: found, but nothing that a simulator can make
+NOT_CARRIED = frozenset({UNKNOWN_MOTION, WHILE_MOVING})
 
 
 def twin_with_causes(
@@ -40,9 +42,7 @@ def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
     """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of
     its own.
     """
-    if (
-        cause.effect == UNKNOWN_MOTION
-    ):  # of the motion: found, but nothing that a simulator can make
+    if cause.effect in NOT_CARRIED:
         return []
     if not cause.named:
         return [_item(cause, _function(cause, run_ids))]
