@@ -36,9 +36,12 @@ REFINEMENTS = 3
 REFINED_POINTS = 9  # points of one refinement
 PAIR_CANDIDATES = 40
 # of a large effect's amplitude, what its form may be off by: a companion within that is not told
-# from it; chosen: a twentieth, as usual sizes are given to one digit
+# from it; chosen: 1/20, as usual sizes are given to one digit; what that does to a swaying vehicle is in
+# tests/simreal/test_phases.py
 OFF_IN_FORM = 0.05
-TOUCHED = 0.02  # of a slot's energy, for a channel to be one of its own; as in addback
+TOUCHED = (
+    0.02  # of a slot's energy, for a channel to be one of its own; chosen: 1/50, as in addback
+)
 MOST_MISSING = 0.99  # of a declared noise
 ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
 NO_COLUMNS = np.zeros(0, dtype=int)
