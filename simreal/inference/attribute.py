@@ -36,7 +36,8 @@ REFINEMENTS = 3
 REFINED_POINTS = 9  # points of one refinement
 PAIR_CANDIDATES = 40
 # of a large effect's amplitude, what its form may be off by: a companion within that is not told
-# from it; chosen: 1/20, as usual sizes are given to one digit; what that does to a swaying vehicle is in
+# from it; chosen: 1/20, as usual sizes are given to one digit; what that does to a swaying vehicle
+# is in
 # tests/simreal/test_phases.py
 OFF_IN_FORM = 0.05
 TOUCHED = (
