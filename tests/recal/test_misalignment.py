@@ -106,7 +106,7 @@ def test_own_sigmas_of_the_rows_are_used(folder):
 def test_the_error_that_headings_share_is_in_the_sigmas_by_default(folder):
     exact, found = (by_entry(result_of(*given)) for given in (TABLE, HEADINGS_UNKNOWN))
     for entry in ("xy", "yx"):
-        assert found[entry]["value_arcsec"] == pytest.approx(exact[entry]["value_arcsec"])
+        assert found[entry]["value_arcsec"] == pytest.approx(exact[entry]["value_arcsec"], abs=1e-9)
         common = np.sqrt(found[entry]["sigma_arcsec"] ** 2 - exact[entry]["sigma_arcsec"] ** 2)
         assert common == pytest.approx(360.0, rel=1e-3)  # 0.1 deg
     for entry in ("zx", "zy", "xy+yx"):
