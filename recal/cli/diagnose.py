@@ -48,7 +48,7 @@ def command(
     Example: recal diagnose run-1 run-2 run-3 --twin twin.json -o diagnosis
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.diagnose import diagnose
+    from recal.service.diagnose import DIAGNOSE_STEPS, diagnose
     from recal.service.results.overwrite import need_free_report, need_other_file
 
     folder = output or Path("recal-diagnose")
@@ -56,7 +56,7 @@ def command(
     need_free_report(folder, "diagnosis.json", "recal.diagnosis/1", others, force=force)
     if folder.exists() and not force:
         need_other_file(folder / "twin.json", twin)
-    with Progress("diagnosing", quiet=quiet) as told:
+    with Progress("diagnosing", quiet=quiet, steps=DIAGNOSE_STEPS) as told:
         found = diagnose(
             runs, twin, hold_out=hold_out or [], alpha=alpha, seed=seed or 0, told=told
         )

@@ -32,6 +32,8 @@ from simreal.twin.write_back import TABLE_NAME, twin_with_causes
 from trajectories.runs import directory
 from trajectories.runs.stream_files import HELD_ROWS
 
+DIAGNOSE_STEPS = core.DIAGNOSIS_STEPS + 2  # that `diagnose` tells of: reading and writing as well
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -142,7 +144,6 @@ def diagnose(
     notes = [note for _, left_out in read for note in left_out]
     _distinct(paths, loaded)
     held = [_run_id(name, paths, loaded) for name in hold_out]
-    told("comparing with the twin")
     asked = Asked(
         version=program_version(),
         seed=seed,
@@ -152,7 +153,7 @@ def diagnose(
         notes=tuple(notes),
     )
     try:
-        settings = core.DiagnosisSettings(alpha=alpha, seed=seed, hold_out=held)
+        settings = core.DiagnosisSettings(alpha=alpha, seed=seed, hold_out=held, told=told)
         found = core.diagnose(loaded, believed, beside.table, settings, table_sha256=beside.sha256)
     except InputError:
         reasons = _unfit(loaded, believed, beside.table, beside.sha256)

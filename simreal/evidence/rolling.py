@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dger
 
 from alignment.motion.kinds import AIRBORNE as AIR
 from alignment.motion.kinds import DISTURBED, STILL, Kind
@@ -198,24 +199,26 @@ class RollingBlock:
         c, steps = self.compiled, self.program.steps
         out = np.zeros((len(self._rows), e.shape[1]))
         row, now = 0, 0
+        E = np.ascontiguousarray(e.T)  # a row a column: the updates below then run along memory
         for kind, which, first, count in c.ops:
             if kind == ADVANCE:
                 now = int(which)
                 Phi, Gamma = self._steps[now]
-                e = Phi @ e
+                E = E @ Phi.T
                 if gyro is not None and accel is not None:
-                    e += Gamma @ gyro[now] + Phi[:, em.ACCEL] @ accel[now, :2]
-                    e[em.ACCEL] -= accel[now, :2]
-                    e[em.W] += np.outer(steps.C_nb[now][:2, 2] * steps.dt_s[now], accel[now, 2])
+                    level = accel[now, :2].T
+                    E += gyro[now].T @ Gamma.T + level @ Phi[:, em.ACCEL].T
+                    E[:, em.ACCEL] -= level
+                    E[:, em.W] += np.outer(accel[now, 2], steps.C_nb[now][:2, 2] * steps.dt_s[now])
             elif kind == MEASURE:
                 for r in range(first, first + count):
-                    h, gain, root = self._rows[row]
-                    nu = (h @ e + measured(r, now)) / root
-                    e -= gain[:, None] * nu
+                    _, gain, root = self._rows[row]
+                    nu = (E[:, c.index[r]] @ c.value[r] + measured(r, now)) / root
+                    dger(-1.0, gain, nu, a=E.T, overwrite_a=1)  # E -= outer(nu, gain), in place
                     out[row] = nu
                     row += 1
             elif kind != ADD:
-                e[which] = _row(c.index[first], c.value[first]) @ e
+                E[:, which] = E @ _row(c.index[first], c.value[first])
         return out
 
     def _means(self, values: NDArray, width: int) -> NDArray:

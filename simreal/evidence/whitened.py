@@ -29,6 +29,12 @@ SENSORS = 6  # 3 gyros and 3 accelerometers
 BANDS = ((1, 4), (4, 10))
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(PARKED_MEAN_S)
+# noise over resolution, for the error of rounding to be white: at 0.5 its variance is within 7 % of
+# a uniform error's at every phase, at 0.7 within 0.01 % (Widrow and Kollar 2008, ch. 5)
+WHITE_ROUNDING = 0.5
+THERMOMETER_BLOCK = 10  # readings of a block, of which a parabola takes 3
+# of the variance, how well a thermometer's noise is declared; chosen: 5 %, half a unit of 0.1
+THERMOMETER_KNOWN = 0.05
 SWAYING = "accel_x"  # the level sway is one for all sensors; its variance is read off this one
 NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3  # of Gaussian blocks 4e-8 lie beyond
@@ -362,20 +368,21 @@ def _leave_out_bursts(ratio: NDArray, dof: NDArray) -> None:
 def _thermometer(
     view: RunView, twin: TwinModel, parked: ParkedBlock, ratio: NDArray, dof: NDArray
 ) -> None:
-    """Scatter of the gyro thermometers about straight lines through blocks of a minute, in the
+    """Scatter of the gyro thermometers about parabolas through blocks of a few readings, in the
     first band of theirs.
 
-    Only where the declared noise is not small beside the rounding (else the rounding error is not
-    white).
+    Only where the declared noise is not small beside the rounding: else the error of rounding is
+    one of the temperature, not of chance. Blocks are short, because the air wanders by
+    milli-degrees within a minute, which is no noise of the thermometer; and its noise is declared
+    to THERMOMETER_KNOWN, so that a run is worth no more than 2 / THERMOMETER_KNOWN^2 readings.
     """
     log, noise = view.run.temperature, twin.temperature
     expected = noise.noise_degC**2 + noise.resolution_degC**2 / 12.0
-    if log is None or expected <= 0 or noise.noise_degC < 0.5 * noise.resolution_degC:
+    if log is None or expected <= 0 or noise.noise_degC < WHITE_ROUNDING * noise.resolution_degC:
         return
-    step = float(np.median(np.diff(log.time_s)))
-    n = round(60.0 / step)
+    n = THERMOMETER_BLOCK
     inside = np.flatnonzero((log.time_s > view.start_s) & (log.time_s <= view.end_s))
-    if n < 5 or inside.size < n:
+    if inside.size < n:
         return
     groups = inside[: inside.size // n * n].reshape(-1, n)
     x = np.stack([np.ones(n), np.linspace(-1, 1, n), np.linspace(-1, 1, n) ** 2], axis=1)
@@ -392,4 +399,5 @@ def _thermometer(
         np.add.at(total, at[good], np.sum(off**2, axis=1) / expected)
         np.add.at(count, at[good], n - 3.0)
     seen = count > 0
-    ratio[6, 0, seen], dof[6, 0, seen] = total[seen] / count[seen], count[seen]
+    worth = 1.0 / (1.0 + 0.5 * THERMOMETER_KNOWN**2 * float(count.sum()))
+    ratio[6, 0, seen], dof[6, 0, seen] = total[seen] / count[seen], worth * count[seen]

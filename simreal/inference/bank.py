@@ -320,7 +320,8 @@ class Bank:
         """Products (m, reps) of the columns with replicates of the rows (rows, reps)."""
         out = np.zeros((len(self._specs), z.shape[1]))
         for k, (present, A) in enumerate(self.blocks):
-            out[present] += A.T @ z[self.evidence.rows_of(k)]
+            # as coarse as the columns themselves: numpy would widen those to 64 bits first
+            out[present] += A.T @ z[self.evidence.rows_of(k)].astype(np.float32)
         return out
 
     def generic_of(self, hypothesis: Hypothesis, group: Group) -> Generic:

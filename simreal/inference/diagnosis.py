@@ -76,6 +76,7 @@ class DiagnosisSettings:
     alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is
     left". seed : of the replicates. effects : to choose from, None: the catalogue. hold_out : run
     ids that only judge the shrink. replicates : of the twin's noise, which set the threshold.
+    told : told what is being done, in DIAGNOSIS_STEPS (more for a latitude far off).
     """
 
     alpha: float = DEFAULT_ALPHA
@@ -83,6 +84,10 @@ class DiagnosisSettings:
     effects: Sequence[Effect] | None = None
     hold_out: Sequence[str] = ()
     replicates: int = REPLICATES
+    told: Callable[[str], None] = lambda words: None
+
+
+DIAGNOSIS_STEPS = 4  # that a diagnosis tells of
 
 
 def diagnose(
@@ -145,6 +150,7 @@ class _Look:
 
     def at(self, wrong_rad: float) -> _Seen:
         """The runs from a latitude this much less than the entered one."""
+        self.how.told("cutting the runs at their phases")
         runs = with_latitude_less(self.runs, wrong_rad) if wrong_rad else self.runs
         found, unused = _views(runs, self.twin, self.table, self.table_sha256)
         views, held = _split(found, self.how.hold_out)
@@ -160,6 +166,7 @@ class _Look:
     ) -> Attribution:
         """Which effects explain these runs."""
         how, listed = self.how, parse_effects(self.twin)
+        how.told("comparing with the twin")
         extra = [e for k, v in enumerate(seen.views) for e in _listed_noise(listed, v.name, k)]
         attributor = Attributor(
             seen.views,
@@ -171,6 +178,7 @@ class _Look:
             listed=Listed(tuple(extra), seen.known[: len(seen.views)]),
         )
         attributor.enough = enough
+        how.told("looking for effects")
         return attributor.explain()
 
 
@@ -236,6 +244,7 @@ def _diagnosed(
     apart: HeldOut | None = None,
 ) -> Diagnosis:
     """The diagnosis of an attribution: cells, what is left, shrink, places, words."""
+    how.told("judging what was found")
     evidence, squares = attribution.plain_evidence, attribution.plain_squares
     cells = cells_of(evidence, squares)
     _, _, null = measure_cells(cells, squares.dof, attribution.replicate_ratio)

@@ -6,14 +6,13 @@ and beyond, or negative where the twin declares more than there is.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
 from simreal.declared.declared_noise import declared_square
 from simreal.effects.base import SLOW_NAME, AddedNoise, Effect
@@ -34,6 +33,7 @@ BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not th
 SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
 # of a slow noise; what is beyond is as small as a hundredth of the first for all of them
 SLOW_COMPONENTS = 120
+SAME_DIGITS = 3  # of a channel's noise: factors that are the same to a thousandth do as well
 SUMMED_BLOCKS = 12  # blocks of ten seconds that are summed for noise that is not steady
 
 
@@ -176,34 +176,72 @@ def _coarse(values: NDArray) -> NDArray:
     return np.asarray(np.add.reduceat(values, starts)) if values.size else values
 
 
-@lru_cache(maxsize=128)
+def _alike(noise: ChannelNoise) -> ChannelNoise:
+    """The noise to SAME_DIGITS, so that channels that differ by less share what follows."""
+    return replace(
+        noise,
+        white=_digits(noise.white),
+        flicker=_digits(noise.flicker),
+        walk=_digits(noise.walk),
+        turn_on=_digits(noise.turn_on),
+        markov=_digits(noise.markov),
+        bounded=_digits(noise.bounded),
+        sway=_digits(noise.sway),
+    )
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.{SAME_DIGITS - 1}e}")
+
+
 def slow_basis(
     noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float
 ) -> tuple[NDArray, NDArray]:
     """Principal components (bins, k) and values (k,) of unit added noise in whitened ten-second
     means.
     """
-    C = _whitened(noise, added, bins, start_s)
-    values, vectors = np.linalg.eigh(0.5 * (C + C.T))
-    keep = np.argsort(-values)[:SLOW_COMPONENTS]
-    return np.ascontiguousarray(vectors[:, keep]), np.maximum(values[keep], 0.0)
+    return _components(_alike(noise), added, bins, start_s)
 
 
-def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
-    L = cholesky_of(noise, bins, start_s)
-    half = solve_triangular(
-        L, noise.only(added).covariance(bins, PARKED_MEAN_S, start_s), lower=True
-    )
-    return np.asarray(solve_triangular(L, half.T, lower=True))
-
-
-@lru_cache(maxsize=512)
 def slow_factor(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
     """a (bins,): what unit added noise does to the squares of the transform of whitened ten-second
     means.
     """
+    return _squares(_alike(noise), added, bins, start_s)
+
+
+@lru_cache(maxsize=128)
+def _components(
+    noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float
+) -> tuple[NDArray, NDArray]:
     C = _whitened(noise, added, bins, start_s)
-    return np.asarray(np.diag(dct(dct(C, axis=0, norm="ortho"), axis=1, norm="ortho")))
+    values, vectors = np.linalg.eigh(0.5 * (C + C.T))
+    last = slice(None, -SLOW_COMPONENTS - 1, -1)
+    return np.ascontiguousarray(vectors[:, last]), np.maximum(values[last], 0.0)
+
+
+@lru_cache(maxsize=512)
+def _squares(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
+    D = _cosines(bins)
+    return np.asarray(np.sum((D @ _whitened(noise, added, bins, start_s)) * D, axis=1))
+
+
+@lru_cache(maxsize=8)
+def _cosines(bins: int) -> NDArray:
+    """The cosine transform as a matrix."""
+    return np.asarray(dct(np.eye(bins), axis=0, norm="ortho"))
+
+
+@lru_cache(maxsize=16)
+def _inverse_root(noise: ChannelNoise, bins: int, start_s: float) -> NDArray:
+    L = cholesky_of(noise, bins, start_s)
+    return np.asarray(solve_triangular(L, np.eye(bins), lower=True, check_finite=False))
+
+
+@lru_cache(maxsize=16)
+def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
+    M = _inverse_root(noise, bins, start_s)
+    return np.asarray(M @ noise.only(added).covariance(bins, PARKED_MEAN_S, start_s) @ M.T)
 
 
 @lru_cache(maxsize=512)
@@ -372,7 +410,7 @@ def log_bf(
             best.append(np.zeros(ratio.shape[1]))
             continue
         fits = _fits(n, y, 1.0 + np.outer(tried, a))
-        scores.append(logsumexp(fits + weights[:, None], axis=0))
+        scores.append(np.logaddexp.reduce(fits + weights[:, None], axis=0))
         best.append(tried[np.argmax(fits, axis=0)])
     return np.array(scores), np.array(best)
 

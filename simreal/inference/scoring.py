@@ -16,7 +16,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from simreal.inference.bank import SIZES, Bank, Group, Hypothesis, size_weights
 
@@ -81,7 +80,7 @@ class Scorer:
         fit = (
             0.5 * np.einsum("vp,pr->vr", w / (1.0 + w), y2) - 0.5 * np.log1p(w).sum(axis=1)[:, None]
         )
-        return np.asarray(logsumexp(fit + weights[:, None], axis=0))
+        return np.asarray(np.logaddexp.reduce(fit + weights[:, None], axis=0))
 
     def log_posterior(self, selected: NDArray, score: NDArray) -> tuple[NDArray, NDArray]:
         """Unnormalised log posterior of each hypothesis (h, reps) and the groups' log Bayes
@@ -93,7 +92,7 @@ class Scorer:
             mine = groups[self._owner == h]
             if mine.size:
                 out[h] = (
-                    logsumexp(mine + self._weight[self._owner == h][:, None], axis=0)
+                    np.logaddexp.reduce(mine + self._weight[self._owner == h][:, None], axis=0)
                     + self._log_prior[h]
                 )
         return out, groups

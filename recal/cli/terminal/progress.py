@@ -62,9 +62,10 @@ def _bar(*, counted: bool) -> "Bar":
         SpinnerColumn,
         TextColumn,
         TimeElapsedColumn,
+        TimeRemainingColumn,
     )
 
-    count = [MofNCompleteColumn()] if counted else []
+    count = [MofNCompleteColumn(), TextColumn("left"), TimeRemainingColumn()] if counted else []
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
