@@ -5,9 +5,11 @@ log in the same process.
 
 A flight at 200 Hz with GNSS at 1 Hz, in memory; CPU seconds of the second of two passes, so that
 nothing is compiled in it. The last row: sensors eight times and fixes three times as noisy as
-declared, so that the noise is searched for.
+declared, so that the noise is searched for. Smoothing (`recal replay --smooth`) is beside the
+flight. Peak memory is that of the process, simulation included.
 """
 
+import resource
 import sys
 import time
 from collections.abc import Callable
@@ -54,6 +56,8 @@ def main(minutes: float) -> None:
     loud = replace(loud, gnss=replace(loud.gnss, sigma_horizontal_m=None))
     rest_loud = find_rest(loud)
     aided = cpu_s(lambda: navigate_aided(run, run.imu, twin, rest=rest, gyro_sigma_deg_h=None))
+    flight = navigate_aided(run, run.imu, twin, rest=rest, gyro_sigma_deg_h=None)
+    smoothing = cpu_s(flight.with_smoothed)
     search = cpu_s(
         lambda: navigate_aided(loud, loud.imu, twin, rest=rest_loud, gyro_sigma_deg_h=None)
     )
@@ -61,10 +65,13 @@ def main(minutes: float) -> None:
     for name, cost in (
         ("free-inertial navigation", free),
         ("aided: stands, start, filter, verdict", aided),
+        ("smoothing it", smoothing),
         ("aided, the noise searched for", search),
     ):
         print(f"  {name:40s}{cost:7.2f} s CPU{seconds / cost:10.0f} times real time")
     print(f"  aided over free-inertial {aided / free:27.1f}")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(f"  peak memory {peak:40.0f} MB")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from alignment.motion.speeds import steady_roll
 from alignment.motion.timeline import steady_epochs, timeline
 from alignment.reasons import WITH_HEADING, AlignmentVerdict
 from alignment.result import Alignment
-from infield.replay.aided.flight import AidedResult, navigate_aided
+from infield.replay.aided.flight import AidedResult, Aiding, navigate_aided
 from infield.replay.aided.reasons import AidedVerdict
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
@@ -133,13 +133,14 @@ def replay(
     *,
     applied_table: Callable[[str], ThermalTable] | None = None,
     reference: ReferenceLog | None = None,
-    aided: bool | tuple[Where, ...] = True,
+    aided: bool | tuple[Where, ...] | Aiding = True,
     told: Callable[[str], None] = lambda words: None,
 ) -> ReplayResult:
     """Fly a log with each table, the active one first; `aided`: and with its GNSS, where it has
     that.
 
-    Stretches for `aided`: their fixes are left out of that flight, which is scored with them.
+    Stretches for `aided`: their fixes are left out of that flight, which is scored with them;
+    an `Aiding` also asks for the smoothed solution.
     applied_table(sha256): the table that the unit had subtracted, to be added back (InputError
     where unknown); told(words): hears what is being done. A run without gyro temperatures is flown
     raw, once, and the notes say so. Refusals are verdicts.
@@ -183,6 +184,7 @@ def replay(
             result = _with_scores(result, raw, first, twin, reference)
     if aided is False or raw.gnss is None:
         return result
+    asked = aided if isinstance(aided, Aiding) else Aiding(left_out=() if aided is True else aided)
     told("navigating with satellite fixes")
     choice = tables[0]
     imu, _, sigma, _ = _prepared(
@@ -195,8 +197,11 @@ def replay(
         twin,
         rest=rest if gyrocompassed else None,
         gyro_sigma_deg_h=sigma,
-        left_out=() if aided is True else aided,
+        left_out=asked.left_out,
     )
+    if asked.smooth:
+        told("smoothing")
+        flight = flight.with_smoothed(asked.left_out)
     return _with_aided(result, flight)
 
 

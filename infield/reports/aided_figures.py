@@ -9,7 +9,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from infield.replay.aided.flight import AidedResult
-from infield.reports.documents.aided import aided_columns
+from infield.reports.documents.aided import aided_columns, smoothed_result
 from infield.reports.figures import (
     AXIS_COLOURS,
     AXIS_LINES,
@@ -53,8 +53,16 @@ STYLES: dict[str, LineStyle] = {
     },
     "aided": {"color": GREEN, "linewidth": 1.8, "label": "aided by GNSS"},
 }
+SMOOTHED: LineStyle = {"color": GREEN, "linewidth": 1.8}
 BAND: LineStyle = {"alpha": 0.25, "linewidth": 0.0}
-AIDED_FIGURES = ("aided_attitude", "aided_velocity", "aided_biases", "innovations", "aided_sigma")
+AIDED_FIGURES = (
+    "aided_attitude",
+    "aided_velocity",
+    "aided_biases",
+    "innovations",
+    "aided_sigma",
+    "smoothed_sigma",
+)
 TIME = "time of the log [min]"
 # a map of less shows noise: 40 sigmas of the default receiver (0.5 m), 4 of one of 5 m
 MOVED_M = 20.0
@@ -168,7 +176,28 @@ def aided_figures(result: "ReplayResult") -> dict[str, Markup | None]:
         "aided_biases": _biases(columns),
         "innovations": _innovations(aided),
         "aided_sigma": _sigma(aided, columns, result),
+        "smoothed_sigma": _smoothed_sigma(aided, columns),
     }
+
+
+def _smoothed_sigma(aided: AidedResult, columns: dict[str, NDArray]) -> Markup | None:
+    """Sigmas of filter and smoother, level and heading."""
+    best = smoothed_result(aided)
+    if best is None:
+        return None
+    figure, axes = new_figure(1, 2, height=3.0)
+    solutions = ("filter", columns, STYLES["gnss"]), ("smoothed", aided_columns(best), SMOOTHED)
+    for name, of, style in solutions:
+        minutes, level = of["time_s"] / 60.0, np.hypot(of["sigma_north_m"], of["sigma_east_m"])
+        for ax, sigma in ((axes[0, 0], level), (axes[0, 1], of["sigma_heading_deg"])):
+            t, s = thinned(minutes, sigma)
+            ax.plot(t, s, **{**style, "label": name})
+    for ax, title, unit in zip(axes[0], ("Level position", "Heading"), ("m", "deg")):
+        _decades(ax)
+        axis_text(ax, title=title, x=TIME, y=f"sigma [{unit}]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=2)
+    return svg_text(figure, "Sigmas of level position and heading, filter and smoothed")
 
 
 def _banded(

@@ -19,6 +19,7 @@ from ins.filters.aided_records import (
     Antenna,
     Fixes,
 )
+from ins.filters.aided_tape import TAPED_PHI, AidedTape, TapedPiece
 from ins.filters.states import (
     AIDED_LEVER,
     AIDED_MOTION,
@@ -91,9 +92,12 @@ class AidedNavigator:
         self._stands = np.asarray(options.stands, dtype=float).reshape(-1, 2)
         self._output_s, self._keep = options.output_s, options.keep_covariance
         self._last_s, self._started = start.state.time_s, False
+        self._step_from_s = start.state.time_s
         self._rows: list[NDArray] = []
         self._times_s: list[NDArray] = []
         self._P_rows: list[NDArray] = []
+        self._tape: list[TapedPiece] = []
+        self._P_start, self._taping = self._P.copy(), options.keep_tape
 
     def feed(self, imu: ImuLog) -> None:
         """Use the rows of a part of the log after those used before (at first: after the start).
@@ -120,7 +124,17 @@ class AidedNavigator:
             self._started = True
         ends, fix_of, late_s, stands, emits = self._steps(time_s)
         rows = np.zeros((int(emits.sum()), self._kernel.OUT))
-        P_rows = np.zeros((len(rows) if self._keep else 0, 15, 15))
+        kept = AIDED_STATES if self._taping else AIDED_MOTION
+        P_rows = np.zeros((len(rows) if self._keep or self._taping else 0, kept, kept))
+        used = 6 * int(stands.sum()) + 7 * int((fix_of >= 0).sum())
+        taped = TapedPiece(
+            step_s=np.diff(np.concatenate([[self._step_from_s], time_s[ends - 1]])),
+            phis=np.zeros((ends.size if self._taping else 0, *TAPED_PHI)),
+            measurements=np.zeros((used if self._taping else 0, self._kernel.TAPE)),
+            ends=np.zeros(ends.size if self._taping else 0, dtype=np.int64),
+            emits=emits,
+            P_rows=P_rows,
+        )
         self._kernel.run(
             dt,
             dtheta,
@@ -143,9 +157,15 @@ class AidedNavigator:
             self._fix_out,
             rows,
             P_rows,
+            taped.phis,
+            taped.measurements,
+            taped.ends,
         )
         self._rows.append(rows)
-        self._P_rows.append(P_rows)
+        self._P_rows.append(P_rows[:, :AIDED_MOTION, :AIDED_MOTION] if self._keep else P_rows[:0])
+        if self._taping:
+            self._tape.append(taped.shortened())
+        self._step_from_s = float(time_s[ends[-1] - 1]) if ends.size else self._step_from_s
         self._times_s.append(time_s[ends - 1][emits])
         self._last_s = float(time_s[-1])
 
@@ -171,6 +191,19 @@ class AidedNavigator:
         if self._stands.size:
             stood = (number >= 0) & (time_s <= self._stands[number, 1])
         return rows + 1, fix_at[rows], late[rows], (stood & second)[rows], put_out[rows]
+
+    @property
+    def tape(self) -> AidedTape:
+        """What `ins.filters.aided_smoother` needs, up to here.
+
+        Raises
+        ------
+        InputError
+            Where none was kept (`AidedOptions.keep_tape`).
+        """
+        if not self._taping:
+            raise InputError("AidedOptions.keep_tape: needed for a smoother")
+        return AidedTape(pieces=tuple(self._tape), P_start=self._P_start, noise=self._noise)
 
     def finish(self) -> AidedHistory:
         """The solution up to here.
@@ -201,7 +234,7 @@ class AidedNavigator:
             accel_bias_m_s2=rows[:, k.O_BIAS + 3 : k.O_VAR],
             variance=rows[:, k.O_VAR : k.O_PHI],
             phi_covariance=rows[:, k.O_PHI :].reshape(-1, 3, 3),
-            covariance=np.concatenate(self._P_rows),
+            covariance=np.concatenate([p[:, :AIDED_MOTION, :AIDED_MOTION] for p in self._P_rows]),
             fix_time_s=self._fixes.time_s,
             residual=fix[:, : k.F_SIGMA],
             sigma=fix[:, k.F_SIGMA : k.F_NIS],

@@ -76,6 +76,8 @@ O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 # of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each;
 # log likelihood of each
 F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
+# of the tape, a row for each scalar measurement: its row of H, P H', its variance, its residual
+TAPE_H, TAPE_K, TAPE = 0, states.AIDED_STATES, 2 * states.AIDED_STATES + 2
 # what became of a fix, 0 to 4, in F_USED of its row
 UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 POLE_TAN = 1e6
@@ -185,17 +187,18 @@ def predict(P, Phi, dt, noise, leapt, M):
 
 
 @jit
-def update(x, P, H, z, variance, K, first):
+def update(x, P, H, z, variance, room, first):
     """Use scalar measurements z (m,) with rows H (m, 26), one after the other, in place.
 
-    variance (m,): independent errors. K (26,): room to work in. Errors from `first` on are
-    considered and left as they are. Returns the NIS of all of them together, and the log
-    likelihood.
+    variance (m,): independent errors. room (3, 28): written; row k holds P H' of measurement k, its
+    variance and its residual. Errors from `first` on are considered and left as they are. Returns
+    the NIS of all of them together, and the log likelihood.
     """
     nis, loglik = 0.0, 0.0
     for m in range(z.size):
         s, y = variance[m], z[m]
-        K[:] = 0.0
+        K = room[m]
+        K[:N] = 0.0
         for j in range(N):
             if H[m, j] != 0.0:
                 for i in range(N):
@@ -203,6 +206,7 @@ def update(x, P, H, z, variance, K, first):
         for i in range(N):
             s += H[m, i] * K[i]
             y -= H[m, i] * x[i]
+        K[N], K[N + 1] = s, y
         nis += y * y / s
         loglik -= 0.5 * (log(s) + y * y / s)
         for i in range(N):
@@ -212,6 +216,26 @@ def update(x, P, H, z, variance, K, first):
                 P[i, j] -= K[i] * K[j] / s
                 P[j, i] = P[i, j]
     return nis, loglik
+
+
+@jit
+def write_down(H, room, tape, taped):
+    """Write three measurements that were used on the tape, where there is one."""
+    if tape.shape[0] == 0:
+        return
+    for m in range(3):
+        line = tape[taped[0]]
+        line[TAPE_H : TAPE_H + N] = H[m]
+        line[TAPE_K:] = room[m]
+        taped[0] += 1
+
+
+@jit
+def write_restart(tape, taped):
+    """Write on the tape that position and velocity were begun anew: a row without variance."""
+    if tape.shape[0] > 0:
+        tape[taped[0]] = 0.0
+        taped[0] += 1
 
 
 @jit
@@ -341,7 +365,9 @@ def past(trail, carry, time_s, out):
 
 
 @jit
-def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, out):
+def take_fix(
+    state, row, fix, late_s, carry, trail, settings, x, P, bias, H, room, out, tape, taped
+):
     """Use a fix `late_s` after the solution's own time (< 0).
 
     The fix: position ECEF 3, v_n 3, variances 6; NaN: not measured. It is compared with the
@@ -380,13 +406,14 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
         for i in range(6):
             seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
         if isfinite(z[3]):
-            off, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], fix[9:12], K, N)
+            off, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], fix[9:12], room, N)
             if off <= settings[GATE]:
                 anew = JUMPED
         if anew == JUMPED:
             jump(P, seen, carry[LEAPT:CARRY])
         else:
             restart(P, seen)
+            write_restart(tape, taped)
     used = False
     for kind in range(2):
         a = 3 * kind
@@ -403,13 +430,16 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
         first = L_ if settings[CONSIDER] > 0.0 else N
-        nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K, first)
+        nis, loglik = update(
+            x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], room, first
+        )
         out[F_NIS + kind] = nis
         if nis <= settings[GATE] or lost:
             for i in range(N):
                 x[i] = x_new[i]
                 for j in range(N):
                     P[i, j] = P_new[i, j]
+            write_down(H[a : a + 3], room, tape, taped)
             out[F_USED + kind] = anew if lost else USED
             out[F_LOGLIK + kind] = loglik
             used = True
@@ -423,18 +453,20 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
 
 
 @jit
-def stand(state, row, dt, noise, settings, x, P, bias, H, K):
+def stand(state, row, dt, noise, settings, x, P, bias, H, room, tape, taped):
     """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's.
 
     The rate: dtheta/dt - C_bn omega_ie = eps - C_bn (omega_ie x theta), noise ARW^2/dt +
-    STAND_RATE^2. Returns the NIS of the velocity.
+    STAND_RATE^2. Returns the NIS of the velocity. The antenna is left as it is, but where a tape is
+    written: smoothing asks for the gain that is best.
     """
+    first = N if tape.shape[0] > 0 else L_
     H[:, :] = 0.0
     for i in range(3):
         H[i, V_ + i] = 1.0
-    nis, _ = update(
-        x, P, H[0:3], row[V_N_AT : V_N_AT + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_
-    )
+    off, variance = row[V_N_AT : V_N_AT + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2)
+    nis, _ = update(x, P, H[0:3], off, variance, room, first)
+    write_down(H[0:3], room, tape, taped)
     if settings[STAND_RATE] > 0.0:
         ie, z = (
             np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]),
@@ -450,7 +482,9 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
                 k, m = (j + 1) % 3, (j + 2) % 3  # row j of omega_ie x theta
                 H[i, T_ + m] -= C_ji * ie[k]
                 H[i, T_ + k] += C_ji * ie[m]
-        update(x, P, H[0:3], z, np.full(3, noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2), K, L_)
+        variance[:] = noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2
+        update(x, P, H[0:3], z, variance, room, first)
+        write_down(H[0:3], room, tape, taped)
     correct(state, bias, x)
     return nis
 
@@ -529,6 +563,9 @@ def run(
     fix_out,
     rows_out,
     P_out,
+    phis,
+    tape,
+    tape_ends,
 ):
     """Work through the rows of a piece of log; step k ends before row ends[k].
 
@@ -557,10 +594,15 @@ def run(
         What became of each fix; written.
     rows_out : ndarray, shape (emitted, OUT)
         Written.
-    P_out : ndarray, shape (emitted, 15, 15), or (0, 15, 15)
-        Written where it is asked for.
+    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 26, 26), or with no rows
+        Of the first errors, or of all; written where it is asked for.
+    phis : ndarray, shape (k, 9, 15), or with no rows
+        Rows of each step's transition that are not unit; written where a tape is.
+    tape, tape_ends : ndarray, shapes (measurements, TAPE), (k,); or with no rows
+        The measurements used, and how many of them up to the end of each step; written where asked.
     """
-    Phi, M, H, K = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
+    Phi, M, H = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N))
+    room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
     turned, pushed, flat = np.empty_like(dtheta), np.empty_like(dv), np.zeros(dt.size)
     gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
@@ -604,7 +646,9 @@ def run(
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
         leave_trail(trail, carry, out[0])
         if stands[k]:
-            carry[STAND_NIS] += stand(state, out[0], step_s, noise, settings, x, P, bias, H, K)
+            carry[STAND_NIS] += stand(
+                state, out[0], step_s, noise, settings, x, P, bias, H, room, tape, taped
+            )
             carry[STOOD] += 3.0
         j = fix_of[k]
         if j >= 0:
@@ -634,14 +678,19 @@ def run(
                 P,
                 bias,
                 H,
-                K,
+                room,
                 fix_out[j],
+                tape,
+                taped,
             )
+        if phis.shape[0] > 0:
+            phis[k] = Phi[:G_]
+            tape_ends[k] = taped[0]
         if emits[k]:
             emit(state, bias, P, rows_out[written])
             if P_out.shape[0] > 0:
-                for i in range(MOTION):
-                    for l in range(MOTION):
+                for i in range(P_out.shape[1]):
+                    for l in range(P_out.shape[2]):
                         P_out[written, i, l] = P[i, l]
             written += 1
         C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))

@@ -165,6 +165,8 @@ class AidedOptions:
         Interval of the rows.
     keep_covariance : bool
         Also all of P at each row.
+    keep_tape : bool
+        Also what a smoother needs: the steps, the measurements and P of all errors at each row.
     """
 
     stands: ArrayLike = ()
@@ -173,6 +175,7 @@ class AidedOptions:
     reset_s: float = 120.0
     output_s: float = 1.0
     keep_covariance: bool = False
+    keep_tape: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

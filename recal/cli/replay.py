@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,9 @@ from recal.cli.console import (
     finish,
 )
 from recal.cli.terminal.help import OUTPUT
+
+if TYPE_CHECKING:
+    from recal.service.replay import Aided
 
 REPLAY_STEPS = 5  # reading, two tables, satellite fixes, the report
 
@@ -46,6 +49,13 @@ def command(
             " [s]; repeatable.",
         ),
     ] = None,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth",
+            help="Also write the aided solution that all fixes make, those to come included.",
+        ),
+    ] = False,
     kml: Annotated[
         bool,
         typer.Option("--kml", rich_help_panel=OUTPUT, help="Also write track.kml for a globe."),
@@ -73,7 +83,8 @@ def command(
     from recal.service.results.overwrite import need_free_report
 
     folder = output or Path("recal-replay")
-    others = ("replay.html", "navigation.parquet", "navigation_aided.parquet", "track.kml")
+    navigation = ("navigation.parquet", "navigation_aided.parquet", "navigation_smoothed.parquet")
+    others = ("replay.html", *navigation, "track.kml")
     need_free_report(folder, "replay.json", "recal.replay/1", others, force=force)
     with Progress("replaying", quiet=quiet, steps=REPLAY_STEPS) as told:
         flown = replay(
@@ -81,7 +92,7 @@ def command(
             twin=twin,
             store=store,
             thermal_model=thermal_model,
-            aided=_with_outages(outage or [], aided=aided),
+            aided=_asked(outage or [], aided=aided, smooth=smooth),
             told=told,
         )
         told("drawing the report")
@@ -97,13 +108,17 @@ def command(
     finish(flown.verdict)
 
 
-def _with_outages(outages: list[str], *, aided: bool) -> bool | list[tuple[float, float]]:
-    """The stretches to leave out; else whether there is an aided flight."""
+def _asked(outages: list[str], *, aided: bool, smooth: bool) -> "bool | Aided":
+    """What is asked of the aided flight; else whether there is one."""
     from ins.records import InputError
+    from recal.service.replay import Aided
 
-    if outages and not aided:
-        raise InputError("--outage: needed the aided flight, which --no-aided switches off")
-    return [_stretch(words) for words in outages] if outages else aided
+    if not (outages or smooth):
+        return aided
+    if not aided:
+        name = "--outage" if outages else "--smooth"
+        raise InputError(f"{name}: needed the aided flight, which --no-aided switches off")
+    return Aided(outages=[_stretch(words) for words in outages], smooth=smooth)
 
 
 def _stretch(words: str) -> tuple[float, float]:

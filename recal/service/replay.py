@@ -7,10 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from alignment.motion.kinds import Witness
+from infield.replay.aided.flight import AidedResult, Aiding
 from infield.replay.aided.reasons import AidedGrade
 from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
-from infield.reports.documents.aided import AidedDocument, AidedFlightDocument, aided_columns
+from infield.reports.documents.aided import (
+    AidedDocument,
+    AidedFlightDocument,
+    SmoothedDocument,
+    aided_columns,
+    smoothed_result,
+)
 from infield.reports.documents.replay import ReplayDocument, TableDocument, replay_document
 from infield.reports.replay_page import render, verdict_words
 from infield.reports.track_kml import track_kml
@@ -28,6 +35,22 @@ from trajectories.runs.stream_files import write_columns
 
 WEAK_TOLD = 4  # chosen: 4 stretches are told on the terminal, replay.json holds all
 ATTITUDE_COLUMNS = ("roll_deg", "pitch_deg", "heading_deg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aided:
+    """What is asked of the flight with GNSS.
+
+    Parameters
+    ----------
+    outages : sequence of (float, float)
+        Start and length [s] of stretches whose fixes are left out, and score the solution.
+    smooth : bool
+        Also the solution that all fixes make, those to come included.
+    """
+
+    outages: Sequence[tuple[float, float]] = ()
+    smooth: bool = False
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -52,7 +75,8 @@ class Replayed(Result[ReplayDocument]):
         return summary(self.record)
 
     def write(self, output: AnyPath | None = None, *, kml: bool = False, csv: bool = False) -> Path:
-        """Write replay.json, replay.html, navigation.parquet and navigation_aided.parquet.
+        """Write replay.json, replay.html, navigation.parquet and navigation_aided.parquet; where it
+        was asked for, navigation_smoothed.parquet.
 
         Parameters
         ----------
@@ -74,7 +98,10 @@ class Replayed(Result[ReplayDocument]):
         write_files(texts | ({directory / "track.kml": track_kml(self.flown)} if kml else {}))
         for ending in (".parquet", ".csv") if csv else (".parquet",):
             _write_navigation(directory / f"navigation{ending}", self.flown)
-            _write_aided(directory / f"navigation_aided{ending}", self.flown)
+            flown = self.flown.aided
+            _write_aided(directory / f"navigation_aided{ending}", flown)
+            best = None if flown is None else smoothed_result(flown)
+            _write_aided(directory / f"navigation_smoothed{ending}", best)
         return directory
 
 
@@ -85,7 +112,7 @@ def replay(
     *,
     store: TableStore | str | None = None,
     thermal_model: AnyPath | None = None,
-    aided: bool | Sequence[tuple[float, float]] = True,
+    aided: bool | Sequence[tuple[float, float]] | Aided = True,
     told: Callable[[str], None] = lambda words: None,
 ) -> Replayed:
     """Navigate a run again, free-inertial and with its GNSS.
@@ -104,7 +131,8 @@ def replay(
         A fitted thermal_rlg.json or thermal_fog.json, taken out of the log first.
     aided : bool or sequence of (float, float)
         Also navigate with the run's GNSS, where it has one; a sequence: start and length [s] of
-        stretches whose fixes are left out of that solution, which is then scored with them.
+        stretches whose fixes are left out of that solution, which is then scored with them. An
+        `Aided` also asks for the smoothed solution.
     told : callable
         Told what is being done.
 
@@ -130,7 +158,7 @@ def replay(
     reference = None if isinstance(run, Run) else read_reference(Path(run))
     (read,) = runs_of(run)
     if not isinstance(aided, bool) and read.gnss is None:
-        raise InputError("outage: the run has no satellite fixes to leave out")
+        raise InputError("outage, smooth: the run has no satellite fixes to leave out or to smooth")
     database = opened(store)
     model = None if thermal_model is None else Path(thermal_model)
     unit, (read,), use = with_thermal_model(given_unit(read, table, twin, database), [read], model)
@@ -140,7 +168,7 @@ def replay(
         tables,
         unit.twin,
         reference=reference,
-        aided=_spans(aided),
+        aided=_asked(aided),
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
         told=told,
     )
@@ -159,11 +187,13 @@ def replay(
     return Replayed(found, page=lambda: render(found), flown=result)
 
 
-def _spans(aided: bool | Sequence[tuple[float, float]]) -> bool | tuple[tuple[float, float], ...]:
-    """Start and end of each stretch that is left out."""
+def _asked(aided: bool | Sequence[tuple[float, float]] | Aided) -> bool | Aiding:
+    """The same in the terms of the flight: start and end of each stretch."""
     if isinstance(aided, bool):
         return aided
-    return tuple((start_s, start_s + length_s) for start_s, length_s in aided)
+    given = aided if isinstance(aided, Aided) else Aided(outages=aided)
+    spans = tuple((start_s, start_s + length_s) for start_s, length_s in given.outages)
+    return Aiding(left_out=spans, smooth=given.smooth)
 
 
 def _choices(
@@ -233,12 +263,12 @@ def _write_navigation(path: Path, result: ReplayResult) -> None:
     write_columns(path, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
-def _write_aided(path: Path, result: ReplayResult) -> None:
-    """The aided solution with its sigmas at 1 Hz; an earlier file goes where there is none."""
-    if result.aided is None or result.aided.history is None:
+def _write_aided(path: Path, aided: AidedResult | None) -> None:
+    """An aided solution with its sigmas at 1 Hz; an earlier file goes where there is none."""
+    if aided is None or aided.history is None:
         path.unlink(missing_ok=True)
         return
-    write_columns(path, aided_columns(result.aided))
+    write_columns(path, aided_columns(aided))
 
 
 def summary(document: ReplayDocument) -> list[str]:
@@ -282,6 +312,26 @@ def _realign(table: TableDocument) -> str:
     )
 
 
+def _smoothed_lines(smoothed: SmoothedDocument | None) -> list[str]:
+    """What smoothing brought."""
+    if smoothed is None:
+        return []
+    level, heading = smoothed.sigma_level_m, smoothed.sigma_heading_deg
+    was_level, was_heading = smoothed.filter_sigma_level_m, smoothed.filter_sigma_heading_deg
+    return [
+        f"    smoothed: sigma level at most {level['largest']:.3g} m (filter"
+        f" {was_level['largest']:.3g}), median {level['median']:.3g} m"
+        f" ({was_level['median']:.3g}); heading at the start {heading['first']:.3g} deg"
+        f" ({was_heading['first']:.3g}), median {heading['median']:.3g} deg"
+        f" ({was_heading['median']:.3g})",
+        *(
+            f"    smoothed, fixes from {o.start_s:.1f} to {o.end_s:.1f} s left out: level error RMS"
+            f" {o.rms_level_m:.3g} m, error over sigma {o.error_over_sigma:.2f}"
+            for o in smoothed.outage_scores
+        ),
+    ]
+
+
 def _aided_lines(aided: AidedDocument | None) -> list[str]:
     """The aided solution in a few lines."""
     if aided is None:
@@ -306,6 +356,7 @@ def _aided_lines(aided: AidedDocument | None) -> list[str]:
         f" {o.sigma_end_level_m:.3g} m), error over sigma {o.error_over_sigma:.2f}"
         for o in aided.outage_scores
     ]
+    head += _smoothed_lines(aided.smoothed)
     return head + [
         (
             f"    from {start.time_s:.1f} s by {start.method}; {fixes.used_position} fixes"

@@ -171,7 +171,7 @@ def test_scalar_updates_are_filterpys_joint_update():
         np.array([0.3, 0.7, 1.1]),
     )
     x, P_new = np.zeros(26), P.copy()
-    nis, loglik = kernel.update(x, P_new, H, z, R, np.zeros(26), 26)
+    nis, loglik = kernel.update(x, P_new, H, z, R, np.zeros((3, 28)), 26)
     want_x, want_P, seen = kalman.update(np.zeros(26), P, z, H, np.diag(R))
     np.testing.assert_allclose(x, want_x, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(P_new, want_P, rtol=1e-8, atol=1e-8)

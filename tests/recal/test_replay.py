@@ -271,3 +271,28 @@ def test_outages_are_left_out_and_scored(folder):
         assert isinstance(refused.exception, InputError) and told in str(refused.exception)
     off = CliRunner().invoke(app, ["run", "--no-aided", "--outage", "300:60", "-o", "other"])
     assert "--no-aided" in str(off.exception)
+
+
+def test_smoothed_solution_is_written_where_it_is_asked_for(folder):
+    """Columns of the filter's, smaller sigmas, on the page and in a line; gone with the next replay
+    that does not ask for it.
+    """
+    result = CliRunner().invoke(app, ["run", "--smooth", "--outage", "1220:30", "-o", "out"])
+    assert result.exit_code == 0, result.output
+    assert "smoothed: sigma level at most" in result.output
+    aided, best = (
+        pq.read_table(folder / f"out/navigation_{name}.parquet").to_pandas()
+        for name in ("aided", "smoothed")
+    )
+    assert list(best.columns) == list(aided.columns) and len(best) == len(aided)
+    assert (best["sigma_heading_deg"] <= aided["sigma_heading_deg"] * 1.001).all()
+    document = json.loads((folder / "out/replay.json").read_text())["aided"]["smoothed"]
+    assert document["sigma_level_m"]["largest"] < document["filter_sigma_level_m"]["largest"]
+    (score,) = document["outage_scores"]
+    assert score["error_over_sigma"] < 4.0
+    assert "navigation_smoothed.parquet" in (folder / "out/replay.html").read_text()
+    plain = result_of("run", "-o", "out", "--force")
+    assert "smoothed" not in plain["aided"]
+    assert not (folder / "out/navigation_smoothed.parquet").exists()
+    off = CliRunner().invoke(app, ["run", "--no-aided", "--smooth", "-o", "other"])
+    assert "--smooth: needed the aided flight" in str(off.exception)

@@ -8,6 +8,7 @@ Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part o
 flights.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from infield.replay.aided.flights import Beginning, Flights, options_of
 from infield.replay.aided.grade import Weak, graded
 from infield.replay.aided.headings import HeadingOpen, Sky
 from infield.replay.aided.left_out import OutageScore, check_left_out, scored, without
-from infield.replay.aided.noise import MATERIAL, NoiseScales, capped_nis
+from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.replay.aided.open_heading import fly_open
 from infield.replay.aided.reasons import (
     AidedGrade,
@@ -32,6 +33,7 @@ from infield.replay.aided.reasons import (
     AidedVerdict,
     StartMethod,
 )
+from infield.replay.aided.smoothing import smooth_all_headings, smooth_flight
 from infield.replay.aided.start import FoundStart
 from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
 from ins.filters.aided_filter import KINDS
@@ -69,7 +71,9 @@ class AidedResult:
 
     declared_nis: mean NIS of position and velocity with the noise as declared, before any scale
     (`capped_nis`); flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter
-    follows it.
+    follows it. every: fixes, those that were left out
+    among them. smooth: gives the solution that all fixes make; smoothed: that solution, and
+    smoothed_scores: its outages.
     """
 
     verdict: AidedVerdict
@@ -88,6 +92,27 @@ class AidedResult:
     grade: AidedGrade | None = None
     weak: tuple[Weak, ...] = ()
     flicker: tuple[float, float] = (0.0, 0.0)
+    every: Fixes | None = None
+    smooth: Callable[[], AidedHistory] | None = None
+    smoothed: AidedHistory | None = None
+    smoothed_scores: tuple[OutageScore, ...] = ()
+
+    def with_smoothed(self, left_out: tuple[Where, ...] = ()) -> "AidedResult":
+        """The result with the smoothed solution, scored where fixes were left out."""
+        if self.smooth is None or self.every is None:
+            return self
+        best = self.smooth()
+        return replace(self, smoothed=best, smoothed_scores=scored(best, self.every, left_out))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aiding:
+    """What is asked of an aided flight: stretches (start, end) [s] whose fixes it is not given and
+    is scored with; smooth: also the solution that all fixes make.
+    """
+
+    left_out: tuple[Where, ...] = ()
+    smooth: bool = False
 
 
 def aided_noise(twin: TwinModel) -> AidedNoise:
@@ -203,7 +228,18 @@ def navigate_aided(
         outage_scores=scored(history, every, left_out),
         declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
         flicker=(gyro_densities(twin.gyro).instability, accel_densities(twin.accel).instability),
+        smooth=lambda: _smoothed(flights, found, fitted.model),
+        every=every,
     )
+
+
+def _smoothed(flights: Flights, found: FoundStart, model: Model) -> AidedHistory:
+    """The solution that all fixes make."""
+    heading = flights.begin.heading
+    if found.method is StartMethod.ALL_HEADINGS:
+        assert isinstance(heading, HeadingOpen)
+        return smooth_all_headings(flights, heading, model)
+    return smooth_flight(flights, found, model)
 
 
 def _from_all_headings(flights: Flights, fitted: Fitted) -> tuple[Fitted, Reason]:

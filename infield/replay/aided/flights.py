@@ -14,6 +14,7 @@ from infield.replay.aided.noise import Model
 from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.filters.aided_tape import AidedTape
 from ins.records import ImuLog, ImuSource, RunHeader
 from ins.verdicts import Reason
 
@@ -104,21 +105,38 @@ class Flights:
         found = self.start(model.antenna)
         if isinstance(found, Reason):
             return None
+        return self.from_start(found, model, whole=whole)
+
+    def from_start(self, found: FoundStart, model: Model, *, whole: bool) -> AidedHistory:
+        """A flight from a start."""
         navigator = self.navigator(found, model)
         for piece in self.pieces(found.start.state.time_s, whole=whole):
             navigator.feed(piece)
         return self.as_timed(navigator.finish(), model)
 
-    def navigator(self, found: FoundStart, model: Model) -> AidedNavigator:
+    def taped(self, found: FoundStart, model: Model) -> tuple[AidedHistory, AidedTape]:
+        """All of the log from a start with the antenna estimated, and what a smoother needs;
+        delays are those beyond the lesser one.
+        """
+        estimated = replace(model, antenna=replace(model.antenna, estimated=True))
+        navigator = self.navigator(found, estimated, keep_tape=True)
+        for piece in self.pieces(found.start.state.time_s, whole=True):
+            navigator.feed(piece)
+        return navigator.finish(), navigator.tape
+
+    def navigator(
+        self, found: FoundStart, model: Model, *, keep_tape: bool = False
+    ) -> AidedNavigator:
         """The filter under a model, from a start; its delays are those beyond the lesser one."""
         base_s = _base_s(model)
         fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
+        options = options_of(self.technology, self.stands)
         return AidedNavigator(
             found.start,
             model.scales.of(self.noise, *self.declared_m),
             fixes,
             antenna=model.antenna.later(-base_s),
-            options=options_of(self.technology, self.stands),
+            options=replace(options, keep_tape=keep_tape),
         )
 
     def as_timed(self, history: AidedHistory, model: Model) -> AidedHistory:

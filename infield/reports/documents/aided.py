@@ -23,11 +23,13 @@ largest that is tried, declared_nis (before any factor) antenna                 
 sigma) and delay_s of the solution, what of them was taken from the fixes, and
                           `seen`: what the fixes say with both free; null where that could not be
                           flown
+smoothed                  with --smooth: sigmas of the solution that all fixes make beside the
+filter's (first row, median, largest), its outage_scores and scoring_only
 scoring_only              against the run's reference: RMS errors, and squared error over variance
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,6 +193,20 @@ class ScoresDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SmoothedDocument:
+    """The solution that all fixes make (`recal replay --smooth`), beside the filter's: level and
+    heading sigma at the first row, median and largest of the log.
+    """
+
+    sigma_level_m: Mapping[str, float]
+    sigma_heading_deg: Mapping[str, float]
+    filter_sigma_level_m: Mapping[str, float]
+    filter_sigma_heading_deg: Mapping[str, float]
+    outage_scores: Sequence[OutageScore]
+    scoring_only: ScoresDocument | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class AidedDocument:
     """The `aided` part of replay.json where nothing was flown."""
 
@@ -221,6 +237,7 @@ class AidedFlightDocument(AidedDocument):
     noise: NoiseDocument
     antenna: AntennaDocument | None
     scoring_only: ScoresDocument | None
+    smoothed: SmoothedDocument | None = field(default=None, metadata=OMIT_NONE)
 
 
 def aided_document(
@@ -257,7 +274,38 @@ def aided_document(
         noise=_noise(result),
         antenna=_antenna(result.antenna),
         scoring_only=None if reference is None else _scores(result, reference),
+        smoothed=_smoothed(result, reference),
     )
+
+
+def smoothed_result(result: AidedResult) -> AidedResult | None:
+    """The result with the smoothed solution in the filter's place; None where none was asked."""
+    return None if result.smoothed is None else replace(result, history=result.smoothed)
+
+
+def _smoothed(result: AidedResult, reference: ReferenceLog | None) -> SmoothedDocument | None:
+    best = smoothed_result(result)
+    if best is None:
+        return None
+    ours, filters = aided_columns(best), aided_columns(result)
+    return SmoothedDocument(
+        sigma_level_m=_spread(_level(ours)),
+        sigma_heading_deg=_spread(ours["sigma_heading_deg"]),
+        filter_sigma_level_m=_spread(_level(filters)),
+        filter_sigma_heading_deg=_spread(filters["sigma_heading_deg"]),
+        outage_scores=result.smoothed_scores,
+        scoring_only=None if reference is None else _scores(best, reference),
+    )
+
+
+def _level(columns: Mapping[str, NDArray]) -> NDArray:
+    return np.hypot(columns["sigma_north_m"], columns["sigma_east_m"])
+
+
+def _spread(sigma: NDArray) -> dict[str, float]:
+    """Of a sigma along the log."""
+    middle, largest = float(np.median(sigma)), float(sigma.max())
+    return {"first": float(sigma[0]), "median": middle, "largest": largest}
 
 
 def _start(found: FoundStart) -> StartDocument:
