@@ -12,6 +12,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from infield.reports.issuer import issuer
+
 NOT_AVAILABLE = "n/a"
 MINUS = "\u2212"
 
@@ -79,4 +81,5 @@ def _environment() -> Environment:
     found.filters.update(
         {f.__name__: f for f in (number, significant, decimals_for, duration, heading, short_hash)}
     )
+    found.globals["issuer"] = issuer
     return found

@@ -118,6 +118,8 @@ class Commands:
     approve: str
     reproduce: str
     export: str
+    diagnose: str
+    look: str
 
 
 def update_html(document: UpdateDocument) -> str:
@@ -134,6 +136,7 @@ def update_html(document: UpdateDocument) -> str:
         d=document,
         verdict=VERDICTS.get(document.verdict, (str(document.verdict), "none", "\u25a0")),
         statement=_statement(document),
+        next=_next_step(document),
         axes=[_axis(document, axis, known) for axis in AXES],
         decimals=_decimals(document),
         changed=_changed(document),
@@ -209,6 +212,21 @@ def _statement(document: UpdateDocument) -> Statement:
                 ),
             )
     return Statement(why="; ".join(reasons), use="Unknown verdict: do not use.")
+
+
+def _next_step(document: UpdateDocument) -> tuple[str, str]:
+    """What the reader does now, in words and as a command."""
+    commands = _commands(document)
+    match document.verdict:
+        case Outcome.COMMITTED:
+            return "Next, look at what is in use now:", commands.history
+        case Outcome.PROPOSED if document.proposal is not None:
+            return "Next, where this page convinces you:", commands.approve
+        case Outcome.PROPOSED:
+            return "Next, where this page convinces you:", f"{commands.reproduce} --commit"
+        case Outcome.INCONSISTENT:
+            return "Next, find out what contradicts:", commands.diagnose
+    return "Next, see what the run lacks:", commands.look
 
 
 def _statement_of_change(document: UpdateDocument) -> Statement:
@@ -382,6 +400,8 @@ def _commands(document: UpdateDocument) -> Commands:
         approve=f"recal table approve {document.proposal}{store}{serial} --reason WHY",
         reproduce=f"recal update {runs}{store}{model}{commit}",
         export=f"recal table export{store}{serial} -o table.json",
+        diagnose=f"recal diagnose {runs} --twin twin.json",
+        look="recal look RUN",
     )
 
 

@@ -16,6 +16,7 @@ from typer.core import TyperCommand
 
 from recal.cli.terminal.help import FOLDER, help_records, usage_words
 from recal.cli.terminal.user_config import read_user_config
+from recal.service.results.issuer import name_issuer
 from recal.service.results.text import result_text
 
 DONE_EXIT, FAILED_EXIT, USAGE_EXIT, BAD_INPUT_EXIT, REFUSED_EXIT, INCONSISTENT_EXIT = (
@@ -136,6 +137,7 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As typer does; an option of OPTIONAL_VALUE that no number follows gets its own."""
         configured = read_user_config()
+        name_issuer(configured)
         ctx.default_map = {"store": configured.store or None, "by": configured.operator or None}
         given = list(args)
         for k in reversed(range(given.index("--") if "--" in given else len(given))):

@@ -91,3 +91,20 @@ def test_a_mistake_in_the_file_is_one_line(config, text, said):
     result = CliRunner().invoke(app, ["table", "list"])
     assert isinstance(result.exception, InputError) and str(config) in str(result.exception)
     assert said in str(result.exception) and "\n" not in str(result.exception)
+
+
+def test_reports_name_who_issues_them(tmp_path, monkeypatch):
+    """Organisation, department, operator, instrument type and part number stand on every page."""
+    from infield.reports import issuer
+    from infield.reports.page import render_page
+    from recal.service.results.issuer import name_issuer
+
+    monkeypatch.setattr(issuer, "_set", [issuer.Issuer()])
+    assert "issued by" not in render_page("base.html.j2")
+    said = UserConfig(
+        organisation="Hangar <3>", operator="A. Engineer", instrument_type="RLG-9", part_number="77"
+    )
+    name_issuer(said)
+    page = render_page("base.html.j2")
+    for text in ("Hangar &lt;3&gt;", "A. Engineer", "RLG-9", "77"):
+        assert f"<strong>{text}</strong>" in page
