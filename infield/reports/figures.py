@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
 PANEL_WIDTH = 4.3  # inches: one of two or three side by side, one below the other on a phone
+SVG_DPI = 72  # of a drawing as SVG: a unit is a point
 MAX_POINTS = 2000  # of a curve
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -126,6 +127,12 @@ def svg_text(figure: "Figure", label: str) -> Markup:
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             _plain_decades(axis)
+    # laid out here, once: savefig draws everything twice where a layout is still to be found
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        figure.dpi = SVG_DPI
+        engine.execute(figure)
+        figure.set_layout_engine(None)  # "none" would still draw twice
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     return Markup(_slim(buffer.getvalue(), label))  # matplotlib escapes the texts in it

@@ -135,6 +135,7 @@ class AidedNavigator:
             emits=emits,
             P_rows=P_rows,
         )
+        turned, pushed = np.empty(dtheta.shape), np.empty(dv.shape)
         self._kernel.run(
             dt,
             dtheta,
@@ -160,6 +161,10 @@ class AidedNavigator:
             taped.phis,
             taped.measurements,
             taped.ends,
+            turned,
+            pushed,
+            _read_only(turned),
+            _read_only(pushed),
         )
         self._rows.append(rows)
         self._P_rows.append(P_rows[:, :AIDED_MOTION, :AIDED_MOTION] if self._keep else P_rows[:0])
@@ -323,3 +328,10 @@ def level_sigmas(phi_covariance: NDArray, C_nb: NDArray) -> NDArray:
         [np.sqrt(np.einsum("ki,kij,kj->k", r, phi_covariance, r)) for r in (roll, pitch, heading)],
         axis=1,
     )
+
+
+def _read_only(rows: NDArray) -> NDArray:
+    """The same memory, not to be written through."""
+    seen = rows.view()
+    seen.flags.writeable = False
+    return seen

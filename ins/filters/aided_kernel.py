@@ -54,6 +54,10 @@ P_, V_, T_ = states.AIDED_POS.start, states.AIDED_VEL.start, states.AIDED_THETA.
 G_, A_ = states.AIDED_GYRO.start, states.AIDED_ACCEL.start
 B_, W_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY_DELAY
+# places and counts that kernels take as arguments: numba compiles a function anew for each Python
+# integer that it is called with, 4 s of the 25 that the first aided replay compiled for
+AT_P, AT_V, AT_T, AT_0, AT_3 = (np.int64(k) for k in (P_, V_, T_, 0, 3))
+ALL, BELOW_LEVER, WIDTH = np.int64(N), np.int64(L_), np.int64(LOOK_ROWS)
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
 # of the noise: sigmas and time constant of the slow error of positions
 SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
@@ -108,14 +112,14 @@ def transition(row, dt, Phi):
     en = np.array([v[1] / radius, -v[0] / radius, -v[1] * t / radius])
     force = row[SUMS + 6 : SUMS + 9]
     Phi[:, :] = 0.0
-    put_skew(Phi, P_, P_, en, -dt)
+    put_skew(Phi, AT_P, AT_P, en, -dt)
     both, coriolis = np.zeros(3), np.zeros(3)
     for i in range(3):
         both[i], coriolis[i] = ie[i] + en[i], 2.0 * ie[i] + en[i]
-    put_skew(Phi, V_, V_, coriolis, -dt)
-    put_skew(Phi, T_, T_, both, -dt)
-    put_skew(Phi, V_, T_, force, -1.0)
-    put_skew(Phi, P_, T_, force, -0.5 * dt)
+    put_skew(Phi, AT_V, AT_V, coriolis, -dt)
+    put_skew(Phi, AT_T, AT_T, both, -dt)
+    put_skew(Phi, AT_V, AT_T, force, -1.0)
+    put_skew(Phi, AT_P, AT_T, force, -0.5 * dt)
     pull = gravity(s, height) / radius
     for i in range(3):
         gradient = 2.0 * pull if i == 2 else -pull
@@ -291,8 +295,8 @@ def rows_of_fix(row, rate_b, lever_b, H):
         H[3 + i, G_ + 1] = -(cz * lever_b[0] - cx * lever_b[2])
         H[3 + i, G_ + 2] = -(cx * lever_b[1] - cy * lever_b[0])
         H[i, L_], H[i, L_ + 1], H[i, L_ + 2] = cx, cy, cz
-    put_skew(H, 0, T_, arm, -1.0)
-    put_skew(H, 3, T_, swing, -1.0)
+    put_skew(H, AT_0, AT_T, arm, -1.0)
+    put_skew(H, AT_3, AT_T, swing, -1.0)
     return arm, swing
 
 
@@ -406,7 +410,7 @@ def take_fix(
         for i in range(6):
             seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
         if isfinite(z[3]):
-            off, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], fix[9:12], room, N)
+            off, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], fix[9:12], room, ALL)
             if off <= settings[GATE]:
                 anew = JUMPED
         if anew == JUMPED:
@@ -429,7 +433,7 @@ def take_fix(
             out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
-        first = L_ if settings[CONSIDER] > 0.0 else N
+        first = BELOW_LEVER if settings[CONSIDER] > 0.0 else ALL
         nis, loglik = update(
             x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], room, first
         )
@@ -460,7 +464,7 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, room, tape, taped):
     STAND_RATE^2. Returns the NIS of the velocity. The antenna is left as it is, but where a tape is
     written: smoothing asks for the gain that is best.
     """
-    first = N if tape.shape[0] > 0 else L_
+    first = ALL if tape.shape[0] > 0 else BELOW_LEVER
     H[:, :] = 0.0
     for i in range(3):
         H[i, V_ + i] = 1.0
@@ -566,6 +570,10 @@ def run(
     phis,
     tape,
     tape_ends,
+    turned,
+    pushed,
+    turned_seen,
+    pushed_seen,
 ):
     """Work through the rows of a piece of log; step k ends before row ends[k].
 
@@ -600,11 +608,14 @@ def run(
         Rows of each step's transition that are not unit; written where a tape is.
     tape, tape_ends : ndarray, shapes (measurements, TAPE), (k,); or with no rows
         The measurements used, and how many of them up to the end of each step; written where asked.
+    turned, pushed, turned_seen, pushed_seen : ndarray, shape (n, 3)
+        Room for the increments less what is taken off, and the same memory to be read only, so that
+        `integrate` is compiled once, for arrays like those of a log.
     """
     Phi, M, H = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N))
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
-    turned, pushed, flat = np.empty_like(dtheta), np.empty_like(dv), np.zeros(dt.size)
+    flat = np.zeros(dt.size)
     gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
     first, written = 0, 0
     for k in range(ends.size + 1):
@@ -622,12 +633,12 @@ def run(
         end[0] = last - first
         integrate(
             dt[first:last],
-            turned[first:last],
-            pushed[first:last],
+            turned_seen[first:last],
+            pushed_seen[first:last],
             flat[first:last],
             gains,
             look_s,
-            LOOK_ROWS,
+            WIDTH,
             end if k < ends.size else none,
             state,
             out,
@@ -656,12 +667,12 @@ def run(
                 end[0] = 0
                 integrate(
                     dt[:0],
-                    turned[:0],
-                    pushed[:0],
+                    turned_seen[:0],
+                    pushed_seen[:0],
                     flat[:0],
                     gains,
                     look_s,
-                    LOOK_ROWS,
+                    WIDTH,
                     end,
                     state,
                     out,

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports import update_page
-from infield.reports.documents.update_records import update_of
 from infield.store.errors import StoreRefused
 from infield.store.table_store import (
     FullProposal,
@@ -274,11 +272,12 @@ def proposed_document(full: FullProposal) -> JsonObject:
 
 def write_proposal(full: FullProposal, output: Path) -> None:
     """The proposal's update.json and update.html, in a directory."""
+    # a store's list loads no page
+    from infield.reports.documents.update_records import update_of
+    from infield.reports.update_page import update_html
+
     directory, document = output_directory(output, "table"), proposed_document(full)
-    texts = {
-        "update.json": result_text(document),
-        "update.html": update_page.update_html(update_of(document)),
-    }
+    texts = {"update.json": result_text(document), "update.html": update_html(update_of(document))}
     write_files({directory / name: text for name, text in texts.items()})
 
 

@@ -152,7 +152,8 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     from infield.reports import update_page as report
 
     monkeypatch.setattr(report, "update_html", lambda document: f"proposal {document['proposal']}")
-    monkeypatch.setattr("recal.service.tables.update_of", lambda document: document)
+    records = "infield.reports.documents.update_records"
+    monkeypatch.setattr(f"{records}.update_of", lambda document: document)
     monkeypatch.setattr("recal.service.results.update_words.stored_summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
