@@ -16,7 +16,8 @@ PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
 
 def api_pages() -> dict[str, str]:
     """Markdown by page name: an index, and one page for each package."""
-    return {"index": _index(), **{package: _package_page(package) for package in PACKAGES}}
+    packages = {package: _package_page(package) for package in PACKAGES}
+    return {"index": _index(), "front_door": _front_door(), **packages}
 
 
 def modules(package: str) -> dict[str, Path]:
@@ -61,18 +62,47 @@ def _public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
     ]
 
 
+def front_door() -> dict[str, Path]:
+    """The names of `import recal`, each with the module that it is loaded from."""
+    for node in parsed(ROOT / "recal/__init__.py").body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOMES":
+            homes = ast.literal_eval(node.value)
+            folder = ROOT / "recal/service"
+            return {name: folder / f"{home.replace('.', '/')}.py" for name, home in homes.items()}
+    raise LookupError("recal/__init__.py has no _HOMES")
+
+
+def _front_door() -> str:
+    parts = [
+        "# The front door: import recal",
+        "",
+        "A verb takes paths or records, one run or several, and gives a frozen result with"
+        " `verdict`, `reasons`, `to_json()`, `to_dict()` and `to_html(path)`. The tutorial shows"
+        " them together. Each entry ends with an example, and a test runs it.",
+        "",
+    ]
+    for name, path in sorted(front_door().items()):
+        node = next(node for node in _public(path) if node.name == name)
+        parts += [f"## recal.{name}".replace("_", "\\_"), "", _block(_entry(node)), ""]
+    return "\n".join(parts)
+
+
 def _index() -> str:
+    names = ", ".join(f"`{name}`" for name in sorted(front_door()))
     lines = [
         "# Python interface",
         "",
-        "Read from the sources when this site was built: signatures and docstrings as they are.",
+        f"The *front door*, `import recal`, is all that most programs need: {names}.",
+        "",
+        "What stands behind it follows package by package. It is read from the sources when this"
+        " site was built: signatures and docstrings as they are.",
         "",
     ]
     lines += ["| package | |", "|---|---|"]
     for package in PACKAGES:
         text = _escaped(_first_line(ast.get_docstring(parsed(ROOT / package / "__init__.py"))))
         lines.append(f"| [`{package}`]({package}.md) | {text} |")
-    names = "\n".join(PACKAGES)
+    names = "\n".join(["front_door", *PACKAGES])
     return "\n".join([*lines, "", f"```{{toctree}}\n:hidden:\n\n{names}\n```", ""])
 
 

@@ -2,6 +2,9 @@
 exit code.
 """
 
+import re
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -10,6 +13,10 @@ from recal.cli import console
 from recal.cli.app import app
 from recal.cli.terminal.help import default_of, is_argument, panel_of, takes, text_of, usage_words
 
+ROOT = Path(__file__).parents[2]
+# pages whose commands are run and compared (docs/examples/run.py), the plainest first
+SAMPLES = ("docs/guides/tour.md", "README.md", "docs/guides", "docs/examples")
+SAMPLE_LINES = 12
 WORDS = {
     console.DONE_EXIT: "done",
     console.USAGE_EXIT: "wrong usage: an unknown option or a missing argument",
@@ -92,7 +99,9 @@ def _page(word: str, commands: dict[str, Any]) -> str:
             "",
             *_arguments(name, command),
             *_options(name, command),
+            *_sample(name),
         ]
+    parts += [_exit_codes(), ""]
     return "\n".join(parts)
 
 
@@ -137,6 +146,41 @@ def _options(name: str, command: Any) -> list[str]:
     ]
     head = ["| option | takes | kind | default | |", "|---|---|---|---|---|"]
     return [*head, *rows, ""] if rows else []
+
+
+def _exit_codes() -> str:
+    """One line that every page ends with."""
+    told = "; ".join(f"{code} {words.split(':')[0]}" for code, words in sorted(WORDS.items()))
+    return f"Exit codes: {told}. The index of commands names the verdicts that end with each."
+
+
+def _sample(name: str) -> list[str]:
+    """A call of the command with what it printed, of a page that is run and compared."""
+    found = next((s for s in samples() if re.match(rf"recal {re.escape(name)}(?= |$)", s[0])), None)
+    if found is None:
+        return []
+    lines = found[1].rstrip().splitlines()
+    if len(lines) > SAMPLE_LINES:
+        lines = [*lines[:SAMPLE_LINES], "..."]
+    return ["Sample:", "", "```", f"$ {found[0]}", *lines, "```", ""]
+
+
+@cache
+def samples() -> list[tuple[str, str]]:
+    """Commands of the pages that are run, each with what it printed."""
+    files = [f for place in SAMPLES for f in _markdown(ROOT / place)]
+    found: list[tuple[str, str]] = []
+    for file in files:
+        for block in re.findall(r"^```console\n(.*?)^```$", file.read_text("utf-8"), re.M | re.S):
+            for step in re.split(r"^\$ ", block, flags=re.M)[1:]:
+                command, _, printed = step.partition("\n")
+                if printed.strip() and "|" not in command and ";" not in command:
+                    found.append((command, printed))
+    return found
+
+
+def _markdown(place: Path) -> list[Path]:
+    return [place] if place.is_file() else sorted(place.glob("*.md"))
 
 
 def _path(name: str) -> str:

@@ -4,7 +4,18 @@ none must be there.
 
 from pathlib import Path
 
-OF_INDEX = ("index", "quickstart", "tutorial", "concepts", "theory")  # named in index.md itself
+OF_INDEX = (  # named in index.md itself
+    "index",
+    "quickstart",
+    "tutorial",
+    "concepts",
+    "theory",
+    "which_command",
+    "troubleshooting",
+    "glossary",
+    "faq",
+    "figures_of_merit",
+)
 GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve", "environments")
 TEXTS = {
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),

@@ -57,7 +57,7 @@ L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY
 # places and counts that kernels take as arguments: numba compiles a function anew for each Python
 # integer that it is called with, 4 s of the 25 that the first aided replay compiled for
 AT_P, AT_V, AT_T, AT_0, AT_3 = (np.int64(k) for k in (P_, V_, T_, 0, 3))
-ALL, BELOW_LEVER, WIDTH = np.int64(N), np.int64(L_), np.int64(LOOK_ROWS)
+ALL, BELOW_LEVER, LOOK_WIDTH = np.int64(N), np.int64(L_), np.int64(LOOK_ROWS)
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
 # of the noise: sigmas and time constant of the slow error of positions
 SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
@@ -638,7 +638,7 @@ def run(
             flat[first:last],
             gains,
             look_s,
-            WIDTH,
+            LOOK_WIDTH,
             end if k < ends.size else none,
             state,
             out,
@@ -672,7 +672,7 @@ def run(
                     flat[:0],
                     gains,
                     look_s,
-                    WIDTH,
+                    LOOK_WIDTH,
                     end,
                     state,
                     out,

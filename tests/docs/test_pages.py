@@ -203,3 +203,25 @@ def test_the_site_is_read_without_a_warning(tmp_path):
         [*command, str(DOCS), str(tmp_path / "out")], capture_output=True, text=True, cwd=ROOT
     )
     assert found.returncode == 0, found.stderr
+
+
+def test_a_command_page_shows_a_sample_and_exit_codes(extension):
+    """Samples are of pages that are run, so that they are what the program prints."""
+    from command_pages import command_pages
+
+    pages = command_pages()
+    for name in ("check", "align", "update", "replay", "look", "convert"):
+        assert f"Sample:\n\n```\n$ recal {name} " in pages[name]
+        assert "Exit codes: 0 done" in pages[name]
+
+
+def test_the_front_door_has_a_page_with_examples(extension):
+    from api_pages import api_pages, front_door
+
+    import recal
+
+    page = api_pages()["front_door"]
+    assert set(front_door()) == set(recal.__all__) - {"__version__"}
+    for name in front_door():
+        assert f"## recal.{name}".replace("_", "\\_") in page
+    assert page.count(">>> import recal") >= len(front_door()) - 1  # PlanRequest is a record

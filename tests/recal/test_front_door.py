@@ -91,9 +91,25 @@ def test_the_session_of_the_tutorial_runs_as_it_stands(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"recal.db", "update.html", "update.svg"}
 
 
-def test_the_readme_shows_the_session_of_the_tutorial():
-    assert block("README.md") == block("docs/tutorial.md")
-    assert printed("README.md") == printed("docs/tutorial.md") != ""
+def test_the_notebook_is_the_session_of_the_tutorial():
+    """Every code cell, one after the other, is the block that the test above runs."""
+    cells = json.loads((ROOT / "docs/tutorial.ipynb").read_text("utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    lines = block("docs/tutorial.md").splitlines()
+    assert "\n".join(code).splitlines() == [line for line in lines if line]
+
+
+def test_the_readme_begins_as_the_tutorial_does():
+    """Its lines of Python stand in the tutorial, so that they run."""
+    assert set(block("README.md").splitlines()) <= set(block("docs/tutorial.md").splitlines())
+
+
+def test_the_readme_is_one_screen_a_job():
+    """A section fits a screen of 50 lines; everything else is in a guide."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    sections = text.split("\n## ")
+    assert all(len(section.splitlines()) <= 50 for section in sections)
+    assert len(text.splitlines()) <= 150
 
 
 @pytest.fixture(scope="module")

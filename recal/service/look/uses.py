@@ -39,7 +39,9 @@ class UseReason(StrEnum):
 
 
 USE_WORDS: Mapping[UseReason, str] = {
-    UseReason.HEADING_FOUND: "Heading is found to {sigma_deg:.2g} deg (1 sigma).",
+    UseReason.HEADING_FOUND: (
+        "Heading is found to {sigma_deg:.2g} deg (1 sigma), without a table of the unit."
+    ),
     UseReason.LEVEL_ONLY: "Roll and pitch are found, heading is not: {why}.",
     UseReason.NOT_ALIGNED: "No attitude is found: {why}.",
     UseReason.NOISE_TOLD: (
