@@ -865,11 +865,14 @@ ParameterValue = float | str | list[float] | list[str] | dict[str, float | str]
 
 
 class EffectDocument(TypedDict):
-    """An effect of a twin as its file holds it (docs, the twin): name, target, parameters."""
+    """An effect of a twin as its file holds it (docs, the twin): name, target, parameters, and one
+    sigma of those that were found by a diagnosis.
+    """
 
     effect: str
     target: str
     parameters: dict[str, ParameterValue]
+    sigma: NotRequired[dict[str, float]]
 
 
 class FitDocument(TypedDict, total=False):

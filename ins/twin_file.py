@@ -79,6 +79,9 @@ class _Effect(StrictModel):
     effect: str = Field(min_length=1)
     target: str = Field(min_length=1)
     parameters: dict[str, Any] = Field(default_factory=dict)
+    sigma: dict[str, Annotated[float, Field(ge=0.0, allow_inf_nan=False)]] = Field(
+        default_factory=dict
+    )
 
 
 class _Fit(StrictModel):
@@ -284,7 +287,12 @@ def _fit(item: _Fit) -> FitDocument:
 
 
 def _effect(item: _Effect) -> EffectDocument:
-    return {"parameters": item.parameters, "effect": item.effect, "target": item.target}
+    found: EffectDocument = {
+        "parameters": item.parameters,
+        "effect": item.effect,
+        "target": item.target,
+    }
+    return {**found, "sigma": item.sigma} if item.sigma else found
 
 
 def _tuples(section: Section) -> dict[str, float | tuple[float, ...]]:

@@ -46,6 +46,7 @@ class ThermalNote(StrEnum):
     LATE_THERMOMETER = "late_thermometer"
     HELD_OUT_WORSE = "held_out_residual_above_noise"
     TAKEN_OUT = "model_taken_out"
+    EFFECT_TAKEN_OUT = "effect_taken_out"
 
 
 class Moves(StrEnum):

@@ -123,8 +123,9 @@ TwinPath = Annotated[
     typer.Option(
         "--twin",
         metavar="FILE",
-        help="Twin file with the noise model of the unit. Default: the unit's record in the store,"
-        " else the defaults of its technology.",
+        help="Twin file with the noise model of the unit; an update takes the effects that it lists"
+        " out of the log. Default: the unit's record in the store, else the defaults of its"
+        " technology.",
     ),
 ]
 

@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 
 from infield.reports import update_page
-from infield.reports.documents.thermal import ThermalUseDocument
+from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import PriorsUseDocument, RunDocument, UpdateDocument
 from infield.reports.words.sentences import sentence
@@ -31,6 +31,7 @@ from ins.verdicts import Outcome, because
 from recal.service.inputs.config import read_config
 from recal.service.inputs.new_units import refuse_store, require_unit
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
+from recal.service.inputs.twin_effects import without_found_effects
 from recal.service.inputs.unit_inputs import (
     UnitInputs,
     given_unit,
@@ -261,6 +262,7 @@ class _Facts:
     unit: UnitInputs
     agreement: Agreement | None = None
     priors: PriorsUse | None = None
+    effects: Sequence[FoundEffectDocument] | None = None
     runs: Sequence[AnyRun] = ()
     lost: tuple[str, ...] = ()
 
@@ -276,6 +278,8 @@ def _estimate(
         if job.ageing == AgeingModel():
             job = replace(job, ageing=ageing_of(priors))
     unit, runs, use = with_thermal_model(unit, runs, job.thermal_model)
+    runs, twin, effects = without_found_effects(runs, unit.twin, unit.table)
+    unit = replace(unit, twin=twin)
     result = update_calibration(
         runs,
         unit.table,
@@ -286,7 +290,11 @@ def _estimate(
         accept_step=job.accept_step,
     )
     facts = _Facts(
-        table_before=unit.table_dict, thermal_model=use(result.after), unit=unit, priors=priors
+        table_before=unit.table_dict,
+        thermal_model=use(result.after),
+        unit=unit,
+        priors=priors,
+        effects=effects,
     )
     return result, unit, replace(facts, agreement=update_agreement(result))
 
@@ -325,6 +333,7 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         noise_note=None if note is None else sentence(note),
         noise_fit=noise_fit(facts.agreement, facts.runs),
         priors=None if facts.priors is None else _priors_document(facts.priors),
+        found_effects=facts.effects,
     )
 
 

@@ -30,13 +30,17 @@ EACH = "coefficient["
 
 @dataclass(frozen=True)
 class TwinEffect:
-    """One item: coefficients in the effect's declared order and units. run_id "": of every run."""
+    """One item: coefficients in the effect's declared order and units. run_id "": of every run.
+
+    sigmas : of the coefficients, as a diagnosis found them; 0 where nothing is said.
+    """
 
     effect: Effect
     target: str
     coefficients: tuple[float, ...]
     shape: Mapping[str, float] = field(default_factory=dict)
     run_id: str = ""
+    sigmas: tuple[float, ...] = ()
 
     @property
     def square(self) -> float:
@@ -125,7 +129,9 @@ class _Item:
         shape = {
             p.name: self._number(given, p.name, p.unit, positive=p.low > 0) for p in effect.shape
         }
-        return (TwinEffect(effect, target, coefficients, shape, run_id),)
+        said = self.data.get("sigma", {})
+        sigmas = tuple(float(said.get(c.name, 0.0)) for c in effect.coefficients)
+        return (TwinEffect(effect, target, coefficients, shape, run_id, sigmas),)
 
     def _chosen(self, name: str, target: str, given: Mapping[str, ParameterValue]) -> Effect:
         """The one effect that name, target, process and parameters mean."""

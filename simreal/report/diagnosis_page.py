@@ -2,6 +2,7 @@
 Computes nothing.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,9 +10,13 @@ import numpy as np
 from markupsafe import Markup
 
 from infield.reports.page import decimals_for, number
+from ins.units import MILLIRADIAN
 from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
+from simreal.effects.platform import ARCMIN
+from simreal.effects.words import EffectWords, words_of
 from simreal.inference.verdict import GapVerdict, Looks
+from simreal.inference.wrong_site import WRONG_LATITUDE
 from simreal.report.diagnosis_curves import Overlay
 from simreal.report.diagnosis_document import p_text
 from simreal.report.diagnosis_figures import band_drawing, gap_map, overlay_drawing, posterior_bars
@@ -19,6 +24,8 @@ from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.report.page import render_page
 
 VEHICLE_NAME = "vehicle"  # as a target the vehicle itself, as a channel its side slip
+
+ARCMIN_MRAD = ARCMIN / MILLIRADIAN
 
 BANNERS = {
     GapVerdict.NO_GAP: "good",
@@ -55,6 +62,7 @@ class CauseShown:
     drawing: Markup | None
     overlay: Overlay | None
     usual_rivals: tuple[str, ...]
+    words: EffectWords | None
 
     @property
     def slow(self) -> bool:
@@ -80,7 +88,55 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         title=_title(document),
         percent=percent,
         looks=LOOK_WORDS,
+        mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
+        actions=_actions(document),
+        glossary=_glossary(document),
     )
+
+
+@dataclass(frozen=True)
+class Action:
+    """What a reader can do now; command "": nothing to type."""
+
+    text: str
+    command: str = ""
+
+
+def _actions(document: DiagnosisRecord) -> list[Action]:
+    """What to do now, the most useful first."""
+    runs = " ".join(shlex.quote(run.run_id) for run in document.runs if run.used)
+    out = []
+    if document.verdict is GapVerdict.NO_GAP:
+        out.append(Action("Nothing: the twin describes these runs."))
+    if any(c.effect == WRONG_LATITUDE for c in document.causes):
+        out.append(Action("Correct site.latitude_deg in run.json of these runs, and run it again."))
+    if any(c.named and c.rms and c.run_id is None for c in document.causes):
+        out.append(
+            Action(
+                "Use what was found: twin.json beside this page lists it, and an update takes it"
+                " out of the log.",
+                "recal update RUN --twin twin.json",
+            )
+        )
+    if any(not c.rms and c.named for c in document.causes):
+        out.append(
+            Action(
+                "Measure the noise of the unit from its own rests, where a noise was named.",
+                f"recal twin fit {runs} -o twin",
+            )
+        )
+    if any(not c.resolved for c in document.causes) or document.unexplained.present:
+        out.append(
+            Action("Record what tells the rest apart: the list under “What to record next”.")
+        )
+    return out
+
+
+def _glossary(document: DiagnosisRecord) -> list[tuple[str, EffectWords]]:
+    """Every effect that the page names as a cause or its rival, once."""
+    names = [n for c in document.causes for n in (c.effect, *(r.effect for r in c.rivals))]
+    found = {name: words_of(name) for name in names}
+    return [(name, words) for name, words in found.items() if words is not None]
 
 
 def value_text(value: float | None, sigma: float | None = None) -> str:
@@ -116,6 +172,7 @@ def _shown(document: DiagnosisRecord, cause: CauseRecord, overlay: Overlay | Non
         drawing=drawing,
         overlay=overlay,
         usual_rivals=_usual_rivals(cause),
+        words=words_of(cause.effect),
     )
 
 

@@ -3,12 +3,13 @@ and diagnosed again.
 
 Each item has the parameters that `simreal.declared.twin_effects` reads: coefficients and shape
 parameters as plain numbers in the effect's units; `run_id` for what belongs to one run, `process`
-for a slow variation, nodes, values and unit for a free function. The table is copied beside the
-twin, so the file needs nothing else.
+for a slow variation, nodes, values and unit for a free function; and `sigma`, one standard
+deviation of what was found. The table is copied beside the twin, so the file needs nothing else.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import isfinite
 
 from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
@@ -55,7 +56,9 @@ def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
         parameters[PROCESS] = cause.id
     if cause.run_id is not None:
         parameters[RUN_ID] = cause.run_id
-    return [_item(cause, parameters)]
+    sigma = {n: float(p.sigma) for n, p in cause.parameters.items() if isfinite(p.sigma)}
+    item = _item(cause, parameters)
+    return [{**item, "sigma": sigma} if sigma else item]
 
 
 def processes_of(cause: Cause) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from recal.cli.console import result_text
 from simreal.declared.generic import OF_RUN, OF_TEMPERATURE
 from simreal.declared.twin_effects import parse_effects, twin_traces
 from simreal.effects.telemetry import Trace
+from simreal.effects.words import words_of
 from simreal.evidence.overlap import overlapping
 from simreal.inference.causes import Cause, Rival, Value
 from simreal.inference.user_level import user_level
@@ -125,6 +126,7 @@ def test_an_event_carries_its_run():
         "effect": "gyro_bias_step",
         "target": "gyro_x",
         "parameters": {"coefficient": 0.02, "onset_s": 900.0, "run_id": "r2"},
+        "sigma": {"coefficient": 0.001, "onset_s": 20.0},
     }
 
 
@@ -330,6 +332,18 @@ def test_the_page_draws_each_cause_in_every_run(found):
     assert page.count("<svg") == 3  # map, bars, overlay
     assert all(v.name in page for v in found.views) and "held-out data (leave one run out)" in page
     assert page.count("effect fitted on the other runs") == 4
+
+
+def test_the_page_says_first_what_a_cause_is_and_what_to_do(found):
+    document = document_of(found)
+    page = diagnosis_html(document, overlays(found))
+    cause_ = document.causes[0]
+    words = words_of(cause_.effect)
+    order = ["What it is, and what to do now", "What it costs", "Where the gap lies", "nats from"]
+    assert sorted(order, key=page.index) == order
+    assert "recal update RUN --twin twin.json" in page
+    assert page.count(f'id="word-{cause_.effect}"') == 1 and f'"#word-{cause_.effect}"' in page
+    assert words.brought_on_by.split("`")[0][:20] in page
 
 
 def test_a_noise_below_the_declared_is_said_to_be(found):

@@ -7,11 +7,15 @@ residual_table: the table less the model's settled part; text: a line for each r
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from infield.reports.words.sentences import sentences
+import numpy as np
+
+from infield.reports.words.sentences import sentence, sentences
 from infield.table.thermal_table import ThermalTable
-from infield.thermal.reasons import ThermalVerdict
+from infield.thermal.found_effects import FoundEffect
+from infield.thermal.reasons import ThermalNote, ThermalVerdict
 from infield.thermal.stored_model import Removed, StoredModel, residual_table, taken_out
 from ins.records import AXES, TwinModel
+from ins.verdicts import because
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,4 +111,38 @@ def _removed(found: Removed) -> RemovedDocument:
         sigma_deg_h=dict(zip(AXES, found.sigma_deg_h.tolist())),
         share_inside=found.share_inside,
         taken_out_before=found.already,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundEffectDocument:
+    """An effect of the twin that left the log of a run before the table: its RMS on each gyro, and
+    how well it is known.
+    """
+
+    run_id: str
+    effect: str
+    target: str
+    rms_deg_h: Mapping[str, float]
+    sigma_deg_h: Mapping[str, float]
+    text: str
+
+
+def found_effect_document(run_id: str, found: FoundEffect) -> FoundEffectDocument:
+    """What to say of an effect that left the log of a run."""
+    note = because(
+        ThermalNote.EFFECT_TAKEN_OUT,
+        run_id=run_id,
+        effect=found.effect,
+        target=found.target,
+        rms_deg_h=float(np.max(found.rms_deg_h)),
+        sigma_deg_h=float(np.max(found.sigma_deg_h)),
+    )
+    return FoundEffectDocument(
+        run_id=run_id,
+        effect=found.effect,
+        target=found.target,
+        rms_deg_h=dict(zip(AXES, found.rms_deg_h.tolist())),
+        sigma_deg_h=dict(zip(AXES, found.sigma_deg_h.tolist())),
+        text=sentence(note),
     )

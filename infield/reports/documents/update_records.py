@@ -13,7 +13,7 @@ from infield.reports.documents.session_records import (
     SessionDocument,
 )
 from infield.reports.documents.spans import SpanDocument
-from infield.reports.documents.thermal import ThermalUseDocument
+from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import Step
 from infield.session.reasons import ThermalAction, ThermalKind
 from ins.json_file import JsonObject
@@ -226,6 +226,7 @@ class UpdateDocument:
     disagreement: DisagreementDocument | None = None
     sessions: Sequence[EstimatedDocument | SessionDocument] = ()
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
+    found_effects: Sequence[FoundEffectDocument] | None = field(default=None, metadata=OMIT_NONE)
     conflicts: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     remembered: str | None = field(default=None, metadata=OMIT_NONE)
     proposal: int | None = field(default=None, metadata=OMIT_NONE)

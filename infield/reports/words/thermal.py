@@ -175,4 +175,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ),
     ThermalNote.LATE_THERMOMETER: _late,
     ThermalNote.TAKEN_OUT: _taken_out,
+    ThermalNote.EFFECT_TAKEN_OUT: (
+        "run {run_id}: {effect} on {target}, as the twin lists it, was taken out of the log:"
+        " {rms_deg_h:.4f} deg/h RMS, known to {sigma_deg_h:.4f} deg/h"
+    ),
 }

@@ -114,6 +114,7 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
     shown = [term for term in document.hysteresis if verbose or term.action in SHOWN_ACTIONS]
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []
+    lines += [f"  {found.text}" for found in document.found_effects or ()]
     lines += _axis_lines(document, verbose=verbose)
     heading = document.heading_error
     if heading.value_mrad is not None:
