@@ -34,7 +34,7 @@ BANNERS = {
     GapVerdict.UNEXPLAINED: "bad",
     GapVerdict.REFUSED: "none",
 }
-WORDS = {
+GAP_WORDS = {
     GapVerdict.NO_GAP: "No gap",
     GapVerdict.EXPLAINED: "Explained",
     GapVerdict.PARTLY_EXPLAINED: "Partly explained",
@@ -79,7 +79,7 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         "diagnosis.html.j2",
         d=document,
         refused=document.verdict is GapVerdict.REFUSED,
-        word=WORDS[document.verdict],
+        word=GAP_WORDS[document.verdict],
         banner=BANNERS[document.verdict],
         causes=causes,
         map=gap_map(document.cells) if document.cells else None,

@@ -29,7 +29,7 @@ BADGES = {
     PairVerdict.NOT_SEPARATED: "bad",
     PairVerdict.NOT_TESTABLE: "none",
 }
-WORDS = {
+PLAN_WORDS = {
     PairVerdict.SEPARATED: "separated",
     PairVerdict.SEPARATED_WHEN_LARGE: "only when large",
     PairVerdict.NOT_SEPARATED: "not separated",
@@ -48,7 +48,7 @@ def plan_html(document: PlanRecord) -> str:
         headline=headline(document),
         banner=_banner(document.recommended),
         badges=BADGES,
-        words=WORDS,
+        words=PLAN_WORDS,
         plans=[*given, *document.compared, document.recommended],
         seen_text=lambda m: sizes_text([coefficient(c.seen_from, c.unit) for c in m.coefficients]),
         told_text=lambda m: sizes_text([coefficient(c.told_from, c.unit) for c in m.coefficients]),
