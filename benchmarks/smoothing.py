@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from infield.replay.aided.flight import navigate_aided
+from infield.replay.aided.flight import Aiding, navigate_aided
 from infield.session.log import find_rest
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of
 from tests.infield.test_aided_headings import fly, slow
@@ -64,7 +64,12 @@ def main(flights: int) -> None:
             made, twin = flown(ideal(60.0), twin_of(technology), 300 + seed), twin_of(technology)
             rest = find_rest(made.run) if technology == "rlg" else None
             found = navigate_aided(
-                made.run, made.run.imu, twin, rest=rest, gyro_sigma_deg_h=None, left_out=OUT
+                made.run,
+                made.run.imu,
+                twin,
+                rest=rest,
+                gyro_sigma_deg_h=None,
+                aiding=Aiding(left_out=OUT),
             ).with_smoothed(OUT)
             filters.add(made, found.history, found.outage_scores)
             ours.add(made, found.smoothed, found.smoothed_scores)

@@ -192,12 +192,7 @@ def replay(
     )
     gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in WITH_HEADING
     flight = navigate_aided(
-        raw,
-        imu,
-        twin,
-        rest=rest if gyrocompassed else None,
-        gyro_sigma_deg_h=sigma,
-        left_out=asked.left_out,
+        raw, imu, twin, rest=rest if gyrocompassed else None, gyro_sigma_deg_h=sigma, aiding=asked
     )
     if asked.smooth:
         told("smoothing")

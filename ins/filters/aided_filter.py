@@ -89,6 +89,9 @@ class AidedNavigator:
         )
         self._fix_out = np.full((fixes.time_s.size, kernel.FIX), np.nan)
         self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = kernel.UNSEEN
+        self._wheels = options.wheels
+        self._rolled, self._mount = options.wheels.rows, options.wheels.mount
+        self._roll_out = np.zeros(options.wheels.time_s.size, dtype=np.int64)
         self._stands = np.asarray(options.stands, dtype=float).reshape(-1, 2)
         self._output_s, self._keep = options.output_s, options.keep_covariance
         self._last_s, self._started = start.state.time_s, False
@@ -122,11 +125,11 @@ class AidedNavigator:
             before = interval_at(imu, max(first - 1, 0))
             self._state[self._before] = interval_at(imu, first) if before is None else before
             self._started = True
-        ends, fix_of, late_s, stands, emits = self._steps(time_s)
+        ends, fix_of, late_s, stands, emits, roll_of = self._steps(time_s)
         rows = np.zeros((int(emits.sum()), self._kernel.OUT))
         kept = AIDED_STATES if self._taping else AIDED_MOTION
         P_rows = np.zeros((len(rows) if self._keep or self._taping else 0, kept, kept))
-        used = 6 * int(stands.sum()) + 7 * int((fix_of >= 0).sum())
+        used = 6 * int(stands.sum()) + 7 * int((fix_of >= 0).sum()) + 3 * int((roll_of >= 0).sum())
         taped = TapedPiece(
             step_s=np.diff(np.concatenate([[self._step_from_s], time_s[ends - 1]])),
             phis=np.zeros((ends.size if self._taping else 0, *TAPED_PHI)),
@@ -165,6 +168,10 @@ class AidedNavigator:
             pushed,
             _read_only(turned),
             _read_only(pushed),
+            roll_of,
+            self._rolled,
+            self._mount,
+            self._roll_out,
         )
         self._rows.append(rows)
         self._P_rows.append(P_rows[:, :AIDED_MOTION, :AIDED_MOTION] if self._keep else P_rows[:0])
@@ -189,13 +196,20 @@ class AidedNavigator:
         here = np.flatnonzero((self._fixes.time_s > self._last_s + 1e-6) & (fix_row < time_s.size))
         fix_at = np.full(time_s.size, -1, dtype=np.int64)
         fix_at[fix_row[here]] = here  # of several between two rows, the last
-        rows = np.flatnonzero((tick > tick_before) | (fix_at >= 0) | put_out)
+        roll_row = np.searchsorted(time_s, self._wheels.time_s - 1e-6)
+        there = np.flatnonzero(
+            (self._wheels.time_s > self._last_s + 1e-6) & (roll_row < time_s.size)
+        )
+        roll_at = np.full(time_s.size, -1, dtype=np.int64)
+        roll_at[roll_row[there]] = there
+        rows = np.flatnonzero((tick > tick_before) | (fix_at >= 0) | (roll_at >= 0) | put_out)
         late = np.where(fix_at >= 0, np.minimum(self._fixes.time_s[fix_at] - time_s, 0.0), 0.0)
         number = np.searchsorted(self._stands[:, 0], time_s, side="left") - 1
         stood = np.zeros(time_s.size, bool)
         if self._stands.size:
             stood = (number >= 0) & (time_s <= self._stands[number, 1])
-        return rows + 1, fix_at[rows], late[rows], (stood & second)[rows], put_out[rows]
+        stand_here = (stood & second)[rows]
+        return rows + 1, fix_at[rows], late[rows], stand_here, put_out[rows], roll_at[rows]
 
     @property
     def tape(self) -> AidedTape:
@@ -248,6 +262,10 @@ class AidedNavigator:
             loglik=fix[:, k.F_LOGLIK :],
             stand_nis=float(self._carry[k.STAND_NIS]),
             stand_dof=int(self._carry[k.STOOD]),
+            rolled=(
+                int((self._roll_out == k.USED).sum()),
+                int((self._roll_out == k.REJECTED).sum()),
+            ),
             antenna=replace(
                 self._antenna,
                 lever_arm_m=self._bias[k.B_LEVER : k.B_DELAY].copy(),

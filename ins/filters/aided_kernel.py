@@ -494,6 +494,51 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, room, tape, taped):
 
 
 @jit
+def roll(state, row, rate_b, rolled, mount, settings, x, P, bias, H, room, tape, taped):
+    """A vehicle on wheels goes where it points, at the speed that its wheels tell.
+
+    rolled (4,): speed or NaN, variances of forward, side and upward velocity. mount (12,): vehicle
+    axes from body axes, and the arm from the unit to the point that does not slip, body axes.
+    Returns what became of it; a measurement beyond the gate is a slip.
+    """
+    first = N if tape.shape[0] > 0 else L_
+    v_b, apart = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            v_b[i] += row[C_NB_AT + 3 * j + i] * row[V_N_AT + j]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        v_b[i] += rate_b[j] * mount[9 + k] - rate_b[k] * mount[9 + j]
+    told = isfinite(rolled[0])
+    H[:, :] = 0.0
+    for i in range(3):
+        for j in range(3):
+            apart[i] += mount[3 * i + j] * v_b[j]
+            for k in range(3):
+                H[i, V_ + j] += mount[3 * i + k] * row[C_NB_AT + 3 * j + k]
+        for j in range(3):  # C_vn (v x theta)
+            k, m = (j + 1) % 3, (j + 2) % 3
+            H[i, T_ + m] += H[i, V_ + j] * row[V_N_AT + k]
+            H[i, T_ + k] -= H[i, V_ + j] * row[V_N_AT + m]
+    variance = rolled[1:4].copy()
+    if told:
+        apart[0] -= rolled[0]
+    else:
+        H[0] = H[1]  # the side twice, each time with twice its variance
+        apart[0] = apart[1]
+        variance[0] = variance[1] = 2.0 * variance[1]
+    x_new, P_new = x.copy(), P.copy()
+    nis, _ = update(x_new, P_new, H[0:3], apart, variance, room, first)
+    if nis > settings[GATE]:
+        return REJECTED
+    x[:] = x_new
+    P[:, :] = P_new
+    write_down(H[0:3], room, tape, taped)
+    correct(state, bias, x)
+    return USED
+
+
+@jit
 def emit(state, bias, P, out):
     """Write an output row: the solution as it is now, biases, variances."""
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
@@ -574,6 +619,10 @@ def run(
     pushed,
     turned_seen,
     pushed_seen,
+    roll_of,
+    rolled,
+    mount,
+    roll_out,
 ):
     """Work through the rows of a piece of log; step k ends before row ends[k].
 
@@ -611,6 +660,12 @@ def run(
     turned, pushed, turned_seen, pushed_seen : ndarray, shape (n, 3)
         Room for the increments less what is taken off, and the same memory to be read only, so that
         `integrate` is compiled once, for arrays like those of a log.
+    roll_of : ndarray of int64, shape (k,)
+        The row of `rolled` to use at a step's end, -1 for none.
+    rolled, mount : ndarray, shapes (m, 4), (12,)
+        Of a vehicle on wheels (`roll`).
+    roll_out : ndarray of int64, shape (m,)
+        What became of each; written.
     """
     Phi, M, H = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N))
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
@@ -661,9 +716,15 @@ def run(
                 state, out[0], step_s, noise, settings, x, P, bias, H, room, tape, taped
             )
             carry[STOOD] += 3.0
+        r = roll_of[k]
+        if r >= 0 and not stands[k]:
+            rate = carry[RATE : RATE + 3]
+            roll_out[r] = roll(
+                state, out[0], rate, rolled[r], mount, settings, x, P, bias, H, room, tape, taped
+            )
         j = fix_of[k]
         if j >= 0:
-            if stands[k]:
+            if stands[k] or r >= 0:
                 end[0] = 0
                 integrate(
                     dt[:0],

@@ -149,6 +149,54 @@ class Fixes:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Wheels:
+    """What wheels say of a vehicle that rolls: it goes where it points.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (m,)
+        When: a second apart or more, errors of neighbours are taken for independent.
+    speed_m_s : ndarray, shape (m,)
+        Forward, as told by an odometer whose scale is taken out; NaN where none tells it.
+    variance : ndarray, shape (m, 3)
+        Of forward, side and upward velocity [m^2/s^2].
+    C_vb : ndarray, shape (3, 3)
+        Vehicle axes (forward, right, down) from body axes.
+    arm_m : ndarray, shape (3,)
+        From the unit to the point that does not slip, body axes.
+    """
+
+    time_s: NDArray = field(default_factory=lambda: np.zeros(0))
+    speed_m_s: NDArray = field(default_factory=lambda: np.zeros(0))
+    variance: NDArray = field(default_factory=lambda: np.zeros((0, 3)))
+    C_vb: NDArray = field(default_factory=lambda: np.eye(3))
+    arm_m: NDArray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def rows(self) -> NDArray:
+        """Speeds and variances in the order of the kernel.
+
+        Returns
+        -------
+        rows : ndarray, shape (m, 4)
+        """
+        return np.column_stack([self.speed_m_s, self.variance])
+
+    @property
+    def mount(self) -> NDArray:
+        """Axes and arm in the order of the kernel.
+
+        Returns
+        -------
+        mount : ndarray, shape (12,)
+        """
+        return np.concatenate([self.C_vb.ravel(), self.arm_m])
+
+
+NO_WHEELS = Wheels()
+
+
+@dataclass(frozen=True, kw_only=True)
 class AidedOptions:
     """What the filter is told of standstills, and how it is to go on and to report.
 
@@ -165,6 +213,8 @@ class AidedOptions:
         Interval of the rows.
     keep_covariance : bool
         Also all of P at each row.
+    wheels : Wheels
+        Of a vehicle that rolls; none by default.
     keep_tape : bool
         Also what a smoother needs: the steps, the measurements and P of all errors at each row.
     """
@@ -175,6 +225,7 @@ class AidedOptions:
     reset_s: float = 120.0
     output_s: float = 1.0
     keep_covariance: bool = False
+    wheels: Wheels = NO_WHEELS
     keep_tape: bool = False
 
 
@@ -204,6 +255,8 @@ class AidedHistory:
         Sum over the standstills, and its degrees of freedom.
     antenna : Antenna
         As it is known at the end.
+    rolled : (int, int)
+        Measurements of wheels that were used, and rejected (slips).
     """
 
     time_s: NDArray
@@ -226,6 +279,7 @@ class AidedHistory:
     stand_nis: float
     stand_dof: int
     antenna: Antenna
+    rolled: tuple[int, int] = (0, 0)
 
 
 def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m_s: float) -> Fixes:

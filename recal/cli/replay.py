@@ -56,6 +56,15 @@ def command(
             help="Also write the aided solution that all fixes make, those to come included.",
         ),
     ] = False,
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            "--vehicle",
+            metavar="car|find|other",
+            help="car: also held by its wheels (it goes where it points, at the odometer's speed);"
+            " find: where the log shows a car.",
+        ),
+    ] = "other",
     kml: Annotated[
         bool,
         typer.Option("--kml", rich_help_panel=OUTPUT, help="Also write track.kml for a globe."),
@@ -92,7 +101,7 @@ def command(
             twin=twin,
             store=store,
             thermal_model=thermal_model,
-            aided=_asked(outage or [], aided=aided, smooth=smooth),
+            aided=_asked(outage or [], aided=aided, smooth=smooth, vehicle=vehicle),
             told=told,
         )
         told("drawing the report")
@@ -108,17 +117,18 @@ def command(
     finish(flown.verdict)
 
 
-def _asked(outages: list[str], *, aided: bool, smooth: bool) -> "bool | Aided":
+def _asked(outages: list[str], *, aided: bool, smooth: bool, vehicle: str) -> "bool | Aided":
     """What is asked of the aided flight; else whether there is one."""
     from ins.records import InputError
     from recal.service.replay import Aided
 
-    if not (outages or smooth):
+    options = {"--outage": bool(outages), "--smooth": smooth, "--vehicle": vehicle != "other"}
+    given = [name for name, asked in options.items() if asked]
+    if not given:
         return aided
     if not aided:
-        name = "--outage" if outages else "--smooth"
-        raise InputError(f"{name}: needed the aided flight, which --no-aided switches off")
-    return Aided(outages=[_stretch(words) for words in outages], smooth=smooth)
+        raise InputError(f"{given[0]}: needed the aided flight, which --no-aided switches off")
+    return Aided(outages=[_stretch(words) for words in outages], smooth=smooth, vehicle=vehicle)
 
 
 def _stretch(words: str) -> tuple[float, float]:

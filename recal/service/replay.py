@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from alignment.motion.kinds import Witness
-from infield.replay.aided.flight import AidedResult, Aiding
+from infield.replay.aided.flight import AidedResult, Aiding, Vehicle
 from infield.replay.aided.reasons import AidedGrade
 from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
@@ -47,10 +47,15 @@ class Aided:
         Start and length [s] of stretches whose fixes are left out, and score the solution.
     smooth : bool
         Also the solution that all fixes make, those to come included.
+    vehicle : str
+        `car`: held by its wheels (no velocity to the side or upward, an odometer's speed), unless
+        the fixes contradict them; `find`: the same, where the log shows that it rolls and does not
+        bank; `other`: neither.
     """
 
     outages: Sequence[tuple[float, float]] = ()
     smooth: bool = False
+    vehicle: str = Vehicle.OTHER
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -158,7 +163,9 @@ def replay(
     reference = None if isinstance(run, Run) else read_reference(Path(run))
     (read,) = runs_of(run)
     if not isinstance(aided, bool) and read.gnss is None:
-        raise InputError("outage, smooth: the run has no satellite fixes to leave out or to smooth")
+        raise InputError(
+            "outage, smooth, vehicle: the run has no satellite fixes, needed for an aided flight"
+        )
     database = opened(store)
     model = None if thermal_model is None else Path(thermal_model)
     unit, (read,), use = with_thermal_model(given_unit(read, table, twin, database), [read], model)
@@ -193,7 +200,10 @@ def _asked(aided: bool | Sequence[tuple[float, float]] | Aided) -> bool | Aiding
         return aided
     given = aided if isinstance(aided, Aided) else Aided(outages=aided)
     spans = tuple((start_s, start_s + length_s) for start_s, length_s in given.outages)
-    return Aiding(left_out=spans, smooth=given.smooth)
+    kinds = [str(kind) for kind in Vehicle]
+    if given.vehicle not in kinds:
+        raise InputError(f"vehicle {given.vehicle!r}, needed one of {', '.join(kinds)}")
+    return Aiding(left_out=spans, smooth=given.smooth, vehicle=Vehicle(given.vehicle))
 
 
 def _choices(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import navigate_aided
+from infield.replay.aided.flight import Aiding, navigate_aided
 from ins.earth import displacement_ned
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of
@@ -15,7 +15,9 @@ SPAN = (350.0, 410.0)
 def fly(seed: int, *spans):
     made, twin = flown(ideal(PARK_S), twin_of("mems"), 800 + seed), twin_of("mems")
     run = made.run
-    found = navigate_aided(run, run.imu, twin, rest=None, gyro_sigma_deg_h=None, left_out=spans)
+    found = navigate_aided(
+        run, run.imu, twin, rest=None, gyro_sigma_deg_h=None, aiding=Aiding(left_out=spans)
+    )
     return made, found
 
 

@@ -23,7 +23,12 @@ def test_outages_are_held_from_both_ends(flights):
     for seed in range(flights):
         made, twin = flown(ideal(60.0), twin_of("mems"), 300 + seed), twin_of("mems")
         found = navigate_aided(
-            made.run, made.run.imu, twin, rest=None, gyro_sigma_deg_h=None, left_out=OUT
+            made.run,
+            made.run.imu,
+            twin,
+            rest=None,
+            gyro_sigma_deg_h=None,
+            aiding=Aiding(left_out=OUT),
         ).with_smoothed(OUT)
         filters += [score.rms_level_m for score in found.outage_scores]
         ours += [score.rms_level_m for score in found.smoothed_scores]

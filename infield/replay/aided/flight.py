@@ -10,6 +10,7 @@ flights.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from infield.replay.aided.flights import Beginning, Flights, options_of
 from infield.replay.aided.grade import Weak, graded
 from infield.replay.aided.headings import HeadingOpen, Sky
 from infield.replay.aided.left_out import OutageScore, check_left_out, scored, without
-from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
+from infield.replay.aided.noise import MATERIAL, Flown, Model, NoiseScales, capped_nis
 from infield.replay.aided.open_heading import fly_open
 from infield.replay.aided.reasons import (
     AidedGrade,
@@ -36,6 +37,7 @@ from infield.replay.aided.reasons import (
 from infield.replay.aided.smoothing import smooth_all_headings, smooth_flight
 from infield.replay.aided.start import FoundStart
 from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
+from infield.replay.wheels import WheelsFound, seen_wheels
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
 from ins.noise import DEFAULT_SIGMA_deg_h, accel_densities, flicker_walk, gyro_densities
@@ -51,6 +53,8 @@ MOST_REJECTED = 0.25
 # without a used position: the solution coasts, and it is listed; at one fix a second 2 may be
 # lost
 OUTAGE_S = 3.0
+# of likelihood of the fixes that wheels may cost: odds of e^5, as for what noise must bring
+WORSE_NATS = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,14 +109,23 @@ class AidedResult:
         return replace(self, smoothed=best, smoothed_scores=scored(best, self.every, left_out))
 
 
+class Vehicle(StrEnum):
+    """What an aided flight may take the vehicle for; FIND: a car where the log shows one."""
+
+    CAR = "car"
+    FIND = "find"
+    OTHER = "other"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Aiding:
     """What is asked of an aided flight: stretches (start, end) [s] whose fixes it is not given and
-    is scored with; smooth: also the solution that all fixes make.
+    is scored with; smooth: also the solution that all fixes make; vehicle: on wheels or not.
     """
 
     left_out: tuple[Where, ...] = ()
     smooth: bool = False
+    vehicle: Vehicle = Vehicle.OTHER
 
 
 def aided_noise(twin: TwinModel) -> AidedNoise:
@@ -140,16 +153,15 @@ def navigate_aided(
     rest: Where | None,
     gyro_sigma_deg_h: NDArray | None,
     role: str = "active",
-    left_out: tuple[Where, ...] = (),
+    aiding: "Aiding | None" = None,
 ) -> AidedResult:
     """The aided solution of a run.
-
-    left_out: stretches whose fixes it is not given, and is scored with.
 
     imu: compensated. rest: where a gyrocompass aligned, None where it could not. gyro_sigma_deg_h
     (3,): what may be left of the gyro biases, None: unknown, the technology's.
     """
-    header = run.header
+    header, aiding = run.header, aiding or Aiding()
+    left_out = aiding.left_out
     if run.gnss is None:
         return _refused(because(AidedReason.NO_FIXES), role)
     fixes = fixes_of(
@@ -202,9 +214,10 @@ def navigate_aided(
     if found.method is StartMethod.ALL_HEADINGS:
         fitted, why = _from_all_headings(flights, fitted)
         open_heading = (because(AidedNote.HEADING_OPEN, reason=why),)
+    fitted, flights, rolling = _on_wheels(flights, fitted, run, aiding, found)
     history, scales = fitted.history, fitted.model.scales
     reasons = judged(history) + unbelieved(scales, header.gyro_technology)
-    notes = open_heading + repeats + site_note(fixes, stands, header.site, imu.start_s)
+    notes = open_heading + rolling + repeats + site_note(fixes, stands, header.site, imu.start_s)
     notes += mounting_note(history)
     notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, twin)
     outages = find_outages(history)
@@ -231,6 +244,40 @@ def navigate_aided(
         smooth=lambda: _smoothed(flights, found, fitted.model),
         every=every,
     )
+
+
+def _on_wheels(
+    flights: Flights, fitted: Fitted, run: Run, aiding: "Aiding", found: FoundStart
+) -> tuple[Fitted, Flights, tuple[Reason, ...]]:
+    """The flight held by its wheels where the vehicle is a car, and what there is to say of it."""
+    if aiding.vehicle not in (Vehicle.CAR, Vehicle.FIND) or (
+        found.method is StartMethod.ALL_HEADINGS
+    ):
+        return fitted, flights, ()
+    arm_m = np.asarray(run.header.wheel_reference_m, dtype=float)
+    declared = aiding.vehicle is Vehicle.CAR
+    seen = seen_wheels(fitted.history, run.odometer, arm_m, aiding.left_out, declared=declared)
+    held, history = flights, None
+    if seen.wheels is not None:
+        held = replace(flights, wheels=seen.wheels)
+        history = held(fitted.model, whole=True)
+    if history is None:
+        return fitted, flights, (because(AidedNote.NO_WHEELS, why=seen.found),)
+    slips = history.rolled[1] > MOST_REJECTED * sum(history.rolled)
+    if (
+        slips
+        or Flown(fitted.model, history).over(Flown(fitted.model, fitted.history)) < -WORSE_NATS
+    ):
+        return fitted, flights, (because(AidedNote.NO_WHEELS, why=WheelsFound.CONTRADICTED),)
+    note = because(
+        AidedNote.WHEELS_TAKEN,
+        side_m_s=seen.slip_m_s[0],
+        up_m_s=seen.slip_m_s[1],
+        scale=seen.scale,
+        used=history.rolled[0],
+        rejected=history.rolled[1],
+    )
+    return replace(fitted, history=history), held, (note,)
 
 
 def _smoothed(flights: Flights, found: FoundStart, model: Model) -> AidedHistory:

@@ -13,7 +13,15 @@ from infield.replay.aided.headings import HeadingFound, HeadingOpen, Sky, find_h
 from infield.replay.aided.noise import Model
 from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
 from ins.filters.aided_filter import AidedNavigator
-from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.filters.aided_records import (
+    NO_WHEELS,
+    AidedHistory,
+    AidedNoise,
+    AidedOptions,
+    Antenna,
+    Fixes,
+    Wheels,
+)
 from ins.filters.aided_tape import AidedTape
 from ins.records import ImuLog, ImuSource, RunHeader
 from ins.verdicts import Reason
@@ -90,6 +98,7 @@ class Flights:
     stands: tuple[Where, ...]
     technology: str
     begin: "Beginning"
+    wheels: Wheels = NO_WHEELS
     starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
     held: list[ImuLog] = field(default_factory=list)
 
@@ -136,7 +145,7 @@ class Flights:
             model.scales.of(self.noise, *self.declared_m),
             fixes,
             antenna=model.antenna.later(-base_s),
-            options=replace(options, keep_tape=keep_tape),
+            options=replace(options, keep_tape=keep_tape, wheels=self.wheels),
         )
 
     def as_timed(self, history: AidedHistory, model: Model) -> AidedHistory:

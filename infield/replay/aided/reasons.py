@@ -62,6 +62,8 @@ class AidedNote(StrEnum):
     """What was taken from the log beyond what was declared, and what it contradicts."""
 
     HEADING_OPEN = "heading_open"
+    WHEELS_TAKEN = "wheels_taken"
+    NO_WHEELS = "no_wheels"
     REPEATED_FIXES = "repeated_fixes"
     SITE_ELSEWHERE = "site_elsewhere"
     OFF_THE_TRACK = "off_the_track"

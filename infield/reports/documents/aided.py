@@ -25,6 +25,7 @@ sigma) and delay_s of the solution, what of them was taken from the fixes, and
                           flown
 smoothed                  with --smooth: sigmas of the solution that all fixes make beside the
 filter's (first row, median, largest), its outage_scores and scoring_only
+wheels                    with --vehicle: measurements used and rejected
 scoring_only              against the run's reference: RMS errors, and squared error over variance
 """
 
@@ -207,6 +208,14 @@ class SmoothedDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WheelsDocument:
+    """Measurements of wheels (`recal replay --vehicle`) that were used, and rejected as slips."""
+
+    used: int
+    rejected: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class AidedDocument:
     """The `aided` part of replay.json where nothing was flown."""
 
@@ -238,6 +247,7 @@ class AidedFlightDocument(AidedDocument):
     antenna: AntennaDocument | None
     scoring_only: ScoresDocument | None
     smoothed: SmoothedDocument | None = field(default=None, metadata=OMIT_NONE)
+    wheels: WheelsDocument | None = field(default=None, metadata=OMIT_NONE)
 
 
 def aided_document(
@@ -275,6 +285,9 @@ def aided_document(
         antenna=_antenna(result.antenna),
         scoring_only=None if reference is None else _scores(result, reference),
         smoothed=_smoothed(result, reference),
+        wheels=WheelsDocument(used=history.rolled[0], rejected=history.rolled[1])
+        if any(history.rolled)
+        else None,
     )
 
 

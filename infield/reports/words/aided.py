@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 from infield.replay.aided.reasons import AidedNote, AidedReason, AidedWeakness
+from infield.replay.wheels import WheelsFound
 from infield.reports.words.sentences import Template
 from ins.units import DEG
 
@@ -104,6 +105,27 @@ def _noise(
     return f"the innovations exceed the noise model ({source}): {told}{most}; NIS is no test then"
 
 
+WHY_NO_WHEELS: Mapping[WheelsFound, str] = {
+    WheelsFound.BANKS: "the vehicle banks as it turns",
+    WheelsFound.SLIPS: "its velocity is not along one axis of the unit",
+    WheelsFound.TOO_SHORT: "it rolls for less than a minute with a heading that is known",
+    WheelsFound.TOO_STRAIGHT: "it turns by less than 90 deg",
+    WheelsFound.CONTRADICTED: "held by its wheels it contradicts the fixes",
+}
+
+
+def _no_wheels(*, why: WheelsFound) -> str:
+    return f"not held by wheels: {WHY_NO_WHEELS[why]}"
+
+
+def _wheels(*, side_m_s: float, up_m_s: float, scale: float, used: int, rejected: int) -> str:
+    told = f"; its odometer's scale is {scale:.4f}" if scale == scale else ""
+    return (
+        f"held by its wheels: it goes where it points to {side_m_s:.2g} m/s sideways and"
+        f" {up_m_s:.2g} m/s up (RMS){told}; {used} seconds used, {rejected} rejected"
+    )
+
+
 # why a stretch of a solution is degraded
 WEAK_WORDS: Mapping[AidedWeakness, str] = {
     AidedWeakness.START: "the position is not yet known",
@@ -133,6 +155,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "{reason}. The solution is that of flights from headings all round, weighed by what they"
         " explain: its heading is worth what its sigma says"
     ),
+    AidedNote.WHEELS_TAKEN: _wheels,
+    AidedNote.NO_WHEELS: _no_wheels,
     AidedNote.REPEATED_FIXES: (
         "{count} fixes from {first_s:.1f} to {last_s:.1f} s are left out: their position is that of"
         " the fix before, to the last digit, at {speed_m_s:.1f} m/s (a receiver that is stuck, or a"
