@@ -32,9 +32,8 @@ OLD, NEW = VERMILLION, BLUE  # the table before and the table after, everywhere
 AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
 AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
 
-# No letter under 11 px: a panel of 310 units is 360 px wide on a phone, and a wide drawing of 720
-# is never under 840 px (style.css); 9.5 units are 11.0 px in both.
-LETTER = 9.5
+LETTER = 9.5  # in points of the drawing
+LEAST_LETTER_PX = 11.1  # on a screen: a drawing that would have smaller ones scrolls in its own box
 _STYLE: dict[str, float | str | bool | list[str]] = {
     "font.family": ["sans-serif"],
     "font.sans-serif": ["DejaVu Sans"],
@@ -173,7 +172,9 @@ def _slim(svg: str, label: str) -> str:
         r'(?<= )(?:d|x|y|transform)="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg
     )
     box = re.search(r'viewBox="[^"]*"', svg)
-    head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(label)}">'
+    width = float(box[0].split()[2]) if box else 0.0
+    least = f"--least:{width * LEAST_LETTER_PX / LETTER:.0f}px"
+    head = f'<svg {box[0] if box else ""} style="{least}" role="img" aria-label="{escape(label)}">'
     return re.sub(r"\n\s*", "\n", head + svg[svg.index(">") + 1 :]).strip()
 
 

@@ -21,10 +21,21 @@ class Forecasts:
 
     def of(self, store: TableStore) -> tuple[Hashable, ForecastDocument]:
         """A key that changes with it, and the forecast."""
-        tables = tuple((unit.unit, unit.sha256) for unit in store.overview())
-        priors = tuple((p.gyro_technology, p.number, p.state) for p in store.priors())
-        key = (datetime.now(UTC).date(), tables, priors)
+        key = _key_of(store)
         with self._lock:
             if self._document is None or key != self._key:
                 self._key, self._document = key, most_urgent(store)
             return key, self._document
+
+    def at_hand(self, store: TableStore) -> ForecastDocument | None:
+        """The forecast where it is made already and still holds; making it takes seconds."""
+        key = _key_of(store)
+        with self._lock:
+            return self._document if key == self._key else None
+
+
+def _key_of(store: TableStore) -> Hashable:
+    """What a forecast rests on, and the day."""
+    tables = tuple((unit.unit, unit.sha256) for unit in store.overview())
+    priors = tuple((p.gyro_technology, p.number, p.state) for p in store.priors())
+    return datetime.now(UTC).date(), tables, priors

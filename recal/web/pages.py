@@ -1,6 +1,8 @@
 """Everything that is read: units, one unit, differences, proposals, diagnosis reports."""
 
 import json
+from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import FastAPI, Query, Request
@@ -11,14 +13,28 @@ from recal.service.priors.forecast_page import date_words, trend_strips
 from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
 from recal.service.store import FullProposal, Revision, TableStore
 from recal.service.tables import change_between
-from recal.web import views
+from recal.web import health, views
 from recal.web.drawings import Line
 from recal.web.guard import Refused
+from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
 from recal.web.site import Site
 
-Sort = Literal["serial", "technology", "changed", "proposals", "contradictions"]
+Sort = Literal[
+    "next", "serial", "technology", "changed", "proposals", "contradictions", "age", "drift"
+]
 Number = Annotated[int, Query(ge=1, le=10**9)]
+HEALTH_SORTS: dict[str, Callable[[UnitHealth], Any]] = {
+    "next": health.urgency,
+    "age": lambda row: row.age_days,
+    "drift": lambda row: row.drift_nm_h,
+}
+SHOWS = {
+    Show.ALL: "all units",
+    Show.NEXT: "those that need something",
+    Show.WAITING: "those with a proposed update",
+    Show.NO_TWIN: "those without a noise model of their own",
+}
 MOST_SHOWN = 500  # rows of a history
 
 
@@ -35,12 +51,22 @@ def register(app: FastAPI, site: Site) -> None:
 def _register_units(app: FastAPI, site: Site) -> None:
     @app.get("/")
     def units(
-        request: Request, q: str = "", sort: Sort = "serial", down: bool = False, page: Number = 1
+        request: Request,
+        q: str = "",
+        show: Show = Show.ALL,
+        sort: Sort = "next",
+        down: bool = False,
+        page: Number = 1,
     ) -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             everything = opened.overview()
-        found = views.sorted_units(everything, search=q, sort=sort, descending=down)
+            forecast = site.forecasts.at_hand(opened)
+        by_store = sort if sort in views.SORTS else "serial"
+        listed = views.sorted_units(everything, search=q, sort=by_store, descending=down)
+        found = health.chosen(health.judged(listed, forecast, datetime.now(UTC)), show)
+        if sort in HEALTH_SORTS:
+            found.sort(key=HEALTH_SORTS[sort], reverse=down)
         last = max(1, -(-len(found) // views.PAGE_ROWS))
         page = min(page, last)
         shown = found[(page - 1) * views.PAGE_ROWS : page * views.PAGE_ROWS]
@@ -51,10 +77,13 @@ def _register_units(app: FastAPI, site: Site) -> None:
             found=len(found),
             of=len(everything),
             q=q,
+            show=show,
+            shows=SHOWS,
             sort=sort,
             down=down,
             page=page,
             last=last,
+            limit_nm_h=None if forecast is None else forecast.limit_nm_h,
             undecided=sum(u.undecided for u in everything),
         )
 

@@ -132,7 +132,10 @@ def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
             in words
         )
         listed = text_of(visitor.get("/?sort=contradictions&down=true"))
-        assert re.search(r"SN-1 rlg revision 2, update \w{12} \S+ 1 1 by technology", listed)
+        assert re.search(
+            r"SN-1 contradicted .* rlg revision 2, update \w{12} \S+ \S+ – 1 1 by technology",
+            listed,
+        )
 
 
 def test_two_revisions_are_compared(visitor):

@@ -1,0 +1,111 @@
+"""Which unit next? The order, the words and the filters of the list of units."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+pytest.importorskip("fastapi")
+
+from recal.service.priors.forecast_records import ForecastDocument, TrendDocument, UnitForecast
+from recal.service.store import UnitKey, UnitSummary
+from recal.web.health import HEALTH_WORDS, Health, Show, chosen, judged, urgency
+
+NOW = datetime(2026, 11, 22, tzinfo=UTC)
+
+
+def unit(serial, *, days=10.0, **more):
+    known = {
+        "active_number": 2,
+        "kind": "update",
+        "sha256": "a" * 64,
+        "has_twin": True,
+        "undecided": 0,
+        "contradictions": 0,
+        **more,
+    }
+    created = (NOW - timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    key = UnitKey(imu_serial=serial, gyro_technology="rlg")
+    return UnitSummary(unit=key, created_utc=created, **known)
+
+
+def forecast(**drifts):
+    """Drift now [NM/h] and days until the 95 % date, by serial."""
+    rows = [
+        UnitForecast(
+            imu_serial=serial,
+            gyro_technology="rlg",
+            gyro_mode="",
+            revision=2,
+            sessions=3,
+            last_session_utc=None,
+            drift_now_nm_h=drift,
+            drift_now_95_nm_h=2 * drift,
+            expected_bias_deg_h=0.01,
+            date_50_utc=None,
+            date_95_utc=(NOW + timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            temperature_degC=(0.0, 40.0),
+            rests_on="defaults of rlg",
+            trend=TrendDocument(date_utc=(), median_nm_h=(), high_nm_h=()),
+        )
+        for serial, (drift, days) in drifts.items()
+    ]
+    return ForecastDocument(
+        verdict="forecast",
+        reasons=(),
+        store="s",
+        issued_utc="",
+        version="",
+        limit_nm_h=0.8,
+        units=rows,
+    )
+
+
+UNITS = [
+    unit("GOOD"),
+    unit("OLD", days=400),
+    unit("WAITS", undecided=1),
+    unit("SOON"),
+    unit("BEYOND", undecided=1),
+    unit("AGAINST", contradictions=2),
+    unit("NEW", active_number=0, has_twin=False, days=0),
+]
+DRIFTS = forecast(BEYOND=(0.9, -5), SOON=(0.5, 30), GOOD=(0.2, 900))
+
+
+def test_the_unit_that_needs_most_comes_first():
+    rows = sorted(judged(UNITS, DRIFTS, NOW), key=urgency)
+    assert [row.unit.unit.imu_serial for row in rows] == [
+        "AGAINST",
+        "BEYOND",
+        "WAITS",
+        "SOON",
+        "NEW",
+        "OLD",
+        "GOOD",
+    ]
+    assert [row.age_days for row in rows if row.unit.unit.imu_serial == "OLD"] == [400.0]
+
+
+def test_without_a_forecast_nothing_is_said_of_the_drift():
+    rows = {row.unit.unit.imu_serial: row for row in judged(UNITS, None, NOW)}
+    assert rows["BEYOND"].health is Health.WAITS and rows["SOON"].health is Health.GOOD
+    assert rows["BEYOND"].forecast is None
+
+
+@pytest.mark.parametrize(
+    ("show", "serials"),
+    [
+        (Show.ALL, {"GOOD", "OLD", "WAITS", "SOON", "BEYOND", "AGAINST", "NEW"}),
+        (Show.NEXT, {"OLD", "WAITS", "SOON", "BEYOND", "AGAINST", "NEW"}),
+        (Show.WAITING, {"WAITS", "BEYOND"}),
+        (Show.NO_TWIN, {"NEW"}),
+    ],
+)
+def test_filters(show, serials):
+    rows = chosen(judged(UNITS, DRIFTS, NOW), show)
+    assert {row.unit.unit.imu_serial for row in rows} == serials
+
+
+def test_each_health_has_its_words():
+    assert set(HEALTH_WORDS) == set(Health)
+    assert all(what for health, (_, _, what) in HEALTH_WORDS.items() if health < Health.GOOD)
