@@ -126,9 +126,7 @@ def _actions(document: DiagnosisRecord) -> list[Action]:
             )
         )
     if any(not c.resolved for c in document.causes) or document.unexplained.present:
-        out.append(
-            Action("Record what tells the rest apart: the list under “What to record next”.")
-        )
+        out.append(Action("Record what tells the rest apart: the list further down."))
     return out
 
 
