@@ -99,11 +99,11 @@ def command(
     from recal.cli.terminal.progress import Progress
     from recal.service.results.files import output_directory
     from recal.service.results.overwrite import need_free_report
-    from recal.service.update import UpdateRequest, update_in_store
+    from recal.service.update import UPDATE_STEPS, UpdateRequest, update_in_store
 
     folder = output or Path("recal-update")
     need_free_report(folder, "update.json", "recal.update/1", ("update.html",), force=force)
-    with Progress(f"estimating from {len(runs)} run{'s' * (len(runs) != 1)}", quiet=quiet):
+    with Progress("reading", quiet=quiet, steps=UPDATE_STEPS) as step:
         result = update_in_store(
             UpdateRequest(
                 runs=runs,
@@ -121,6 +121,7 @@ def command(
                 retries=retry,
                 any_clock=any_clock,
                 told=lambda line: say(line, quiet=quiet),
+                step=step,
             )
         )
     answer(

@@ -57,6 +57,7 @@ from recal.service.results.update_words import AxisChange, Points, axes_of, poin
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
+UPDATE_STEPS = 3  # that `step` is told of
 Files = Callable[[UpdateDocument], dict[Path, str]]  # its JSON, and HTML where wanted
 
 
@@ -189,7 +190,8 @@ class UpdateRequest:
     begins with the default of its technology; else either is refused.
 
     retries: how often to estimate again where another writer was faster; html: whether to write
-    update.html; told: who is told of what happens on the way.
+    update.html; told: who is told of what happens on the way; step: who is told as each of the
+    UPDATE_STEPS begins.
     """
 
     runs: Sequence[AnyRun]
@@ -208,6 +210,7 @@ class UpdateRequest:
     retries: int = 0
     any_clock: bool = False
     told: Callable[[str], None] = field(default=lambda line: None)
+    step: Callable[[str], None] = field(default=lambda words: None)
 
 
 def update_in_store(request: UpdateRequest) -> Update:
@@ -225,6 +228,7 @@ def update_in_store(request: UpdateRequest) -> Update:
         thermal_model=request.thermal_model,
         priors=request.priors,
     )
+    request.step(f"reading {_counted(request.runs)}")
     loaded = runs_of(list(request.runs))
     files = partial(_files, output_directory(request.output, "update"), html=request.html)
     lost: list[str] = []
@@ -237,6 +241,10 @@ def update_in_store(request: UpdateRequest) -> Update:
                 f"another writer was faster ({conflict}): estimating again, {len(lost)} of"
                 f" {request.retries}"
             )
+
+
+def _counted(runs: Sequence[AnyRun]) -> str:
+    return f"{len(runs)} run{'s' * (len(runs) != 1)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -370,7 +378,9 @@ class _Try:
                     require_unit(database, key)
             except StoreRefused as error:
                 return self._not_begun(runs, unit, error)
+        request.step(f"estimating from {_counted(runs)}")
         result, unit, facts = _estimate(runs, unit, database, self.job)
+        request.step("drawing the report")
         facts = replace(facts, lost=self.lost, runs=request.runs)
         if request.commit and result.outcome is Outcome.ACCEPTED:
             return _made(result, unit, self._commit(result, unit, facts))
