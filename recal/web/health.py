@@ -11,9 +11,7 @@ from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 from recal.service.store import UnitSummary
 
 OLD_DAYS = 365.0  # of a table; chosen: 1 year, a laboratory's usual interval (docs/serve.md)
-SOON_DAYS = (
-    90.0  # before a unit's drift passes the limit; chosen: a quarter, in which it flies once
-)
+SOON_DAYS = 90.0  # before the drift passes the limit; chosen: 3 months (docs/serve.md)
 DAY_S = 86400.0
 
 
