@@ -12,7 +12,7 @@ from infield.reports.documents.session_records import PhaseDocument
 from infield.reports.documents.spans import SpanDocument
 from ins.records import ImuSource, InputError, ReferenceLog, TemperatureLog
 from ins.units import DEG_PER_HOUR
-from ins.verdicts import INLINE
+from ins.verdicts import INLINE, OMIT_NONE
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.runs import directory
@@ -80,6 +80,7 @@ class RestDocument:
     size_w_deg_h: float
     w_down_deg_h: float
     expected: ExpectedRest
+    speed_m_s: float | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,6 +268,7 @@ def _at_rest(seen: Inspection) -> RestDocument | None:
         size_w_deg_h=float(np.linalg.norm(w)),
         w_down_deg_h=float(-w @ quiet.f_m_s2 / (np.linalg.norm(quiet.f_m_s2) or np.inf)),
         expected=expected_rest(seen.header.site),
+        speed_m_s=quiet.speed_m_s,
     )
 
 
@@ -302,12 +304,17 @@ def _held_lines(holds: HoldsDocument) -> list[str]:
     if rest := holds.at_rest:
         want = rest.expected
         lines.append(
-            f"at rest {rest.start_s:.0f} to {rest.end_s:.0f} s: |f| {rest.size_f_m_s2:.5f}"
+            f"{_where(rest)} {rest.start_s:.0f} to {rest.end_s:.0f} s: |f| {rest.size_f_m_s2:.5f}"
             f" m/s2 (site {want.f_m_s2:.5f}), |w| {rest.size_w_deg_h:.3f} deg/h (Earth"
             f" {want.w_deg_h:.3f}), about the vertical {rest.w_down_deg_h:+.3f}"
             f" ({want.w_down_deg_h:+.3f})"
         )
     return lines
+
+
+def _where(rest: RestDocument) -> str:
+    """At rest, or how fast."""
+    return "at rest" if rest.speed_m_s is None else f"in steady motion at {rest.speed_m_s:.1f} m/s,"
 
 
 def _held_line(name: str, held: Held) -> str:

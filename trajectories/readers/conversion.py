@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ins.records import ImuLog, InputError, ReferenceLog, Run
+from ins.records import AXES, ImuLog, InputError, ReferenceLog, Run
 from trajectories.readers.conversion_checks import check_rows
 from trajectories.readers.conversion_streams import check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -17,7 +17,7 @@ from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
 from trajectories.runs.notes import About, about
-from trajectories.runs.physics_gates import check_physics
+from trajectories.runs.physics_gates import Beside, check_physics
 from trajectories.runs.schema import SCHEMA, ConversionRecord, SourceFile, header_from_json
 
 RUN_OPTIONS = {
@@ -57,13 +57,25 @@ def convert_log(
     """
     path = Path(path)
     name, log = read_log(path, LogOptions(options))
-    return conversion_of(path, name, log, given)
+    return conversion_of(path, name, log, given, axes=_axes(options.get("axes")))
+
+
+def _axes(given: Mapping[str, str] | None) -> tuple[str, ...]:
+    """Body axes as the raw axes of the log, by the map."""
+    return tuple(str(given.get(axis, axis)) if given else axis for axis in AXES)
 
 
 def conversion_of(
-    path: Path, name: str, log: ConvertedLog, given: Mapping[str, str | float | None]
+    path: Path,
+    name: str,
+    log: ConvertedLog,
+    given: Mapping[str, str | float | None],
+    *,
+    axes: tuple[str, ...] = AXES,
 ) -> Conversion:
-    """The run in a log that is read already; name: of its format, given: as of `convert_log`."""
+    """The run in a log that is read already; name: of its format, given: as of `convert_log`; axes:
+    body axes as its raw ones, where a map turned them.
+    """
     findings, label = Findings(), path.name
     header, errors, unknown = header_from_json(
         _header(log, given, path), name="options and map [run]"
@@ -75,7 +87,12 @@ def conversion_of(
     findings.error(*rate.lines)
     check_rows(log.imu, time_shift_s=log.time_shift_s, label=label, findings=findings)
     check_physics(
-        log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings
+        log.imu,
+        site=header.site,
+        technology=header.gyro_technology,
+        label=label,
+        findings=findings,
+        beside=Beside(gnss=log.gnss, odometer=log.odometer, axes=axes),
     )
     check_streams(log.gnss, log.odometer, label=label, findings=findings)
     if findings.errors:

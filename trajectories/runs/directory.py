@@ -22,7 +22,7 @@ from ins.records import ImuSource, InputError, ReferenceLog, Run, RunHeader, Spa
 from trajectories.runs import streams
 from trajectories.runs.checks import Finding, Findings
 from trajectories.runs.imu_stream import load_imu
-from trajectories.runs.physics_gates import QuietMeans, check_physics
+from trajectories.runs.physics_gates import Beside, QuietMeans, check_physics
 from trajectories.runs.schema import (
     STREAMS,
     ConversionRecord,
@@ -107,7 +107,12 @@ def inspect_run(
     if imu is not None and header is not None:
         site, technology = header.site, header.gyro_technology
         quiet = check_physics(
-            imu, site=site, technology=technology, label=_label(path, "imu"), findings=findings
+            imu,
+            site=site,
+            technology=technology,
+            label=_label(path, "imu"),
+            findings=findings,
+            beside=Beside(gnss=held.gnss, odometer=held.odometer),
         )
         streams.check_overlap(imu, held, header, findings)
     if imu is not None and header is not None and not findings.errors:

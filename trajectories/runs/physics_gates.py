@@ -1,17 +1,21 @@
 """Frame, sign and unit trouble seen at rest: mean |f| against gravity, mean |w| against Earth rate.
 
+Sensors do not tell a steady drive from rest: where fixes or wheels say that the vehicle moves, its
+accelerometers are tested all the same, and its gyros are not.
+
 At rest and level, axes forward-right-down, an accelerometer triad reads (0, 0, -g) and the gyros
 read Earth rate, whose part along the vertical is -Omega sinL (CONVENTIONS.md). Each message names
 the likely cause and the fix.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.records import AXES, ImuSource, Site
+from ins.records import AXES, GnssLog, ImuSource, OdometerLog, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.runs.checks import Findings
 
@@ -56,25 +60,74 @@ AXIS_MAPS = {
     ("z", 1): ("x", "-y", "-z"),
 }
 # the other usual set with z up
-RIGHT_FORWARD_UP = ", ".join(f'{b} = "{raw}"' for b, raw in zip(AXES, ("y", "x", "-z")))
+RIGHT_FORWARD_UP = ("y", "x", "-z")
+# of a vehicle that moves: 5 sigmas of a receiver of 0.1 m/s
+MOVING_M_S = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """What is known of a log beside its sensors.
+
+    gnss, odometer: which tell whether the vehicle moves. axes: body axes x, y, z as the raw axes of
+    the log (a map's), which a proposal of other ones starts from.
+    """
+
+    gnss: GnssLog | None = None
+    odometer: OdometerLog | None = None
+    axes: tuple[str, ...] = AXES
+
+    def speed_m_s(self, start_s: float, end_s: float) -> float | None:
+        """Median speed of a stretch beyond the scatter of a receiver; None where none tells any."""
+        found = []
+        if self.gnss is not None:
+            speed = np.linalg.norm(self.gnss.v_n_m_s, axis=1)
+            found.append(speed[(self.gnss.time_s >= start_s) & (self.gnss.time_s <= end_s)])
+        if self.odometer is not None:
+            t = self.odometer.time_s
+            found.append(np.abs(self.odometer.speed_m_s[(t >= start_s) & (t <= end_s)]))
+        told = [float(np.median(v[np.isfinite(v)])) for v in found if np.isfinite(v).any()]
+        moving = [v for v in told if v > MOVING_M_S]
+        return max(moving) if moving else None
+
+
+NOTHING_BESIDE = Beside()
 
 
 @dataclass(frozen=True, kw_only=True)
 class QuietMeans:
     """Mean specific force [m/s^2] and angular rate [rad/s], shape (3,), over the quiet stretch
-    start_s to end_s.
+    start_s to end_s; speed_m_s: of a vehicle that moves steadily there, None at rest.
     """
 
     start_s: float
     end_s: float
     f_m_s2: NDArray
     w_rad_s: NDArray
+    speed_m_s: float | None = None
+
+    @property
+    def where(self) -> str:
+        if self.speed_m_s is None:
+            return "at rest"
+        return f"in steady motion at {self.speed_m_s:.1f} m/s"
 
 
-def quiet_means(source: ImuSource) -> QuietMeans | None:
+def quiet_means(source: ImuSource, beside: Beside = NOTHING_BESIDE) -> QuietMeans | None:
     """Means over the first stretch near the start of the log in which one-second means of f hold
-    still, else None.
+    still, else None; a stretch at rest before one in steady motion.
     """
+    steady = None
+    for means in _quiet_stretches(source):
+        speed = beside.speed_m_s(means.start_s, means.end_s)
+        if speed is None:
+            return means
+        steady = steady or replace(means, speed_m_s=speed)
+    return steady
+
+
+def _quiet_stretches(source: ImuSource) -> Iterator[QuietMeans]:
+    """Means over each such stretch, in order of time."""
     start, last = source.start_s, source.end_s
     imu = source.between(-np.inf, start + QUIET_SEARCH_S + GATE_QUIET_S)
     while start < min(source.start_s + QUIET_SEARCH_S, last):
@@ -89,30 +142,37 @@ def quiet_means(source: ImuSource) -> QuietMeans | None:
         f = np.add.reduceat(imu.dv_m_s[part], second) / np.add.reduceat(dt_s, second)[:, None]
         f_mean = imu.dv_m_s[part].sum(axis=0) / dt_s.sum()
         if np.sqrt(np.mean(np.sum((f - f_mean) ** 2, axis=1))) <= QUIET_F * np.linalg.norm(f_mean):
-            return QuietMeans(
+            yield QuietMeans(
                 start_s=float(time_s[0]),
                 end_s=float(time_s[-1]),
                 f_m_s2=f_mean,
                 w_rad_s=imu.dtheta_rad[part].sum(axis=0) / dt_s.sum(),
             )
-    return None
 
 
 def check_physics(
-    imu: ImuSource, *, site: Site, technology: str, label: str, findings: Findings
+    imu: ImuSource,
+    *,
+    site: Site,
+    technology: str,
+    label: str,
+    findings: Findings,
+    beside: Beside = NOTHING_BESIDE,
 ) -> QuietMeans | None:
     """Adds what the quiet start says about units, signs and axes; returns the means it used."""
-    means = quiet_means(imu)
+    means = quiet_means(imu, beside)
     if means is None:
         findings.warn(
             f"{label}: no {GATE_QUIET_S:g} s at rest in the first {QUIET_SEARCH_S:g} s: units and"
             " axes not tested"
         )
         return None
-    f_wrong = _force_size(means, imu, technology) or _force_axis(means, site, technology)
+    f_wrong = _force_size(means, imu, technology) or _force_axis(
+        means, site, technology, beside.axes
+    )
     if f_wrong:
         findings.error(f"{label}: {f_wrong}")
-    else:
+    elif means.speed_m_s is None:
         level, text = _earth_rate(means, site, imu) if technology != "mems" else ("warning", "")
         text = text or _rate_size(means, technology)
         findings.add(level, *([f"{label}: {text}"] if text else []))
@@ -123,7 +183,7 @@ def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     size, tolerance = float(np.linalg.norm(means.f_m_s2)), G_TOLERANCE[technology]
     if abs(size / EXPECTED_F - 1) <= tolerance:
         return ""
-    seen = f"mean |f| at rest is {size:.4g} m/s2, needed 9.8"
+    seen = f"mean |f| {means.where} is {size:.4g} m/s2, needed 9.8"
     causes = [(imu.rate_hz, "m/s2 in columns of increments", "name them accel_x_m_s2 ...")]
     if imu.source == "rates":
         causes = [
@@ -140,22 +200,33 @@ def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     return f"{seen} within {100 * tolerance:g} %: {hint}"
 
 
-def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
+def _in_raw(axes: tuple[str, ...], raw: tuple[str, ...]) -> str:
+    """Body axes, given by those that the log is read with, by its raw ones: 'x = "-y", ...'."""
+    told = []
+    for body, axis in zip(AXES, axes):
+        of = raw[AXES.index(axis[-1])]
+        turned = axis.startswith("-") != of.startswith("-")
+        told.append(f'{body} = "{"-" if turned else ""}{of[-1]}"')
+    return ", ".join(told)
+
+
+def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, ...]) -> str:
     k = int(np.argmax(np.abs(means.f_m_s2)))
     axis, sign = AXES[k], int(np.sign(means.f_m_s2[k]))
     if (axis, sign) == ("z", -1):
         return ""
     seen = (
-        f"mean f at rest is {means.f_m_s2[k]:+.3f} m/s2 on {axis}, needed about -9.8 on z (z must"
-        " point down)"
+        f"mean f {means.where} is {means.f_m_s2[k]:+.3f} m/s2 on {axis}, needed about -9.8 on z"
+        " (z must point down)"
     )
-    body = ", ".join(f'{b} = "{raw}"' for b, raw in zip(AXES, AXIS_MAPS[axis, sign]))
-    fix = f"axes {body} would put it there"
+    fix = f"axes {_in_raw(AXIS_MAPS[axis, sign], raw)} would put it there"
     if (axis, sign) != ("z", 1):
         return f"{seen}: {fix}, up to a turn about the vertical"
-    fix += f" if x points forward and y left, {RIGHT_FORWARD_UP} if x points right and y forward"
+    other = _in_raw(RIGHT_FORWARD_UP, raw)
+    fix += f" if x points forward and y left, {other} if x points right and y forward"
     upward = float(means.w_rad_s[2] / (EARTH_RATE_RAD_S * np.sin(site.lat_rad) or np.inf))
-    if technology != "mems" and abs(abs(upward) - 1) < FACTOR_TOLERANCE:
+    stands = technology != "mems" and means.speed_m_s is None
+    if stands and abs(abs(upward) - 1) < FACTOR_TOLERANCE:
         cause = (
             f"z points up: {fix}"
             if upward > 0

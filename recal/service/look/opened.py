@@ -25,7 +25,7 @@ from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.readers.rows.column_map import LogOptions
 from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.directory import write_run
-from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, QuietMeans, quiet_means
+from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, Beside, QuietMeans, quiet_means
 
 RUN_DIRECTORY = "run directory"
 MIDDLE_LATITUDE_DEG = 45.0  # taken where nothing tells the site: gravity is 0.27 % off at most
@@ -116,8 +116,9 @@ def assumptions(
     missing = missing_keys(log, header)
     if not missing:
         return ()
-    means = quiet_means(log.imu)
-    finds_north = means is not None and reads_earth_rate(log.imu, means)
+    means = quiet_means(log.imu, Beside(gnss=log.gnss, odometer=log.odometer))
+    stands = means is not None and means.speed_m_s is None
+    finds_north = means is not None and stands and reads_earth_rate(log.imu, means)
     latitude_deg = MIDDLE_LATITUDE_DEG
     if means is not None and finds_north:
         latitude_deg = latitude_by_gyros_deg(means)
