@@ -209,7 +209,7 @@ def summary(rows: list[dict]) -> list[str]:
     out += [_line(f"{s:g} sigma", [r for r in rows if r["sigma"] == s]) for s in SIZES]
     out += [_line(name, [r for r in rows if r["log"] == name]) for name in LOGS]
     out += [_line(form, [r for r in rows if r["form"] == form]) for form in FORMS]
-    return out
+    return [line for line in out if "of 0:" not in line]
 
 
 def _line(name: str, rows: list[dict]) -> str:
