@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.aided_real_logs import Against, against_att, logged_attitude
-from infield.replay.aided.flight import AidedResult
+from infield.replay.aided.flight import AidedResult, Aiding
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.words.sentences import sentences
 from ins.records import InputError, Run
@@ -121,6 +121,7 @@ class Row:
     att_heading_deg: float | None = None
     att_tilt_deg: float | None = None
     outages: tuple[tuple[float, float, float, float], ...] = ()
+    smoothed: tuple[tuple[float, float, float], ...] = ()
     cpu_s: float = 0.0
 
 
@@ -155,7 +156,8 @@ def dated(path: Path, options: dict[str, float]) -> Conversion:
 def fly(run: Run, outages: tuple[tuple[float, float], ...]) -> AidedResult | None:
     table = [TableChoice(role="active", table=None, origin="none")]
     twin = default_twin(run.header.gyro_technology)
-    return replay(run, table, twin, aided=outages or True).aided
+    asked = Aiding(left_out=outages, smooth=bool(outages))
+    return replay(run, table, twin, aided=asked).aided
 
 
 def stretches(first_s: float, last_s: float) -> tuple[tuple[float, float], ...]:
@@ -210,6 +212,12 @@ def measured(source: Source, path: Path) -> Row:
         outages=tuple(
             (o.end_s - o.start_s, o.end_level_m, o.sigma_end_level_m, o.error_over_sigma)
             for o in (scored.outage_scores if scored else ())
+        ),
+        smoothed=tuple(
+            (was.rms_level_m, now.rms_level_m, now.error_over_sigma)
+            for was, now in (
+                zip(scored.outage_scores, scored.smoothed_scores, strict=True) if scored else ()
+            )
         ),
         cpu_s=cpu_s,
     )
@@ -266,6 +274,10 @@ def main() -> None:
         if given.json:
             given.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
     print(table(rows))
+    print("\nLevel RMS in the outages, filter and smoothed [m] (error over sigma of the smoothed):")
+    for row in rows:
+        for was, now, ratio in row.smoothed:
+            print(f"{row.name}: {was:.1f} {now:.1f} ({ratio:.2f})")
 
 
 if __name__ == "__main__":
