@@ -865,8 +865,9 @@ ParameterValue = float | str | list[float] | list[str] | dict[str, float | str]
 
 
 class EffectDocument(TypedDict):
-    """An effect of a twin as its file holds it (docs, the twin): name, target, parameters, and one
-    sigma of those that were found by a diagnosis.
+    """An effect of a twin as its file holds it (docs, the twin): name, target, parameters.
+
+    sigma: one standard deviation of those that were found by a diagnosis.
     """
 
     effect: str
