@@ -2,7 +2,7 @@
 park, taxi, fly two hours, land, taxi and park, each with a unit, a receiver and nuisances of its
 own.
 
-    python benchmarks/flight_update.py sigmas rlg 0 40 > rlg.jsonl       errors over sigma
+    python benchmarks/flight_update.py sigmas rlg 0 40 > rlg.jsonl   errors over sigma; fog, mems
     python benchmarks/flight_update.py hostile rlg 0 24 > hostile.jsonl  the gates
     python benchmarks/flight_update.py ground rlg 0 40 > ground.jsonl    the same without a flight
     python benchmarks/flight_update.py manoeuvres                        what shows which gyro
@@ -313,16 +313,19 @@ def scored(seed: int, drawn: Drawn) -> Line:
         line[f"{name}_error"] = (rows @ error).tolist()
         line[f"{name}_covariance"] = P.tolist()
     nodes, sigma, before = node_errors(drawn, result)
-    tally = estimate.navigated.filter.tally
     line |= {
         "nodes_rms": float(np.sqrt(np.mean(nodes**2))),
         "nodes_sigma_rms": float(np.sqrt(np.mean(sigma**2))),
         "nodes_before_rms": float(np.sqrt(np.mean(before**2))),
         "nodes_worst_sigmas": float(np.max(np.abs(nodes) / sigma)),
-        "nis": {kind: tally.nis[kind] / tally.dof[kind] for kind in tally.nis},
-        "heading_sigma_mrad": 1e3 * estimate.sigma_heading_rad,
-        "heading_sigma_before_mrad": 1e3 * flight.heading_before_rad,
     }
+    if estimate.solution is not None:  # a unit that finds its heading at rest
+        tally = estimate.navigated.filter.tally
+        line |= {
+            "nis": {kind: tally.nis[kind] / tally.dof[kind] for kind in tally.nis},
+            "heading_sigma_mrad": 1e3 * estimate.sigma_heading_rad,
+            "heading_sigma_before_mrad": 1e3 * flight.heading_before_rad,
+        }
     return line
 
 

@@ -18,6 +18,7 @@ intervals.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ins.attitude import dcm_from_rotation_vector
 from ins.records import ImuLog, InputError, frozen_array
 
 # of an interval to the one before: above it a gap; one lost row makes 2, jitter 2.5
@@ -202,3 +203,37 @@ def _slope_weight(dt_s: NDArray) -> NDArray:
     """T^2 / (6 Tp (T + Tp)), zero after a gap."""
     ratio = _interval_ratio(dt_s)
     return np.where(ratio <= MAX_INTERVAL_RATIO, ratio**2 / (6 * (1 + ratio)), 0.0)
+
+
+def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray]:
+    """Rotation and velocity over longer intervals, each of one or more rows.
+
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+    ends : array_like of int, shape (k,)
+        Where the intervals end, strictly increasing: interval j holds rows ends[j - 1] to
+        ends[j] - 1, the first from row 0.
+
+    Returns
+    -------
+    C : ndarray, shape (k, 3, 3)
+        Rotation over each interval, C_b(j-1)b(j).
+    dv_m_s : ndarray, shape (k, 3)
+        Integral of specific force, in the body frame of the interval's start.
+
+    Notes
+    -----
+    Products of the rows' own rotations (`rotation_vectors`), one row of every interval at a time.
+    """
+    ends = np.asarray(ends, dtype=np.int64)
+    starts = np.concatenate([[0], ends[:-1]])
+    turns, pushes = dcm_from_rotation_vector(rotation_vectors(imu)), velocity_increments(imu)
+    C, dv = np.tile(np.eye(3), (ends.size, 1, 1)), np.zeros((ends.size, 3))
+    for k in range(int((ends - starts).max(initial=0))):
+        of = np.flatnonzero(starts + k < ends)
+        row = starts[of] + k
+        dv[of] += np.einsum("kij,kj->ki", C[of], pushes[row])
+        C[of] = C[of] @ turns[row]
+    return C, dv

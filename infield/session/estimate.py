@@ -53,11 +53,11 @@ class ParkedEvidence:
     """What the parked seconds said: rates less table and known Earth rate (N, 3) [deg/h], NaN where
     a bin was not still.
 
-    stretch (N,): which of `stretches` a bin is of; used_s (N,): still seconds of each bin; earth:
-    what of Earth rate is known and the covariance of the rest over all stretches; turns: between
-    one stretch and the next; left_out: other rests and why. Against the table with nothing believed
-    of each gyro's level, sums of squares: shape_nis, shape_nis_compensated (as if the table had
-    been taken out of the log before), shape_dof.
+    stretch (N,): which of `stretches` a bin is of, -1 of a bin under way; used_s (N,): still
+    seconds of each bin; earth: what of Earth rate is known and the covariance of the rest over all
+    stretches; turns: between one stretch and the next; left_out: other rests and why. Against the
+    table with nothing believed of each gyro's level, sums of squares: shape_nis,
+    shape_nis_compensated (as if the table had been taken out of the log before), shape_dof.
     """
 
     stretches: tuple[ParkedStretch, ...]
@@ -102,7 +102,8 @@ class ParkedEvidence:
         """Variance (3,) that a covariance over stretches (3S, 3S) leaves in the session's mean, by
         their seconds.
         """
-        share = np.bincount(self.stretch, self.used_s, len(self.stretches)) / self.used_s.sum()
+        of, used_s = self.stretch[self.stretch >= 0], self.used_s[self.stretch >= 0]
+        share = np.bincount(of, used_s, len(self.stretches)) / used_s.sum()
         rows = np.kron(share, np.eye(3))
         return np.asarray(np.diag(rows @ covariance @ rows.T))
 

@@ -99,6 +99,8 @@ class FlightReason(StrEnum):
     BEYOND_GATE = "flight_beyond_gate"
     BEYOND_PRIOR = "flight_beyond_prior"
     UNLIKE_AT_REST = "flight_unlike_at_rest"
+    NOT_NAVIGATED = "flight_not_navigated"
+    NEVER_LINEAR = "flight_never_linear"
 
 
 class WrongFact(StrEnum):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from infield.session.acceptance import Verdict
 from infield.session.disagreement import SessionEvidence, Step
 from infield.session.estimate import SessionEstimate
-from infield.session.flown.evidence import FlightEvidence
+from infield.session.flown.worth import FlightEvidence
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.history import Likeness
 from infield.session.identity.marks import UnitMarks

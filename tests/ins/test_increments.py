@@ -204,3 +204,32 @@ def test_instantaneous_samples_come_out_half_an_interval_ahead():
 def test_rate_log_with_bad_times_is_refused(t):
     with pytest.raises(InputError, match="time_s"):
         increments.increments_from_rates(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))
+
+
+def test_joined_intervals_turn_and_push_as_their_rows_do():
+    """Uneven intervals of large turns: against the rows in order, with scipy's rotations; and one
+    interval over all of a steady turn against its closed form.
+    """
+    rng = np.random.default_rng(4)
+    rows = log(0.3 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))
+    ends = np.array([1, 2, 9, 30, 40])
+    C, dv = increments.joined(rows, ends)
+    turns, pushes = increments.rotation_vectors(rows), increments.velocity_increments(rows)
+    for k, (a, b) in enumerate(zip([0, *ends[:-1]], ends)):
+        at, gained = Rotation.identity(), np.zeros(3)
+        for row in range(a, b):
+            gained = gained + at.apply(pushes[row])
+            at = at * Rotation.from_rotvec(turns[row])
+        np.testing.assert_allclose(C[k], at.as_matrix(), atol=1e-14)
+        np.testing.assert_allclose(dv[k], gained, atol=1e-13)
+    rate, force, dt, n = 0.7, 3.0, 0.01, 100
+    steady = log(
+        np.tile([0.0, 0.0, rate * dt], (n, 1)), np.tile([force * dt, 0.0, 0.0], (n, 1)), dt
+    )
+    C, dv = increments.joined(steady, [n])
+    np.testing.assert_allclose(
+        C[0], dcm_from_rotation_vector([0.0, 0.0, rate * n * dt]), atol=1e-12
+    )
+    angle = rate * n * dt
+    expected = force / rate * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
+    np.testing.assert_allclose(dv[0], expected, atol=1e-9)

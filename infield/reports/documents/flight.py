@@ -10,9 +10,9 @@ from infield.reports.documents.session_records import (
 )
 from infield.reports.words.flight import TOLD_IN
 from infield.reports.words.sentences import codes, sentence, sentences
-from infield.session.flown.evidence import FlightEvidence, Worth
 from infield.session.flown.gates import CONSTANT, Carried
 from infield.session.flown.priors import Further
+from infield.session.flown.worth import FlightEvidence, Worth
 from infield.session.results import SessionResult
 from ins.records import AXES
 from ins.units import DEG_PER_HOUR, MILLIRADIAN
@@ -34,12 +34,17 @@ def flight_document(session: SessionResult) -> FlightDocument | None:
         rests_after_s=[list(stand) for stand in e.flight.stands],
         covered_percent=100.0 * e.flight.covered,
         repeated_fixes=e.repeated,
-        sigma_heading_ground_mrad=e.heading_before_rad / MILLIRADIAN,
-        sigma_heading_mrad=None if joined is None else joined.sigma_heading_rad / MILLIRADIAN,
+        sigma_heading_ground_mrad=_in_mrad(e.heading_before_rad),
+        sigma_heading_mrad=None if joined is None else _in_mrad(joined.sigma_heading_rad),
         against_rest=_against_rest(e),
         nuisances=[_nuisance(state) for state in e.carried],
         worth=None if e.worth is None else _worth(e.worth),
     )
+
+
+def _in_mrad(angle_rad: float) -> float | None:
+    """None of a unit that finds no heading at rest."""
+    return angle_rad / MILLIRADIAN if np.isfinite(angle_rad) else None
 
 
 def _against_rest(e: FlightEvidence) -> list[FlightAgainstRest]:

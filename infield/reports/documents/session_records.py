@@ -201,7 +201,7 @@ class FlightDocument:
     rests_after_s: Sequence[Sequence[float]]
     covered_percent: float
     repeated_fixes: int
-    sigma_heading_ground_mrad: float
+    sigma_heading_ground_mrad: float | None
     sigma_heading_mrad: float | None
     against_rest: Sequence[FlightAgainstRest]
     nuisances: Sequence[FlightNuisance]

@@ -36,7 +36,7 @@ _NAMES: Mapping[StrEnum, str] = {
     Further.ACCEL_SCALE: "scale of the accelerometers",
     Further.ACCEL_SHIFT: "accelerometers in flight against at rest",
     Further.ACCEL_SLOPE: "temperature slope of the accelerometers",
-    Further.GYRO_SCALE: "scale of gyros x, y",
+    Further.GYRO_SCALE: "scale of the gyros",
     Further.MISALIGNMENT: "misalignment of the gyros, xy, xz, yx, yz, zx, zy",
     Further.SHIFT: "gyros in flight against at rest",
     Further.FORCE: "gyros by the specific force along them",
@@ -72,6 +72,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "gyro {axis} reads {size_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h more in flight than at"
         " rest: {sigmas:.1f} sigma of what is taken for possible, 99.9 % of sound flights lie"
         " within {limit_sigmas:.1f}; vibration, pressure, or a receiver led astray"
+    ),
+    FlightReason.NOT_NAVIGATED: "no solution with the receiver: {why}",
+    FlightReason.NEVER_LINEAR: (
+        "the heading was never known within {limit_deg:.0f} deg for a minute on the way, needed for"
+        " a filter about that solution; turns and changes of speed would show it"
     ),
     **_NAMES,
 }

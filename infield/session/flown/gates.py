@@ -24,7 +24,7 @@ from infield.session.flown.flight import LEAST_WITH_FIXES, Flight
 from infield.session.flown.priors import Further, Layout
 from infield.session.reasons import FlightReason
 from infield.table.merge import CONFIDENCE
-from ins.filters.error_filter import ErrorFilter
+from ins.filters.error_filter import ErrorFilter, Tally
 from ins.robust import norm
 from ins.units import DEG_PER_HOUR
 from ins.verdicts import Reason, because
@@ -69,7 +69,16 @@ class Carried:
         return value, sigma
 
 
-def carried(flt: ErrorFilter, layout: Layout) -> tuple[Carried, ...]:
+@dataclass(frozen=True)
+class FlightEnd:
+    """A flight's filter at its end: state x (n,), covariance P (n, n), its measurements."""
+
+    x: NDArray
+    P: NDArray
+    tally: Tally
+
+
+def carried(flt: ErrorFilter | FlightEnd, layout: Layout) -> tuple[Carried, ...]:
     """Every further state as the filter leaves it."""
     found = []
     for state, where in layout.at.items():
@@ -85,9 +94,13 @@ def carried(flt: ErrorFilter, layout: Layout) -> tuple[Carried, ...]:
 
 def against_joining(flown: FlownEstimate, flight: Flight) -> tuple[Reason, ...]:
     """Why a flight may not be joined to its session; empty where it may."""
-    flt = flown.estimate.navigated.filter
-    states = carried(flt, flown.layout)
-    return (*uncovered(flight), *_residuals(flt), *_beyond_prior(states), *_moved(states))
+    return (*uncovered(flight), *against(flown.estimate.navigated.filter, flown.layout))
+
+
+def against(flt: ErrorFilter | FlightEnd, layout: Layout) -> tuple[Reason, ...]:
+    """What a flight's filter says against it."""
+    states = carried(flt, layout)
+    return (*_residuals(flt), *_beyond_prior(states), *_moved(states))
 
 
 def uncovered(flight: Flight) -> tuple[Reason, ...]:
@@ -103,7 +116,7 @@ def uncovered(flight: Flight) -> tuple[Reason, ...]:
     )
 
 
-def _residuals(flt: ErrorFilter) -> tuple[Reason, ...]:
+def _residuals(flt: ErrorFilter | FlightEnd) -> tuple[Reason, ...]:
     """Positions and velocities that the noise model does not explain, or that lie beyond the
     gate.
     """
@@ -114,7 +127,8 @@ def _residuals(flt: ErrorFilter) -> tuple[Reason, ...]:
         excess = nis_verdict(tally.nis[kind] / dof, dof) if dof else None
         if excess is not None:
             found.append(because(FlightReason.EXCESS_RESIDUALS, kind=kind, excess=excess))
-        share = rejected[kind] / max(rejected[kind] + dof // 2, 1)
+        used = len(tally.normalised.get(kind, ()))
+        share = rejected[kind] / max(rejected[kind] + used, 1)
         if share > MAX_REJECTED_SHARE:
             beyond = because(
                 FlightReason.BEYOND_GATE,

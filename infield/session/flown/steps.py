@@ -1,0 +1,159 @@
+"""A stretch of an aided solution in steps: rows of the solution, the fixes between them, and what
+the unit turned and gained over each step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.inertial import Where
+from infield.thermometer.gyro_temperature import GyroTemperature
+from ins.earth import displacement_ned, geodetic_from_ecef, gravity_n, omega_en_n, omega_ie_n
+from ins.filters.aided_records import AidedHistory, Fixes
+from ins.increments import joined
+from ins.records import ImuLog, ImuSource
+
+RATE_S = 0.2  # about a fix, to tell its rate: a vehicle takes longer to begin a turn
+
+
+@dataclass(frozen=True)
+class Steps:
+    """K steps over R rows of the solution; each ends at a fix or at a row.
+
+    time_s (R,), C_nb (R, 3, 3), v_n_m_s (R, 3): the rows; way_m (R - 1, 3): from a row to the next,
+    NED; pull_m_s2 (R, 3): gravity and Coriolis; stands (R,).
+
+    row (K,): the last row at or before a step's start; closes (K,): the step ends at the next row;
+    dt_s (K,), C_bb (K, 3, 3), dv_b_m_s (K, 3): the increments; angle_b_rad (K, 3), force_b_m_s2
+    (K, 3): sum of angles, mean specific force; turn_n_rad (K, 3): of the frame; warmer_degC (K,):
+    than at the start of the log; bin (K,); flies (K,): not on the ground; fix (K,): the fix at the
+    end, -1: none; late_s (K,): the end is so much later.
+
+    fix_time_s (F,), fix_way_m (F, 3): from the row before to the antenna, NED; fix_v_n_m_s (F, 3),
+    fix_rate_b_rad_s (F, 3): of the body there; fix_variance (F, 6).
+    """
+
+    time_s: NDArray
+    C_nb: NDArray
+    v_n_m_s: NDArray
+    way_m: NDArray
+    pull_m_s2: NDArray
+    stands: NDArray
+    row: NDArray
+    closes: NDArray
+    dt_s: NDArray
+    C_bb: NDArray
+    dv_b_m_s: NDArray
+    angle_b_rad: NDArray
+    force_b_m_s2: NDArray
+    turn_n_rad: NDArray
+    warmer_degC: NDArray
+    bin: NDArray
+    flies: NDArray
+    fix: NDArray
+    late_s: NDArray
+    fix_time_s: NDArray
+    fix_way_m: NDArray
+    fix_v_n_m_s: NDArray
+    fix_rate_b_rad_s: NDArray
+    fix_variance: NDArray
+
+
+def steps_between(
+    imu: ImuSource,
+    history: AidedHistory,
+    fixes: Fixes,
+    rows: slice,
+    *,
+    temperature: GyroTemperature,
+    bin_ends_s: NDArray,
+    stands: tuple[Where, ...],
+) -> Steps:
+    """The steps between rows of the solution. imu: compensated, holds them; bin_ends_s (N,)."""
+    degC = temperature.temperature_degC.mean(axis=1)
+    t, v = history.time_s[rows], history.v_n_m_s[rows]
+    lat, lon, height = history.lat_rad[rows], history.lon_rad[rows], history.height_m[rows]
+    log = imu.between(t[0] + 1e-6, t[-1] + 1e-6)
+    at_row = np.searchsorted(log.time_s, t[1:] - 1e-6)
+    here = np.flatnonzero((fixes.time_s > t[0] + 1e-6) & (fixes.time_s <= t[-1] - 1e-6))
+    at_fix = np.searchsorted(log.time_s, fixes.time_s[here] - 1e-6)
+    ends = np.unique(np.concatenate([at_row, at_fix]))
+    fix = np.full(ends.size, -1)
+    fix[np.searchsorted(ends, at_fix)] = np.arange(here.size)  # of several in one row, the last
+    end_s = log.time_s[ends]
+    late = np.zeros(ends.size)
+    late[fix >= 0] = end_s[fix >= 0] - fixes.time_s[here[fix[fix >= 0]]]
+    start_s = np.concatenate([t[:1], end_s[:-1]])
+    row = np.searchsorted(t, start_s + 1e-6, side="right") - 1
+    C_bb, dv = joined(log, ends + 1)
+    first = np.concatenate([[0], ends[:-1] + 1])
+    dt = np.add.reduceat(log.dt_s, first)
+    angle = np.add.reduceat(log.dtheta_rad, first, axis=0)
+    earth, transport = omega_ie_n(lat), omega_en_n(lat, height, v)
+    pull = gravity_n(lat, height) - np.cross(2.0 * earth + transport, v)
+    of = np.searchsorted(t, fixes.time_s[here] - 1e-6) - 1
+    return Steps(
+        time_s=t,
+        C_nb=history.C_nb[rows],
+        v_n_m_s=v,
+        way_m=_ways((lat[1:], lon[1:], height[1:]), (lat[:-1], lon[:-1], height[:-1])),
+        pull_m_s2=pull,
+        stands=_within(t, stands),
+        row=row,
+        closes=np.isin(ends, at_row),
+        dt_s=dt,
+        C_bb=C_bb,
+        dv_b_m_s=dv,
+        angle_b_rad=angle,
+        force_b_m_s2=dv / dt[:, None],
+        turn_n_rad=(earth + transport)[row] * dt[:, None],
+        warmer_degC=np.interp(end_s, temperature.time_s, degC - degC[0]),
+        bin=np.minimum(np.searchsorted(bin_ends_s, 0.5 * (start_s + end_s)), bin_ends_s.size - 1),
+        flies=~_within(end_s, stands),
+        fix=fix,
+        late_s=late,
+        fix_time_s=fixes.time_s[here],
+        fix_way_m=_to_fixes(fixes.r_e_m[here], (lat[of], lon[of], height[of])),
+        fix_v_n_m_s=fixes.v_n_m_s[here],
+        fix_rate_b_rad_s=_rates(log, fixes.time_s[here]),
+        fix_variance=np.hstack(
+            [fixes.sigma_position_m[here] ** 2, fixes.sigma_velocity_m_s[here] ** 2]
+        ),
+    )
+
+
+Places = tuple[NDArray, NDArray, NDArray]
+
+
+def _ways(to: Places, of: Places) -> NDArray:
+    """From places to places, north, east, down (n, 3) [m]."""
+    lat0, lon0, height0 = of
+    level = displacement_ned(to[0], to[1], lat0_rad=lat0, lon0_rad=lon0, height0_m=height0)
+    return np.column_stack([level, height0 - to[2]])
+
+
+def _to_fixes(r_e_m: NDArray, of: Places) -> NDArray:
+    """From places to fixes (n, 3) [m]; NaN where a fix has no position."""
+    way = np.full(r_e_m.shape, np.nan)
+    seen = np.isfinite(r_e_m).all(axis=1)
+    if seen.any():
+        way[seen] = _ways(geodetic_from_ecef(r_e_m[seen]), tuple(p[seen] for p in of))
+    return way
+
+
+def _rates(log: ImuLog, time_s: NDArray) -> NDArray:
+    """Angular rate (n, 3) around times, over RATE_S."""
+    t = np.concatenate([[log.time_s[0] - log.dt_s[0]], log.time_s])
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(log.dtheta_rad, axis=0)])
+    a, b = (np.clip(time_s + half, t[0], t[-1]) for half in (-0.5 * RATE_S, 0.5 * RATE_S))
+    turned = np.stack([np.interp(b, t, of) - np.interp(a, t, of) for of in angle.T], axis=1)
+    return np.asarray(turned / (b - a)[:, None])
+
+
+def _within(time_s: NDArray, spans: tuple[Where, ...]) -> NDArray:
+    """Whether each time (n,) lies in one of the spans."""
+    inside = np.zeros(time_s.size, dtype=bool)
+    for start, end in spans:
+        inside |= (time_s > start) & (time_s <= end)
+    return inside

@@ -1,0 +1,316 @@
+"""Flights and drives of a unit that finds no heading at rest (MEMS): its bins under way, joined to
+its parked ones or left out.
+
+The parked stretches are estimated first (`infield.session.parked`). The whole log is navigated with
+the receiver (`infield.aided`); between the rests a filter about that solution estimates the bins
+(`infield.session.flown.about`), with the table's and the session's joint prior over all bins, and
+with what the rests said. The rests' own seconds are not used again.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.inertial import Where
+from infield.replay.aided.flight import AidedResult, aided_noise, navigate_aided
+from infield.replay.aided.reasons import AidedVerdict
+from infield.session.bins import SessionBins, bins_between, equal_edges
+from infield.session.estimate import ParkedEvidence, SessionEstimate
+from infield.session.flown.about import FIRST_FURTHER, Believed, begun, over
+from infield.session.flown.estimator import KnownRun
+from infield.session.flown.flight import Flight
+from infield.session.flown.gates import against, carried, uncovered
+from infield.session.flown.priors import Further, Layout, laid_out
+from infield.session.flown.steps import steps_between
+from infield.session.flown.worth import FlightEvidence, worth_of
+from infield.session.log import compensated_imu
+from infield.session.parked.stretches import MIN_PARKED_S
+from infield.session.points import measurement_information
+from infield.session.reasons import FlightReason
+from ins.filters.aided_records import AidedHistory, AidedNoise
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from ins.verdicts import because
+
+# a bin under way: a minute at least, as of a rest; what a bin of five minutes shows is 2 deg/h of
+# a default MEMS unit
+SHORTEST_AWAY_BIN_S, BINS_AWAY = 60.0, 10.0
+# 1 sigma of the solution's heading and tilt where a stretch begins: within them the errors are
+# linear to 5 % of themselves
+LINEAR_HEADING_RAD, LINEAR_TILT_RAD = 3.0 * DEG, 1.0 * DEG
+# between rows of a solution, which are 1 s apart; chosen: a row may be late by half of that
+ROW_GAP_S = 1.5
+# states of a flight that a unit without a heading carries; the others are below its noise
+CARRIED = (
+    Further.ANTENNA,
+    Further.DELAY,
+    Further.ACCEL_SCALE,
+    Further.ACCEL_SLOPE,
+    Further.GYRO_SCALE,
+    Further.MISALIGNMENT,
+    Further.SHIFT,
+    Further.FORCE,
+)
+COMPONENTS_OF_SCALE = 3  # of all gyros; that of z is no base state here
+
+
+def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
+    """What lies between the rests of such a unit; None where nothing moves with a receiver."""
+    run, twin = known.run, known.twin
+    if run.gnss is None or not known.settings.use_gnss or ground.parked is None:
+        return None
+    rests = tuple(
+        (float(s.seconds.start_s[0]), float(s.seconds.end_s[-1])) for s in ground.parked.stretches
+    )
+    away = _between(rests, run.imu.start_s, run.imu.end_s)
+    heard = run.gnss.time_s
+    covered = [np.unique(np.floor(heard[(heard > a) & (heard <= b)])).size for a, b in away]
+    if sum(covered) < MIN_PARKED_S:
+        return None
+    imu = compensated_imu(run, known.table, known.temperature, twin)
+    P = known.table.covariance
+    nodes = [np.sqrt(np.diag(P)[known.table.values_of(k)].max()) for k in range(3)]
+    sigma = np.hypot(nodes, twin.gyro.turn_on_deg_h)
+    result = navigate_aided(run, imu, twin, rest=None, gyro_sigma_deg_h=sigma)
+    flight = Flight(
+        start_s=away[0][0],
+        end_s=away[-1][1],
+        stands=tuple(rest for rest in rests if rest[0] > away[0][0]),
+        covered=min(sum(covered) / sum(b - a for a, b in away), 1.0),
+    )
+    left_out = FlightEvidence(flight, 0, float("nan"))
+    if result.history is None or result.verdict is not AidedVerdict.AIDED:
+        return replace(
+            left_out, reasons=(because(FlightReason.NOT_NAVIGATED, why=result.reasons[0]),)
+        )
+    if few := uncovered(flight):
+        return replace(left_out, reasons=few)
+    stretches = _linear(result.history, away)
+    if not stretches:
+        return replace(
+            left_out,
+            reasons=(because(FlightReason.NEVER_LINEAR, limit_deg=LINEAR_HEADING_RAD / DEG),),
+        )
+    return _estimated(known, ground, result, stretches, left_out)
+
+
+def _between(rests: tuple[Where, ...], start_s: float, end_s: float) -> list[Where]:
+    """What lies before, between and after the rests."""
+    edges = [(start_s, start_s), *rests, (end_s, end_s)]
+    return [(a[1], b[0]) for a, b in pairwise(edges) if b[0] - a[1] >= MIN_PARKED_S]
+
+
+def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
+    """Rows of the solution under way, from where its errors are small on; MIN_PARKED_S and
+    more.
+    """
+    tilt = np.sqrt(np.maximum(history.phi_covariance[:, 0, 0], history.phi_covariance[:, 1, 1]))
+    heading = np.sqrt(history.phi_covariance[:, 2, 2])
+    usable = (tilt < LINEAR_TILT_RAD) & (heading < LINEAR_HEADING_RAD)
+    t, found = history.time_s, []
+    gaps = t[1:][np.diff(t) > ROW_GAP_S]
+    for start, end in away:
+        edges = [start, *gaps[(gaps > start) & (gaps < end)], end]
+        for a, b in pairwise(edges):
+            rows = np.flatnonzero(usable & (t >= a) & (t < b))
+            last = int(np.searchsorted(t, b))
+            if rows.size and t[last - 1] - t[rows[0]] >= MIN_PARKED_S:
+                found.append(slice(int(rows[0]), last))
+    return found
+
+
+def _estimated(
+    known: KnownRun,
+    ground: SessionEstimate,
+    result: AidedResult,
+    stretches: list[slice],
+    left_out: FlightEvidence,
+) -> FlightEvidence:
+    """The bins of rests and ways together, judged."""
+    history, fixes = result.history, result.fixes
+    assert history is not None and fixes is not None
+    spans = [(float(history.time_s[s][0]), float(history.time_s[s][-1])) for s in stretches]
+    bins, is_away = _all_bins(known, ground, spans)
+    after = _after_rests(ground, bins, ~is_away)
+    believed = _believed(known, result, bins, after, is_away)
+    imu = compensated_imu(known.run, known.table, known.temperature, known.twin)
+    scaled = fixes.scaled(result.scales.position, result.scales.velocity)
+    flt = begun(believed)
+    for rows in stretches:
+        steps = steps_between(
+            imu,
+            history,
+            scaled,
+            rows,
+            temperature=known.temperature,
+            bin_ends_s=bins.end_s[is_away],
+            stands=result.stands,
+        )
+        over(flt, steps, believed)
+    end = flt.end(_antenna_found(known, result))
+    reasons, states = against(end, believed.layout), carried(end, believed.layout)
+    joined = None if reasons else _joined(ground, bins, is_away, after, flt.biases(believed))
+    worth = None if joined is None else worth_of(known.table, ground, joined, left_out.flight)
+    return replace(left_out, reasons=reasons, joined=joined, carried=states, worth=worth)
+
+
+def _all_bins(
+    known: KnownRun, ground: SessionEstimate, spans: list[Where]
+) -> tuple[SessionBins, NDArray]:
+    """Bins of rests and ways in order of time, and which of them are under way (N,)."""
+    edges = [ground.bins.start_s, ground.bins.end_s]
+    under_way_s = sum(b - a for a, b in spans)
+    bin_s = float(np.clip(under_way_s / BINS_AWAY, SHORTEST_AWAY_BIN_S, known.settings.bin_s))
+    away = [equal_edges(a, b, bin_s) for a, b in spans]
+    every = np.unique(np.concatenate([*edges, *away]))
+    bins = bins_between(known.table, known.temperature, known.twin, known.settings, every)
+    parked = np.isin(bins.start_s, ground.bins.start_s) & np.isin(bins.end_s, ground.bins.end_s)
+    under_way = np.zeros(bins.start_s.size, dtype=bool)
+    for a, b in spans:
+        under_way |= (bins.start_s >= a) & (bins.end_s <= b)
+    kept = parked | under_way
+    return bins.only(kept), under_way[kept] & ~parked[kept]
+
+
+@dataclass(frozen=True)
+class _Biases:
+    """Of bins beyond the table [deg/h]: mean (3N,), covariance (3N, 3N)."""
+
+    mean: NDArray
+    covariance: NDArray
+
+    def seen(self, of: NDArray, mean: NDArray, covariance: NDArray) -> "_Biases":
+        """All of them, once some are known to be these. of: their places."""
+        gain = np.linalg.solve(self.covariance[np.ix_(of, of)], self.covariance[of]).T
+        less = self.covariance[np.ix_(of, of)] - covariance
+        P = self.covariance - gain @ less @ gain.T
+        return _Biases(self.mean + gain @ (mean - self.mean[of]), 0.5 * (P + P.T))
+
+
+def _believed(
+    known: KnownRun, result: AidedResult, bins: SessionBins, after: _Biases, is_away: NDArray
+) -> Believed:
+    """Noise, antenna and priors; of the bins under way, after what the rests said."""
+    twin, priors = known.twin, known.settings.flight
+    technology = known.run.header.gyro_technology
+    assert result.antenna is not None
+    every = laid_out(
+        priors,
+        technology,
+        first=FIRST_FURTHER,
+        scale_ppm=known.settings.sigma_scale_factor_ppm[technology],
+        accel_z_ug=twin.accel.turn_on_ug,
+    )
+    found = _antenna_found(known, result)
+    layout = _layout(every, found)
+    of = np.flatnonzero(np.repeat(is_away, 3))
+    mean, covariance = after.mean[of], after.covariance[np.ix_(of, of)] * DEG_PER_HOUR**2
+    n = layout.sigma.size
+    x = np.zeros(n + mean.size)
+    x[: found.size] = found
+    x[n:] = mean * DEG_PER_HOUR
+    P = np.zeros((x.size, x.size))
+    P[:n, :n] = np.diag(layout.sigma**2)
+    P[n:, n:] = covariance
+    return Believed(
+        noise=_noise(known, result),
+        antenna=result.antenna.antenna,
+        layout=layout,
+        mean=x,
+        covariance=P,
+        accel_m_s2=2.0 * twin.accel.turn_on_ug * MICRO_G,
+        flicker_rad_s=twin.gyro.bias_instability_deg_h * DEG_PER_HOUR,
+        bin_s=float(bins.duration_s[is_away].mean()),
+    )
+
+
+def _antenna_found(known: KnownRun, result: AidedResult) -> NDArray:
+    """Lever arm and delays of the solution less the declared ones (5,) [m], [s]."""
+    assert result.antenna is not None
+    antenna = result.antenna.antenna
+    declared = np.asarray(known.run.header.gnss_lever_arm_m, dtype=float)
+    delays = [antenna.delay_s, antenna.velocity_delay_s]
+    return np.concatenate([antenna.lever_arm_m - declared, delays])
+
+
+def _layout(every: Layout, found: NDArray) -> Layout:
+    """The states that are carried; the antenna's no nearer than the solution found it (5,)."""
+    at: dict[Further, slice] = {}
+    sigma: list[float] = []
+    for state in CARRIED:
+        where = every.at.get(state)
+        if where is None:
+            continue
+        own = every.sigma[where.start - every.first : where.stop - every.first]
+        if state is Further.GYRO_SCALE:
+            own = np.full(COMPONENTS_OF_SCALE, own[0])
+        begin = every.first + len(sigma)
+        at[state] = slice(begin, begin + own.size)
+        sigma += own.tolist()
+    size = np.array(sigma)
+    size[: found.size] = np.maximum(size[: found.size], np.abs(found))
+    return Layout(every.first, size, at)
+
+
+def _noise(known: KnownRun, result: AidedResult) -> AidedNoise:
+    """The noise that the solution needed, and slow errors of the receiver no smaller than assumed:
+    a solution without the gyros' scales among its states cannot tell the two apart.
+    """
+    gnss, priors = known.twin.gnss, known.settings.flight
+    declared = gnss.sigma_horizontal_m, gnss.sigma_vertical_m, gnss.sigma_velocity_m_s
+    noise = result.scales.of(aided_noise(known.twin), *declared)
+    if noise.slow_level_m < priors.slow_position_m:
+        noise = replace(
+            noise,
+            slow_level_m=priors.slow_position_m,
+            slow_down_m=priors.slow_position_m * declared[1] / declared[0],
+            slow_s=priors.slow_position_s,
+        )
+    if noise.slow_velocity_m_s < priors.slow_velocity_m_s:
+        noise = replace(
+            noise,
+            slow_velocity_m_s=priors.slow_velocity_m_s,
+            slow_velocity_s=priors.slow_velocity_s,
+        )
+    return noise
+
+
+def _after_rests(ground: SessionEstimate, bins: SessionBins, parked: NDArray) -> _Biases:
+    """All bins, given the rests."""
+    information, vector = measurement_information(ground.bins, ground)
+    of = np.flatnonzero(np.repeat(parked, 3))
+    C = bins.prior
+    gain = np.linalg.solve(np.eye(of.size) + information @ C[np.ix_(of, of)], information)
+    P = C - C[:, of] @ gain @ C[of]
+    return _Biases(P[:, of] @ vector, 0.5 * (P + P.T))
+
+
+def _joined(
+    ground: SessionEstimate,
+    bins: SessionBins,
+    is_away: NDArray,
+    after: _Biases,
+    found: tuple[NDArray, NDArray],
+) -> SessionEstimate:
+    """The session with its ways. found: mean and covariance of their bins' biases [rad/s]."""
+    parked, of = ground.parked, np.flatnonzero(np.repeat(is_away, 3))
+    assert parked is not None
+    mean, covariance = found
+    every = after.seen(of, mean / DEG_PER_HOUR, covariance / DEG_PER_HOUR**2)
+    return replace(
+        ground,
+        bins=bins,
+        mean_deg_h=every.mean,
+        covariance=every.covariance,
+        parked=_placed(parked, is_away),
+    )
+
+
+def _placed(parked: ParkedEvidence, is_away: NDArray) -> ParkedEvidence:
+    """The rests' evidence at their places among all bins; -1 is no stretch."""
+    stretch = np.full(is_away.size, -1)
+    rate, used_s = np.full((is_away.size, 3), np.nan), np.zeros(is_away.size)
+    stretch[~is_away], rate[~is_away] = parked.stretch, parked.rate_deg_h
+    used_s[~is_away] = parked.used_s
+    return replace(parked, stretch=stretch, rate_deg_h=rate, used_s=used_s)

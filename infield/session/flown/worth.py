@@ -1,0 +1,60 @@
+"""What a session's flight was worth: its evidence, and what it does to the table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.session.estimate import SessionEstimate
+from infield.session.flown.flight import Flight
+from infield.session.flown.gates import Carried
+from infield.table.thermal_table import ThermalTable
+from ins.verdicts import Reason
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Sigma of the table, RMS over the flight's temperatures, gyros x, y, z [deg/h]: before the
+    session, after its ground part alone, after all of it.
+    """
+
+    before_deg_h: NDArray
+    ground_deg_h: NDArray
+    after_deg_h: NDArray
+
+
+@dataclass(frozen=True)
+class FlightEvidence:
+    """What a session's flight was worth.
+
+    joined: estimate of the session with its flight, None where it was left out, for these reasons.
+    repeated: fixes that were left out as repetitions; carried: the flight's nuisances, empty where
+    it was not estimated; worth: None where it was left out; heading_before_rad: sigma of the
+    heading error by the ground session.
+    """
+
+    flight: Flight
+    repeated: int
+    heading_before_rad: float
+    reasons: tuple[Reason, ...] = ()
+    joined: SessionEstimate | None = None
+    carried: tuple[Carried, ...] = ()
+    worth: Worth | None = None
+
+
+def worth_of(
+    table: ThermalTable, ground: SessionEstimate, joined: SessionEstimate, flight: Flight
+) -> Worth:
+    """What ground and flight do to the table at the temperatures of the flight."""
+    bins = joined.bins
+    flown = (bins.start_s >= flight.start_s) & (bins.end_s <= flight.end_s)
+    H = bins.H.reshape(-1, 3, table.n_parameters)[flown]
+
+    def sigma(covariance: NDArray) -> NDArray:
+        return np.sqrt(np.einsum("kij,jl,kil->ki", H, covariance, H).mean(axis=0))
+
+    return Worth(
+        sigma(table.covariance),
+        sigma(ground.merged_into(table).candidate.covariance),
+        sigma(joined.merged_into(table).candidate.covariance),
+    )

@@ -1,0 +1,115 @@
+"""Ways of units without a heading, joined to their rests: the filter about an aided solution, the
+session's estimate, the gates, and that nothing changes without a receiver.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.stats import chi2
+
+from infield.session.flown.priors import Further
+from infield.session.reasons import FlightReason
+from ins.records import GnssLog
+from tests.infield import mems_away
+from tests.infield.mems_away import MISALIGNMENT_MRAD, SCALE_PPM, SETTINGS, bin_errors, simulated
+
+# two-sided: 1 in 1000 of right sigmas, over as many degrees of freedom as there are
+CHANCE = 5e-4
+
+
+@lru_cache(maxsize=4)
+def taken(seed):
+    return mems_away.taken(simulated(seed).run)
+
+
+def test_a_way_is_joined_and_what_it_showed_is_within_its_sigmas():
+    result = taken(0)
+    flight, estimate = result.flight, result.estimate
+    assert result.verdict.accepted and flight.joined is not None and not flight.reasons
+    away = estimate.parked.stretch < 0
+    assert away.sum() >= 5 and np.isnan(estimate.parked.rate_deg_h[away]).all()
+    error = bin_errors(simulated(0), estimate).ravel()
+    nees = error @ np.linalg.solve(estimate.covariance, error)
+    low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], error.size)
+    assert low < nees < high
+    assert (np.diff(estimate.bins.start_s) > 0).all()
+
+
+def test_scale_and_misalignment_are_found_within_their_sigmas():
+    carried = {c.state: c for c in taken(0).flight.carried}
+    scale, turned = carried[Further.GYRO_SCALE], carried[Further.MISALIGNMENT]
+    off = (scale.value - 1e-6 * np.array(SCALE_PPM)) / scale.sigma
+    assert np.abs(off).max() < 4.0 and scale.sigma.min() < 0.5 * scale.prior.min()
+    off = (turned.value - 1e-3 * np.array(MISALIGNMENT_MRAD)) / turned.sigma
+    assert np.abs(off).max() < 4.0 and turned.sigma.min() < 0.5 * turned.prior.min()
+
+
+def unasked(seed):
+    """The same session with the receiver left aside."""
+    settings = replace(SETTINGS, use_gnss=False)
+    run = simulated(seed).run
+    return mems_away.take_run(run, mems_away.blank(), mems_away.TWIN, settings, False)
+
+
+def sigmas(estimate):
+    """Of the first bin, parked, gyros x, y, z [deg/h]."""
+    return np.sqrt(np.diag(estimate.covariance)[:3])
+
+
+def test_a_way_shows_gyros_that_an_unknown_heading_hides():
+    """At rest Earth rate on an unknown heading hides the level gyros by 7.5 deg/h; under way the
+    heading is known.
+    """
+    alone, joined = sigmas(unasked(0).estimate), sigmas(taken(0).estimate)
+    assert (alone[:2] > 7.0).all() and (joined[:2] < 0.8 * alone[:2]).all()
+    worth = taken(0).flight.worth
+    assert (worth.after_deg_h <= worth.ground_deg_h).all()
+    assert (worth.ground_deg_h < worth.before_deg_h).all()
+
+
+def test_without_a_receiver_there_is_no_way():
+    assert unasked(0).flight is None
+    silent = mems_away.taken(replace(simulated(0).run, gnss=None))
+    assert silent.flight is None
+    assert (unasked(0).estimate.parked.stretch >= 0).all()
+
+
+def led_astray(log: GnssLog) -> GnssLog:
+    """Velocities that turn away from the course, a degree in ten seconds, from 200 s on."""
+    angle = np.radians(0.1 * np.maximum(log.time_s - 200.0, 0.0))
+    c, s = np.cos(angle), np.sin(angle)
+    north, east, down = log.v_n_m_s.T
+    turned = np.stack([c * north - s * east, s * north + c * east, down], axis=1)
+    return replace(log, v_n_m_s=turned)
+
+
+def test_a_receiver_led_astray_is_left_out():
+    """The session is then what its rests say."""
+    made = simulated(0)
+    result = mems_away.taken(replace(made.run, gnss=led_astray(made.run.gnss)))
+    assert result.flight.joined is None and result.flight.reasons
+    assert (result.estimate.parked.stretch >= 0).all()
+
+
+def test_a_gyro_that_reads_more_in_flight_is_told():
+    """200 deg/h beyond what it reads at rest: no shift of 3 deg/h explains it."""
+    errors = replace(mems_away.SLOW, gyro_shift_deg_h=(0.0, 200.0, 0.0))
+    result = mems_away.taken(simulated(0, errors=errors).run)
+    assert result.flight.joined is None
+    codes = {reason.code for reason in result.flight.reasons}
+    assert codes & {
+        FlightReason.UNLIKE_AT_REST,
+        FlightReason.EXCESS_RESIDUALS,
+        FlightReason.BEYOND_PRIOR,
+    }
+
+
+def test_few_fixes_leave_the_way_out():
+    made = simulated(0)
+    log = made.run.gnss
+    kept = (log.time_s < 200.0) | (log.time_s % 10.0 < 1.0)
+    columns = {name: value[kept] for name, value in vars(log).items() if value is not None}
+    result = mems_away.taken(replace(made.run, gnss=replace(log, **columns)))
+    assert result.flight.joined is None
+    assert result.flight.reasons[0].code in (FlightReason.UNCOVERED, FlightReason.NOT_NAVIGATED)
