@@ -144,8 +144,8 @@ def bias_bound(
     gyro_degC (n, 3): temperatures at the middles of the response's n epochs.
     """
     modes = bias_modes(gyro_degC, twin.gyro, spread, epoch_s=_epoch_s(response))
-    P0 = _prior(twin, spread, modes.shape[2])
-    P = posterior_covariance(P0, _epochs(ideal, response, modes, twin, sights, alignment_s))
+    P0 = session_prior(twin, spread, modes.shape[2])
+    P = posterior_covariance(P0, session_epochs(ideal, response, modes, twin, sights, alignment_s))
     mean = modes.mean(axis=0) / DEG_PER_HOUR
     return Bound(
         covariance=mean @ P[MODES:, MODES:] @ mean.T,
@@ -196,7 +196,7 @@ def _session_covariance(gyro: GyroNoise, count: int, bin_s: float) -> NDArray:
     return flicker + gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * walk
 
 
-def _prior(twin: TwinModel, spread: Spread, modes: int) -> NDArray:
+def session_prior(twin: TwinModel, spread: Spread, modes: int) -> NDArray:
     sway, vehicle = np.zeros(4), twin.vehicle
     sway[0::2], sway[1::2] = vehicle.sway_m_s / (2 * np.pi * vehicle.sway_hz), vehicle.sway_m_s
     sigma = np.concatenate(
@@ -213,7 +213,7 @@ def _prior(twin: TwinModel, spread: Spread, modes: int) -> NDArray:
     return np.diag(sigma**2)
 
 
-def _epochs(
+def session_epochs(
     ideal: IdealSensors,
     response: NavigationResponse,
     modes: NDArray,

@@ -26,6 +26,7 @@ from trajectories.simulator.sensors import IdealSensors
 ERRORS = 7  # position N, E [m]; velocity N, E [m/s]; rotation computed - true, NED [rad]
 SHOWN = 3  # what a vehicle shows within an epoch: way along body x, y [m], turn about down [rad]
 SENSORS = 6  # gyros x, y, z [rad/s]; accelerometers x, y, z [m/s^2]
+HELD = VerticalChannel(mode="hold")
 START_STEP = np.array([10.0, 10.0, 0.01, 0.01, 1e-5, 1e-5, 1e-4])
 SENSOR_STEP = np.repeat([0.01 * DEG_PER_HOUR, 10 * MICRO_G], 3)
 
@@ -46,9 +47,11 @@ class NavigationResponse:
     nominal: NavHistory
 
 
-def navigation_response(ideal: IdealSensors, *, epoch_s: float = 1.0) -> NavigationResponse:
-    """Response of the free-running solution (height held) over a noise-free run that starts at
-    rest.
+def navigation_response(
+    ideal: IdealSensors, *, epoch_s: float = 1.0, vertical: VerticalChannel = HELD
+) -> NavigationResponse:
+    """Response of the free-running solution over a noise-free run that starts at rest; vertical:
+    what tells it its height.
     """
     log = ImuLog(
         time_s=ideal.time_s,
@@ -56,11 +59,14 @@ def navigation_response(ideal: IdealSensors, *, epoch_s: float = 1.0) -> Navigat
         dtheta_rad=ideal.dtheta_rad,
         dv_m_s=ideal.dv_m_s,
     )
-    nominal = _navigated(ideal, log, np.zeros(ERRORS), np.zeros(SENSORS), epoch_s)
+    nominal = _navigated(ideal, log, np.zeros(ERRORS + SENSORS), epoch_s, vertical)
 
     def derivative(start: NDArray, sensor: NDArray) -> tuple[NDArray, NDArray]:
         up, down = (
-            _departure(nominal, _navigated(ideal, log, s * start, s * sensor, epoch_s))
+            _departure(
+                nominal,
+                _navigated(ideal, log, s * np.concatenate([start, sensor]), epoch_s, vertical),
+            )
             for s in (1.0, -1.0)
         )
         return (up[0] - down[0]) / 2.0, (up[1] - down[1]) / 2.0
@@ -86,9 +92,10 @@ def navigation_response(ideal: IdealSensors, *, epoch_s: float = 1.0) -> Navigat
 
 
 def _navigated(
-    ideal: IdealSensors, log: ImuLog, start: NDArray, sensor: NDArray, epoch_s: float
+    ideal: IdealSensors, log: ImuLog, errors: NDArray, epoch_s: float, vertical: VerticalChannel
 ) -> NavHistory:
-    """The run navigated with start errors (7,) and constant sensor errors (6,)."""
+    """The run navigated with start errors (7,) and, after them, constant sensor errors (6,)."""
+    start, sensor = errors[:ERRORS], errors[ERRORS:]
     truth, dt = ideal.truth, ideal.dt_s
     lat, lon, height = (float(v[0]) for v in geodetic_from_ecef(truth.kinematics(np.zeros(1)).r_e))
     meridian, transverse = (float(r) for r in radii_of_curvature(lat))
@@ -106,7 +113,7 @@ def _navigated(
     wrong = replace(
         log, dtheta_rad=log.dtheta_rad + sensor[:3] * dt, dv_m_s=log.dv_m_s + sensor[3:] * dt
     )
-    return navigate(wrong, initial, epoch_s=epoch_s, vertical=VerticalChannel(mode="hold"))
+    return navigate(wrong, initial, epoch_s=epoch_s, vertical=vertical)
 
 
 def _departure(nominal: NavHistory, other: NavHistory) -> tuple[NDArray, NDArray]:
