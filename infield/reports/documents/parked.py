@@ -25,6 +25,15 @@ METHOD = (
     "zero-rate bias of a parked unit against temperature, no heading needed: levelled Earth rate"
     " removed, joint merge"
 )
+UNDER_WAY = (
+    "; what lies between the rests by a filter of its errors with the receiver, joined to them"
+)
+
+
+def method(result: UpdateResult) -> str:
+    """How the biases of these sessions were found."""
+    flown = any(s.flight is not None and s.flight.joined is not None for s in result.sessions)
+    return METHOD + UNDER_WAY * flown
 
 
 def parked_sessions(result: UpdateResult) -> list[SessionResult]:

@@ -116,7 +116,9 @@ def update_document(
         table_before_sha256=table_sha256(table_before),
         table_after_sha256=table_sha256(after),
         method=MethodDocument(
-            name=parked_document.METHOD if parked else METHOD, program="recal", version=version
+            name=parked_document.method(result) if parked else METHOD,
+            program="recal",
+            version=version,
         ),
         issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         store=kept.store,

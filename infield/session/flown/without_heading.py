@@ -303,14 +303,20 @@ def _joined(
         bins=bins,
         mean_deg_h=every.mean,
         covariance=every.covariance,
-        parked=_placed(parked, is_away),
+        parked=_placed(parked, bins, is_away),
     )
 
 
-def _placed(parked: ParkedEvidence, is_away: NDArray) -> ParkedEvidence:
-    """The rests' evidence at their places among all bins; -1 is no stretch."""
+def _placed(parked: ParkedEvidence, bins: SessionBins, is_away: NDArray) -> ParkedEvidence:
+    """The rests' evidence at their places among all bins; -1 is no stretch. A short rest that a way
+    holds is not left out.
+    """
     stretch = np.full(is_away.size, -1)
     rate, used_s = np.full((is_away.size, 3), np.nan), np.zeros(is_away.size)
     stretch[~is_away], rate[~is_away] = parked.stretch, parked.rate_deg_h
     used_s[~is_away] = parked.used_s
-    return replace(parked, stretch=stretch, rate_deg_h=rate, used_s=used_s)
+    start_s, end_s = bins.start_s[is_away], bins.end_s[is_away]
+    middles = [0.5 * (span.start_s + span.end_s) for span in parked.left_out]
+    held = [bool(((start_s <= m) & (m <= end_s)).any()) for m in middles]
+    left_out = tuple(span for span, used in zip(parked.left_out, held) if not used)
+    return replace(parked, stretch=stretch, rate_deg_h=rate, used_s=used_s, left_out=left_out)
