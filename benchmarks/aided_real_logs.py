@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.replay.aided.flight import AidedResult, nis_of, rejected_rows
+from infield.aided.flight import AidedResult, nis_of, rejected_rows
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from infield.replay.aided.flight import navigate_aided
+from infield.aided.flight import navigate_aided
 from infield.session.log import find_rest
 from ins.records import NavState
 from ins.strapdown.mechanization import navigate

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.aided_real_logs import Against, against_att, logged_attitude
-from infield.replay.aided.flight import AidedResult, Aiding
+from infield.aided.flight import AidedResult, Aiding
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.words.sentences import sentences
 from ins.records import InputError, Run

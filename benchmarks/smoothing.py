@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from infield.replay.aided.flight import Aiding, navigate_aided
+from infield.aided.flight import Aiding, navigate_aided
 from infield.session.log import find_rest
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of
 from tests.infield.test_aided_headings import fly, slow

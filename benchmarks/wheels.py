@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from infield.replay.aided.flight import Aiding, Vehicle, navigate_aided
+from infield.aided.flight import Aiding, Vehicle, navigate_aided
 from ins.records import Run
 from tests.infield.aided_cases import normalised, twin_of
 from tests.infield.car_cases import driven

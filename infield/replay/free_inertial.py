@@ -6,7 +6,7 @@ the end of the log.
 
 The alignment is computed anew with each table, since its heading error is that table's own. Nothing
 is aided but the vertical channel; beside these flights, a run with GNSS is navigated with it once
-(`infield.replay.aided.flight`), with the active table. `ReferenceLog` is truth: it scores the
+(`infield.aided.flight`), with the active table. `ReferenceLog` is truth: it scores the
 result here and goes nowhere near a solution.
 """
 
@@ -21,8 +21,8 @@ from alignment.motion.speeds import steady_roll
 from alignment.motion.timeline import steady_epochs, timeline
 from alignment.reasons import WITH_HEADING, AlignmentVerdict
 from alignment.result import Alignment
-from infield.replay.aided.flight import AidedResult, Aiding, navigate_aided
-from infield.replay.aided.reasons import AidedVerdict
+from infield.aided.flight import AidedResult, Aiding, navigate_aided
+from infield.aided.reasons import AidedVerdict
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
 from infield.replay.reasons import Damping, ReplayNote, ReplayReason, ReplayVerdict

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from infield.replay.aided.flight import AidedResult
+from infield.aided.flight import AidedResult
 from infield.reports.documents.aided import aided_columns, smoothed_result
 from infield.reports.figures import (
     AXIS_COLOURS,

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from alignment.motion.kinds import Witness
-from infield.replay.aided.flight import AidedResult, Aiding, Vehicle
-from infield.replay.aided.reasons import AidedGrade
+from infield.aided.flight import AidedResult, Aiding, Vehicle
+from infield.aided.reasons import AidedGrade
 from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
 from infield.reports.documents.aided import (

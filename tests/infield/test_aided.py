@@ -11,9 +11,9 @@ from scipy.stats import chi2
 
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands
-from infield.replay.aided.flight import aided_noise, navigate_aided
-from infield.replay.aided.noise import capped_nis
-from infield.replay.aided.velocity_match import match_velocity
+from infield.aided.flight import aided_noise, navigate_aided
+from infield.aided.noise import capped_nis
+from infield.aided.velocity_match import match_velocity
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.replay.aided.antenna import antenna_sigmas
-from infield.replay.aided.flight import navigate_aided
+from infield.aided.antenna import antenna_sigmas
+from infield.aided.flight import navigate_aided
 from infield.reports.documents.aided import aided_document
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.replay.aided.antenna import antenna_sigmas
-from infield.replay.aided.flight import navigate_aided
+from infield.aided.antenna import antenna_sigmas
+from infield.aided.flight import navigate_aided
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.records import Run, Site

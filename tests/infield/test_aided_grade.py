@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import navigate_aided
+from infield.aided.flight import navigate_aided
 from ins.filters.aided_records import AidedHistory
 from ins.records import GnssLog, Run
 from tests.infield.aided_cases import errors, flown, gauss_markov, ideal, normalised, twin_of

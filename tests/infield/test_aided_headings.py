@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import navigate_aided
-from infield.replay.aided.open_heading import mixed
+from infield.aided.flight import navigate_aided
+from infield.aided.open_heading import mixed
 from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.records import Run, Survey

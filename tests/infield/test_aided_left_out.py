@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import Aiding, navigate_aided
+from infield.aided.flight import Aiding, navigate_aided
 from ins.earth import displacement_ned
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of

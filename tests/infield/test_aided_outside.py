@@ -5,7 +5,7 @@ sensors by closed forms.
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import navigate_aided
+from infield.aided.flight import navigate_aided
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import level_sigmas

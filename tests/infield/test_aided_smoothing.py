@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import Aiding, navigate_aided
-from infield.replay.aided.smoothing import LEAST_WEIGHT
+from infield.aided.flight import Aiding, navigate_aided
+from infield.aided.smoothing import LEAST_WEIGHT
 from infield.replay.free_inertial import TableChoice, replay
 from ins.units import DEG
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of

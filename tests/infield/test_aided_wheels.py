@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import Aiding, Vehicle, navigate_aided
-from infield.replay.wheels import seen_wheels
+from infield.aided.flight import Aiding, Vehicle, navigate_aided
+from infield.aided.wheels import seen_wheels
 from infield.reports.words.sentences import codes, sentences
 from ins.attitude import dcm_from_rotation_vector
 from ins.records import Run

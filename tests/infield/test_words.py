@@ -8,7 +8,7 @@ from infield.reports.words import sentences
 from ins.verdicts import because
 
 REASONS = {
-    "aided": ("infield.replay.aided.reasons", ("AidedReason", "AidedNote")),
+    "aided": ("infield.aided.reasons", ("AidedReason", "AidedNote")),
     "misalignment": (
         "infield.misalignment.reasons",
         ("MisalignmentReason", "StopReason", "MisalignmentNote", "Azimuths", "Unseen"),
@@ -30,7 +30,7 @@ def test_every_code_has_a_sentence(room):
 
 
 def test_a_reason_among_the_values_is_said_and_coded():
-    from infield.replay.aided.reasons import AidedReason
+    from infield.aided.reasons import AidedReason
     from infield.replay.reasons import ReplayReason
 
     inner = because(AidedReason.FEW_FIXES, count=5, needed=10)

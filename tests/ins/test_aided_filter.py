@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.replay.aided.flight import aided_noise
+from infield.aided.flight import aided_noise
 from ins import kalman
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef

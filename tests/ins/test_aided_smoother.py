@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.replay.aided.flight import aided_noise
+from infield.aided.flight import aided_noise
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_kernel import TAPE, TAPE_H, TAPE_K
 from ins.filters.aided_records import AidedOptions, AidedStart

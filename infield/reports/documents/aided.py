@@ -1,5 +1,5 @@
 """The `aided` part of replay.json, and the columns of navigation_aided.parquet, from an
-`infield.replay.aided.flight.AidedResult`.
+`infield.aided.flight.AidedResult`.
 
 verdict, reasons, notes   "aided", "inconsistent" or "refused"
 table                     role of the table that the log was compensated with
@@ -35,18 +35,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.replay.aided.flight import (
-    AidedResult,
-    Outage,
-    leap_times,
-    nis_of,
-    rejected_rows,
-    reset_times,
-)
-from infield.replay.aided.left_out import OutageScore
-from infield.replay.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
-from infield.replay.aided.start import FoundStart
+from infield.aided.antenna import SeenAntenna, antenna_sigmas
+from infield.aided.flight import AidedResult, Outage, leap_times, nis_of, rejected_rows, reset_times
+from infield.aided.left_out import OutageScore
+from infield.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
+from infield.aided.start import FoundStart
 from infield.reports.words.aided import WEAK_WORDS
 from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi

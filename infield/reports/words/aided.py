@@ -1,12 +1,12 @@
-"""Sentences of `infield.replay.aided`: what an aided solution took from a log beyond what was
+"""Sentences of `infield.aided`: what an aided solution took from a log beyond what was
 declared, what of it is not to be believed, and why there is none.
 """
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
-from infield.replay.aided.reasons import AidedNote, AidedReason, AidedWeakness
-from infield.replay.wheels import WheelsFound
+from infield.aided.reasons import AidedNote, AidedReason, AidedWeakness
+from infield.aided.wheels import WheelsFound
 from infield.reports.words.sentences import Template
 from ins.units import DEG
 

@@ -51,7 +51,7 @@ MOVING_ERRORS, FIRST_FURTHER = (
 )  # states that move; where the constants of a flight begin
 # of position, velocity, tilt and heading where a stretch begins: beyond what a solution may be off
 BEGIN_M, BEGIN_SPEED_M_S, BEGIN_TILT_RAD, BEGIN_HEADING_RAD = 30.0, 5.0, 5.0 * DEG, 20.0 * DEG
-STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.replay.aided.flight
+STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flight
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
 # rows of body axes that a gyro's six misalignments read: xy, xz, yx, yz, zx, zy
 READS, OF = np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1])

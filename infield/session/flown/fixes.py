@@ -22,7 +22,7 @@ from ins.records import GnssLog, NavHistory
 
 OF_POSITION, OF_VELOCITY = "flight position", "flight velocity"
 # faster than that no two good fixes are the same to their last bit, 1e-9 deg; as
-# infield.replay.aided.checks
+# infield.aided.checks
 REPEATS_ABOVE_M_S = 0.5
 # of what the turning arm adds to the velocity of the antenna: the rate within a second is not
 # its mean

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.replay.aided.flight import AidedResult, aided_noise, navigate_aided
-from infield.replay.aided.reasons import AidedVerdict
+from infield.aided.flight import AidedResult, aided_noise, navigate_aided
+from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.flown.about import FIRST_FURTHER, Believed, begun, over

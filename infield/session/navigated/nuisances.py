@@ -46,7 +46,7 @@ SLIP_RAD_S2_M = 10 * MILLIRADIAN  # effects.md O04: 0.1 to 1 deg at 1 m/s^2
 WHEEL_ARM_M = 1.0  # effects.md O03: 0.1 to 3 m
 ODOMETER_DELAY_S = 0.1  # effects.md O06: 10 to 200 ms
 ANTENNA_M = 1.0  # effects.md F02: 0.1 to 3 m
-# As infield.replay.aided.antenna: receivers lag by 0.1 to 0.2 s (u-blox 5: positions 0.13,
+# As infield.aided.antenna: receivers lag by 0.1 to 0.2 s (u-blox 5: positions 0.13,
 # velocities 0.21 s; autopilots assume 0.11 to 0.22 s), loggers add theirs.
 GNSS_DELAY_S = 0.3
 # beyond which a model is linearised anew: 3 cm at 10 m/s and 2 cm, small beside 0.5 m of a fix

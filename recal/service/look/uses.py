@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from alignment.reasons import AlignmentVerdict
-from infield.replay.aided.flight import FEWEST_FIXES
+from infield.aided.flight import FEWEST_FIXES
 from infield.reports.documents.alignment import AlignmentDocument
 from infield.session.parked.stretches import find_rests
 from ins.records import Run

@@ -1,8 +1,6 @@
-"""Who issues the reports: from a user's configuration to the pages. Loads no heavy library."""
+"""Who issues the reports: from a user's configuration to the pages. Loads nothing before it is called."""
 
 from typing import Protocol
-
-from infield.reports.issuer import Issuer, set_issuer
 
 
 class NamesIssuer(Protocol):
@@ -21,7 +19,18 @@ class NamesIssuer(Protocol):
 
 
 def name_issuer(configured: NamesIssuer) -> None:
-    """Every report from now on names who the configuration says."""
+    """Every report from now on names who the configuration says, where it says anyone."""
+    named = (
+        configured.organisation,
+        configured.department,
+        configured.operator,
+        configured.instrument_type,
+        configured.part_number,
+    )
+    if not any(named):
+        return
+    from infield.reports.issuer import Issuer, set_issuer
+
     set_issuer(
         Issuer(
             organisation=configured.organisation,

@@ -19,25 +19,19 @@ from alignment.gyrocompass import nis_verdict
 from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
-from infield.replay.aided.antenna import Fitted, SeenAntenna, fit_model
-from infield.replay.aided.checks import mounting_note, site_note, without_repeats
-from infield.replay.aided.flights import Beginning, Flights, options_of
-from infield.replay.aided.grade import Weak, graded
-from infield.replay.aided.headings import HeadingOpen, Sky
-from infield.replay.aided.left_out import OutageScore, check_left_out, scored, without
-from infield.replay.aided.noise import MATERIAL, Flown, Model, NoiseScales, capped_nis
-from infield.replay.aided.open_heading import fly_open
-from infield.replay.aided.reasons import (
-    AidedGrade,
-    AidedNote,
-    AidedReason,
-    AidedVerdict,
-    StartMethod,
-)
-from infield.replay.aided.smoothing import smooth_all_headings, smooth_flight
-from infield.replay.aided.start import FoundStart
-from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
-from infield.replay.wheels import WheelsFound, seen_wheels
+from infield.aided.antenna import Fitted, SeenAntenna, fit_model
+from infield.aided.checks import mounting_note, site_note, without_repeats
+from infield.aided.flights import Beginning, Flights, options_of
+from infield.aided.grade import Weak, graded
+from infield.aided.headings import HeadingOpen, Sky
+from infield.aided.left_out import OutageScore, check_left_out, scored, without
+from infield.aided.noise import MATERIAL, Flown, Model, NoiseScales, capped_nis
+from infield.aided.open_heading import fly_open
+from infield.aided.reasons import AidedGrade, AidedNote, AidedReason, AidedVerdict, StartMethod
+from infield.aided.smoothing import smooth_all_headings, smooth_flight
+from infield.aided.start import FoundStart
+from infield.aided.taken import antenna_notes, noise_notes, unbelieved
+from infield.aided.wheels import WheelsFound, seen_wheels
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
 from ins.noise import DEFAULT_SIGMA_deg_h, accel_densities, flicker_walk, gyro_densities
@@ -47,7 +41,7 @@ from ins.verdicts import Reason, because
 
 FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
 # of the fixes of a kind; as many as that may be wild, or leap for a while: those are told, and the
-# rest stand (`infield.replay.aided.grade`). With 1 in 3 wild a flight is inconsistent, with 1 in
+# rest stand (`infield.aided.grade`). With 1 in 3 wild a flight is inconsistent, with 1 in
 # 10 it is not (tests/infield/test_aided.py, test_aided_grade.py)
 MOST_REJECTED = 0.25
 # without a used position: the solution coasts, and it is listed; at one fix a second 2 may be

@@ -6,7 +6,7 @@ velocities are as good as the fixes, and the heading's sigma says what it is wor
 manoeuvres come. Each flight is linear about its own heading; at each time they are weighed by the
 likelihood of the innovations up to then (a Gaussian sum filter, Sorenson and Alspach, Automatica 7,
 1971), with logarithms divided by how far the innovations are from white, as in
-`infield.replay.aided.headings`. Mean and second moments of the mixture are put out: a heading of
+`infield.aided.headings`. Mean and second moments of the mixture are put out: a heading of
 which nothing is known has a sigma of 104 deg (pi / sqrt(3)).
 """
 
@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.replay.aided.headings import colour_of, fix_logliks
+from infield.aided.headings import colour_of, fix_logliks
 from ins.attitude import rotation_vector_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.filters.aided_filter import AidedNavigator

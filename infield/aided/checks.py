@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.replay.aided.reasons import AidedNote
-from infield.replay.aided.start import SOON_S
+from infield.aided.reasons import AidedNote
+from infield.aided.start import SOON_S
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import ecef_from_geodetic
 from ins.filters.aided_records import AidedHistory, Fixes

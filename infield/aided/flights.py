@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.replay.aided.headings import HeadingFound, HeadingOpen, Sky, find_heading
-from infield.replay.aided.noise import Model
-from infield.replay.aided.start import FoundStart, moving_start, parked_start, surveyed_start
+from infield.aided.headings import HeadingFound, HeadingOpen, Sky, find_heading
+from infield.aided.noise import Model
+from infield.aided.start import FoundStart, moving_start, parked_start, surveyed_start
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import (
     NO_WHEELS,

@@ -4,9 +4,9 @@ believed.
 
 import numpy as np
 
-from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.replay.aided.noise import BELIEVED, BELIEVED_ACCEL_WHITE, SENSOR_PARTS, NoiseScales
-from infield.replay.aided.reasons import AidedNote, AidedReason
+from infield.aided.antenna import SeenAntenna, antenna_sigmas
+from infield.aided.noise import BELIEVED, BELIEVED_ACCEL_WHITE, SENSOR_PARTS, NoiseScales
+from infield.aided.reasons import AidedNote, AidedReason
 from ins.filters.aided_records import Antenna
 from ins.records import TwinModel
 from ins.verdicts import Reason, because

@@ -3,7 +3,7 @@
 A solution that no stretch speaks against is good. Where its own sigmas are wide, where fixes were
 rejected one after the other and where their positions leapt, it is degraded there and stands
 everywhere else; `inconsistent` is left for what speaks against all of it
-(`infield.replay.aided.flight.judged`).
+(`infield.aided.flight.judged`).
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.motion.inertial import Where
-from infield.replay.aided.reasons import AidedGrade, AidedWeakness
+from infield.aided.reasons import AidedGrade, AidedWeakness
 from ins.filters.aided_filter import KINDS, level_sigmas
 from ins.filters.aided_records import AidedHistory
 from ins.robust import runs_of_true

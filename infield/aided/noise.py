@@ -3,7 +3,7 @@
 The declared noise stands wherever the innovations fit it. Where they do not, factors are raised,
 never lowered: white noise of the sensors, walks of their biases, sigmas of the satellite positions
 and of the velocities, all by the likelihood of the innovations, with the antenna free
-(`infield.replay.aided.antenna`), so that no lever arm or delay passes for noise. A slow error of
+(`infield.aided.antenna`), so that no lever arm or delay passes for noise. A slow error of
 the positions, which hides in innovations that fit, is tried in any case. NIS is then near one by
 construction and tests nothing any more; the document says so and keeps the first.
 """

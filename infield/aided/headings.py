@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.replay.aided.reasons import AidedReason, StartMethod
-from infield.replay.aided.start import (
+from infield.aided.reasons import AidedReason, StartMethod
+from infield.aided.start import (
     FIRST_WINDOW_S,
     FLOORS_RAD,
     FoundStart,
@@ -34,7 +34,7 @@ from infield.replay.aided.start import (
     level_change,
     started,
 )
-from infield.replay.aided.velocity_match import Pairs, pairs_of, whole_fixes
+from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
@@ -44,7 +44,7 @@ from ins.units import DEG
 from ins.verdicts import Reason, because
 
 # of log that a start is sought on, one after the other [s]; the last is FIT_S of
-# `infield.replay.aided.flight`, the stretch that noise and antenna are fitted on
+# `infield.aided.flight`, the stretch that noise and antenna are fitted on
 STRETCHES_S = (60.0, 180.0, 600.0, 1800.0)
 COARSE, FINE = 24, 9  # headings all round, 15 deg apart; about the likeliest
 FINE_RAD = 4.0 * DEG  # between two of the FINE: 9 of them reach 16 deg to either side
@@ -65,10 +65,10 @@ AGREES_SIGMAS = 3.0  # between two stretches; the shorter one is within the long
 # shows its heading in 3 min (tests/infield/test_aided_headings.py), noise of 0.1 m/s makes 0.4 m/s
 LEAST_MOVED_M_S = 0.5
 FIRST_SOUGHT_S = 120.0  # after the first fix, within which there are FIRST_WINDOW_S of whole fixes
-DELAY_S = 0.3  # the fixes may be older than their time by, as in `infield.replay.aided.antenna`
+DELAY_S = 0.3  # the fixes may be older than their time by, as in `infield.aided.antenna`
 BLOCK = 10  # innovations that are summed to see whether they are white: 10 s
 # steps of the sensors' noise that a stretch may need: to a quarter of the 1024 that
-# `infield.replay.aided.noise` tries
+# `infield.aided.noise` tries
 SENSOR_STEPS = (1.0, 4.0, 16.0, 64.0, 256.0)
 # the same of the receiver's: a default of 0.03 m/s for one of 1 m/s
 RECEIVER_STEPS = (1.0, 3.0, 10.0, 30.0)
@@ -78,7 +78,7 @@ FIRST_STEP = (3, 2)
 # of a street, 20 m/s a car's speed
 WILD = (200.0, 20.0)
 STEP_PAIRS = {(i, j) for i in range(len(SENSOR_STEPS)) for j in range(len(RECEIVER_STEPS))}
-LARGEST_WALK = 32.0  # `WIDE` of `infield.replay.aided.antenna`
+LARGEST_WALK = 32.0  # `WIDE` of `infield.aided.antenna`
 HEADING = AIDED_THETA.start + 2  # theta about down
 NOISE_ROUNDS = 3  # of noise and headings in turn; the third has changed neither on any log here
 

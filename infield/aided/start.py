@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from alignment import coarse
 from alignment.motion.inertial import Where
 from alignment.navigation_filter import DIFFUSE_TILT_RAD, diffuse_heading_rad
-from infield.replay.aided.reasons import AidedReason, StartMethod
-from infield.replay.aided.velocity_match import match_velocity
+from infield.aided.reasons import AidedReason, StartMethod
+from infield.aided.velocity_match import match_velocity
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, geodetic_from_ecef, gravity_magnitude
 from ins.filters.aided_records import AidedStart, Fixes

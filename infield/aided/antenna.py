@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.replay.aided.noise import (
+from infield.aided.noise import (
     CHANGE_GAIN_NATS,
     COARSE_FACTOR,
     FINE_FACTOR,

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.replay.aided.flights import Flights
-from infield.replay.aided.headings import HeadingOpen
-from infield.replay.aided.noise import Model
-from infield.replay.aided.open_heading import causal_weights, mixed
-from infield.replay.aided.start import FoundStart
+from infield.aided.flights import Flights
+from infield.aided.headings import HeadingOpen
+from infield.aided.noise import Model
+from infield.aided.open_heading import causal_weights, mixed
+from infield.aided.start import FoundStart
 from ins.filters.aided_records import AidedHistory, Antenna
 from ins.filters.aided_smoother import smoothed, started_again
 from ins.filters.states import AIDED_POS, AIDED_THETA
