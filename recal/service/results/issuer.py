@@ -1,4 +1,4 @@
-"""Who issues the reports: from a user's configuration to the pages. Loads nothing before it is called."""
+"""Who issues the reports: from a user's configuration to the pages. Loads nothing at import."""
 
 from typing import Protocol
 
