@@ -6,7 +6,6 @@ diagnosis give the same result; gaps in the instants are bridged by straight lin
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 MEMORY_STEP_S = 1.0
 
@@ -17,6 +16,8 @@ def lagged(time_s: NDArray, degC: NDArray, tau_s: float) -> NDArray:
     Exact for a straight line between grid points: the deficit e = T - T_lag becomes a e + s tau (1
     - a) after a step of length h, with the slope s and a = exp(-h / tau).
     """
+    from scipy.signal import lfilter  # brings scipy.stats along, half a second of CPU
+
     span = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
     if span <= 0.0:
         return degC.copy()
