@@ -5,6 +5,7 @@ refused.
 import html
 import json
 import re
+from contextlib import closing
 
 import pytest
 
@@ -404,7 +405,7 @@ def test_a_damaged_row_is_told_and_nothing_else_fails(tmp_path):
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url, "SN-1")
     put_unit(url, "SN-2")
-    with sqlite3.connect(tmp_path / "recal.db") as raw:
+    with closing(sqlite3.connect(tmp_path / "recal.db")) as raw, raw:
         raw.execute("UPDATE recal_revision SET note = 'x' WHERE unit_id = 1 AND number = 2")
     raw.close()
     with serving(url) as base, Visitor(base) as visitor:

@@ -4,6 +4,7 @@ nothing written.
 
 import json
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -46,7 +47,7 @@ def test_an_intact_store_is_one_line_a_unit_and_stays_as_it_is(folder):
 
 
 def test_a_broken_unit_is_named_and_the_others_are_not(folder):
-    with sqlite3.connect("recal.db") as raw:
+    with closing(sqlite3.connect("recal.db")) as raw, raw:
         raw.execute("DELETE FROM recal_revision WHERE number = 2")
     raw.close()
     for arguments in ([], ["-q"]):

@@ -4,6 +4,7 @@ followed only on request.
 
 import json
 import sqlite3
+from contextlib import closing
 
 import pytest
 import typer
@@ -46,7 +47,7 @@ def update(url, tmp_path, *arguments):
 
 
 def rows(tmp_path):
-    with sqlite3.connect(tmp_path / "recal.db") as db:
+    with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
         return db.execute("SELECT count(*) FROM recal_contradiction").fetchone()[0]
 
 
@@ -99,7 +100,7 @@ def test_a_store_that_cannot_be_written_still_answers(stepped, tmp_path, monkeyp
     url, runs, _ = stepped
     (tmp_path / "recal.db").chmod(0o444)
     # root writes what it likes: lock the file instead
-    with sqlite3.connect(tmp_path / "recal.db") as db:
+    with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
         db.execute("BEGIN IMMEDIATE")
         code, document = update(url, tmp_path, runs[0], "--commit")
     assert code == 5 and "not remembered" in document["remembered"]
@@ -115,7 +116,7 @@ def test_no_step_to_accept_is_said(stepped, tmp_path):
 def test_a_changed_row_is_found(stepped, tmp_path):
     url, runs, _ = stepped
     update(url, tmp_path, runs[0], "--commit")
-    with sqlite3.connect(tmp_path / "recal.db") as db:
+    with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
         db.execute(
             "UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '-', ' ')"
         )
@@ -125,7 +126,7 @@ def test_a_changed_row_is_found(stepped, tmp_path):
 
 def test_a_store_of_the_first_schema_is_read_and_upgraded_by_a_commit(stepped, tmp_path):
     url, runs, _ = stepped
-    with sqlite3.connect(tmp_path / "recal.db") as db:
+    with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
         later = ("priors_decision", "priors", "decision", "proposal", "contradiction")
         for name in later:
             db.execute(f"DROP TABLE recal_{name}")
