@@ -51,6 +51,7 @@ MOVING_ERRORS, FIRST_FURTHER = (
 )  # states that move; where the constants of a flight begin
 # of position, velocity, tilt and heading where a stretch begins: beyond what a solution may be off
 BEGIN_M, BEGIN_SPEED_M_S, BEGIN_TILT_RAD, BEGIN_HEADING_RAD = 30.0, 5.0, 5.0 * DEG, 20.0 * DEG
+LEVEL_AND_DOWN = 3  # of every measurement: north, east, down
 STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flight
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
 # rows of body axes that a gyro's six misalignments read: xy, xz, yx, yz, zx, zy
@@ -97,15 +98,18 @@ class Believed:
 
 @dataclass
 class AboutFilter:
-    """State x (n,), covariance P (n, n) and the tally of its measurements."""
+    """State x (n,), covariance P (n, n) and the tally of its measurements; gate: NIS of the three
+    components of one, beyond which it is rejected.
+    """
 
     x: NDArray
     P: NDArray
+    gate: float
     tally: Tally = field(default_factory=Tally)
     normalised: dict[str, list[NDArray]] = field(default_factory=dict)
 
     def update(self, kind: str, at: tuple[float, NDArray], H: Mapping[int, NDArray]) -> None:
-        """Use a measurement z (r,) of variance (r,), H: column (r,) of each state it reads."""
+        """Use a measurement z (3,) of variance (3,), H: column (3,) of each state it reads."""
         time_s, (z, variance) = at[0], at[1]
         columns = list(H)
         rows = np.stack([H[c] for c in columns], axis=1)
@@ -114,8 +118,7 @@ class AboutFilter:
         y = z - rows @ self.x[columns]
         inverse = np.linalg.inv(S)
         nis = float(y @ inverse @ y)
-        gate = chi2.isf(REJECT_PROBABILITY, y.size)
-        if nis > gate:
+        if nis > self.gate:
             self.tally.rejected.append((time_s, kind))
             return
         K = PHt @ inverse
@@ -162,7 +165,7 @@ def begun(believed: Believed) -> AboutFilter:
     own = np.arange(believed.first_bin, n)
     P[own, own] -= believed.of_mean
     P[ACCEL_ERROR, ACCEL_ERROR] = believed.accel_m_s2**2 * np.eye(3)
-    return AboutFilter(x, P)
+    return AboutFilter(x, P, gate=float(chi2.isf(REJECT_PROBABILITY, LEVEL_AND_DOWN)))
 
 
 def over(flt: AboutFilter, steps: Steps, believed: Believed) -> None:

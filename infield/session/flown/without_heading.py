@@ -30,6 +30,7 @@ from infield.session.parked.stretches import MIN_PARKED_S
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import AidedHistory, AidedNoise
+from ins.records import ImuSource
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import because
 
@@ -92,7 +93,7 @@ def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvide
             left_out,
             reasons=(because(FlightReason.NEVER_LINEAR, limit_deg=LINEAR_HEADING_RAD / DEG),),
         )
-    return _estimated(known, ground, result, stretches, left_out)
+    return _estimated(known, ground, imu, result, stretches, left_out)
 
 
 def _between(rests: tuple[Where, ...], start_s: float, end_s: float) -> list[Where]:
@@ -123,6 +124,7 @@ def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
 def _estimated(
     known: KnownRun,
     ground: SessionEstimate,
+    imu: ImuSource,
     result: AidedResult,
     stretches: list[slice],
     left_out: FlightEvidence,
@@ -134,7 +136,6 @@ def _estimated(
     bins, is_away = _all_bins(known, ground, spans)
     after = _after_rests(ground, bins, ~is_away)
     believed = _believed(known, result, bins, after, is_away)
-    imu = compensated_imu(known.run, known.table, known.temperature, known.twin)
     scaled = fixes.scaled(result.scales.position, result.scales.velocity)
     flt = begun(believed)
     for rows in stretches:
