@@ -45,6 +45,9 @@ NEAREST_AXIS_RAD = 1e-3
 # and by the accelerometers, for it does not go through the unit; tests/alignment/test_imu_faults.py
 # chosen: less than from a bay to where the vehicle turns about; a turntable does not sway
 NEAREST_AXIS_M = 0.2
+# no turn begins and ends within a few rows: at 100 Hz SMALLEST_TURN_RAD in 5 of them would take
+# 27 deg/s^2; a gyro that sticks does so for 1 to 3 rows (requirement R5)
+STUCK_ROWS = 5
 
 
 @dataclass(frozen=True)
@@ -153,13 +156,15 @@ def _judge(
 
 
 def _unfelt(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool:
-    """Whether a turn that the vertical gyro alone read would have been felt by the others, about
-    any axis that a vehicle turns about.
+    """Whether a turn of a few rows that the vertical gyro alone read would have been felt by the
+    others, about any axis that a vehicle turns about. A longer one is a turntable's.
     """
     turn, level = jump.value[5], seconds.level[5]
     peak = seconds.high[a:b, 5].max() - level if turn > 0.0 else level - seconds.low[a:b, 5].min()
-    gyro, force = seconds.felt[3:5].max(), seconds.felt[:2].max()
     row_s = np.median(seconds.longest_s)
+    if abs(turn) > STUCK_ROWS * row_s * peak:
+        return False
+    gyro, force = seconds.felt[3:5].max(), seconds.felt[:2].max()
     return bool(gyro < NEAREST_AXIS_RAD * peak and force * row_s < NEAREST_AXIS_M * peak)
 
 

@@ -148,6 +148,19 @@ def test_a_turn_that_only_the_vertical_gyro_felt_widens_the_heading(total, known
         assert fault.turn_sigma_rad == pytest.approx(total, rel=0.05)
 
 
+def test_a_turn_of_a_turntable_is_kept():
+    """20 deg in 20 s about the vertical gyro's own axis: no other sensor feels it, and it is real
+    all the same, for no gyro sticks for so long.
+    """
+    run = parked()
+    turn = np.array(run.imu.dtheta_rad)
+    rows = slice(*np.searchsorted(run.imu.time_s, [300.0, 320.0]))
+    turn[rows, 2] += np.radians(20.0) / (rows.stop - rows.start)
+    turned = replace(run.imu, dtheta_rad=turn)
+    fixed, _ = repair(turned)
+    assert np.array_equal(fixed.dtheta_rad, turn)
+
+
 def test_a_real_turn_in_one_row_is_kept():
     """Felt by a level gyro: the unit stands half a degree off the axis of the turn."""
     run = parked()
