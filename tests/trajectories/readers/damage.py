@@ -19,8 +19,10 @@ from tests.trajectories.readers import (
     ardupilot_logs,
     ros_bags,
     test_kfgins,
+    test_mat_hdf5,
     test_navego,
     test_novatel,
+    test_novatel_binary,
     test_psins,
     test_px4,
 )
@@ -101,6 +103,16 @@ def _bag(form: str) -> Callable[[Path], None]:
     return write
 
 
+def _novatel_frames(path: Path) -> None:
+    frames = [test_novatel_binary.config(26, (0.0, 0.0, 0.0))]
+    frames += test_novatel_binary.raw_frames(SHORT)
+    for k in (1, 2):
+        t = test_novatel_binary.SECONDS + k
+        frames += [test_novatel_binary.position(t, k), test_novatel_binary.velocity(t, 2.0)]
+        frames += [test_novatel_binary.solution(t, 3)]
+    path.write_bytes(b"".join(frames))
+
+
 SHORT = parked(seconds=ROWS / 100, start_s=20.0)
 MAT = {
     "time": {"column": "imu.t"},
@@ -159,6 +171,8 @@ SAMPLES = [
         ".mat",
         lambda path: test_navego.write(path, imu1=test_navego.imu(SHORT), gnss1=test_navego.gnss()),
     ),
+    Sample("novatel", ".gps", _novatel_frames),
+    Sample("mat", "-7.3.mat", test_mat_hdf5.small_log, test_mat_hdf5.MAP),
     Sample("novatel", ".asc", lambda path: test_novatel.write(path, test_novatel.raw_lines(SHORT))),
     *(
         Sample("ros", f"-{form}.{end}", _bag(form))

@@ -1,7 +1,8 @@
 """Columns of a MATLAB file by expressions: a vector, a column of a matrix, a field of a struct.
 
 `imu.wb[0]` counts columns from 0, `imu.wb(:,1)` from 1 as MATLAB does; a vector needs neither. An
-element of a struct array is `imu(2).wb`. Files of version 7.3 are HDF5 and refused.
+element of a struct array is `imu(2).wb`. Version 7.3 is HDF5, which needs the extra `hdf5`; an HDF5
+file of another program is read too, with its groups as structs.
 """
 
 import re
@@ -50,6 +51,14 @@ def leaves(path: Path, wanted: Any = None) -> tuple[Leaves, list[str]]:
     for name, value in found.items():
         _collect(out, name, value, 0)
     return out, notes
+
+
+def leaves_at_once(path: Path, wanted: Any = None) -> Leaves:
+    """`leaves` of a file whose format is sought; none where it cannot be read."""
+    try:
+        return leaves(path, wanted)[0]
+    except InputError:
+        return {}
 
 
 def shapes(values: Mapping[str, NDArray]) -> str:

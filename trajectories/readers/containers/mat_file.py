@@ -1,7 +1,7 @@
-"""MATLAB files (version 5 to 7.2), a variable at a time, so that a damaged or cut-off one costs no
-other.
+"""MATLAB files, a variable at a time, so that a damaged or cut-off one costs no other.
 
-A file is a head of 128 bytes and elements: type and length (4 bytes each), then that many bytes.
+Version 7.3 is HDF5 (`trajectories.readers.containers.mat_hdf5`). A file of version 5 to 7.2 is a
+head of 128 bytes and elements: type and length (4 bytes each), then that many bytes.
 """
 
 import struct
@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.readers.containers import mat_hdf5
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.mat_arrays import MatArray
 from trajectories.readers.containers.unpacking import Damaged, inflated
@@ -24,26 +25,36 @@ HEAD_BYTES = 4096  # of a packed variable: flags, dimensions and name have 300 a
 # Types of an element that holds a variable.
 ARRAY = 14
 COMPRESSED = 15
+VERSION_5, VERSION_7_3 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
 HDF5 = b"\x89HDF"
 
 
 def is_mat(path: Path) -> bool:
-    """Whether a file is of version 5 to 7.2, which can be read."""
-    with path.open("rb") as file:
-        return file.read(MAT_HEAD_BYTES).startswith(b"MATLAB 5.0 MAT-file")
+    """Whether a file is MATLAB's, of a version that can be read here: 5 to 7.2, and 7.3 where the
+    library for HDF5 is there.
+    """
+    return _head(path).startswith(VERSION_5) or (_is_hdf5(path) and mat_hdf5.library() is not None)
 
 
 def is_matlab(path: Path) -> bool:
-    """Whether a file is of version 5 or later; 7.3 is HDF5 behind a head of its own, and refused
-    when read.
-    """
+    """Whether a file is of version 5 or later, or HDF5 of another program."""
+    return _head(path).startswith(VERSION_5) or _is_hdf5(path)
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Version 7.3 has a head of its own before that of HDF5."""
+    return _head(path).startswith((VERSION_7_3, HDF5))
+
+
+def _head(path: Path) -> bytes:
     with path.open("rb") as file:
-        head = file.read(MAT_HEAD_BYTES)
-    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5))
+        return file.read(MAT_HEAD_BYTES)
 
 
 def variable_names(path: Path) -> set[str]:
     """Names of the variables that can be read."""
+    if _is_hdf5(path):
+        return mat_hdf5.variable_names(path)
     return {variable.name for variable in _variables(path, [])}
 
 
@@ -51,9 +62,10 @@ def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str,
     """Variables by name as `scipy.io.loadmat` gives them, and notes on damaged ones. InputError for
     another format, or where they unpack to more than they may.
     """
+    if _is_hdf5(path):
+        return mat_hdf5.read_variables(path, wanted)
     if not is_mat(path):
-        what = "a MATLAB file of version 7.3 (HDF5)" if is_matlab(path) else "no MATLAB file"
-        raise InputError(f"{path.name}: {what}, needed version 5 to 7.2: in MATLAB save with -v7")
+        raise InputError(f"{path.name}: no MATLAB file, needed version 5 or later")
     notes: list[str] = []
     found: dict[str, Any] = {}
     for variable in _variables(path, notes):

@@ -8,7 +8,7 @@ between the lines: only what has the sign of a wanted log and fails is told.
 
 import re
 import zlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from trajectories.runs.notes import About, Note
 from trajectories.runs.text_rows import arrow_words, line_blocks, text_parts
 
 LINE = re.compile(rb"[#%]([A-Z0-9_]+)A,([^;*#%]*);([^*#%]*)\*([0-9a-fA-F]{8})")
-BINARY = (b"\xaa\x44\x12", b"\xaa\x44\x13")  # long and short header
+FRAME_SIGNS = (b"\xaa\x44\x12", b"\xaa\x44\x13")  # of binary logs: long and short head
 
 
 # by name: header and fields of each line, both between commas
@@ -30,9 +30,12 @@ Logs = dict[str, list[tuple[bytes, bytes]]]
 
 @dataclass
 class Lines:
-    """The good lines of a file, and notes on the rest."""
+    """The good lines of a file, notes on the rest, and whether signs of binary logs are among
+    them.
+    """
 
     logs: Logs = field(default_factory=dict)
+    has_frames: bool = False
     notes: list[str] = field(default_factory=list)
 
 
@@ -42,12 +45,19 @@ def crc32(text: bytes) -> int:
 
 
 def read_lines(path: Path, wanted: Collection[str]) -> Lines:
-    """The good lines of the wanted logs. InputError where there is none but binary logs."""
-    out, bad, cut = Lines(), [], []
+    """The good lines of the wanted logs of a text."""
+    notes: list[str] = []
+    out = lines_of(_lines(path, notes), wanted, path.name)
+    out.notes = notes + out.notes
+    return out
+
+
+def lines_of(lines: Iterable[bytes], wanted: Collection[str], label: str) -> Lines:
+    """The good lines of the wanted logs among others, or among bytes that are no text."""
+    out, bad, cut = Lines(), list[int](), list[int]()
     looked_for = re.compile(rb"[#%](" + "|".join(wanted).encode() + rb")A,")
-    binary = False
-    for k, line in enumerate(_lines(path, out.notes)):
-        binary = binary or any(sign in line for sign in BINARY)
+    for k, line in enumerate(lines):
+        out.has_frames = out.has_frames or any(sign in line for sign in FRAME_SIGNS)
         begins = looked_for.search(line)
         if begins is None:
             continue
@@ -60,13 +70,8 @@ def read_lines(path: Path, wanted: Collection[str]) -> Lines:
             out.logs.setdefault(found[1].decode(), []).append((found[2], found[3]))
     for rows, why in ((cut, "cut off or garbled"), (bad, "wrong CRC")):
         if rows:
-            lines = row_ranges(np.array(rows)).replace("row", "line")
-            out.notes.append(Note(f"{path.name}: {lines} dropped: {why}", About.DAMAGE))
-    if not out.logs and binary:
-        raise InputError(
-            f"{path.name}: binary NovAtel logs, needed ASCII ones (NovAtel Convert, or log"
-            " rawimusxa)"
-        )
+            told = row_ranges(np.array(rows)).replace("row", "line")
+            out.notes.append(Note(f"{label}: {told} dropped: {why}", About.DAMAGE))
     return out
 
 

@@ -87,6 +87,6 @@ READERS = tuple(
         ("text", "columns between white space, needs a map", _never),
         ("parquet", "Parquet; without a map as csv", partial(_detect_own, name="parquet")),
         ("binary", "rows of raw numbers, needs a map", _never),
-        ("mat", "any other MATLAB file of version 5 to 7.2, needs a map", is_matlab),
+        ("mat", "any other MATLAB file of version 5 or later, or HDF5, needs a map", is_matlab),
     )
 )

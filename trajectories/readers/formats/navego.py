@@ -21,7 +21,7 @@ from ins.units import DEG
 from trajectories.readers.columns.fixes import RawFixes, largest
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import side_file
-from trajectories.readers.columns.mat_columns import Leaves, leaves, shapes
+from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_once, shapes
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
 from trajectories.readers.containers.mat_file import is_mat
 from trajectories.readers.registry import ConvertedLog, Reader
@@ -191,7 +191,7 @@ def _with_reference(log: ConvertedLog, values: Leaves) -> ConvertedLog:
 
 def detect(path: Path) -> bool:
     """A MATLAB file with a struct that has t, fb and wb."""
-    return is_mat(path) and bool(_structs(leaves(path)[0], IMU_FIELDS))
+    return is_mat(path) and bool(_structs(leaves_at_once(path), IMU_FIELDS))
 
 
 READERS = (

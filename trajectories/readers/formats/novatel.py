@@ -1,5 +1,5 @@
-"""NovAtel SPAN logs in ASCII: RAWIMU counts as increments, GNSS solutions as fixes, INSPVA as
-reference.
+"""NovAtel SPAN logs, ASCII or binary: RAWIMU counts as increments, GNSS solutions as fixes, INSPVA
+as reference.
 
 A RAWIMU row has the GPS week and seconds of its end, a status word, and counts along z, -y, x of
 accelerometers, then gyros, in the axes marked on the IMU. These are taken as y forward, x right, z
@@ -10,7 +10,6 @@ out. Source: OEM7 documentation: RAWIMUS, RAWIMUSX, BESTGNSSPOS, BESTGNSSVEL, IN
 Description of Short Headers.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +25,18 @@ from ins.units import DEG
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import side_file
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
-from trajectories.readers.containers.novatel_lines import Logs, columns, of_width, read_lines
+from trajectories.readers.containers.novatel_frames import CONFIG, has_frame
 from trajectories.readers.formats.novatel_gnss import fixes
+from trajectories.readers.formats.novatel_tables import (
+    GNSS_LOGS,
+    IMU_ERROR,
+    RAW_LOGS,
+    SIGHTED_BYTES,
+    SOLUTION_LOGS,
+    NovatelLog,
+    Table,
+    read_log,
+)
 from trajectories.readers.formats.novatel_types import ImuType, imu_type
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
@@ -41,42 +50,11 @@ from trajectories.readers.rows.gps_time import dated, gps_seconds, unix_seconds
 from trajectories.readers.rows.increment_rows import is_file_of
 from trajectories.readers.rows.row_cleaning import row_ranges
 
-RAW_LOGS = ("RAWIMUSX", "RAWIMUX", "RAWIMUS", "RAWIMU")
-GNSS = ("BESTGNSSPOS", "BESTGNSSVEL", "BESTPOS", "BESTVEL")
-INS = ("INSPVAS", "INSPVA")
-WANTED_LOGS = (*RAW_LOGS, *GNSS, *INS, "INSCONFIG")
+WANTED_LOGS = (*RAW_LOGS, *GNSS_LOGS, CONFIG)
 DETECT = rb"[#%](RAWIMU|INSPVA|BESTPOS|BESTGNSSPOS|INSCONFIG)S?X?S?A,"
-EXTENDED = ("info", "type")
-RAWIMU_FIELDS = (
-    "week",
-    "seconds",
-    "",
-    "accel_z",
-    "accel_-y",
-    "accel_x",
-    "gyro_z",
-    "gyro_-y",
-    "gyro_x",
-)
 VEHICLE_AXES = AxesKeys(x="y", y="x", z="-z")  # y forward, x right, z up
 # Bits of the first field of RAWIMUX.
-IMU_ERROR = 1  # bit 0
 ENCRYPTED = 2
-SOLUTION = (
-    "week",
-    "seconds",
-    "lat",
-    "lon",
-    "height",
-    "north",
-    "east",
-    "up",
-    "roll",
-    "pitch",
-    "heading",
-    "",
-)
-GOOD = b",INS_SOLUTION_GOOD"
 # from the median time: a log lasts hours, and stamps before the receiver knew the week are off by
 # weeks, 7 days and more
 MAX_FAR_S = 3 * 86_400.0
@@ -107,18 +85,19 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     not known.
     """
     keys = options.parsed(NovatelKeys)
-    lines = read_lines(path, WANTED_LOGS)
-    name = max(RAW_LOGS, key=lambda k: len(lines.logs.get(k, ())))
-    if name not in lines.logs:
+    held = read_log(path, WANTED_LOGS)
+    tables = held.tables
+    name = max(RAW_LOGS, key=lambda k: tables[k]["week"].size if k in tables else 0)
+    if name not in tables:
         raise InputError(
-            f"{path.name}: no RAWIMU log, has {', '.join(lines.logs) or 'no line with a right CRC'}"
+            f"{path.name}: no RAWIMU log, has {', '.join(tables) or 'no log with a right CRC'}"
         )
-    raw, notes = _counts(lines.logs, name, path.name)
+    raw, notes = _counts(tables, name, path.name)
     week = int(np.median(raw["week"]))
     raw["time"] = gps_seconds(raw["week"] - week, raw["seconds"])
-    known = _type(lines.logs, keys, raw, path.name)
+    known = _type(held, keys, raw, path.name)
     counts, units, more = _columns(raw, known, keys)
-    notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(lines.logs, keys, path.name))]
+    notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(held, keys, path.name))]
     shape = {
         "time": {"column": "time"},
         **units.keys,
@@ -126,7 +105,7 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
         **stretch_of(keys),
     }
     log = converted(
-        counts, column_map(LogOptions(shape)), label=path.name, notes=[*lines.notes, *notes]
+        counts, column_map(LogOptions(shape)), label=path.name, notes=[*held.notes, *notes]
     )
     start, told = dated(float(unix_seconds(gps_seconds(week, log.time_shift_s))), path.name)
     technology = {"gyro_technology": known.technology} if known else {}
@@ -136,34 +115,29 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
         notes=(*log.notes, *told, *_rate(log, known, path.name)),
     )
     if keys.gnss is None:
-        return _with_solutions(log, lines.logs, week, path.name)
+        return _with_solutions(log, tables, week, path.name)
     other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
-    found = read_lines(other, (*GNSS, *INS))
+    found = read_log(other, GNSS_LOGS)
     log = replace(log, notes=(*log.notes, *found.notes), other_files=(other,))
-    return _with_solutions(log, lines.logs | found.logs, week, other.name)
+    return _with_solutions(log, tables | found.tables, week, other.name)
 
 
-def _with_solutions(log: ConvertedLog, logs: Logs, week: int, label: str) -> ConvertedLog:
+def _with_solutions(
+    log: ConvertedLog, tables: Mapping[str, Table], week: int, label: str
+) -> ConvertedLog:
     """The log with the fixes of the receiver alone, and what its filter says as reference."""
-    raw, told = fixes(logs, week, label=label)
+    raw, told = fixes(tables, week, label=label)
     log = replace(log, notes=(*log.notes, *told))
     return _with_reference(
-        log if raw is None else with_fixes(log, raw, label=label), logs, week, label
+        log if raw is None else with_fixes(log, raw, label=label), tables, week, label
     )
 
 
-def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list[str]]:
-    """The columns of the raw log, and notes on rows left out; RAWIMUX has two fields more in
-    front.
-    """
-    names = [*(EXTENDED if name.endswith("X") else ()), *RAWIMU_FIELDS]
-    rows = [fields for _, fields in logs[name]]
-    whole = of_width(rows, len(names))
-    if not whole:
-        raise InputError(
-            f"{label}: {name} has {rows[0].count(b',') + 1} fields, needed {len(names)}"
-        )
-    raw = columns([rows[k] for k in whole], names, text=("info",), label=f"{label}: {name}")
+def _counts(
+    tables: Mapping[str, Table], name: str, label: str
+) -> tuple[dict[str, NDArray], list[str]]:
+    """The columns of the raw log, and notes on rows left out."""
+    raw = tables[name]
     seconds = gps_seconds(raw["week"], raw["seconds"])
     if not np.isfinite(seconds).any():
         raise InputError(f"{label}: {name} rows without GPS week and seconds")
@@ -174,7 +148,7 @@ def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list
         for out, why in ((~near, "time far from all others"), (failed, "the IMU reports an error"))
         if out.any()
     ]
-    others = [k for k in RAW_LOGS if k in logs and k != name]
+    others = [k for k in RAW_LOGS if k in tables and k != name]
     notes += [f"{name} used, not {', '.join(others)} of the same IMU"] if others else []
     kept = near & ~failed
     if np.count_nonzero(kept) < 2:
@@ -193,18 +167,15 @@ def _failed(raw: Mapping[str, NDArray], label: str) -> NDArray:
     """
     if "info" not in raw:
         return np.zeros(raw["week"].size, dtype=bool)
-    info = np.array(
-        [
-            int(text, 16) if re.fullmatch("[0-9a-fA-F]{1,8}", text) else IMU_ERROR
-            for text in raw["info"]
-        ]
-    )
+    info = raw["info"]
     if np.any(info & ENCRYPTED):
         raise InputError(f"{label}: the IMU data are encrypted, needed raw ones")
     return (info & IMU_ERROR) > 0
 
 
-def _type(logs: Logs, keys: NovatelKeys, raw: Mapping[str, NDArray], label: str) -> ImuType | None:
+def _type(
+    held: NovatelLog, keys: NovatelKeys, raw: Mapping[str, NDArray], label: str
+) -> ImuType | None:
     """The type that the map, the rows or INSCONFIG name; None where the map gives the scale
     itself.
     """
@@ -213,8 +184,8 @@ def _type(logs: Logs, keys: NovatelKeys, raw: Mapping[str, NDArray], label: str)
     named = keys.imu_type
     if named is None and "type" in raw:
         named = int(np.nanmedian(raw["type"]))
-    if named is None and "INSCONFIG" in logs:
-        named = logs["INSCONFIG"][-1][1].split(b",")[0].decode("ascii", errors="replace")
+    if named is None and held.imu:
+        named = held.imu
     if named is None:
         raise InputError(
             f'{label}: the log does not say its IMU\'s type: needed imu_type (such as "ISA100C") in'
@@ -252,22 +223,18 @@ def _columns(
     return out, LogOptions(units), [f"IMU {name}: a count is {', '.join(told)}"]
 
 
-def _turned(logs: Logs, keys: NovatelKeys, label: str) -> list[str]:
+def _turned(held: NovatelLog, keys: NovatelKeys, label: str) -> list[str]:
     """A note on the axes; InputError where INSCONFIG turns the IMU in the vehicle and the map does
     not say how.
     """
     if keys.axes is not None:
         return []
-    fields = logs["INSCONFIG"][-1][1].split(b",") if "INSCONFIG" in logs else []
-    if b"RBV" in fields:
-        place = fields.index(b"RBV")
-        angles = [float(v) for v in fields[place + 2 : place + 5]]
-        if any(abs(a) > 1.0 for a in angles):
-            told = " ".join(f"{a:g}" for a in angles)
-            raise InputError(
-                f"{label}: INSCONFIG turns the IMU in the vehicle (RBV {told} deg): needed axes in"
-                " the map"
-            )
+    if held.turned is not None and not all(abs(a) <= 1.0 for a in held.turned):
+        told = " ".join(f"{a:g}" for a in held.turned)
+        raise InputError(
+            f"{label}: INSCONFIG turns the IMU in the vehicle (RBV {told} deg): needed axes in the"
+            " map"
+        )
     return [
         "IMU axes taken as y forward, x right, z up (SPAN's vehicle); where mounted otherwise: axes"
         " in the map"
@@ -286,16 +253,17 @@ def _rate(log: ConvertedLog, known: ImuType | None, label: str) -> list[str]:
     ]
 
 
-def _with_reference(log: ConvertedLog, logs: Logs, week: int, label: str) -> ConvertedLog:
+def _with_reference(
+    log: ConvertedLog, tables: Mapping[str, Table], week: int, label: str
+) -> ConvertedLog:
     """The log with the receiver's own inertial solution as reference, for scoring only, where it
     calls it good.
     """
-    name = next((k for k in INS if k in logs), "")
-    rows = [body for _, body in logs.get(name, ()) if body.endswith(GOOD)]
-    whole = of_width(rows, len(SOLUTION))
-    if not whole:
+    name = next((k for k in SOLUTION_LOGS if k in tables and tables[k]["good"].any()), "")
+    if not name:
         return log
-    found = columns([rows[k] for k in whole], SOLUTION, label=f"{label}: {name}")
+    table = tables[name]
+    found = {key: values[table["good"]] for key, values in table.items()}
     reference = reference_on_run_time(
         log,
         {
@@ -313,12 +281,21 @@ def _with_reference(log: ConvertedLog, logs: Logs, week: int, label: str) -> Con
 
 
 def detect(path: Path) -> bool:
-    """A line of a raw IMU, inertial or position log near the start."""
-    return is_file_of(path, DETECT)
+    """A line of a raw IMU, inertial or position log near the start, or a frame with a right
+    check.
+    """
+    if is_file_of(path, DETECT):
+        return True
+    with path.open("rb") as file:
+        return has_frame(file.read(SIGHTED_BYTES))
 
 
 READERS = (
     Reader(
-        name="novatel", about="NovAtel ASCII with RAWIMU", detect=detect, read=read, gnss_file=True
+        name="novatel",
+        about="NovAtel ASCII or binary with RAWIMU",
+        detect=detect,
+        read=read,
+        gnss_file=True,
     ),
 )

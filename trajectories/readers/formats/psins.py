@@ -22,7 +22,7 @@ from ins.units import ARCSEC, DEG
 from trajectories.readers.columns.fixes import RawFixes, largest
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
-from trajectories.readers.columns.mat_columns import Leaves, leaves, shapes
+from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_once, shapes
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
 from trajectories.readers.containers.mat_file import is_mat, is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
@@ -249,7 +249,7 @@ def detect(path: Path) -> bool:
     if is_matlab(path):
         return is_mat(path) and any(
             are_increments(v, time=6, accel=3)
-            for k, v in leaves(path, lambda n: n in ("imu", "trj"))[0].items()
+            for k, v in leaves_at_once(path, lambda n: n in ("imu", "trj")).items()
             if k in IMU_NAMES
         )
     text = head_rows(path)
