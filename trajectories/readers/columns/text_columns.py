@@ -5,7 +5,7 @@ in gzip.
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -33,15 +33,21 @@ SEPARATORS = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"'}  # as a map wri
 
 
 def text_columns(
-    path: Path, layout: LayoutKeys, used: Sequence[str]
+    path: Path,
+    layout: LayoutKeys,
+    used: Sequence[str],
+    *,
+    rewrite: Callable[[bytes], bytes] | None = None,
 ) -> tuple[dict[str, NDArray], list[str]]:
     """The used columns by name, and what was dropped. Columns that are not used may hold
-    anything.
+    anything. rewrite: makes of each block of lines one of as many rows of numbers.
     """
     packed: list[str] = []
     size = text_size(path, len(used))
     delimiter = " " if layout.format == "text" else layout.delimiter
     blocks = _blocks(path, layout, size, packed)
+    if rewrite is not None:
+        blocks = ((rewrite(part), is_last) for part, is_last in blocks)
     text, last = _head_block(blocks, layout)
     names, rows, first_line = _split_header(text, layout, delimiter, path.name)
     _refuse_one_column(

@@ -22,6 +22,7 @@ from ins.units import DEG
 from trajectories.readers.columns.fixes import RawFixes, largest, may_be_radians
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
+from trajectories.readers.columns.rtklib_solution import is_solution, on_gps_week, read_solution
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
@@ -80,7 +81,7 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     log = replace(log, header={**start, **keys.run}, notes=(*log.notes, *told))
     if keys.gnss is not None:
         other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
-        raw, more = _fixes(other, keys.gps_week)
+        raw, more = _fixes_of(other, keys.gps_week)
         log = with_fixes(
             replace(log, other_files=(other,), notes=(*log.notes, *more)), raw, label=other.name
         )
@@ -103,6 +104,14 @@ def _table(
     refuse_other_width(head, list(rows), path.name, what)
     names = [first, *rows[head.shape[1]]]
     return read_columns(path, layout.model_copy(update={"columns": names}), names)
+
+
+def _fixes_of(path: Path, gps_week: int | None) -> tuple[RawFixes, list[str]]:
+    """The fixes of KF-GINS' own file, or of one that RTKLIB wrote."""
+    if not is_solution(path):
+        return _fixes(path, gps_week)
+    raw, notes = read_solution(path)
+    return on_gps_week(raw), notes
 
 
 def _fixes(path: Path, gps_week: int | None) -> tuple[RawFixes, list[str]]:

@@ -4,6 +4,7 @@ A CSV or Parquet file whose columns already have the names of formats.md needs n
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import content_format, read_columns
 from trajectories.readers.columns.mat_columns import leaves, shapes
 from trajectories.readers.columns.parquet_columns import flat_names
-from trajectories.readers.columns.side_streams import with_side_streams
+from trajectories.readers.columns.rtklib_solution import is_solution, on_clock, read_solution
+from trajectories.readers.columns.side_streams import with_fixes, with_side_streams
 from trajectories.readers.columns.text_columns import header_names
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
@@ -26,11 +28,31 @@ def read(path: Path, options: LogOptions, *, name: str) -> ConvertedLog:
     """A log by its map, and the streams that the map names beside the imu."""
     if not (options.keys.get("gyro") or options.keys.get("accel")):
         options = options.over(_own_map(path, name))
+    options, solution = _without_solution(options, path)
     keys = column_map(LogOptions({"format": name}).over(options))
     columns, notes = read_columns(path, keys, used_columns(keys))
-    return with_side_streams(
+    log = with_side_streams(
         converted(columns, keys, label=path.name, notes=notes), columns, keys, path
     )
+    if solution is None:
+        return log
+    raw, notes = read_solution(solution)
+    raw = on_clock(raw, keys.time.epoch if keys.time else None, solution.name)
+    log = replace(log, other_files=(*log.other_files, solution), notes=(*log.notes, *notes))
+    return with_fixes(log, raw, label=solution.name)
+
+
+def _without_solution(options: LogOptions, path: Path) -> tuple[LogOptions, Path | None]:
+    """The map without its [gnss], and the file of fixes, where that is one of RTKLIB's, which says
+    itself what its columns are.
+    """
+    part = options.keys.get("gnss")
+    if not isinstance(part, dict) or not isinstance(part.get("file"), str):
+        return options, None
+    other = path.parent / part["file"]
+    if not (other.is_file() and is_solution(other)):
+        return options, None
+    return LogOptions({k: v for k, v in options.keys.items() if k != "gnss"}), other
 
 
 def _detect_own(path: Path, *, name: str) -> bool:
