@@ -31,6 +31,15 @@ def command(
             " repeated.",
         ),
     ] = None,
+    simulator: Annotated[
+        bool,
+        typer.Option(
+            "--simulator",
+            help="Also predict the update of each run by a twin fitted to the others: drift,"
+            " heading and NIS with what was found and without. Takes a diagnosis more for each"
+            " run; with --hold-out, only those runs are predicted.",
+        ),
+    ] = False,
     alpha: Annotated[
         float,
         typer.Option(min=1e-4, max=0.5, help="Share of diagnoses that may raise a false alarm."),
@@ -56,9 +65,13 @@ def command(
     need_free_report(folder, "diagnosis.json", "recal.diagnosis/1", others, force=force)
     if folder.exists() and not force:
         need_other_file(folder / "twin.json", twin)
-    with Progress("diagnosing", quiet=quiet, steps=DIAGNOSE_STEPS) as told:
+    apart = hold_out or []
+    steps = DIAGNOSE_STEPS
+    if simulator:
+        steps += len(apart) or len(runs)
+    with Progress("diagnosing", quiet=quiet, steps=steps) as told:
         found = diagnose(
-            runs, twin, hold_out=hold_out or [], alpha=alpha, seed=seed or 0, told=told
+            runs, twin, hold_out=apart, alpha=alpha, seed=seed or 0, simulator=simulator, told=told
         )
         written = found.write(output)
     answer(

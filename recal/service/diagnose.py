@@ -11,6 +11,7 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import read_twin
 from recal.service.inputs.twin_table import TwinTable, twin_table
+from recal.service.inputs.unit_inputs import table_of_unknown_unit
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -22,6 +23,9 @@ from simreal.inference import diagnosis as core
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.user_level import user_level
 from simreal.plan.record_next import record_next
+from simreal.predict.document import simulator_record
+from simreal.predict.held_out import Believed, predict_runs
+from simreal.predict.records import SimulatorRecord
 from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
 from simreal.report.diagnosis_page import diagnosis_html
@@ -32,6 +36,7 @@ from simreal.twin.write_back import TABLE_NAME, twin_with_causes
 from trajectories.runs import directory
 from trajectories.runs.stream_files import HELD_ROWS
 
+FEWEST_PREDICTED = 2  # 1 to predict, 1 to fit: tests/simreal/test_predict.py
 DIAGNOSE_STEPS = core.DIAGNOSIS_STEPS + 2  # that `diagnose` tells of: reading and writing as well
 
 
@@ -93,6 +98,7 @@ def diagnose(
     hold_out: Sequence[str] = (),
     alpha: float = 0.01,
     seed: int = 0,
+    simulator: bool = False,
     told: Callable[[str], None] = lambda words: None,
 ) -> Diagnosed:
     """Where simulator and logs disagree, which effect causes it, how far the gap shrinks with it.
@@ -109,6 +115,9 @@ def diagnose(
         False alarms per diagnosis, 1e-4 to 0.5.
     seed : int
         Of the random generator.
+    simulator : bool
+        Also predict the update of each run by a twin fitted to the others (of the runs held out,
+        where there are any, by one fitted to the rest), with what was found and without.
     told : callable
         Told what is being done.
 
@@ -133,6 +142,11 @@ def diagnose(
     """
     twin_path = Path(twin)
     paths = [Path(runs)] if isinstance(runs, str | PathLike) else [Path(run) for run in runs]
+    if simulator and len(paths) < FEWEST_PREDICTED:
+        raise InputError(
+            f"--simulator: {len(paths)} run, needed {FEWEST_PREDICTED} or more: each is predicted"
+            " by a fit to others"
+        )
     believed = read_twin(twin_path)
     beside = twin_table(twin_path, believed)
     told("reading the runs")
@@ -163,11 +177,31 @@ def diagnose(
             reasons, loaded, believed, version=program_version(), alpha=alpha, seed=seed
         )
         return _made(record, diagnosis_html(record), {})
+    predicted = _predicted(loaded, believed, beside, settings, found) if simulator else None
     told("writing the report")
-    return _results(found, loaded, beside, asked)
+    return _results(found, loaded, beside, asked, predicted)
 
 
-def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked) -> Diagnosed:
+def _predicted(
+    runs: list[Run],
+    twin: TwinModel,
+    beside: TwinTable,
+    settings: core.DiagnosisSettings,
+    found: Diagnosis,
+) -> SimulatorRecord:
+    """What the twin predicts of updates of runs that it was not fitted to."""
+    table = beside.table or table_of_unknown_unit(runs[0], twin)
+    believed = Believed(twin, beside.table, beside.sha256)
+    return simulator_record(predict_runs(runs, believed, table, settings, found))
+
+
+def _results(
+    found: Diagnosis,
+    runs: list[Run],
+    beside: TwinTable,
+    asked: Asked,
+    predicted: SimulatorRecord | None,
+) -> Diagnosed:
     """The diagnosis, and all files by name."""
     users = [
         user_level(v, fitted_trace(found, k), beside.table, found.twin, known=known_trace(found, k))
@@ -180,7 +214,7 @@ def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked)
         users=[u for u in users if u is not None],
         record_next=record_next(found, beside.table),
     )
-    record = replace(record, noise_fit=_noise_fit(found, beside, asked))
+    record = replace(record, noise_fit=_noise_fit(found, beside, asked), simulator=predicted)
     with_table = beside.data is not None
     names = [v.name for v in found.views]
     twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)

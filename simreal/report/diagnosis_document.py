@@ -17,6 +17,7 @@ from simreal.inference.diagnosis import Diagnosis, Place
 from simreal.inference.excess import FLOOR, Excess
 from simreal.inference.user_level import UserLevel
 from simreal.inference.verdict import GapVerdict
+from simreal.predict.document import simulator_lines
 from simreal.report.diagnosis_records import (
     AnswerRecord,
     CauseRecord,
@@ -189,6 +190,8 @@ def summary(document: DiagnosisRecord) -> list[str]:
     for cause in document.causes:
         lines += _cause_lines(cause)
     lines += [f"  navigation, run {u.run_id}: {_user_line(u)}" for u in document.user_level]
+    if document.simulator is not None:
+        lines += simulator_lines(document.simulator)
     lines += [f"  run {r.run_id} not looked at: {r.why}" for r in document.not_looked_at]
     lines += [f"  {note}" for note in document.notes]
     if document.noise_fit is not None and not document.noise_fit.fits:

@@ -14,6 +14,7 @@ from infield.reports.figures import (
     BLUE,
     GREY,
     PALE,
+    PANEL_WIDTH,
     SKY,
     VERMILLION,
     axis_text,
@@ -45,7 +46,7 @@ Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the ve
 class _Square:
     """A cell of the map: where it is, and its numbers before or after."""
 
-    place: tuple[int, int]  # row of the channel, column of the band
+    place: tuple[int, int]  # row of the band, column of the channel
     nats: float
     rho: float
     located: bool
@@ -56,31 +57,37 @@ class _Square:
         return float(np.sign(self.rho - 1.0) * np.sqrt(np.clip(self.nats, 0.0, MOST_NATS)))
 
 
-@in_style
-def gap_map(cells: Sequence[CellRecord]) -> Markup:
-    """Channel against band, before and after: colour is the signed root of the nats, numbers are
-    rho where it stands out.
+def gap_maps(cells: Sequence[CellRecord]) -> tuple[Markup, Markup]:
+    """Band against channel, before and after, each as narrow as a phone: colour is the signed root
+    of the nats, numbers are rho where it stands out.
     """
     channels = list(dict.fromkeys(c.channel for c in cells))
     bands = _bands(cells)
-    places = [(channels.index(c.channel), bands.index(_band(c))) for c in cells]
+    places = [(bands.index(_band(c)), channels.index(c.channel)) for c in cells]
     before = [_Square(at, c.nats, c.rho, c.located) for at, c in zip(places, cells)]
     after = [
         _Square(at, c.nats_after, c.rho_after, c.located_after) for at, c in zip(places, cells)
     ]
-    figure, axes = new_figure(2, 1, height=1.7 + 0.5 * len(channels), sharex=True)
-    for ax, squares, title in (
-        (axes[0, 0], before, "Before"),
-        (axes[1, 0], after, "With what was found"),
-    ):
-        mesh = _draw_map(ax, squares, channels, len(bands))
-        axis_text(ax, title=title)
-    _name_bands(axes[1, 0], bands)
-    bar = figure.colorbar(mesh, ax=axes[:, 0], aspect=35, pad=0.01)
+    names = [_band_name(b) for b in bands]
+    return (
+        _gap_map(before, channels, names, "Before"),
+        _gap_map(after, channels, names, "With what was found"),
+    )
+
+
+@in_style
+def _gap_map(
+    squares: Sequence[_Square], channels: Sequence[str], bands: Sequence[str], title: str
+) -> Markup:
+    figure, axes = new_figure(height=1.9 + 0.27 * len(bands), width=PANEL_WIDTH)
+    ax = axes[0, 0]
+    mesh = _draw_map(ax, squares, channels, bands)
+    axis_text(ax, title=title)
+    bar = figure.colorbar(mesh, ax=ax, location="bottom", aspect=35, pad=0.02)
     ticks = np.array([-30.0, -10.0, -3.0, 0.0, 3.0, 10.0, 30.0])
     bar.set_ticks(np.sign(ticks) * np.sqrt(np.abs(ticks)), labels=[f"{abs(t):g}" for t in ticks])
-    bar.set_label("nats: too quiet below, too loud above")
-    return svg_text(figure, "Heat map of the gap by channel and band, before and after")
+    bar.set_label("too quiet   nats   too loud")
+    return svg_text(figure, f"Heat map of the gap by band and channel: {title.lower()}")
 
 
 def _band(cell: CellRecord) -> Band:
@@ -105,17 +112,17 @@ def _name_bands(ax: "Axes", bands: Sequence[Band]) -> None:
 
 
 def _draw_map(
-    ax: "Axes", squares: Sequence[_Square], channels: Sequence[str], bands: int
+    ax: "Axes", squares: Sequence[_Square], channels: Sequence[str], bands: Sequence[str]
 ) -> "QuadMesh":
     from matplotlib.colors import Normalize
 
-    values = np.full((len(channels), bands), np.nan)
+    values = np.full((len(bands), len(channels)), np.nan)
     for square in squares:
         values[square.place] = square.colour
         if square.nats > SHOWN_NATS or square.located:
             _write_rho(ax, square)
     top = np.sqrt(MOST_NATS)
-    edges_x, edges_y = np.arange(bands + 1) - 0.5, np.arange(len(channels) + 1) - 0.5
+    edges_x, edges_y = np.arange(len(channels) + 1) - 0.5, np.arange(len(bands) + 1) - 0.5
     masked = np.ma.masked_invalid(values)
     mesh = ax.pcolormesh(
         edges_x,
@@ -126,8 +133,9 @@ def _draw_map(
         edgecolors="white",
         linewidth=0.6,
     )
-    ax.set_yticks(range(len(channels)), channels)
-    ax.set_ylim(len(channels) - 0.5, -0.5)
+    ax.set_yticks(range(len(bands)), bands)
+    ax.set_xticks(range(len(channels)), channels, rotation=90)
+    ax.set_ylim(len(bands) - 0.5, -0.5)
     ax.grid(False)
     ax.tick_params(length=0)
     for side in ("left", "bottom"):
@@ -145,19 +153,22 @@ def _write_rho(ax: "Axes", square: _Square) -> None:
         _short(square.rho),
         ha="center",
         va="center",
-        fontsize=7.5,
         color="white" if dark else BLACK,
         fontweight="bold" if square.located else "normal",
     )
 
 
 def _short(rho: float) -> str:
-    """A ratio in at most four characters."""
-    if rho < 2:
-        return f"{rho:.2f}"
-    if rho < 10:
+    """A ratio in at most three characters: a cell of the map is as wide."""
+    if rho < 0.005:
+        return "0"
+    if rho < 0.995:
+        return f"{rho:.2f}".removeprefix("0")
+    if rho < 9.95:
         return f"{rho:.1f}"
-    return f"{rho:.0f}" if rho < 1000 else f"{rho:.0e}".replace("e+0", "e")
+    if rho < 999.5:
+        return f"{rho:.0f}"
+    return f"{rho:.0e}".replace("e+0", "e")
 
 
 def _band_name(band: Band) -> str:
@@ -197,7 +208,7 @@ def posterior_bars(cause: CauseRecord) -> Markup:
     for y, (key, p) in enumerate(rows.items()):
         other = BLUE if key in held else PALE
         ax.barh(y, p, height=0.7, color=VERMILLION if key == own else other)
-        ax.text(p + 0.008, y, _percent(p), va="center", fontsize=8.0)
+        ax.text(p + 0.008, y, _percent(p), va="center")
     labels = [
         f"{effect} on {target}" if target else "outside the catalogue" for effect, target in rows
     ]

@@ -17,9 +17,11 @@ from simreal.effects.platform import ARCMIN
 from simreal.effects.words import EffectWords, words_of
 from simreal.inference.verdict import GapVerdict, Looks
 from simreal.inference.wrong_site import WRONG_LATITUDE
+from simreal.predict.document import NIS, share_text
+from simreal.predict.records import GapValueRecord, PredictedRunRecord
 from simreal.report.diagnosis_curves import Overlay
 from simreal.report.diagnosis_document import p_text
-from simreal.report.diagnosis_figures import band_drawing, gap_map, overlay_drawing, posterior_bars
+from simreal.report.diagnosis_figures import band_drawing, gap_maps, overlay_drawing, posterior_bars
 from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.report.page import render_page
 
@@ -82,7 +84,7 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         word=GAP_WORDS[document.verdict],
         banner=BANNERS[document.verdict],
         causes=causes,
-        map=gap_map(document.cells) if document.cells else None,
+        maps=gap_maps(document.cells) if document.cells else (),
         value=value_text,
         p=p_text,
         title=_title(document),
@@ -91,7 +93,31 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
         actions=_actions(document),
         glossary=_glossary(document),
+        quantity_word=QUANTITY_WORDS.__getitem__,
+        interval=_interval,
+        share=share_text,
+        run_values=_run_values,
     )
+
+
+QUANTITY_WORDS = {"drift": "drift, NM/h", "heading": "heading, mrad", NIS: "NIS"}
+
+
+def _interval(gap: GapValueRecord) -> str:
+    """A gap of a prediction with its interval, two decimals as in the lines for people."""
+    low, high = gap.interval_95
+    return f"{gap.value:.2f} ({low:.2f} to {high:.2f})"
+
+
+def _run_values(run: PredictedRunRecord, quantity: str, when: str) -> str:
+    """Measured less predicted in one run, each with its sigma; of the NIS the ratio."""
+    found = next((q for q in run.quantities if q.quantity == quantity), None)
+    if found is None:
+        return "not seen"
+    values = found.before if when == "before" else found.after
+    sigmas = found.sigma_before if when == "before" else found.sigma_after
+    said = [f"{value:.2f} ± {sigma:.2f}" for value, sigma in zip(values, sigmas)]
+    return ", ".join(said).replace("-", "−")
 
 
 @dataclass(frozen=True)

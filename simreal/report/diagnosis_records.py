@@ -10,6 +10,7 @@ from infield.reports.documents.noise_fit import NoiseFit
 from ins.records import EffectDocument
 from ins.verdicts import OMIT_NONE, written_as
 from simreal.inference.verdict import GapVerdict, Judging, Looks
+from simreal.predict.records import SimulatorRecord
 
 SCHEMA = "recal.diagnosis/1"
 
@@ -253,6 +254,7 @@ class DiagnosisRecord:
     not_looked_at: tuple[NotLookedAtRecord, ...]
     notes: tuple[str, ...] = ()
     noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
+    simulator: SimulatorRecord | None = field(default=None, metadata=OMIT_NONE)
     alpha: float
     threshold_nats: float | None
     replicates: int

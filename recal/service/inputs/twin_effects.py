@@ -6,8 +6,6 @@ function of the temperature alone is what the update itself learns, and a noise 
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from infield.reports.documents.thermal import FoundEffectDocument, found_effect_document
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect, with_effect_sigma, without_effects
@@ -15,8 +13,8 @@ from ins.records import Run, TwinModel
 from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME
 from simreal.declared.twin_effects import TwinEffect, parse_effects
 from simreal.effects.base import ACCELS, GYROS
-from simreal.effects.telemetry import Telemetry
 from simreal.evidence.run_view import view_run
+from simreal.predict.carried import along
 
 # of the temperature alone, or a constant of one power-on: the table's own subject, or none of it
 LEFT_TO_THE_TABLE = frozenset(
@@ -65,23 +63,4 @@ def _along(
 ) -> list[FoundEffect]:
     """What each effect adds to a run; nothing where the run cannot be looked at."""
     view = view_run(run, 0, table, twin)
-    return [] if isinstance(view, str) else [_found(item, view.telemetry) for item in listed]
-
-
-def _found(item: TwinEffect, run: Telemetry) -> FoundEffect:
-    trace = item.trace(run)
-    zero = np.zeros((run.n, 3))
-    columns = item.effect.traces(run, item.target, item.shape)
-    squares = [
-        (sigma * unit.gyro_rad_s) ** 2
-        for unit, sigma in zip(columns, item.sigmas)
-        if unit.gyro_rad_s is not None
-    ]
-    return FoundEffect(
-        effect=item.effect.name,
-        target=item.target,
-        time_s=run.time_s,
-        gyro_rad_s=zero if trace.gyro_rad_s is None else trace.gyro_rad_s,
-        accel_m_s2=zero if trace.accel_m_s2 is None else trace.accel_m_s2,
-        gyro_sigma_rad_s=np.sqrt(np.sum(squares, axis=0)) if squares else zero,
-    )
+    return [] if isinstance(view, str) else [along(item, view.telemetry) for item in listed]
