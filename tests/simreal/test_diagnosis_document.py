@@ -329,7 +329,7 @@ def test_an_effect_on_no_sensor_has_no_user_level(found):
 def test_the_page_draws_each_cause_in_every_run(found):
     document = document_of(found)
     page = diagnosis_html(document, overlays(found))
-    assert page.count("<svg") == 4  # map, bars, overlay
+    assert page.count("<svg") == 4  # two maps, bars, overlay
     assert all(v.name in page for v in found.views) and "held-out data (leave one run out)" in page
     assert page.count("effect fitted on the other runs") == 4
 
