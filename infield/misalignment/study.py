@@ -5,7 +5,7 @@ misalignment`.
     that carries them
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,9 +75,10 @@ def study_runs(
     *,
     known: KnownAzimuths | None = None,
     settings: AzimuthSettings | None = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> AzimuthStudy:
     """Stops of one unit's runs at one place, fitted; `known`: headings of the stops in the order of
-    the runs.
+    the runs; told: of each run as its stops are looked for, and as they are compared.
 
     Raises InputError where the runs are of several units or places, or headings and stops differ in
     number.
@@ -86,6 +87,7 @@ def study_runs(
     _check_runs(runs)
     stops, left_out = [], []
     for index, run in enumerate(runs):
+        told(f"finding the stops of {run.header.run_id}")
         found, why = find_stops(run, twin, index=index, shortest_s=settings.shortest_s)
         stops += found
         left_out += why
@@ -93,6 +95,7 @@ def study_runs(
     reasons = made.refusals()
     if reasons:
         return made.refused(reasons)
+    told("comparing the stops")
     biases = stop_biases(runs, stops, table, twin, known)
     site = runs[0].header.site
     result = measure_misalignment(

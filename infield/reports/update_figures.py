@@ -123,7 +123,7 @@ def _draw_points(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]
     T, bias, sigma = thinned(
         [p.temperature_degC for p in points],
         [p.bias_deg_h for p in points],
-        [p.sigma_deg_h for p in points],
+        [p.sigma_deg_h if p.sigma_own_deg_h is None else p.sigma_own_deg_h for p in points],
     )
     run, rate = thinned(
         [run_ids.index(p.run_id) if p.run_id in run_ids else 0 for p in points],
@@ -144,8 +144,30 @@ def _draw_points(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]
                     markersize=4,
                     elinewidth=0.7,
                 )
+    shared = _draw_common(ax, points, run_ids)
     sure = sigma <= VAGUE * np.median(sigma)
-    return np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure]])
+    return np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure], shared])
+
+
+def _draw_common(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]) -> NDArray:
+    """A bar at the right of each run's points: what they share, 1 sigma to either side of their
+    median. Returns its ends.
+    """
+    warmest, ends = max(p.temperature_degC for p in points), []
+    width = max(warmest - min(p.temperature_degC for p in points), 1.0)
+    drawn = 0
+    for number, run_id in enumerate(run_ids or [""]):
+        mine = [p for p in points if p.run_id in (run_id, None)]
+        if not mine or not mine[0].sigma_common_deg_h:
+            continue
+        drawn += 1
+        middle, shared = float(np.median([p.bias_deg_h for p in mine])), mine[0].sigma_common_deg_h
+        colour = SESSION_COLOURS[number % len(SESSION_COLOURS)]
+        at = warmest + (0.03 + 0.02 * drawn) * width
+        low, high = middle - shared, middle + shared
+        ax.plot([at, at], [low, high], color=colour, alpha=0.55, linewidth=4.0)
+        ends += [low, high]
+    return np.array(ends)
 
 
 @dataclass(frozen=True)

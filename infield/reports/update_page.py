@@ -28,9 +28,11 @@ from infield.reports.documents.update_records import (
     HysteresisDocument,
     ObservedDocument,
     UpdateDocument,
+    VarianceShares,
 )
 from infield.reports.page import decimals_for, number, render_page
 from infield.reports.table_known import TableKnown, table_known
+from infield.reports.words.session import VARIANCE_SOURCES
 from infield.session.reasons import HeadingSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
@@ -56,6 +58,20 @@ SOURCES = {
     HeadingSource.SURVEY: "a surveyed heading",
     HeadingSource.COMBINED: "several sources together",
 }
+# of the parts of a bar, by size: Okabe and Ito's colours (colour-blind safe), then their pale ones
+SOURCE_COLOURS = (
+    "#0072b2",
+    "#e69f00",
+    "#009e73",
+    "#cc79a7",
+    "#56b4e9",
+    "#d55e00",
+    "#999999",
+    "#f0e442",
+    "#444444",
+)
+# a source below 0.05 % everywhere would read 0.0 %: it stands in the JSON alone
+LEAST_DRAWN_SHARE = 0.0005
 OUTCOMES = {
     Outcome.ACCEPTED: ("merged", "good"),
     Outcome.REFUSED: ("left out", "none"),
@@ -109,6 +125,38 @@ class BudgetRow:
     cells: Sequence[tuple[float | None, float]]
 
 
+@dataclass(frozen=True)
+class SourceRow:
+    """A source of variance: its words, its colour, and for each gyro its share [%]."""
+
+    words: str
+    colour: str
+    percent: Sequence[float | None]
+
+
+@dataclass(frozen=True)
+class NodeRow:
+    """A node of one gyro: temperature, sigma [deg/h], and each shown source's share [%]."""
+
+    temperature_degC: float
+    sigma_deg_h: float
+    percent: Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VarianceView:
+    """The variance of the new table by source.
+
+    rows, sigma_deg_h: of each gyro's mean over the temperatures visited; bars: the rows' shares
+    that are drawn, a list a gyro; nodes: by axis.
+    """
+
+    rows: Sequence[SourceRow]
+    sigma_deg_h: Sequence[float | None]
+    bars: Sequence[tuple[str, Sequence[tuple[str, str, float]]]]
+    nodes: Mapping[str, Sequence[NodeRow]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Commands:
     """What a reader may copy."""
@@ -153,6 +201,7 @@ def update_html(document: UpdateDocument) -> str:
         kinds=sorted({kind for s in estimated for kind in s.measurements}),
         sessions=sessions,
         budget=_budget(document),
+        variance=_variance(document),
         noise=_noise(document),
         commands=_commands(document),
         sources=SOURCES,
@@ -368,6 +417,52 @@ def _budget(document: UpdateDocument) -> list[BudgetRow]:
         cells = [(found.get(axis), 100.0 * found.get(axis, 0.0) / longest) for axis in AXES]
         rows.append(BudgetRow(term, cells))
     return rows
+
+
+def _variance(document: UpdateDocument) -> VarianceView | None:
+    """The shares that the document lists, the largest sources first."""
+    if not document.variance_shares:
+        return None
+    of_mean = {v.axis: v for v in document.variance_shares if v.temperature_degC is None}
+    sources = _shown_sources(document.variance_shares)
+    known: Mapping[str, str] = {source.value: words for source, words in VARIANCE_SOURCES.items()}
+    rows = []
+    for source, colour in zip(sources, cycle(SOURCE_COLOURS)):
+        words = known.get(source, source.replace("_", " "))
+        percent = [
+            100.0 * of_mean[a].shares.get(source, 0.0) if a in of_mean else None for a in AXES
+        ]
+        rows.append(SourceRow(words, colour, percent))
+    return VarianceView(
+        rows=rows,
+        sigma_deg_h=[of_mean[a].sigma_deg_h if a in of_mean else None for a in AXES],
+        bars=[(axis, _bar(rows, k)) for k, axis in enumerate(AXES) if axis in of_mean],
+        nodes={axis: _nodes(document, axis, sources) for axis in AXES},
+    )
+
+
+def _shown_sources(entries: Sequence[VarianceShares]) -> list[str]:
+    """Sources with a share worth a line anywhere, the largest first."""
+    largest: dict[str, float] = {}
+    for entry in entries:
+        for source, share in entry.shares.items():
+            largest[source] = max(largest.get(source, 0.0), abs(share))
+    shown = [source for source, share in largest.items() if share >= LEAST_DRAWN_SHARE]
+    return sorted(shown, key=lambda source: -largest[source])
+
+
+def _bar(rows: Sequence[SourceRow], k: int) -> list[tuple[str, str, float]]:
+    """Words, colour and width [%] of the parts of gyro k's bar."""
+    return [(row.words, row.colour, max(row.percent[k] or 0.0, 0.0)) for row in rows]
+
+
+def _nodes(document: UpdateDocument, axis: str, sources: Sequence[str]) -> list[NodeRow]:
+    found = []
+    for entry in document.variance_shares:
+        if entry.axis == axis and entry.temperature_degC is not None:
+            percent = [100.0 * entry.shares.get(source, 0.0) for source in sources]
+            found.append(NodeRow(entry.temperature_degC, entry.sigma_deg_h, percent))
+    return found
 
 
 def _noise(document: UpdateDocument) -> list[tuple[str, str, str]]:

@@ -1,7 +1,7 @@
 """What a session's estimate is: the posterior of its biases and the evidence behind it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from alignment.motion.sway import Sway
 from alignment.motion.turn_between import Turn
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
-from infield.session.reasons import Nuisance
+from infield.session.reasons import Nuisance, VarianceSource
 from infield.table.merge import MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
 from ins.verdicts import LeftOut
@@ -156,7 +156,8 @@ class SessionEstimate:
 
     heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment
     alone) and after. solution is None, and parked is not, for gyros that find no heading
-    (`infield.session.parked`); the heading is NaN then.
+    (`infield.session.parked`); the heading is NaN then. shares: of the information about the bins
+    (3N, 3N) [1/(deg/h)^2], what each source of noise took part in (`navigated.noise_shares`).
     """
 
     bins: SessionBins
@@ -171,6 +172,7 @@ class SessionEstimate:
     dof: int
     parked: ParkedEvidence | None = None
     rolling: RollingEvidence | None = None
+    shares: Mapping[VarianceSource, NDArray] = field(default_factory=dict)
 
     @property
     def motion(self) -> Motion:

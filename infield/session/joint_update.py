@@ -167,11 +167,15 @@ def _merged_again(
     return again, table.replaced(parameters=table.parameters + change, covariance=0.5 * (P + P.T))
 
 
-def _with_widened(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> SessionLikelihood:
-    """The session with the terms that are not fitted in its own covariance."""
-    unfitted = [
+def unfitted(terms: Sequence[ThermalTerm]) -> list[ThermalTerm]:
+    """The terms with those left out that become a coefficient."""
+    return [
         t if t.kind is ThermalKind.SENSE else replace(t, action=ThermalAction.NONE_FOUND)
         for t in terms
     ]
-    _, wider = with_terms(session, unfitted)
+
+
+def _with_widened(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> SessionLikelihood:
+    """The session with the terms that are not fitted in its own covariance."""
+    _, wider = with_terms(session, unfitted(terms))
     return replace(session, bins=replace(session.bins, own=session.bins.own + wider))

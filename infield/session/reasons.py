@@ -56,6 +56,30 @@ class Nuisance(StrEnum):
     GNSS_SLOW_VELOCITY = "gnss_slow_velocity"
 
 
+class VarianceSource(StrEnum):
+    """Where the variance of an updated table comes from."""
+
+    # what was known before
+    STORED_TABLE = "stored_table"
+    AGEING = "ageing"  # since the table was made, and of temperatures that it does not hold
+    # why a session departs from the mean over power-ons
+    TURN_ON = "turn_on"
+    BIAS_INSTABILITY = "bias_instability"
+    RATE_RANDOM_WALK = "rate_random_walk"
+    MISALIGNMENT = "misalignment"
+    THERMOMETER = "thermometer"
+    DOUBTED_FACT = "doubted_fact"
+    HEATING_AND_COOLING = "heating_and_cooling"
+    BINS = "bins"  # what a bin without a temperature, or shorter than its model, adds
+    # how well a session measures its own biases
+    ANGLE_RANDOM_WALK = "angle_random_walk"
+    ACCELEROMETERS = "accelerometers"
+    STANDING = "standing_vehicle"
+    ROLLING = "rolling_vehicle"
+    EARTH_RATE = "earth_rate"
+    MEASURED = "other_measured"
+
+
 class NoiseReason(StrEnum):
     """What the noise model, and with it every sigma, rests on."""
 

@@ -90,6 +90,21 @@ class SessionPoints:
         """Standard deviation of each point alone, shape (m,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def common_sigma_deg_h(self) -> NDArray:
+        """Standard deviation of what all points of an axis share, shape (3,): the root of the mean
+        covariance between two of them, at most the surest point's own variance.
+        """
+        found = np.zeros(len(AXES))
+        for axis in range(len(AXES)):
+            mine = np.flatnonzero(self.axis_index == axis)
+            if mine.size < 2:
+                continue
+            R = self.covariance[np.ix_(mine, mine)]
+            between = (R.sum() - np.trace(R)) / (mine.size * (mine.size - 1))
+            found[axis] = np.sqrt(np.clip(between, 0.0, np.diag(R).min()))
+        return found
+
 
 @dataclass(frozen=True, kw_only=True)
 class MergeResult:
@@ -98,7 +113,8 @@ class MergeResult:
     table : the merged table, or the table as it was where the session is not `consistent` with it.
     candidate : the merged table in any case.
     innovation_deg_h (m,), innovation_covariance (m, m): session less table, and what was expected
-    of it. gain (n, m): parameters per innovation. nis, dof, band : innovation' S^-1 innovation, its
+    of it. before: the table as it was.
+    gain (n, m): parameters per innovation. nis, dof, band : innovation' S^-1 innovation, its
     chi-square degrees of freedom and 99.9 % band. axis_z (3,): mean change of each axis's nodes
     over its expected standard deviation; a shift of one axis that
         a large dof would hide shows here.
@@ -114,6 +130,7 @@ class MergeResult:
     band: tuple[float, float]
     axis_z: NDArray
     consistent: bool
+    before: ThermalTable
 
 
 def merge_points(
@@ -196,8 +213,16 @@ def hold_common(
     if not axes:
         return change, P_plus
     # P - M G - G M' + M G M' with M = I - T, G = P - P+
-    T = np.sum([_common_part(table, axis) for axis in axes], axis=0)
+    T = common_parts(table, axes)
     return change - T @ change, P_plus + T @ (table.covariance - P_plus) @ T.T
+
+
+def common_parts(table: ThermalTable, axes: Sequence[str]) -> NDArray:
+    """Projector (n, n) of a change onto the common parts of some axes."""
+    T = np.zeros((table.n_parameters, table.n_parameters))
+    for axis in axes:
+        T += _common_part(table, axis)
+    return T
 
 
 def _common_part(table: ThermalTable, axis: str) -> NDArray:
@@ -293,6 +318,7 @@ def _judged(table: ThermalTable, news: _News, change: NDArray, P_plus: NDArray) 
         band=(float(band[0]), float(band[1])),
         axis_z=axis_z,
         consistent=consistent,
+        before=table,
     )
 
 

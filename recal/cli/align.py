@@ -36,14 +36,14 @@ def command(
     Example: recal align run-1 --json
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.align import align
+    from recal.service.align import ALIGN_STEPS, align
     from recal.service.results.files import output_directory, write_text
     from recal.service.results.overwrite import need_free_report
 
     folder = output or Path("recal-align")
     need_free_report(folder, "alignment.json", "recal.alignment/1", force=force)
-    with Progress("aligning", quiet=quiet):
-        aligned = align(run, twin=twin, store=store)
+    with Progress("aligning", quiet=quiet, steps=ALIGN_STEPS) as told:
+        aligned = align(run, twin=twin, store=store, told=told)
     written = write_text(output_directory(output, "align") / "alignment.json", aligned.to_json())
     answer(
         aligned.document,

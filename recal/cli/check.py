@@ -24,10 +24,10 @@ def command(
     Example: recal check flights/2026-03-01 --json
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.check import check, error_lines
+    from recal.service.check import CHECK_STEPS, check, error_lines
 
-    with Progress("reading the run", quiet=quiet):
-        found = check(run, serial=serial)
+    with Progress("reading the run", quiet=quiet, steps=CHECK_STEPS, compiles=False) as told:
+        found = check(run, serial=serial, told=told)
     answer(found.document, found.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
     if quiet and not as_json:
         for line in error_lines(found.record):

@@ -63,7 +63,7 @@ def command(
     Example: recal convert flight.bin -o runs/flight-imu3 --imu 3
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.convert import convert, made_of, split
+    from recal.service.convert import CONVERT_STEPS, convert, made_of, split
     from recal.service.results.overwrite import need_free_run
 
     given = {
@@ -81,6 +81,9 @@ def command(
     for folder in folders:
         need_free_run(folder, lambda run: made_of(run, log), f"made of {log.name}", force=force)
     make = split if each_stretch else convert
-    with Progress("converting", quiet=quiet):
-        converted = make(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
+    steps = None if each_stretch else CONVERT_STEPS
+    with Progress("converting", quiet=quiet, steps=steps, compiles=False) as told:
+        converted = make(
+            log, output, map_file=map_file, gnss=gnss, header=given, options=chosen, told=told
+        )
     answer(converted.document, converted.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -219,7 +219,7 @@ def learn(
     They are kept for approval (recal fleet approve); recal update goes by approved ones.
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.priors.learn import LearnRequest, learn_priors
+    from recal.service.priors.learn import LEARN_STEPS, LearnRequest, learn_priors
 
     require_technology(technology)
     keep = None if dry_run else (login_name() if by is None else by, note)
@@ -231,8 +231,8 @@ def learn(
         output=output,
         seed=seed or 0,
     )
-    with Progress("learning from the sessions of the store", quiet=quiet):
-        result = learn_priors(request)
+    with Progress("learning", quiet=quiet, steps=LEARN_STEPS, compiles=False) as told:
+        result = learn_priors(request, told)
     answer(
         result.document,
         result.lines(verbose=verbose),

@@ -182,8 +182,10 @@ def command(
             sigma_stop_arcsec=stop_arcsec,
             sigma_heading_deg=settings.sigma_heading_deg,
         )
-        with Progress("comparing the stops", quiet=quiet):
-            found = misalignment(inputs, twin, known=known, settings=settings, store=store)
+        with Progress("finding the stops", quiet=quiet, steps=len(inputs) + 1) as told:
+            found = misalignment(
+                inputs, twin, known=known, settings=settings, store=store, told=told
+            )
     written = found.write(output, twin_out=twin_out)
     answer(
         found.document,

@@ -73,7 +73,7 @@ def command(
     Example: recal plan --twin twin.json --separate gyro_thermal_linear,gyro_warmup_transient
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.plan import PlanRequest, plan
+    from recal.service.plan import PlanRequest, plan, plan_steps
     from recal.service.results.overwrite import need_free_report
 
     folder = output or Path("recal-plan")
@@ -87,7 +87,7 @@ def command(
         most=most,
         seed=seed or 0,
     )
-    with Progress("planning", quiet=quiet) as told:
+    with Progress("planning", quiet=quiet, steps=plan_steps(request)) as told:
         planned = plan(runs or [], request, told=told)
     written = planned.write(output)
     answer(

@@ -80,7 +80,7 @@ def command(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import TRUTH, is_simulated, need_free_file, need_free_run
-    from recal.service.simulate import scenarios, simulate
+    from recal.service.simulate import SIMULATE_STEPS, scenarios, simulate
 
     if listed:
         known = scenarios()
@@ -101,9 +101,10 @@ def command(
     for file, schema in ((table_out, "recal.table/1"), (truth, TRUTH)):
         if file is not None:
             need_free_file(file, schema, force=force)
-    with Progress("simulating", quiet=quiet):
+    with Progress("simulating", quiet=quiet, steps=SIMULATE_STEPS + 1, compiles=False) as told:
         simulated = simulate(
-            scenario, seed=seed, twin=twin, table=table, environments=environment or None
+            scenario, seed=seed, twin=twin, table=table, environments=environment or None, told=told
         )
+        told("writing the run")
         simulated = simulated.write(output, table=table_out, truth=truth)
     answer(simulated.document, simulated.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -1,5 +1,6 @@
 """`align`: attitude and heading with sigma from the parked part of a run."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,8 @@ from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, raw_bias_sigma_deg_h
 from recal.service.results.result import Result
 from recal.service.twin.judged import fit_at_rest
+
+ALIGN_STEPS = 3  # that `told` is told of
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -60,7 +63,12 @@ class Aligned(Result[AlignmentDocument]):
 
 
 def align(
-    run: AnyRun, table: AnyTable | None = None, twin: AnyTwin | None = None, *, store: Any = None
+    run: AnyRun,
+    table: AnyTable | None = None,
+    twin: AnyTwin | None = None,
+    *,
+    store: Any = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> Aligned:
     """Level, gyrocompass and find the phases of one run.
 
@@ -75,6 +83,8 @@ def align(
         Noise model; else the store's, else the defaults of the technology.
     store : str or TableStore, optional
         SQLAlchemy URL, or a store that is open.
+    told : callable
+        Told what is being done, in ALIGN_STEPS steps.
 
     Returns
     -------
@@ -95,6 +105,7 @@ def align(
     >>> aligned.verdict, aligned.sigma_heading_deg < 0.2
     ('aligned', True)
     """
+    told("reading the run")
     (read,) = runs_of(run)
     unit = given_unit(read, table, twin, store)
     sigma, temperature = None, None
@@ -106,6 +117,7 @@ def align(
     if not unit.known and read.header.applied_table_sha256 is not None:
         # the unit took its table out itself: what is left of it is as of any unit with one
         sigma = np.array([unit.table.sigma_deg_h(k, np.zeros(1))[0] for k in range(3)])
+    told("levelling and gyrocompassing")
     imu = compensated_imu(read, unit.table, temperature, unit.twin)
     result = align_log(
         imu,
@@ -120,6 +132,7 @@ def align(
         result = replace(result, reasons=(*result.reasons, rolls))
     if not unit.known:
         result = replace(result, reasons=(*result.reasons, _no_table(unit, read, sigma)))
+    told("comparing the noise with its model")
     note = unit.noise_note([run])
     document = replace(
         alignment_document(result, read),

@@ -1,6 +1,6 @@
 """`check`: what a run holds, what is wrong with it and where."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -22,6 +22,7 @@ from trajectories.runs.imu_stream import jitter
 from trajectories.runs.physics_gates import ExpectedRest, expected_rest
 from trajectories.runs.streams import RunStreams
 
+CHECK_STEPS = 2  # that `told` is told of
 SEVERITIES = ("error", "suspect", "warning")  # of a problem, the worst first
 
 
@@ -131,7 +132,9 @@ class Check(Result[CheckDocument]):
         return report_lines(self.record)
 
 
-def check(run: AnyPath, *, serial: str | None = None) -> Check:
+def check(
+    run: AnyPath, *, serial: str | None = None, told: Callable[[str], None] = lambda words: None
+) -> Check:
     """Read a run and say what it holds, what is wrong with it and where.
 
     Parameters
@@ -140,6 +143,8 @@ def check(run: AnyPath, *, serial: str | None = None) -> Check:
         A run directory.
     serial : str, optional
         The imu_serial that it should have.
+    told : callable
+        Told what is being done, in CHECK_STEPS steps.
 
     Returns
     -------
@@ -160,7 +165,9 @@ def check(run: AnyPath, *, serial: str | None = None) -> Check:
     'bad_input'
     """
     path = Path(run)
+    told("reading the streams")
     seen = directory.inspect_run(path)
+    told("reading the reference")
     problems = list(seen.findings)
     reference = None
     if path.is_dir():

@@ -15,6 +15,7 @@ from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
 
+CONVERT_STEPS = 2  # that `told` is told of
 # of a stretch that becomes a run; chosen: 10 fixes of one a second are the fewest that aided replay
 # takes
 SHORTEST_SPLIT_S = 10.0
@@ -74,6 +75,7 @@ def convert(
     gnss: AnyPath | None = None,
     header: Mapping[str, str | float | None] | None = None,
     options: Mapping[str, str | float | None] | None = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> Converted:
     """Convert a flight log to a run.
 
@@ -92,6 +94,8 @@ def convert(
         start_utc, run_id.
     options : mapping, optional
         format, imu (its number), from_s and to_s (by the log's own clock).
+    told : callable
+        Told what is being done, in CONVERT_STEPS steps.
 
     Returns
     -------
@@ -115,7 +119,9 @@ def convert(
     given |= {key: value for key, value in (options or {}).items() if value is not None}
     if gnss is not None:
         given = with_gnss_file(given, Path(gnss))
+    told(f"reading {Path(log).name}")
     conversion = convert_log(Path(log), given, dict(header or {}))
+    told("writing the run")
     if output is not None:
         write_run(
             Path(output),
@@ -173,6 +179,7 @@ def split(
     gnss: AnyPath | None = None,
     header: Mapping[str, str | float | None] | None = None,
     options: Mapping[str, str | float | None] | None = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> Split:
     """Convert a flight log to a run for each stretch without a gap: run-1, run-2, ... in a folder.
 
@@ -182,6 +189,8 @@ def split(
         As of `convert`; the name of a run is that of the log, or run_id, with its number.
     output : str or path
         The folder to write to, made if need be.
+    told : callable
+        Told what is being done, in CONVERT_STEPS steps for each run.
 
     Returns
     -------
@@ -203,6 +212,7 @@ def split(
             gnss=gnss,
             header={**(header or {}), "run_id": f"{name}-{number}"},
             options={**(options or {}), **more},
+            told=lambda words: told(f"run {number}: {words}"),
         )
 
     try:

@@ -1,6 +1,6 @@
 """`misalignment`: couplings of the level axes into each gyro, from stops on four azimuths."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -105,6 +105,7 @@ def misalignment(
     known: KnownAzimuths | None = None,
     settings: AzimuthSettings | None = None,
     store: TableStore | str | None = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> Misaligned:
     """Couplings of the level axes into each gyro, from stops on four azimuths 90 deg apart.
 
@@ -120,6 +121,8 @@ def misalignment(
         Shortest stop [s], largest departure [deg], prior [mrad].
     store : str or TableStore, optional
         Looked in for table and noise model.
+    told : callable
+        Told what is being done: a step for each run, and one for all.
 
     Returns
     -------
@@ -144,7 +147,7 @@ def misalignment(
     read = [with_applied_table_undone(run, undo) for run in runs_of(runs)]
     unit = unit_inputs(read[0], database, twin)
     study = study_runs(
-        read, unit.table, unit.twin, known=known, settings=settings or AzimuthSettings()
+        read, unit.table, unit.twin, known=known, settings=settings or AzimuthSettings(), told=told
     )
     return _made(study)
 

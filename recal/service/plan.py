@@ -18,6 +18,7 @@ from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from simreal.evidence.run_view import RunView, view_run
 from simreal.plan.pairs import CLASSICAL, read_pair
+from simreal.plan.recordings import candidates
 from simreal.plan.study import PlanSettings, study
 from simreal.report.plan_document import plan_document, summary
 from simreal.report.plan_page import plan_html
@@ -116,6 +117,11 @@ def plan(
         found, lat_deg=lat_deg, without=wanted.without, version=program_version()
     )
     return Planned(record, page=lambda: plan_html(record))
+
+
+def plan_steps(request: PlanRequest) -> int:
+    """How many steps `plan` tells of: a recording each, the choice, the comparison."""
+    return len(candidates(tuple(request.without))) + 2
 
 
 def _unit(request: PlanRequest, runs: list[Run]) -> tuple[TwinModel, TwinTable]:

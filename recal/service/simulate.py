@@ -1,6 +1,6 @@
 """`simulate`: a power-on session from a scenario and a twin, with its truth."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -32,6 +32,7 @@ from trajectories.simulator.session import SimulatedRun
 from trajectories.simulator.truth_file import Departure, departure
 from trajectories.simulator.unit_truth import UnitTruth
 
+SIMULATE_STEPS = 2  # that `told` is told of
 EFFECTS_STREAM = 1  # of the seed: what effects draw
 
 
@@ -150,6 +151,7 @@ def simulate(
     table: AnyTable | None = None,
     rate_hz: float | None = None,
     environments: Sequence[str] | None = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> Simulation:
     """Simulate one power-on session of an aged unit.
 
@@ -168,6 +170,8 @@ def simulate(
     environments : sequence of str, optional
         What the parked vehicle goes through, instead of the scenario's: `KIND` or `KIND:STRENGTH`
         (1 is the usual), such as `boarding` or `gusty:1.5`.
+    told : callable
+        Told what is being done, in SIMULATE_STEPS steps.
 
     Returns
     -------
@@ -187,6 +191,7 @@ def simulate(
     >>> simulated.run.header.imu_serial, simulated.run.imu.rows
     ('SN-0042', 42000)
     """
+    told("reading the scenario")
     source = scenario if isinstance(scenario, str) else Path(scenario)
     plan = read_scenario(source, twin_path=None if twin is None else Path(twin))
     if rate_hz is not None:
@@ -195,6 +200,7 @@ def simulate(
         plan = replace(plan, environments=tuple(environment_of(text) for text in environments))
     given = table if table is not None else plan.table_path
     factory = None if given is None else table_of(given)[1]
+    told("simulating the motion and the sensors")
     simulated, unit = _session(plan, seed, factory)
     header, imu = simulated.run.header, simulated.run.imu
     document = SimulateDocument(

@@ -2,7 +2,7 @@
 run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -37,6 +37,8 @@ from trajectories.runs.directory import write_run
 
 NEEDED_INSTABILITY_DEG_H = 0.001  # what a gradient term may be where the twin states no instability
 PARTS = ("all", "rates")
+THERMAL_STEPS = 2  # that `told` is told of beside the runs: the fit, and what follows it
+TAKE_OUT_STEPS = 3  # that `told` is told of: reading, taking out, writing
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -92,6 +94,7 @@ def fit_fog(
     twin: AnyTwin | None = None,
     store: TableStore | str | None = None,
     request: FogRequest | None = None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> ThermalFit:
     """Fibre-optic gyro: K_T and K_delta of b = K_T(T) + K_delta(T) dT/dt from temperature ramps.
 
@@ -107,6 +110,8 @@ def fit_fog(
         Looked in for the noise model.
     request : FogRequest, optional
         How the ramps are taken apart.
+    told : callable
+        Told what is being done: a step for each run, and THERMAL_STEPS more.
 
     Returns
     -------
@@ -129,11 +134,13 @@ def fit_fog(
     asked = request or FogRequest()
     if asked.allowed_deg_h is not None and not 0 < asked.allowed_deg_h < float("inf"):
         raise InputError(f"--allowed-deg-h: got {asked.allowed_deg_h:g}, needed more than 0")
-    groups, noise = reduced_groups((fast, slow, check), "fog", ramp_run, store, twin)
+    groups, noise = reduced_groups((fast, slow, check), "fog", ramp_run, store, twin, told)
+    told("fitting the ramps")
     study = separate(
         groups[0], groups[1], noise, remounted=asked.remounted, one_sided=asked.one_sided
     )
     pairs, model = fit_models(study)
+    told("testing on the runs that were held out" if check else "writing the report")
     tested = zip(check, groups[2]) if study.axes else ()
     checks = [held_out(read_one(given), run, model, noise) for given, run in tested]
     found = fog_document(
@@ -163,6 +170,7 @@ def fit_rlg(
     twin: AnyTwin | None = None,
     store: TableStore | str | None = None,
     remounted: bool = False,
+    told: Callable[[str], None] = lambda words: None,
 ) -> ThermalFit:
     """Ring-laser gyro: K1..K6 of b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff.
 
@@ -178,6 +186,8 @@ def fit_rlg(
         Looked in for the noise model.
     remounted : bool
         The unit was moved between the runs.
+    told : callable
+        Told what is being done: a step for each run, and THERMAL_STEPS more.
 
     Returns
     -------
@@ -197,8 +207,10 @@ def fit_rlg(
         ...
     ins.records.InputError: nowhere: no such run directory
     """
-    groups, noise = reduced_groups((runs, check), "rlg", gradient_run, store, twin)
+    groups, noise = reduced_groups((runs, check), "rlg", gradient_run, store, twin, told)
+    told("fitting the gradients")
     study = fit_gradients(groups[0], noise, remounted=remounted)
+    told("testing on the runs that were held out" if check else "writing the report")
     found = rlg_document(study, version=program_version())
     if study.axes and check:
         model = model_from_document(plain(found))
@@ -243,7 +255,13 @@ class TakenOut(Result[TakenOutDocument]):
 
 
 def take_out(
-    model: AnyPath, run: AnyRun, output: AnyPath, *, part: str = "all", batch: bool = False
+    model: AnyPath,
+    run: AnyRun,
+    output: AnyPath,
+    *,
+    part: str = "all",
+    batch: bool = False,
+    told: Callable[[str], None] = lambda words: None,
 ) -> TakenOut:
     """Take a fitted thermal model out of a run's gyro output, and write the run.
 
@@ -259,15 +277,20 @@ def take_out(
         "all", or "rates": leave in what a settled unit has, for a thermal table.
     batch : bool
         Smoothed temperatures instead of real-time order.
+    told : callable
+        Told what is being done, in TAKE_OUT_STEPS steps.
     """
     if part not in PARTS:
         raise InputError(f"--part: got {part!r}, needed all or rates")
+    told("reading the run")
     stored = read_thermal_model(Path(model))
     read = read_one(run)
     check_usable(read, stored)
+    told("taking the model out")
     left = removed_from(read, stored, part=part, batch=batch)
     header = replace(left.header, run_id=f"{read.header.run_id}-compensated")
     left = replace(left, header=header, sha256="")
+    told("writing the run")
     write_run(Path(output), left)
     assert read.temperature is not None
     document = TakenOutDocument(

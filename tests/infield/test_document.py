@@ -170,3 +170,17 @@ def test_excluded_seconds_name_run_and_reason():
     for span in document()["excluded"]:
         assert set(span) == {"start_s", "end_s", "reason", "run_id"}
         assert span["start_s"] < span["end_s"]
+
+
+def test_shares_of_variance_add_up_and_points_split_into_common_and_own():
+    shares = document()["variance_shares"]
+    assert len(shares) == 27 + 3  # nodes, and the mean over the temperatures visited of each gyro
+    for row in shares:
+        assert sum(row["shares"].values()) == pytest.approx(1.0, abs=1e-9)
+    of_x = next(r for r in shares if r["axis"] == "x" and r["temperature_degC"] is None)
+    assert of_x["shares"]["turn_on"] > 0.2  # 0.003 deg/h of a turn-on, below 0.005 in all
+    for p in document()["points"]:
+        parts = p["sigma_common_deg_h"] ** 2 + p["sigma_own_deg_h"] ** 2
+        assert parts == pytest.approx(p["sigma_deg_h"] ** 2, rel=1e-9)
+    # the heading error is one for all points of the east gyro
+    assert max(p["sigma_common_deg_h"] for p in document()["points"] if p["axis"] == "y") > 0

@@ -14,6 +14,7 @@ from benchmarks.thermal_sessions import (
     templates,
 )
 from infield.reports.words.session import thermal_term
+from infield.session.budget import variance_budget
 from infield.session.hysteresis import (
     ThermalTerm,
     heating_sense,
@@ -22,8 +23,11 @@ from infield.session.hysteresis import (
     with_terms,
 )
 from infield.session.joint_update import with_thermal_terms
-from infield.session.reasons import ThermalAction, ThermalKind
+from infield.session.reasons import ThermalAction, ThermalKind, VarianceSource
+from infield.session.results import UpdateResult
 from infield.table.merge import merge_posterior
+from infield.table.thermal_table import AgeingModel
+from ins.verdicts import Outcome
 
 WARM, COOL = 0, 9  # templates: a cold start and a cooling one
 
@@ -64,6 +68,30 @@ def test_joint_posterior_without_a_term_is_the_merge_one_after_the_other():
         current = merge_posterior(current, d.bins.H, *posterior_with(d, *added)).candidate
     assert joint.change == pytest.approx(current.parameters, abs=2e-5)
     assert joint.covariance == pytest.approx(current.covariance, abs=1e-7)
+
+
+def test_a_fitted_rate_term_has_its_part_of_the_variance():
+    table, _, sessions = pair(rate=0.05)
+    terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
+    assert terms[0].action is ThermalAction.RATE_TERM_FITTED
+    runs = tuple(s.run for s in judged)
+    result = UpdateResult(
+        outcome=Outcome.ACCEPTED,
+        reasons=(),
+        before=table,
+        after=after,
+        sessions=tuple(judged),
+        twin=TWIN,
+        settings=SETTINGS,
+        ageing=AgeingModel(),
+        merged_runs=runs,
+        terms=terms,
+    )
+    budget = variance_budget(result)
+    P, added = after.covariance, sum(budget.parts.values())
+    assert np.abs(added - P).max() < 1e-6 * np.diag(P).max()
+    x = table.values_of("x")
+    assert np.diag(budget.parts[VarianceSource.HEATING_AND_COOLING])[x].max() > 0.0
 
 
 def test_a_rate_term_is_fitted_and_the_table_stays_free_of_it():

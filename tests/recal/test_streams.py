@@ -267,3 +267,16 @@ def all_of(seen):
     """What a terminal shows by now; it is read in pieces."""
     pieces = iter(lambda: seen.read(65536), None)
     return b"".join(pieces).decode()
+
+
+def test_every_progress_bar_has_a_count():
+    """A bar that only moves says nothing of how long is left."""
+    bars = [
+        (path.name, call)
+        for path in sorted((Path(recal.__file__).parent / "cli").rglob("*.py"))
+        for call in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Progress"
+    ]
+    ours = [(name, [w.arg for w in call.keywords]) for name, call in bars if call.keywords]
+    assert len(ours) >= 15
+    assert [name for name, words in ours if "steps" not in words and "quiet" in words] == []

@@ -36,9 +36,11 @@ from infield.reports.documents.update_records import (
     PredictedEffect,
     RunDocument,
     UpdateDocument,
+    VarianceShares,
 )
 from infield.reports.words.sentences import codes, sentences
 from infield.reports.words.session import DECISION_RULE, PARKED_RULE, thermal_term
+from infield.session.budget import variance_budget
 from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalKind
@@ -113,6 +115,7 @@ def update_document(
         table_before=table_before,
         table_after=after,
         uncertainty_budget=_budget(best, result) if best else [],
+        variance_shares=_variance_shares(result),
         table_before_sha256=table_sha256(table_before),
         table_after_sha256=table_sha256(after),
         method=MethodDocument(
@@ -177,6 +180,7 @@ def _points(session: SessionResult) -> list[PointDocument]:
         return []
     phases = phases_of(p, logged_phases(session, e))
     verdicts = {a.axis: a.verdict for a in session.seen}
+    common = p.common_sigma_deg_h
     return [
         PointDocument(
             axis=AXES[axis],
@@ -195,6 +199,8 @@ def _points(session: SessionResult) -> list[PointDocument]:
             applied_table_sha256=p.applied_table_sha256,
             observability=verdicts.get(AXES[axis], Observability.NOT_OBSERVABLE),
             phase=phases[k],
+            sigma_common_deg_h=float(common[axis]),
+            sigma_own_deg_h=float(np.sqrt(max(p.covariance[k, k] - common[axis] ** 2, 0.0))),
         )
         for k, axis in enumerate(p.axis_index)
     ]
@@ -250,6 +256,32 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[BudgetDocument
         for term, sigma in of_axis.items()
         if sigma > 0
     ]
+
+
+def _variance_shares(result: UpdateResult) -> list[VarianceShares]:
+    """Per gyro: of the mean over the temperatures visited, then of every node."""
+    budget = variance_budget(result)
+    if budget is None:
+        return []
+    table = budget.table
+    visited = [
+        s.estimate.bins for s in result.sessions if s.merged is not None and s.estimate is not None
+    ]
+    found: list[VarianceShares] = []
+    for k, axis in enumerate(AXES):
+        T = np.concatenate([bins.temperature_degC[bins.tied[:, k], k] for bins in visited])
+        places = [(float(t), table.basis(k, t)[0]) for t in table.temperature_degC[k]]
+        mean = [(None, table.basis(k, T).mean(axis=0))] if T.size else []
+        for temperature_degC, row in [*mean, *places]:
+            found.append(
+                VarianceShares(
+                    axis=axis,
+                    temperature_degC=temperature_degC,
+                    sigma_deg_h=float(np.sqrt(row @ table.covariance @ row)),
+                    shares={s.value: share for s, share in budget.shares(row).items()},
+                )
+            )
+    return found
 
 
 def _budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[str, float]]:

@@ -42,7 +42,11 @@ class ObservedDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class PointDocument:
-    """The total bias of one gyro over one bin; time_s: its centre; phase: the one it lies in."""
+    """The total bias of one gyro over one bin; time_s: its centre; phase: the one it lies in.
+
+    sigma_common_deg_h: of the error that all points of this gyro and run share; sigma_own_deg_h: of
+    what is the point's own. Their squares add up to that of sigma_deg_h.
+    """
 
     axis: str
     time_s: float
@@ -60,6 +64,8 @@ class PointDocument:
     applied_table_sha256: str | None = None
     observability: Observability | str | None = None
     phase: str | None = None
+    sigma_common_deg_h: float | None = None
+    sigma_own_deg_h: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +98,18 @@ class BudgetDocument:
     axis: str
     term: str
     sigma_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class VarianceShares:
+    """Where the variance of the new table comes from: shares by source (`VarianceSource`), which
+    add up to 1. Of one node, or (temperature_degC null) of the mean over the temperatures visited.
+    """
+
+    axis: str
+    temperature_degC: float | None
+    sigma_deg_h: float
+    shares: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,6 +223,7 @@ class UpdateDocument:
     table_before: TableDocument
     table_after: TableDocument
     uncertainty_budget: Sequence[BudgetDocument]
+    variance_shares: Sequence[VarianceShares] = ()
     table_before_sha256: str | None = None
     table_after_sha256: str | None = None
     method: MethodDocument | None = None

@@ -12,6 +12,7 @@ from infield.session.reasons import (
     SessionReason,
     ThermalAction,
     ThermalKind,
+    VarianceSource,
     WrongFact,
 )
 
@@ -28,6 +29,26 @@ PARKED_RULE = (
     " above its 99.9 % band), the session agrees with the stored table within 99.9 %, the run was"
     " not merged before, and at least one gyro's mean bias became better known by 10 % or more."
 )
+
+
+VARIANCE_SOURCES: Mapping[VarianceSource, str] = {
+    VarianceSource.STORED_TABLE: "the table before, as far as the runs did not renew it",
+    VarianceSource.AGEING: "ageing since the table was made, and temperatures it did not hold",
+    VarianceSource.TURN_ON: "turn-on: this power-on against the mean of all",
+    VarianceSource.BIAS_INSTABILITY: "bias instability during the runs",
+    VarianceSource.RATE_RANDOM_WALK: "rate random walk during the runs",
+    VarianceSource.MISALIGNMENT: "misalignment of the gyros, through Earth rate",
+    VarianceSource.THERMOMETER: "errors of the thermometers",
+    VarianceSource.DOUBTED_FACT: "a fact that the run puts in doubt",
+    VarianceSource.HEATING_AND_COOLING: "heating against cooling",
+    VarianceSource.BINS: "times without a temperature",
+    VarianceSource.ANGLE_RANDOM_WALK: "white noise of the gyros (angle random walk)",
+    VarianceSource.ACCELEROMETERS: "noise and biases of the accelerometers",
+    VarianceSource.STANDING: "sway and creep of the standing vehicle",
+    VarianceSource.ROLLING: "the taxi: side motion, crab, wheels, satellite fixes",
+    VarianceSource.EARTH_RATE: "Earth rate on a heading that is not known",
+    VarianceSource.MEASURED: "other noise of the measurement",
+}
 
 
 def _table_disagrees(

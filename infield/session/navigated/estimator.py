@@ -18,7 +18,14 @@ from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import Found, SessionEstimate
 from infield.session.log import alignment_end, compensated_imu
-from infield.session.navigated.nuisances import AS_DECLARED, Assumed, Bench, rolling_model
+from infield.session.navigated.noise_shares import noise_shares
+from infield.session.navigated.nuisances import (
+    AS_DECLARED,
+    Assumed,
+    Bench,
+    priors_under,
+    rolling_model,
+)
 from infield.session.navigated.receiver import WHITE, ReceiverErrors, receiver_errors
 from infield.session.navigated.taxi_heading import (
     OF_FIXES,
@@ -90,6 +97,7 @@ def estimate_session(
     )
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
+    taken = priors_under(sigma0, rolling.assumed)
     mean, covariance = solution.bias
     error, sigma = alignment_heading_error(aligned, solution)
     tally = solution.filter.tally
@@ -105,6 +113,7 @@ def estimate_session(
         sigma_heading_before_rad=aligned.sigma_heading_rad,
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
+        shares=noise_shares(solution.last, taken, aids(rolling.assumed)),
         rolling=replace(
             rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
         ),

@@ -15,10 +15,14 @@ class Progress:
     """A bar on standard error with what is being done, which step of how many, and since when; call
     it with the words as each step begins.
 
-    steps: how many there are; None where nobody knows, then the bar only moves.
+    steps: how many there are; None where nobody knows, then the bar only moves. compiles: whether
+    the work runs kernels, which the first run on a machine compiles.
     """
 
-    def __init__(self, title: str, *, quiet: bool, steps: int | None = None) -> None:
+    def __init__(
+        self, title: str, *, quiet: bool, steps: int | None = None, compiles: bool = True
+    ) -> None:
+        self._compiles = compiles
         self._title, self._steps, self._begun = title, steps, 0
         self._bar: Bar | None = None
         self._task: TaskID | None = None
@@ -47,6 +51,8 @@ class Progress:
             self._begun += 1
 
     def _say_compiling(self) -> None:
+        if not self._compiles:
+            return
         from recal.service.results.compiled import is_compiled
 
         if self._bar is not None and not is_compiled():

@@ -42,9 +42,9 @@ def command(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import is_compensated, need_free_run
-    from recal.service.thermal import take_out
+    from recal.service.thermal import TAKE_OUT_STEPS, take_out
 
     need_free_run(output, is_compensated, "a compensated run", force=force)
-    with Progress("compensating", quiet=quiet):
-        left = take_out(model, run, output, part=part, batch=batch)
+    with Progress("compensating", quiet=quiet, steps=TAKE_OUT_STEPS, compiles=False) as told:
+        left = take_out(model, run, output, part=part, batch=batch, told=told)
     answer(left.document, left.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

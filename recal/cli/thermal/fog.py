@@ -97,7 +97,7 @@ def command(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import need_free_report
-    from recal.service.thermal import FogRequest, fit_fog
+    from recal.service.thermal import THERMAL_STEPS, FogRequest, fit_fog
 
     folder = output or Path("recal-thermal")
     others = ("thermal_fog.html",)
@@ -105,8 +105,11 @@ def command(
     request = FogRequest(
         allowed_deg_h=allowed_deg_h, word_bits=word_bits, remounted=remounted, one_sided=one_sided
     )
-    with Progress("fitting", quiet=quiet):
-        fitted = fit_fog(fast, slow or [], check or [], twin=twin, store=store, request=request)
+    runs = [*fast, *(slow or []), *(check or [])]
+    with Progress("fitting", quiet=quiet, steps=len(runs) + THERMAL_STEPS) as told:
+        fitted = fit_fog(
+            fast, slow or [], check or [], twin=twin, store=store, request=request, told=told
+        )
         written = fitted.write(output)
     answer(
         fitted.document,

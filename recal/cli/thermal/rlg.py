@@ -56,13 +56,14 @@ def command(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import need_free_report
-    from recal.service.thermal import fit_rlg
+    from recal.service.thermal import THERMAL_STEPS, fit_rlg
 
     folder = output or Path("recal-thermal")
     others = ("thermal_rlg.html",)
     need_free_report(folder, "thermal_rlg.json", "recal.thermal_rlg/1", others, force=force)
-    with Progress("fitting", quiet=quiet):
-        fitted = fit_rlg(runs, check or [], twin=twin, store=store, remounted=remounted)
+    steps = len(runs) + len(check or []) + THERMAL_STEPS
+    with Progress("fitting", quiet=quiet, steps=steps) as told:
+        fitted = fit_rlg(runs, check or [], twin=twin, store=store, remounted=remounted, told=told)
         written = fitted.write(output)
     answer(
         fitted.document,

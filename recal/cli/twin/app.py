@@ -74,12 +74,12 @@ def fit(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import need_free_report
-    from recal.service.twin.fit import fit_twin, twin_path
+    from recal.service.twin.fit import TWIN_FIT_STEPS, fit_twin, twin_path
 
     twin = twin_path(output)
     others = (twin.name, f"{twin.stem}.html")
     need_free_report(twin.parent, f"{twin.stem}_fit.json", "recal.twin_fit/1", others, force=force)
-    with Progress("fitting", quiet=quiet) as told:
+    with Progress("fitting", quiet=quiet, steps=len(runs) + TWIN_FIT_STEPS) as told:
         fitted = fit_twin(runs, start, told=told)
         written = fitted.write(output)
     answer(

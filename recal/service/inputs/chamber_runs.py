@@ -48,11 +48,13 @@ def reduced_groups(
     reduce: Callable[[Run, TwinModel], T],
     store: TableStore | str | None,
     twin: AnyTwin | None,
+    told: Callable[[str], None] = lambda words: None,
 ) -> tuple[list[list[T]], TwinModel]:
-    """Each run reduced, by group, and the unit's noise model."""
+    """Each run reduced, by group, and the unit's noise model; told: of each run as it is begun."""
     model: TwinModel | None = None
     found: list[T] = []
     for run in runs_of_one_unit([run for group in groups for run in group], technology):
+        told(f"reducing {run.header.run_id}")
         model = model or noise_model(run, store, twin)
         found.append(reduce(run, model))
     if model is None:

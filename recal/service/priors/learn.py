@@ -3,7 +3,7 @@ approval.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,6 +29,8 @@ from recal.service.priors.page import priors_html
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.result import Result
 from recal.service.results.text import result_text
+
+LEARN_STEPS = 3  # that `told` is told of
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -56,9 +58,11 @@ class LearnRequest:
     seed: int = 0
 
 
-def learn_priors(request: LearnRequest) -> LearntPriors:
+def learn_priors(
+    request: LearnRequest, told: Callable[[str], None] = lambda words: None
+) -> LearntPriors:
     """Learn, write priors.json and priors.html, and keep each technology's priors in the store,
-    where they wait for an approval.
+    where they wait for an approval; told: what is being done, in LEARN_STEPS steps.
 
     Raises
     ------
@@ -68,6 +72,7 @@ def learn_priors(request: LearnRequest) -> LearntPriors:
     store = open_store(request.store_url)
     if store is None:
         raise NoStore(f"no store at {request.store_url}")
+    told("reading the sessions of the store")
     everything, left_out = kept_units(store)
     units = [unit for unit in everything if _asked_for(unit, request)]
     document = PriorsDocument(
@@ -91,9 +96,11 @@ def learn_priors(request: LearnRequest) -> LearntPriors:
         return _written(request, refused, ())
     technologies = list(dict.fromkeys(unit.gyro_technology for unit in with_sessions))
     found = []
+    told(f"learning from {sum(len(unit.sessions) for unit in with_sessions)} sessions")
     for name in technologies:
         of_name = [unit for unit in with_sessions if unit.gyro_technology == name]
         found.append(technology_priors(learn(of_name, seed=request.seed)))
+    told("writing the report")
     document = replace(document, technologies=found)
     kept: list[PriorsRecord] = []
     if request.keep is not None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 TWIN_NAME = "twin.json"
+TWIN_FIT_STEPS = 2  # that `told` is told of beside the runs: the fit, the other sensors
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -113,7 +114,7 @@ def fit_twin(
         What is kept of what the runs do not tell, and the table to take out; else the defaults of
         the technology.
     told : callable
-        Told what is being done.
+        Told what is being done: a step for each run, and TWIN_FIT_STEPS more.
 
     Returns
     -------
