@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from infield.table.least_squares import NormalEquations
+from infield.table.least_squares import NormalEquations, solve_each
 from infield.thermal.rlg.terms import LINE_TERMS, TERMS
 
 LONGEST_LAG_s = 1800.0  # a thermometer on the far side of a block that settles in 25 min
@@ -80,6 +80,18 @@ class Beside:
         """Those of the columns put right for a lag."""
         return self._mapped(self._map(lag))
 
+    def under_each(self, lags_s: NDArray, columns: NDArray) -> tuple[NDArray, NDArray]:
+        """Normal matrices (m, k, k) and right sides (m, k) of some columns (k,), put right for lags
+        (m, 2) of gyro and lines [s].
+        """
+        k, (A, b) = columns, (self.normal.A, self.normal.b)
+        d = k + self.count
+        which = np.r_[OF_LINES, np.zeros(self.count - len(TERMS), dtype=bool)][k].astype(int)
+        lag = lags_s[:, which]
+        mixed = A[np.ix_(k, d)] * lag[:, None, :]
+        both = A[np.ix_(d, d)] * (lag[:, :, None] * lag[:, None, :])
+        return A[np.ix_(k, k)] + mixed + np.swapaxes(mixed, 1, 2) + both, b[k] + lag * b[d]
+
     def _map(self, lag: Lag) -> NDArray:
         return np.concatenate([np.eye(self.count), np.diag(lag.of_columns(self.count))])
 
@@ -93,10 +105,13 @@ def find_lag(beside: Beside, columns: NDArray, precision: NDArray) -> Lag:
     precision (k, k): what is known of them.
     """
 
+    def each(lags_s: NDArray) -> NDArray:
+        A, b = beside.under_each(lags_s, columns)
+        x, _, _ = solve_each(A, b, precision)
+        return np.asarray(beside.normal.c - np.sum(b * x, axis=1))
+
     def left(gyro_s: float, lines_s: float) -> float:
-        normal = beside.at(Lag(gyro_s, lines_s)).of(columns)
-        found = normal.solve(precision)
-        return float(normal.c - normal.b @ found.x)
+        return float(each(np.array([[gyro_s, lines_s]]))[0])
 
     plain = left(0.0, 0.0)
     ways = {
@@ -109,8 +124,8 @@ def find_lag(beside: Beside, columns: NDArray, precision: NDArray) -> Lag:
         ways = {"gyro": ways["gyro"]}
     best, least = Lag(), plain
     for name, way in ways.items():
-        start = [way((first, second)) for first in FIRST_LAGS_s for second in FIRST_LAGS_s]
-        begun = min(set(start), key=lambda pair: left(*pair))
+        start = sorted({way((first, second)) for first in FIRST_LAGS_s for second in FIRST_LAGS_s})
+        begun = start[int(np.argmin(each(np.array(start))))]
         several = name == "both"
         x0 = np.array(begun if several else [max(begun)]) / USUAL_LAG_s
         found = minimize(

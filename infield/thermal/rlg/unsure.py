@@ -16,11 +16,11 @@ Sources: MacKay (1992), Bayesian interpolation, eq. (2.6); mixtures: Bishop (200
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.least_squares import solve_each
 from infield.thermal.rlg.lag import Beside, Lag, LONGEST_LAG_s, USUAL_LAG_s
 from infield.thermal.rlg.terms import TERMS
 
@@ -61,17 +61,17 @@ def covariance_of(beside: Beside, theta: NDArray, lag: Lag, taken: Open) -> tupl
     at = np.flatnonzero(np.r_[taken.allowed, rest])
     precision = np.array([_usual_size(int(k), taken) for k in at]) ** -2.0
     lines = any(TERMS[k].startswith("K6") for k in at if k < len(TERMS))
-    P, moments = np.zeros((theta.size,) * 2), np.zeros((2, 2))
     told = np.array([lag.gyro_s, lag.lines_s])
-    for cell, share in _shares(beside, at, precision, taken, lines):
-        normal = beside.at(Lag(*cell.lags_s)).of(at)
-        found = normal.solve(np.diag(taken.scatter * precision))
-        off = -theta
-        off[at] += found.x
-        P[np.ix_(at, at)] += share * taken.scatter * found.covariance
-        P += share * np.outer(off, off)
-        moments += share * np.outer(cell.lags_s - told, cell.lags_s - told)
-        moments += share * np.diag(np.square(cell.width_s) / 12.0)
+    cells, share = _shares(beside, at, precision, taken, lines)
+    x, each, _ = solve_each(
+        *beside.under_each(cells.lags_s, at), np.diag(taken.scatter * precision)
+    )
+    off = np.broadcast_to(-theta, (share.size, theta.size)).copy()
+    off[:, at] += x
+    P = off.T @ (share[:, None] * off)
+    P[np.ix_(at, at)] += taken.scatter * np.tensordot(share, each, axes=1)
+    late = cells.lags_s - told
+    moments = late.T @ (share[:, None] * late) + np.diag(share @ np.square(cells.width_s) / 12.0)
     sigma = np.sqrt(np.diag(moments))
     return 0.5 * (P + P.T), replace(
         lag, sigma_gyro_s=float(sigma[0]), sigma_lines_s=float(sigma[1]) if lines else USUAL_LAG_s
@@ -88,96 +88,105 @@ def _usual_size(k: int, taken: Open) -> float:
     return USUAL_SIZE["own" if name == taken.own else "other"]
 
 
-class Cell(NamedTuple):
-    """Lags of the gyro's thermometer and of the lines: where the cell begins and ends [s]."""
+@dataclass(frozen=True)
+class Cells:
+    """Lags of the gyro's thermometer and of the lines: where each of m cells begins and ends
+    (m, 2) [s].
+    """
 
-    low_s: tuple[float, float]
-    high_s: tuple[float, float]
+    low_s: NDArray
+    high_s: NDArray
 
     @property
     def lags_s(self) -> NDArray:
-        return 0.5 * (np.array(self.low_s) + self.high_s)
+        return np.asarray(0.5 * (self.low_s + self.high_s))
 
     @property
     def width_s(self) -> NDArray:
-        return np.array(self.high_s) - self.low_s
+        return np.asarray(self.high_s - self.low_s)
 
-    def touches(self, other: "Cell") -> bool:
-        return bool(
-            np.all(np.array(self.low_s) <= other.high_s)
-            and np.all(np.array(other.low_s) <= self.high_s)
+    def __getitem__(self, rows: NDArray) -> "Cells":
+        return Cells(self.low_s[rows], self.high_s[rows])
+
+    def __add__(self, other: "Cells") -> "Cells":
+        return Cells(
+            np.concatenate([self.low_s, other.low_s]), np.concatenate([self.high_s, other.high_s])
         )
 
-    def split(self) -> list["Cell"]:
+    def beside(self, k: int) -> NDArray:
+        """Which (m,) touch cell k and are as wide: a maximum in k may lie in them."""
+        near = (self.low_s <= self.high_s[k]) & (self.high_s >= self.low_s[k])
+        return np.asarray(np.all(near & (self.width_s >= self.width_s[k]), axis=1))
+
+    def split(self) -> "Cells":
         """In two along each side that has a width."""
-        sides = []
-        for low, high in zip(self.low_s, self.high_s):
-            middle = 0.5 * (low + high)
-            sides.append([(low, middle), (middle, high)] if high > low else [(low, high)])
-        return [Cell((a[0], b[0]), (a[1], b[1])) for a in sides[0] for b in sides[1]]
+        found = self
+        for side in np.flatnonzero(self.width_s.any(axis=0)):
+            low_s, high_s = found.high_s.copy(), found.low_s.copy()
+            low_s[:, side] = high_s[:, side] = found.lags_s[:, side]
+            low_s[:, 1 - side], high_s[:, 1 - side] = (
+                found.low_s[:, 1 - side],
+                found.high_s[:, 1 - side],
+            )
+            found = Cells(found.low_s, high_s) + Cells(low_s, found.high_s)
+        return found
 
 
 def _shares(
     beside: Beside, at: NDArray, precision: NDArray, taken: Open, lines: bool
-) -> list[tuple[Cell, float]]:
-    """Cells of the plane of lags, each with its share of the evidence."""
+) -> tuple[Cells, NDArray]:
+    """Cells of the plane of lags, and each one's share of the evidence (m,)."""
     edges = np.geomspace(USUAL_LAG_s, USUAL_LAG_s + LONGEST_LAG_s, CELLS_A_SIDE + 1) - USUAL_LAG_s
-    sides = list(zip(edges[:-1].tolist(), edges[1:].tolist()))
-    across = sides if lines else [(0.0, 0.0)]
-    cells = [Cell((a[0], b[0]), (a[1], b[1])) for a in sides for b in across]
-    nats = {cell: _nats(cell, beside, at, precision, taken) for cell in cells}
+    across = edges if lines else np.zeros(2)
+    low_s, high_s = (
+        np.stack(np.meshgrid(edges[part], across[part], indexing="ij"), axis=-1).reshape(-1, 2)
+        for part in (slice(None, -1), slice(1, None))
+    )
+    cells = Cells(low_s, high_s)
+    nats = _nats(cells, beside, at, precision, taken)
     for _ in range(MOST_SPLITS):
-        most = max(nats.values())
-        total = sum(np.exp(value - most) for value in nats.values())
-        top = max(nats, key=lambda cell: nats[cell])
-        large = [cell for cell in nats if np.exp(nats[cell] - most) / total > SPLIT_SHARE]
-        large += [
-            cell
-            for cell in nats
-            if cell not in large and max(cell.width_s) > BLIND_s and nats[cell] > most - BLIND_NATS
-        ]
-        if not large:
+        large = _share_of(nats) > SPLIT_SHARE
+        large |= (cells.width_s.max(axis=1) > BLIND_s) & (nats > nats.max() - BLIND_NATS)
+        if not large.any():
             break
-        near = [cell for cell in nats if cell not in large and _wide(cell, top)]
-        for cell in [*large, *near]:
-            del nats[cell]
-            nats |= {one: _nats(one, beside, at, precision, taken) for one in cell.split()}
-    most = max(nats.values())
-    total = sum(np.exp(value - most) for value in nats.values())
-    shares = [(cell, float(np.exp(value - most) / total)) for cell, value in nats.items()]
-    return [(cell, share) for cell, share in shares if share > 0.0]
+        large |= cells.beside(int(np.argmax(nats)))
+        parts = cells[large].split()
+        cells = cells[~large] + parts
+        nats = np.concatenate([nats[~large], _nats(parts, beside, at, precision, taken)])
+    share = _share_of(nats)
+    return cells[share > 0.0], share[share > 0.0]
 
 
-def _wide(cell: Cell, top: Cell) -> bool:
-    """A neighbour of the likeliest cell that is as wide: the maximum may lie in it."""
-    return cell.touches(top) and bool(np.all(cell.width_s >= top.width_s))
+def _share_of(nats: NDArray) -> NDArray:
+    weight = np.exp(nats - nats.max())
+    return np.asarray(weight / weight.sum())
 
 
-def _nats(cell: Cell, beside: Beside, at: NDArray, precision: NDArray, taken: Open) -> float:
-    """Log of a cell's share, a constant left out: evidence, prior of the lags, size."""
-    normal = beside.at(Lag(*cell.lags_s)).of(at)
-    found = normal.solve(np.diag(taken.scatter * precision))
-    left = float(normal.c - normal.b @ found.x)
-    log_det = float(np.linalg.slogdet(found.covariance)[1])
-    size = np.where(cell.width_s > 0, cell.width_s, 1.0)
-    prior = _density(cell.lags_s) if cell.width_s.all() else _alone(cell.lags_s[0])
-    nats = -0.5 * left / taken.scatter + 0.5 * log_det
-    return nats + float(np.log(size).sum() + np.log(prior))
+def _nats(cells: Cells, beside: Beside, at: NDArray, precision: NDArray, taken: Open) -> NDArray:
+    """Log of each cell's share (m,), a constant left out: evidence, prior of the lags, size."""
+    A, b = beside.under_each(cells.lags_s, at)
+    x, _, log_det = solve_each(A, b, np.diag(taken.scatter * precision))
+    left = beside.normal.c - np.sum(b * x, axis=1)
+    wide = cells.width_s > 0
+    size = np.where(wide, cells.width_s, 1.0)
+    prior = _density(cells.lags_s) if wide.all() else _alone(cells.lags_s[:, 0])
+    nats = -0.5 * left / taken.scatter - 0.5 * log_det
+    return np.asarray(nats + np.log(size).sum(axis=1) + np.log(prior))
 
 
-def _density(lags_s: NDArray) -> float:
-    """Of both lags [1/s^2]: each by itself, or alike, since thermometers of one unit are mounted
-    alike.
+def _density(lags_s: NDArray) -> NDArray:
+    """Of both lags (m, 2) [1/s^2]: each by itself, or alike, since thermometers of one unit are
+    mounted alike.
     """
-    gyro_s, lines_s = float(lags_s[0]), float(lags_s[1])
+    gyro_s, lines_s = lags_s.T
     spread = ALIKE_SHARE * gyro_s + ALIKE_s
     off = (lines_s - gyro_s) / spread
-    alike = float(np.exp(-0.5 * off**2) / (spread * np.sqrt(2.0 * np.pi)))
+    alike = np.exp(-0.5 * off**2) / (spread * np.sqrt(2.0 * np.pi))
     apart = (1.0 - ALIKE_UNITS) * _alone(lines_s)
-    return float(_alone(gyro_s) * (apart + ALIKE_UNITS * alike))
+    return np.asarray(_alone(gyro_s) * (apart + ALIKE_UNITS * alike))
 
 
-def _alone(lag_s: float) -> float:
+def _alone(lag_s: NDArray) -> NDArray:
     """Of one thermometer's lag [1/s]: within a minute as a rule, else anything."""
     soon = 2.0 / (USUAL_LAG_s * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * (lag_s / USUAL_LAG_s) ** 2)
-    return float((1.0 - RARELY_LATE) * soon + RARELY_LATE / LONGEST_LAG_s)
+    return np.asarray((1.0 - RARELY_LATE) * soon + RARELY_LATE / LONGEST_LAG_s)
