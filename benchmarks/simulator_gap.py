@@ -18,7 +18,6 @@ from infield.table.file import table_from_dict
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from simreal.predict.document import QUANTITIES
 from simreal.predict.held_out import Believed, HeldOutRun, predict_runs
-from simreal.predict.measures import gone_of
 
 NAMES = (
     "gyro_thermal_rate",
@@ -58,7 +57,7 @@ def unit(seed: int, sigma: float) -> dict:
         pairs = [(quantity.of(run.before), quantity.of(run.after)) for run in runs]
         before, after = ([d for d in side if d is not None] for side in zip(*pairs))
         least = [d for run in clean if (d := quantity.of(run.before)) is not None]
-        gone = gone_of(before, after)
+        gone = quantity.gone(before, after)
         out[quantity.name] = {
             "before": quantity.gap(before).measured,
             "after": quantity.gap(after).measured,

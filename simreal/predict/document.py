@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simreal.predict.held_out import HeldOutRun, Key, Predicted, Simulator
-from simreal.predict.measures import Deviation, Gap, Gone, gap_of, gone_of, nis_of
+from simreal.predict.measures import Deviation, Gap, Gone, gap_of, gone_of, nis_gone_of, nis_of
 from simreal.predict.records import (
     EffectOnPredictionRecord,
     EffectQuantityRecord,
@@ -24,21 +24,22 @@ Which = Callable[[HeldOutRun], Predicted]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of the update: its deviation in a prediction (None: not shown), and what a gap of
-    it is.
+    """A quantity of the update: its deviation in a prediction (None: not shown), what a gap of it
+    is, and how much of one is gone.
     """
 
     name: str
     unit: str
     of: Callable[[Predicted], Deviation | None]
     gap: Callable[[Sequence[Deviation]], Gap] = gap_of
+    gone: Callable[[Sequence[Deviation], Sequence[Deviation]], Gone] = gone_of
 
 
 NIS = "nis"
 QUANTITIES = (
     Quantity("drift", "NM/h", lambda p: p.drift),
     Quantity("heading", "mrad", lambda p: p.heading),
-    Quantity(NIS, "1", lambda p: p.points, nis_of),
+    Quantity(NIS, "1", lambda p: p.points, nis_of, nis_gone_of),
 )
 
 
@@ -112,7 +113,7 @@ def _quantities(runs: Sequence[HeldOutRun]) -> list[QuantityRecord]:
                 noise=gap.noise,
                 before=_gap(gap),
                 after=_gap(quantity.gap(after)),
-                gone=_gone(gone_of(before, after)),
+                gone=_gone(quantity.gone(before, after)),
             )
         )
     return out
@@ -136,7 +137,7 @@ def _effect(runs: Sequence[HeldOutRun], key: Key) -> EffectOnPredictionRecord:
                     quantity=quantity.name,
                     unit=quantity.unit,
                     alone=_gap(quantity.gap(with_it)),
-                    alone_gone=_gone(gone_of(before, with_it)),
+                    alone_gone=_gone(quantity.gone(before, with_it)),
                     without=_gap(quantity.gap(less)),
                 )
             )

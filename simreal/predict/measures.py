@@ -110,6 +110,19 @@ def gone_of(before: Sequence[Deviation], after: Sequence[Deviation]) -> Gone:
     return Gone(shrink.fraction, shrink.interval_95)
 
 
+def nis_gone_of(before: Sequence[Deviation], after: Sequence[Deviation]) -> Gone:
+    """How much of the NIS beyond 1 is gone, each against what its own twin expects; the interval
+    holds both ends of both intervals.
+    """
+    one, other = nis_of(before), nis_of(after)
+    if one.interval_95[0] <= 1.0:
+        return Gone(0.0, (-1.0, 1.0))
+    low = 1.0 - (other.interval_95[1] - 1.0) / (one.interval_95[0] - 1.0)
+    high = 1.0 - (other.interval_95[0] - 1.0) / (one.interval_95[1] - 1.0)
+    share = 1.0 - (other.value - 1.0) / (one.value - 1.0)
+    return Gone(max(share, -1.0), (max(low, -1.0), max(high, -1.0)))
+
+
 def _whitened(deviation: Deviation, values: NDArray) -> NDArray:
     factor = np.linalg.cholesky(deviation.covariance)
     return np.asarray(solve_triangular(factor, values, lower=True))

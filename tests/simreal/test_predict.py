@@ -14,7 +14,7 @@ from simreal.inference.diagnosis import DiagnosisSettings
 from simreal.predict.carried import foretells, with_noise_of
 from simreal.predict.document import simulator_lines, simulator_record
 from simreal.predict.held_out import Believed, predict_runs
-from simreal.predict.measures import Deviation, gap_of, gone_of, nis_of, noncentrality
+from simreal.predict.measures import Deviation, gap_of, gone_of, nis_gone_of, nis_of, noncentrality
 from tests.simreal.diagnosed import diagnosed, table_from_dict, trial
 
 HELD = "trial-00004-4"
@@ -69,6 +69,9 @@ def test_all_of_a_gap_that_is_gone_is_gone():
     assert gone.fraction > 0.98 and gone.interval_95[0] > 0.7
     assert gone_of(before, before).fraction == 0.0
     assert nis_of(after).measured < 1.0 < nis_of(before).value
+    nis = nis_gone_of(before, after)
+    assert nis.fraction == 1.0 and 0.5 < nis.interval_95[0] < nis.interval_95[1] <= 1.0
+    assert nis_gone_of(after, after).interval_95 == (-1.0, 1.0)
 
 
 def effects(*items):

@@ -1,0 +1,264 @@
+"""The ceiling of the gap study: how often can anyone name the planted effect?
+
+    python -m benchmarks.gap_oracle [DRAWS] [--units 3] [-o docs/gap_oracle.json]
+
+The linear-Gaussian cell: whitened rows are a planted effect of 3, 5, 8 or 12 sigma plus unit white
+noise. The effect is drawn from the catalogue: name and target alike probable, weighted by how usual
+the size is (`simreal.inference.bank.size_weights`, the prior of the diagnosis), then its
+shape on the grid, then the direction of its coefficients, evenly in whitened rows.
+
+- The oracle knows all of that, and the size in sigmas: it scores each hypothesis by its exact
+  likelihood. No answer can be right more often.
+- The diagnosis is given the same rows: its own Bayes factors over the same catalogue, its free
+  functions and its mixture of sizes; the first scan alone, without refinement and sweeps.
+
+Both must also raise an alarm: the threshold of each is its own 99.5 % point over draws of noise
+alone, as a diagnosis at the default level has it. Noise effects are no part of this cell.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, ive
+
+from benchmarks.gap_trials.trial import draw_trial
+from infield.table.file import table_from_dict
+from simreal.effects.catalogue import catalogue
+from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.whitened import Evidence
+from simreal.inference.bank import REACH, Bank, Group, Hypothesis
+from simreal.inference.scoring import Scorer, usual_range
+
+SIZES = (3.0, 5.0, 8.0, 12.0)
+LEVEL = 0.005  # half of the default level of 1 %, as in simreal.inference.attribute
+NULLS = 4000
+LEAST_SHARE = 1e-8  # of a group's largest eigenvalue: a direction below is none
+NO_COLUMNS = np.zeros(0, dtype=int)
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A grid point of a named hypothesis: roots (p, k) make whitened coordinates of its columns'
+    products, back (k, p) coefficients of them.
+    """
+
+    key: Key
+    columns: NDArray
+    roots: NDArray
+    back: NDArray
+    log_prior: NDArray  # by size
+
+    @property
+    def freedom(self) -> int:
+        return int(self.roots.shape[0])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_oracle", description=__doc__)
+    parser.add_argument("draws", type=int, nargs="?", default=300)
+    parser.add_argument("--units", type=int, default=3)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for seed in range(options.first, options.first + options.units):
+        rows += unit(seed, options.draws)
+    for line in summary(rows):
+        print(line, flush=True)
+    if options.output:
+        text = json.dumps({"rows": rows, "summary": summary(rows)}, indent=1)
+        options.output.write_text(text + "\n", encoding="utf-8")
+
+
+def unit(seed: int, draws: int) -> list[dict]:
+    """Answers on one set of four runs, a row a size."""
+    bank = bank_of(seed)
+    rng = np.random.default_rng([seed, 18])
+    found = candidates(bank)
+    names = sorted({c.key for c in found})
+    scorer = Scorer(bank)
+    root = half(bank.gram)
+    null = root @ rng.standard_normal((root.shape[1], NULLS))
+    ours = Ours(scorer, names, null)
+    out = []
+    for number, size in enumerate(SIZES):
+        prior = np.array([c.log_prior[number] for c in found])
+        oracle = Oracle(found, names, prior, size)
+        threshold = float(np.quantile(oracle.evidence(oracle.by_name(null)), 1.0 - LEVEL))
+        truth, score = drawn(found, prior, size, draws, rng, bank.gram)
+        score = score + root @ rng.standard_normal((root.shape[1], draws))
+        right = np.array([names.index(found[t].key) for t in truth])
+        by_name = oracle.by_name(score)
+        said = by_name.argmax(axis=0) == right
+        heard = oracle.evidence(by_name) > threshold
+        mine, alarm = ours.answers(score)
+        out.append(
+            {
+                "seed": seed,
+                "sigma": size,
+                "draws": draws,
+                "oracle_right": int(said.sum()),
+                "oracle_right_and_alarm": int((said & heard).sum()),
+                "ours_right": int((mine == right).sum()),
+                "ours_right_and_alarm": int(((mine == right) & alarm).sum()),
+                "ours_alarm": int(alarm.sum()),
+                "oracle_alarm": int(heard.sum()),
+                "hypotheses": len(names),
+            }
+        )
+    return out
+
+
+def bank_of(seed: int) -> Bank:
+    """The signatures of the whole catalogue on four runs without any effect."""
+    trial = draw_trial(12000 + seed, effects=0, plan="four")
+    table = table_from_dict(trial.table, name="trial")
+    views: list[RunView] = []
+    for k, run in enumerate(trial.runs):
+        view = view_run(run, k, table, trial.twin)
+        assert not isinstance(view, str), view
+        views.append(view)
+    return Bank(Evidence(views, trial.twin), catalogue())
+
+
+def candidates(bank: Bank) -> list[Candidate]:
+    """All grid points of named effects that leave a trace in these runs."""
+    count: dict[Key, int] = {}
+    for h in bank.hypotheses:
+        if h.effect is not None:
+            count[h.name, h.target] = count.get((h.name, h.target), 0) + len(h.groups)
+    found = []
+    for h in bank.hypotheses:
+        for group in h.groups if h.effect is not None else ():
+            made = candidate(bank, h, group, count[h.name, h.target])
+            if made is not None:
+                found.append(made)
+    return found
+
+
+def candidate(bank: Bank, h: Hypothesis, group: Group, alike: int) -> Candidate | None:
+    c = group.columns
+    scaled = bank.gram[np.ix_(c, c)] * np.outer(group.scale, group.scale)
+    values, vectors = np.linalg.eigh(scaled)
+    top = float(values[-1])
+    if top < 1e-6:
+        return None
+    live = values > LEAST_SHARE * top
+    root = np.sqrt(values[live])
+    roots = (vectors[:, live] / root).T * group.scale
+    back = group.scale[:, None] * vectors[:, live] / root
+    low, high = usual_range(h)
+    size = np.array(SIZES) / np.sqrt(top)
+    beyond = np.maximum(size / high, 1.0)
+    weight = -0.5 * np.log(beyond) - 3.0 * (beyond > REACH) - 1.0 * (size < low / 30.0)
+    return Candidate((h.name, h.target), c, roots, back, weight - np.log(alike))
+
+
+def half(gram: NDArray) -> NDArray:
+    """A root of the Gram matrix: noise as the columns see it."""
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    live = values > 1e-9 * values[-1]
+    return np.asarray(scale[:, None] * vectors[:, live] * np.sqrt(values[live]))
+
+
+def drawn(
+    found: list[Candidate],
+    prior: NDArray,
+    size: float,
+    draws: int,
+    rng: np.random.Generator,
+    gram: NDArray,
+) -> tuple[NDArray, NDArray]:
+    """Numbers of the planted candidates, and what they make of all products (m, draws)."""
+    weights = np.exp(prior - prior.max())
+    truth = rng.choice(len(found), size=draws, p=weights / weights.sum())
+    out = np.zeros((gram.shape[0], draws))
+    for k, number in enumerate(truth):
+        c = found[number]
+        way = rng.standard_normal(c.freedom)
+        coefficients = c.back @ (size * way / np.linalg.norm(way))
+        out[:, k] = gram[:, c.columns] @ coefficients
+    return truth, out
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """Exact likelihoods under the prior that the draws were made with."""
+
+    found: list[Candidate]
+    names: list[Key]
+    prior: NDArray
+    size: float
+
+    def by_name(self, score: NDArray) -> NDArray:
+        """Log posterior over that of no effect, of each name on its target (names, draws)."""
+        place = {key: k for k, key in enumerate(self.names)}
+        out = np.full((len(self.names), score.shape[1]), -np.inf)
+        for c, prior in zip(self.found, self.prior):
+            length = np.linalg.norm(c.roots @ score[c.columns], axis=0)
+            value = prior + over_sphere(self.size * length, c.freedom) - 0.5 * self.size**2
+            k = place[c.key]
+            out[k] = np.logaddexp(out[k], value)
+        return out
+
+    @staticmethod
+    def evidence(by_name: NDArray) -> NDArray:
+        return np.asarray(np.logaddexp.reduce(by_name, axis=0))
+
+
+def over_sphere(x: NDArray, k: int) -> NDArray:
+    """log of the mean of exp(x cos) over directions in k dimensions."""
+    if k == 1:
+        return np.asarray(np.logaddexp(x, -x) - np.log(2.0))
+    order = 0.5 * k - 1.0
+    x = np.maximum(x, 1e-9)
+    bessel = np.log(np.maximum(ive(order, x), 1e-300)) + x
+    return np.asarray(gammaln(0.5 * k) + order * np.log(2.0 / x) + bessel)
+
+
+class Ours:
+    """The first scan of the diagnosis."""
+
+    def __init__(self, scorer: Scorer, names: list[Key], null: NDArray) -> None:
+        self.scorer = scorer
+        every = [(h.name, h.target) for h in scorer.hypotheses]
+        self.keys = [*names, *sorted(set(every) - set(names))]
+        self.place = np.array([self.keys.index(key) for key in every])
+        posterior, _ = scorer.log_posterior(NO_COLUMNS, null)
+        self.threshold = float(np.quantile(posterior.max(axis=0), 1.0 - LEVEL))
+
+    def answers(self, score: NDArray) -> tuple[NDArray, NDArray]:
+        """Place of the most probable name among `keys`, and whether there is an alarm."""
+        posterior, _ = self.scorer.log_posterior(NO_COLUMNS, score)
+        out = np.full((len(self.keys), score.shape[1]), -np.inf)
+        for row, place in zip(posterior, self.place):
+            out[place] = np.logaddexp(out[place], row)
+        return out.argmax(axis=0), posterior.max(axis=0) > self.threshold
+
+
+def summary(rows: list[dict]) -> list[str]:
+    out = []
+    for size in SIZES:
+        own = [r for r in rows if r["sigma"] == size]
+        n = sum(r["draws"] for r in own)
+
+        def total(name: str, own: list[dict] = own) -> int:
+            return sum(r[name] for r in own)
+
+        best, ours = total("oracle_right_and_alarm"), total("ours_right_and_alarm")
+        out.append(
+            f"{size:g} sigma, {n} draws: oracle right {100 * total('oracle_right') / n:.1f} %, with"
+            f" an alarm {100 * best / n:.1f} %; diagnosis {100 * total('ours_right') / n:.1f} and"
+            f" {100 * ours / n:.1f} %: {100 * ours / max(best, 1):.1f} % of the oracle's"
+        )
+    return out
+
+
+if __name__ == "__main__":
+    main()
