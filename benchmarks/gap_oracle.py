@@ -108,6 +108,8 @@ def unit(seed: int, draws: int) -> list[dict]:
                 "ours_right_and_alarm": int(((mine == right) & alarm).sum()),
                 "ours_alarm": int(alarm.sum()),
                 "oracle_alarm": int(heard.sum()),
+                "ours_nameless": int((mine >= len(names)).sum()),
+                "oracle_wrong_ours_right": int(((mine == right) & ~said).sum()),
                 "hypotheses": len(names),
             }
         )
@@ -128,20 +130,16 @@ def bank_of(seed: int) -> Bank:
 
 def candidates(bank: Bank) -> list[Candidate]:
     """All grid points of named effects that leave a trace in these runs."""
-    count: dict[Key, int] = {}
-    for h in bank.hypotheses:
-        if h.effect is not None:
-            count[h.name, h.target] = count.get((h.name, h.target), 0) + len(h.groups)
     found = []
     for h in bank.hypotheses:
         for group in h.groups if h.effect is not None else ():
-            made = candidate(bank, h, group, count[h.name, h.target])
+            made = candidate(bank, h, group)
             if made is not None:
                 found.append(made)
     return found
 
 
-def candidate(bank: Bank, h: Hypothesis, group: Group, alike: int) -> Candidate | None:
+def candidate(bank: Bank, h: Hypothesis, group: Group) -> Candidate | None:
     c = group.columns
     scaled = bank.gram[np.ix_(c, c)] * np.outer(group.scale, group.scale)
     values, vectors = np.linalg.eigh(scaled)
@@ -156,7 +154,7 @@ def candidate(bank: Bank, h: Hypothesis, group: Group, alike: int) -> Candidate 
     size = np.array(SIZES) / np.sqrt(top)
     beyond = np.maximum(size / high, 1.0)
     weight = -0.5 * np.log(beyond) - 3.0 * (beyond > REACH) - 1.0 * (size < low / 30.0)
-    return Candidate((h.name, h.target), c, roots, back, weight - np.log(alike))
+    return Candidate((h.name, h.target), c, roots, back, weight + h.log_prior + group.log_weight)
 
 
 def half(gram: NDArray) -> NDArray:

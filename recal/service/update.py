@@ -13,8 +13,13 @@ from pathlib import Path
 
 from infield.reports import update_page
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
-from infield.reports.documents.update import Kept, update_document
-from infield.reports.documents.update_records import PriorsUseDocument, RunDocument, UpdateDocument
+from infield.reports.documents.update import Kept, effects_compared, update_document
+from infield.reports.documents.update_records import (
+    EffectsCompared,
+    PriorsUseDocument,
+    RunDocument,
+    UpdateDocument,
+)
 from infield.reports.words.sentences import sentence
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
@@ -26,7 +31,7 @@ from infield.store.rows import unit_of_table
 from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
-from ins.records import InputError, Run, TableDocument
+from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.verdicts import Outcome, because
 from recal.service.inputs.config import read_config
 from recal.service.inputs.new_units import refuse_store, require_unit
@@ -271,6 +276,7 @@ class _Facts:
     agreement: Agreement | None = None
     priors: PriorsUse | None = None
     effects: Sequence[FoundEffectDocument] | None = None
+    compared: EffectsCompared | None = None
     runs: Sequence[AnyRun] = ()
     lost: tuple[str, ...] = ()
 
@@ -286,23 +292,29 @@ def _estimate(
         if job.ageing == AgeingModel():
             job = replace(job, ageing=ageing_of(priors))
     unit, runs, use = with_thermal_model(unit, runs, job.thermal_model)
-    runs, twin, effects = without_found_effects(runs, unit.twin, unit.table)
+    less, twin, effects = without_found_effects(runs, unit.twin, unit.table)
+
+    def updated(given: list[Run], believed: TwinModel) -> UpdateResult:
+        return update_calibration(
+            given,
+            unit.table,
+            believed,
+            history=_history(unit, database),
+            settings=job.settings,
+            ageing=job.ageing,
+            accept_step=job.accept_step,
+        )
+
+    result = updated(less, twin)
+    compared = None if effects is None else effects_compared(result, updated(runs, unit.twin))
     unit = replace(unit, twin=twin)
-    result = update_calibration(
-        runs,
-        unit.table,
-        unit.twin,
-        history=_history(unit, database),
-        settings=job.settings,
-        ageing=job.ageing,
-        accept_step=job.accept_step,
-    )
     facts = _Facts(
         table_before=unit.table_dict,
         thermal_model=use(result.after),
         unit=unit,
         priors=priors,
         effects=effects,
+        compared=compared,
     )
     return result, unit, replace(facts, agreement=update_agreement(result))
 
@@ -342,6 +354,7 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         noise_fit=noise_fit(facts.agreement, facts.runs),
         priors=None if facts.priors is None else _priors_document(facts.priors),
         found_effects=facts.effects,
+        effects_compared=facts.compared,
     )
 
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from infield.reports.update_page import update_html
 from infield.thermal.found_effects import FoundEffect, with_effect_sigma, without_effects
 from ins.twin_file import default_twin, twin_from_dict, twin_to_dict
 from ins.units import DEG_PER_HOUR, MICRO_G
 from recal.service.inputs.twin_effects import without_found_effects
+from recal.service.update import update
 from simreal.evidence.run_view import view_run
 from tests.simreal.runs import PARKED, simulated, table, twin_of
 
@@ -76,3 +78,18 @@ def test_a_twin_file_keeps_the_sigma_of_what_was_found():
     twin = replace(default_twin("rlg"), effects=(listed(sigma={"coefficient": SIGMA}),))
     again = twin_from_dict(twin_to_dict(twin), source="twin.json", name="twin.json")
     assert again.effects[0]["sigma"] == {"coefficient": SIGMA}
+
+
+def test_the_report_has_the_result_without_the_effects_beside_the_one_with():
+    run = simulated(segments=PARKED).run
+    item = {**listed(sigma={"coefficient": SIGMA}), "parameters": {"coefficient": 0.1}}
+    result = update(run, table(), twin_of(effects=(item,)))
+    both = result.record.effects_compared
+    assert both is not None and both.taken_out.verdict == result.verdict
+    # an effect that is not there, taken out, contradicts the table
+    assert (both.left_in.verdict, both.taken_out.verdict) == ("proposed", "inconsistent")
+    assert both.taken_out.nis_mean > both.left_in.nis_mean
+    page = update_html(result.record)
+    assert "effects left in" in page and f"{both.left_in.merge_nis:.2f}" in page
+    assert "  with the effects left in: proposed" in result.lines()
+    assert update(run, table(), twin_of()).record.effects_compared is None

@@ -28,6 +28,8 @@ from infield.reports.documents.update_records import (
     ChangeDocument,
     ConsistencyDocument,
     DisagreementDocument,
+    EffectsCompared,
+    EffectsOutcome,
     HysteresisDocument,
     MergeDocument,
     MethodDocument,
@@ -137,6 +139,28 @@ def update_document(
         disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
         thermal_model=thermal_model,
+    )
+
+
+def effects_compared(taken_out: UpdateResult, left_in: UpdateResult) -> EffectsCompared:
+    """The same runs updated without the twin's effects in them, and as they were logged."""
+    return EffectsCompared(taken_out=_effects_outcome(taken_out), left_in=_effects_outcome(left_in))
+
+
+def _effects_outcome(result: UpdateResult) -> EffectsOutcome:
+    estimated = [s for s in result.sessions if s.estimate is not None]
+    merged = [s.merged for s in estimated if s.merged is not None]
+    dof = sum(m.dof for m in merged)
+    parked = result.before.gyro_technology == "mems"
+    change = None if parked else _predicted_effect(result)
+    accepted = result.outcome is Outcome.ACCEPTED
+    return EffectsOutcome(
+        verdict=Outcome.PROPOSED if accepted else result.outcome,
+        heading_error=heading_error(estimated[-1] if estimated else None),
+        nis_mean=_consistency(estimated).nis_mean,
+        merge_nis=sum(m.nis for m in merged) / dof if dof else None,
+        level_change_deg_h=None if change is None else change.level_change_deg_h,
+        drift_removed_nm_h=None if change is None else change.drift_removed_nm_h,
     )
 
 

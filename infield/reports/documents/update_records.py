@@ -199,6 +199,29 @@ class PriorsUseDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EffectsOutcome:
+    """What an update said, in the numbers that found effects move; None where it has none.
+
+    merge_nis: of all sessions against the table, per degree of freedom.
+    """
+
+    verdict: Outcome | str
+    heading_error: HeadingError
+    nis_mean: float | None
+    merge_nis: float | None
+    level_change_deg_h: float | None
+    drift_removed_nm_h: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectsCompared:
+    """The update with the twin's effects out of the log, as it stands, and with them left in."""
+
+    taken_out: EffectsOutcome
+    left_in: EffectsOutcome
+
+
+@dataclass(frozen=True, kw_only=True)
 class UpdateDocument:
     """The whole file. Tables and noise model stand as formats.md writes them.
 
@@ -246,6 +269,7 @@ class UpdateDocument:
     sessions: Sequence[EstimatedDocument | SessionDocument] = ()
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
     found_effects: Sequence[FoundEffectDocument] | None = field(default=None, metadata=OMIT_NONE)
+    effects_compared: EffectsCompared | None = field(default=None, metadata=OMIT_NONE)
     conflicts: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     remembered: str | None = field(default=None, metadata=OMIT_NONE)
     proposal: int | None = field(default=None, metadata=OMIT_NONE)

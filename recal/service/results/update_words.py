@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING
 
 from infield.reports.documents.parked import effect_words, stretch_words
 from infield.reports.documents.session_records import EstimatedDocument
-from infield.reports.documents.update_records import UpdateDocument, ZeroRateEffect, update_of
+from infield.reports.documents.update_records import (
+    EffectsCompared,
+    UpdateDocument,
+    ZeroRateEffect,
+    update_of,
+)
 from infield.reports.table_known import table_known
 from infield.session.hysteresis import ACTED_ON
 from infield.session.reasons import ThermalAction
@@ -115,6 +120,8 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []
     lines += [f"  {found.text}" for found in document.found_effects or ()]
+    if document.effects_compared is not None:
+        lines.append(f"  {_compared(document.effects_compared)}")
     lines += _axis_lines(document, verbose=verbose)
     heading = document.heading_error
     if heading.value_mrad is not None:
@@ -123,6 +130,15 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
             f" {heading.sigma_mrad:.2f} mrad, from {heading.source}"
         )
     return [*lines, *_effects(document)]
+
+
+def _compared(both: EffectsCompared) -> str:
+    """The update with the effects left in, in a line."""
+    nis = [o.merge_nis for o in (both.left_in, both.taken_out)]
+    said = f"with the effects left in: {both.left_in.verdict}"
+    if nis[0] is None or nis[1] is None:
+        return said
+    return f"{said}, NIS of the sessions against the table {nis[0]:.2f} (taken out {nis[1]:.2f})"
 
 
 def _axis_lines(document: UpdateDocument, *, verbose: bool) -> list[str]:
