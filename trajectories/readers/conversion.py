@@ -181,9 +181,11 @@ def _missing(keys: Container[str], site_keys: Container[str]) -> list[str]:
 
 
 def file_sha256(path: Path) -> str:
-    """Of a file; of a folder, over the names and hashes of its files."""
+    """Of a file; of a folder, over the names and hashes of its files, and of the texts below it."""
     if path.is_dir():
-        parts = [f"{p.name} {file_sha256(p)}\n" for p in sorted(path.iterdir()) if p.is_file()]
+        files = [p for p in path.iterdir() if p.is_file()]
+        files += [p for p in path.rglob("*.txt") if p.is_file() and p.parent != path]
+        parts = [f"{p.relative_to(path)} {file_sha256(p)}\n" for p in sorted(files)]
         return hashlib.sha256("".join(parts).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

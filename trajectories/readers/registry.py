@@ -14,7 +14,20 @@ from trajectories.readers.rows.column_map import LogOptions
 
 # Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any
 # MATLAB file.
-MODULES = ("ardupilot", "px4", "ros", "navego", "psins", "kfgins", "novatel", "mapped")
+MODULES = (
+    "ardupilot",
+    "px4",
+    "ros",
+    "navego",
+    "psins",
+    "kfgins",
+    "novatel",
+    "exports.xsens",
+    "exports.vectornav",
+    "datasets.euroc",
+    "datasets.kitti",
+    "mapped",
+)
 
 
 GZIP = b"\x1f\x8b\x08"
@@ -128,7 +141,8 @@ def read_log(path: Path, options: LogOptions) -> tuple[str, ConvertedLog]:
         chosen = list(islice((r for r in known if r.detect(path)), 1))
     if not chosen and path.is_dir():
         raise InputError(
-            f"{path}: a folder without a bag (.bag, .db3, .mcap): needed the file of the log"
+            f"{path}: a folder without a bag (.bag, .db3, .mcap), oxts (KITTI) or mav0 (EuRoC):"
+            " needed the file of the log"
         )
     if not chosen:
         formats = "; ".join(f"{r.name} ({r.about})" for r in known)

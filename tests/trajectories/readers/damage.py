@@ -18,6 +18,8 @@ from scipy.io import savemat
 from tests.trajectories.readers import (
     ardupilot_logs,
     ros_bags,
+    test_datasets,
+    test_exports,
     test_kfgins,
     test_mat_hdf5,
     test_navego,
@@ -103,6 +105,12 @@ def _bag(form: str) -> Callable[[Path], None]:
     return write
 
 
+def _euroc(path: Path) -> None:
+    folder = path.with_name(f"folder-{path.name}")
+    path.write_bytes(test_datasets.euroc(folder, SHORT, yaml="").read_bytes())
+    shutil.rmtree(folder)
+
+
 def _novatel_frames(path: Path) -> None:
     frames = [test_novatel_binary.config(26, (0.0, 0.0, 0.0))]
     frames += test_novatel_binary.raw_frames(SHORT)
@@ -172,6 +180,10 @@ SAMPLES = [
         lambda path: test_navego.write(path, imu1=test_navego.imu(SHORT), gnss1=test_navego.gnss()),
     ),
     Sample("novatel", ".gps", _novatel_frames),
+    Sample("xsens", ".txt", lambda path: test_exports.xsens(path, SHORT)),
+    Sample("vectornav", ".csv", lambda path: test_exports.vectornav(path, SHORT)),
+    Sample("euroc", ".csv", _euroc),
+    Sample("kitti", ".txt", lambda path: test_datasets.tracking(path)),
     Sample("mat", "-7.3.mat", test_mat_hdf5.small_log, test_mat_hdf5.MAP),
     Sample("novatel", ".asc", lambda path: test_novatel.write(path, test_novatel.raw_lines(SHORT))),
     *(

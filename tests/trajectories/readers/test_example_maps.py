@@ -145,13 +145,58 @@ def navego(folder):
     )
 
 
+GPS_START_S = 2408 * 604_800.0 + 18.0  # 2026-03-01T00:00:00Z: week 2408, 18 leap seconds
+
+
+def imar_text(folder):
+    """Fixes every second; week included in the seconds, 5 h after the week began."""
+    out = parked()
+    w, f = np.degrees(out.dtheta / 0.01), out.dv / 0.01
+    rows = []
+    for k, (t, a, b) in enumerate(zip(out.time_s, w, f)):
+        fix = f"{LAT_DEG};{LON_DEG};{HEIGHT_M};1.0;2.0;-0.5" if k % 100 == 0 else ";;;;;"
+        readings = ";".join(f"{v:.12g}" for v in (*a, *b))
+        rows.append(f"{GPS_START_S + 18_000 + t:.6f};{readings};31.0;{fix}")
+    (folder / "inav.txt").write_text("# a remark\n" + "\n".join(rows) + "\n")
+    return folder / "inav.txt", out
+
+
+def check_imar_text(made):
+    assert made.run.gnss.time_s.size == 60
+    assert made.run.header.start_utc == "2026-03-01T05:00:00.000Z"
+    np.testing.assert_allclose(made.run.temperature.gyro_degC, 31.0)
+
+
+def applanix_text(folder):
+    out = parked(start_s=18_000.0)
+    table = np.column_stack([out.time_s, out.dv, out.dtheta])
+    np.savetxt(folder / "imu.txt", table, fmt="%.12e", header="time dv dtheta", comments="")
+    return folder / "imu.txt", out
+
+
 WRITERS = {
     f.__name__: f
-    for f in (recorder_csv, recorder_parquet, matlab_struct, kfgins, novatel, psins, navego)
+    for f in (
+        recorder_csv,
+        recorder_parquet,
+        matlab_struct,
+        kfgins,
+        novatel,
+        psins,
+        navego,
+        imar_text,
+        applanix_text,
+    )
 }
 MORE = {
     f.__name__.removeprefix("check_"): f
-    for f in (check_recorder_csv, check_recorder_parquet, check_matlab_struct, check_kfgins)
+    for f in (
+        check_recorder_csv,
+        check_recorder_parquet,
+        check_matlab_struct,
+        check_kfgins,
+        check_imar_text,
+    )
 }
 
 

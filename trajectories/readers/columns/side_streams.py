@@ -116,7 +116,7 @@ def reference_on_run_time(log: ConvertedLog, columns: dict[str, NDArray]) -> Ref
         ahead = time_s > np.concatenate([[-np.inf], np.maximum.accumulate(time_s)[:-1]])
         rows = ahead & (time_s >= 0) & (time_s <= log.imu.end_s)
     rows &= np.all(
-        [np.isfinite(v).reshape(v.shape[0], -1).all(axis=1) for v in columns.values()], axis=0
+        [np.isfinite(v).all(axis=tuple(range(1, v.ndim))) for v in columns.values()], axis=0
     )
     return (
         ReferenceLog(**{**{k: v[rows] for k, v in columns.items()}, "time_s": time_s[rows]})

@@ -10,6 +10,7 @@ from trajectories.runs.text_rows import MAX_BAD
 
 WRAPS = {  # [s] after which a clock starts again
     2**32 * 1e-6: "32 bits of microseconds",
+    2**32 * 1e-4: "32 bits of 0.1 milliseconds",
     2**32 * 1e-3: "32 bits of milliseconds",
     604_800.0: "GPS week",
     86_400.0: "day",
