@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from benchmarks.flight_errors import FlightErrors
 from infield.session import one_run
-from infield.session.flown.driving import MISALIGNED
+from infield.session.flown.driving import MISALIGNED, by_halves
 from infield.session.flown.fixes import usable
 from infield.session.flown.priors import Further
 from infield.session.log import table_series
@@ -93,6 +93,18 @@ def test_further_states_drive_the_errors_as_the_sensors_do(state):
         vertical = state is Further.ACCEL_Z or (k == 2 and state in VERTICAL)
         share = HEIGHT_SHARE if vertical else LINEAR_SHARE
         assert (np.abs(linear - true) < share * scale).all(), k
+
+
+def test_a_constant_drive_moves_the_place_alike_whatever_the_steps():
+    """A place under a constant acceleration a: 0.5 a T^2, beside the half of the first step's
+    velocity that the start holds.
+    """
+    dt = np.array([10.0, 10.0, 4.0, 1.0, 1.0, 5.0, 1.0, 10.0])
+    speed, place = 0.5 * dt[0], 0.0  # of a unit acceleration
+    for step, gained in zip(dt, by_halves(dt)):
+        place, speed = place + speed * step, speed + gained
+    assert place == pytest.approx(0.5 * dt.sum() ** 2, rel=1e-12)
+    assert speed == pytest.approx(dt.sum(), rel=1e-12)
 
 
 def taken(run, **changes):

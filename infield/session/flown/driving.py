@@ -3,8 +3,10 @@
 Equations: `ins.filters.error_model`. What a gyro reads too much, eps dt in body axes, turns the
 drift angle by C eps dt and, as there, the velocity error by v x C eps dt; what an accelerometer
 reads too much changes the velocity error by C del dt; a deflected vertical by g times the angle.
-Written as assignments at the end of each step: first order in the step, which for errors of this
-size (1e-5 m/s^2 over 5 s) leaves 1e-4 m.
+Written as assignments at the end of each step, half of a step's drive before it and half after, so
+that a place is right to the second order: all of it after the step let the filter take a deflected
+vertical for another acceleration than a tilt wherever steps of 10 s met steps of 1 s, and sigmas of
+x and y were 3 % below the Cramer-Rao bound.
 """
 
 from dataclasses import dataclass
@@ -61,30 +63,29 @@ class Driving:
     def measure(self, program: FilterProgram, views: StepViews) -> None:
         """Lay down how the states fade and how they drive."""
         self._fade(program, views)
-        moving = np.flatnonzero(views.kind != STILL)
+        still = views.kind == STILL
         of_gyros = self._of_gyros(views.dt_s)
         turn = {k: np.einsum("kij,kj->ki", views.C_mean, rows) for k, rows in of_gyros.items()}
+        turn = {k: np.where(still[:, None], 0.0, rows) for k, rows in turn.items()}
         v_n = views.displacement_n_m / views.dt_s[:, None]
+        every = np.arange(len(views.kind))
         for i in range(3):
             state = THETA.start + i
             row: dict[int, ArrayLike] = {state: 1.0}
-            row.update({k: rows[moving, i] for k, rows in turn.items()})
-            program.assign(moving, state, row, 0.0)
+            row.update({k: by_halves(rows[:, i]) for k, rows in turn.items()})
+            program.assign(every, state, row, 0.0)
         push = {k: np.cross(v_n, rows) for k, rows in turn.items()}
-        still = views.kind == STILL
-        push = {k: np.where(still[:, None], 0.0, rows) for k, rows in push.items()}
         of_accels = self._of_accelerometers(views)
         push.update(
             {k: np.einsum("kij,kj->ki", views.C_mean, rows) for k, rows in of_accels.items()}
         )
         gravity = gravity_magnitude(views.lat_rad, views.height_m) * views.dt_s
-        every = np.arange(len(views.kind))
         for i in range(2):
             state = W.start + i
             row = {state: 1.0}
-            row.update({k: rows[:, i] for k, rows in push.items()})
+            row.update({k: by_halves(rows[:, i]) for k, rows in push.items()})
             if Further.DEFLECTION in self.layout.at:
-                row[self.layout.indices(Further.DEFLECTION)[i]] = gravity
+                row[self.layout.indices(Further.DEFLECTION)[i]] = by_halves(gravity)
             program.assign(every, state, row, 0.0)
 
     def _fade(self, program: FilterProgram, views: StepViews) -> None:
@@ -139,3 +140,11 @@ class Driving:
             found[k] = np.zeros((count, 3))
             found[k][:, axis] = self.body.above_degC * dt
         return found
+
+
+def by_halves(over: NDArray) -> NDArray:
+    """What acts over each step (K,), half of it before the step and half after: at the end of each
+    step its own half and the next one's.
+    """
+    later = np.append(over[1:], 0.0)
+    return np.asarray(0.5 * (over + later))
