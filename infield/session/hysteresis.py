@@ -91,8 +91,8 @@ class ThermalTerm:
 
 @dataclass(frozen=True)
 class JointPosterior:
-    """Table parameters beyond the prior's (n,) with covariance (n, n), the terms (3,) with theirs
-    (3, 3).
+    """Table parameters beyond the prior's (n,) with covariance (n, n), the terms (k,) with theirs
+    (k, k).
     """
 
     change: NDArray
@@ -123,27 +123,37 @@ def joint_posterior(
     """Table and terms of some axes from all sessions at once; the sessions' bins must stand on this
     table.
     """
+    used = np.flatnonzero(axes)
+    found = joint_with(table, [(s, s.regressor(kind)[:, used]) for s in sessions])
+    terms, spread = np.zeros(3), np.zeros((3, 3))
+    terms[used], spread[np.ix_(used, used)] = found.terms, found.terms_covariance
+    return JointPosterior(found.change, found.covariance, terms, spread)
+
+
+def joint_with(
+    table: ThermalTable, sessions: Sequence[tuple[SessionLikelihood, NDArray]]
+) -> JointPosterior:
+    """Table and terms from all sessions at once, each with what the terms add to its bins (3N, k).
+
+    The terms are k; the sessions' bins must stand on this table.
+    """
     values, vectors = np.linalg.eigh(table.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))  # parameters = table + root v, v ~ N(0, I)
-    n, used, vague = (
-        table.n_parameters,
-        np.flatnonzero(axes),
-        VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology],
-    )
-    information = np.diag(np.concatenate([np.ones(n), np.full(used.size, vague**-2)]))
-    vector = np.zeros(n + used.size)
-    for s in sessions:
-        J = np.hstack([s.bins.H @ root, s.regressor(kind)[:, used]])
+    n, count = table.n_parameters, sessions[0][1].shape[1] if sessions else 0
+    vague = VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology]
+    information = np.diag(np.concatenate([np.ones(n), np.full(count, vague**-2)]))
+    vector = np.zeros(n + count)
+    for s, columns in sessions:
+        J = np.hstack([s.bins.H @ root, columns])
         own = np.eye(len(J)) + s.information @ s.bins.own
         L, e = np.linalg.solve(own, s.information), np.linalg.solve(own, s.vector)
         offset = s.bins.table_deg_h - s.reference_deg_h
         information += J.T @ L @ J
         vector += J.T @ (e - L @ offset)
     P = np.linalg.inv(0.5 * (information + information.T))
-    mean, terms, spread = P @ vector, np.zeros(3), np.zeros((3, 3))
-    terms[used], spread[np.ix_(used, used)] = mean[n:], P[n:, n:]
+    mean = P @ vector
     covariance = root @ P[:n, :n] @ root.T
-    return JointPosterior(root @ mean[:n], 0.5 * (covariance + covariance.T), terms, spread)
+    return JointPosterior(root @ mean[:n], 0.5 * (covariance + covariance.T), mean[n:], P[n:, n:])
 
 
 def with_free_common(table: ThermalTable) -> ThermalTable:

@@ -1,14 +1,20 @@
 """Sessions of one update taken together: is there a heating-cooling term, and what is the table
-when there is one?
+when there is one? Do the gyros read otherwise in flight than at rest?
+
+The latter, bias = table(T) + s in flight, is looked for as the former is: the joint posterior of
+table and term, each session's own departure integrated out, nothing believed of the table's level.
+One flight shows s only as far as its cruise is not taken for a colder part of the table.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from infield.session.acceptance import judge_merge
 from infield.session.bins import rebinned
+from infield.session.flown.worth import LEAST_FLIGHTS, FlightTerm
 from infield.session.hysteresis import (
     VAGUE_TERM,
     MOVED_degC_min,
@@ -17,7 +23,9 @@ from infield.session.hysteresis import (
     find_terms,
     heating_sense,
     joint_posterior,
+    joint_with,
     posterior_with,
+    with_free_common,
     with_terms,
 )
 from infield.session.points import measurement_information
@@ -70,7 +78,7 @@ def with_thermal_terms(
     for chosen in [merged, agreeing] if len(agreeing) < len(merged) else [agreeing]:
         if not chosen:
             continue
-        wide = _covering(table, chosen)
+        wide = covering(table, chosen)
         data = [likelihood_of(s, wide, twin, settings) for s in chosen]
         terms = find_terms(
             wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data]
@@ -91,7 +99,7 @@ def with_thermal_terms(
             for term in terms
         )
     if len(agreeing) < len(merged):
-        wide = _covering(table, merged)
+        wide = covering(table, merged)
         terms = _or_a_wrong_session(
             terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged]
         )
@@ -125,7 +133,7 @@ def with_free_level(session: SessionLikelihood, table: ThermalTable) -> SessionL
     return replace(session, bins=replace(session.bins, own=own))
 
 
-def _covering(table: ThermalTable, sessions: Sequence[SessionResult]) -> ThermalTable:
+def covering(table: ThermalTable, sessions: Sequence[SessionResult]) -> ThermalTable:
     """The table with nodes over all temperatures of the sessions."""
     seen = [s.temperature.temperature_degC for s in sessions if s.temperature is not None]
     return table.extended_to(float(min(T.min() for T in seen)), float(max(T.max() for T in seen)))
@@ -179,3 +187,57 @@ def _with_widened(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> S
     """The session with the terms that are not fitted in its own covariance."""
     _, wider = with_terms(session, unfitted(terms))
     return replace(session, bins=replace(session.bins, own=session.bins.own + wider))
+
+
+def find_flight_terms(
+    sessions: Sequence[SessionResult],
+    table: ThermalTable,
+    twin: TwinModel,
+    settings: SessionSettings,
+) -> tuple[FlightTerm, ...]:
+    """One term a gyro; empty where fewer than LEAST_FLIGHTS sessions were joined by their flight.
+
+    table: as it was before the sessions.
+    """
+    flown = [s for s in sessions if s.merged is not None and _aloft(s).any()]
+    if len(flown) < LEAST_FLIGHTS:
+        return ()
+    used = [_as_usual(s) for s in sessions if s.merged is not None]
+    free = with_free_common(covering(table, used))
+    data = [(likelihood_of(s, free, twin, settings), _columns(s)) for s in used]
+    found = joint_with(free, data)
+    sigma = np.sqrt(np.diag(found.terms_covariance))
+    return tuple(
+        FlightTerm(
+            axis=axis,
+            value_deg_h=float(found.terms[k]),
+            sigma_deg_h=float(sigma[k]),
+            flights=len(flown),
+        )
+        for k, axis in enumerate(AXES)
+    )
+
+
+def _as_usual(session: SessionResult) -> SessionResult:
+    """The session with its flight as the usual prior has it: a difference that each flight may have
+    for itself says nothing of one that all have.
+    """
+    if session.flight is None or session.flight.as_usual is None:
+        return session
+    return replace(session, estimate=session.flight.as_usual)
+
+
+def _aloft(session: SessionResult) -> NDArray:
+    """Share of each bin (N,) that a joined flight spends in the air."""
+    assert session.estimate is not None
+    bins, evidence = session.estimate.bins, session.flight
+    if evidence is None or evidence.joined is None:
+        return np.zeros(bins.start_s.size)
+    flight = evidence.flight
+    shared = np.minimum(bins.end_s, flight.end_s) - np.maximum(bins.start_s, flight.start_s)
+    return np.asarray(np.maximum(shared, 0.0) / bins.duration_s)
+
+
+def _columns(session: SessionResult) -> NDArray:
+    """What a term of 1 adds to each bin (3N, 3)."""
+    return np.kron(_aloft(session)[:, None], np.eye(3))

@@ -19,7 +19,7 @@ from infield.session.disagreement import (
 )
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.marks import UnitMarks
-from infield.session.joint_update import with_thermal_terms
+from infield.session.joint_update import find_flight_terms, with_thermal_terms
 from infield.session.log import applied_table_of, with_applied_table_undone
 from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, ThermalAction
@@ -71,22 +71,28 @@ def update_calibration(
 
     A run that contradicts model or table makes the whole update inconsistent; a refused run is left
     out with its reasons. With accept_step, a step that at least two sessions agree on is followed:
-    the table is widened for it and the runs are taken again.
+    the table is widened for it and the runs are taken again; so they are with a wider prior of what
+    gyros read in flight beyond what they read at rest, where several flights show such a term.
     """
     history = history or UnitHistory()
     settings = settings or SessionSettings()
     ageing = ageing or AgeingModel()
     _check_unit(runs, table, twin)
 
-    def take(steps: tuple[Step, ...]) -> _Taken:
-        return _take(runs, table, twin, settings, ageing, history, steps)
+    def take(steps: tuple[Step, ...], wider: SessionSettings) -> _Taken:
+        return _take(runs, table, twin, wider, ageing, history, steps)
 
-    taken = take(())
+    taken = take((), settings)
+    flight_terms = find_flight_terms(taken.sessions, table, twin, settings)
+    found = [abs(term.value_deg_h) for term in flight_terms if term.found]
+    if found:
+        settings = settings.with_shift(table.gyro_technology, max(found))
+        taken = take((), settings)
     evidence = _evidence(taken)
     steps = find_steps(taken.table, [*history.remembered, *evidence])
     accepted = accept_step and bool(steps)
     if accepted:
-        taken = take(steps)
+        taken = take(steps, settings)
     outcome, reasons = _overall(taken.sessions)
     after, merged_runs = table, []
     if outcome is Outcome.ACCEPTED:
@@ -112,6 +118,7 @@ def update_calibration(
         steps,
         accepted and outcome is Outcome.ACCEPTED,
         evidence,
+        flight_terms,
     )
 
 

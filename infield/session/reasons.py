@@ -125,6 +125,8 @@ class FlightReason(StrEnum):
     UNLIKE_AT_REST = "flight_unlike_at_rest"
     NOT_NAVIGATED = "flight_not_navigated"
     NEVER_LINEAR = "flight_never_linear"
+    # not against it: the prior of the gyros in flight against at rest was given up for their size
+    SHIFT_WIDENED = "flight_shift_widened"
 
 
 class WrongFact(StrEnum):

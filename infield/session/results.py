@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from infield.session.acceptance import Verdict
 from infield.session.disagreement import SessionEvidence, Step
 from infield.session.estimate import SessionEstimate
-from infield.session.flown.worth import FlightEvidence
+from infield.session.flown.worth import FlightEvidence, FlightTerm
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.history import Likeness
 from infield.session.identity.marks import UnitMarks
@@ -48,7 +48,7 @@ class UpdateResult:
 
     terms: heating against cooling, per axis; steps: where several sessions agree against the table;
     step_accepted: the table was widened for them; evidence: what is worth remembering of sessions
-    that contradict the table.
+    that contradict the table; flight_terms: gyros in flight against at rest, over all flights.
     """
 
     outcome: Outcome
@@ -64,3 +64,4 @@ class UpdateResult:
     steps: tuple[Step, ...] = ()
     step_accepted: bool = False
     evidence: tuple[SessionEvidence, ...] = ()
+    flight_terms: tuple[FlightTerm, ...] = ()

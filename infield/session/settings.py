@@ -1,6 +1,6 @@
 """What a session takes for granted where no table or twin declares it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,14 @@ class SessionSettings:
     use_odometer: bool = True
     check_unit: bool = True  # hold accelerometers and thermometers against the unit's history
     flight: FlightPriors = field(default_factory=FlightPriors)
+
+    def with_shift(self, technology: str, size_deg_h: float) -> "SessionSettings":
+        """The same with a prior of what gyros read in flight beyond what they read at rest that is
+        at least so large (1 sigma).
+        """
+        prior = self.flight.shift_deg_h
+        wider = {**prior, technology: max(prior[technology], size_deg_h)}
+        return replace(self, flight=replace(self.flight, shift_deg_h=wider))
 
 
 def misalignment_sigma_mrad(twin: TwinModel, settings: SessionSettings) -> NDArray:

@@ -14,6 +14,7 @@ from infield.session import one_run
 from infield.session.flown.driving import MISALIGNED, by_halves
 from infield.session.flown.fixes import usable
 from infield.session.flown.priors import Further
+from infield.session.joint_update import find_flight_terms
 from infield.session.log import table_series
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason
@@ -168,6 +169,39 @@ def test_a_flight_left_out_leaves_the_ground_session():
         patch.setattr(one_run, "fly", never)
         alone = taken(simulated.run)
     assert same_table(result.merged.table, alone.merged.table)
+
+
+@lru_cache(maxsize=1)
+def shaken():
+    """Gyro y reads 0.02 deg/h less in flight than at rest, what 1 in 7 sound flights resembles."""
+    errors = FlightErrors(slow_position_m=1.5, gyro_shift_deg_h=(0.0, -0.02, 0.0))
+    return taken(flown(errors=errors).run)
+
+
+def test_a_gyro_that_hardly_reads_as_at_rest_widens_the_prior_of_it():
+    """The size is told, and the flight's own sigmas hold it."""
+    evidence = shaken().flight
+    (note,) = evidence.notes
+    assert note.code is FlightReason.SHIFT_WIDENED and note.values["axis"] == "y"
+    assert note.values["size_deg_h"] == pytest.approx(-0.02, abs=3 * note.values["sigma_deg_h"])
+    found = {state.state: state for state in evidence.carried}[Further.SHIFT]
+    assert (found.prior >= abs(note.values["size_deg_h"]) * DEG_PER_HOUR).all()
+    assert not joined()[1].flight.notes
+    aloft = shaken().estimate.bins.start_s > evidence.flight.start_s
+    spread, usual = (
+        np.diag(r.estimate.covariance).reshape(-1, 3)[aloft, 1] for r in (shaken(), joined()[1])
+    )
+    assert (spread > 1.2 * usual).all()
+
+
+def test_several_flights_show_what_one_may_hide():
+    """The same flight twice: of a sound unit no term is found, of a shaken one its gyro."""
+    told = find_flight_terms([shaken()] * 2, factory(), TWIN, SETTINGS)
+    assert [term.axis for term in told if term.found] == ["y"]
+    assert told[1].value_deg_h == pytest.approx(-0.02, abs=3 * told[1].sigma_deg_h)
+    sound = find_flight_terms([joined()[1]] * 2, factory(), TWIN, SETTINGS)
+    assert not any(term.found for term in sound)
+    assert find_flight_terms([shaken()], factory(), TWIN, SETTINGS) == ()
 
 
 @pytest.mark.parametrize("with_gnss", [False, True])

@@ -4,10 +4,13 @@ session's estimate, the gates, and that nothing changes without a receiver.
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 from scipy.stats import chi2
 
+from infield.reports.documents.parked import budget_terms
+from infield.session.flown import without_heading
 from infield.session.flown.priors import Further
 from infield.session.reasons import FlightReason
 from ins.records import GnssLog
@@ -16,6 +19,10 @@ from tests.infield.mems_away import MISALIGNMENT_MRAD, SCALE_PPM, SETTINGS, bin_
 
 # two-sided: 1 in 1000 of right sigmas, over as many degrees of freedom as there are
 CHANCE = 5e-4
+
+
+def never(*anything, **more):
+    raise AssertionError("navigated all the same")
 
 
 @lru_cache(maxsize=4)
@@ -50,6 +57,20 @@ def unasked(seed):
     settings = replace(SETTINGS, use_gnss=False)
     run = simulated(seed).run
     return mems_away.take_run(run, mems_away.blank(), mems_away.TWIN, settings, False)
+
+
+def test_the_budget_names_what_the_way_adds():
+    result = taken(0)
+    terms = budget_terms(result, SimpleNamespace(twin=mems_away.TWIN))
+    estimate, span = result.estimate, result.flight.flight
+    inside = (estimate.bins.start_s >= span.start_s) & (estimate.bins.end_s <= span.end_s)
+    widest = np.sqrt(np.diag(estimate.covariance)).reshape(-1, 3)[inside].max(axis=0)
+    for k, of_axis in enumerate(terms):
+        mean = of_axis["ways with the receiver: mean of their bins"]
+        assert 0.0 < of_axis["what a gyro reads under way against at rest"]
+        assert 0.0 < mean < widest[k]
+    alone = budget_terms(replace(result, flight=None), SimpleNamespace(twin=mems_away.TWIN))
+    assert "ways with the receiver: mean of their bins" not in alone[0]
 
 
 def sigmas(estimate):
@@ -105,11 +126,12 @@ def test_a_gyro_that_reads_more_in_flight_is_told():
     }
 
 
-def test_few_fixes_leave_the_way_out():
+def test_few_fixes_leave_the_way_out_before_it_is_navigated(monkeypatch):
     made = simulated(0)
     log = made.run.gnss
     kept = (log.time_s < 200.0) | (log.time_s % 10.0 < 1.0)
     columns = {name: value[kept] for name, value in vars(log).items() if value is not None}
+    monkeypatch.setattr(without_heading, "navigate_aided", never)
     result = mems_away.taken(replace(made.run, gnss=replace(log, **columns)))
     assert result.flight.joined is None
-    assert result.flight.reasons[0].code in (FlightReason.UNCOVERED, FlightReason.NOT_NAVIGATED)
+    assert [reason.code for reason in result.flight.reasons] == [FlightReason.UNCOVERED]

@@ -37,6 +37,8 @@ def flight_document(session: SessionResult) -> FlightDocument | None:
         sigma_heading_ground_mrad=_in_mrad(e.heading_before_rad),
         sigma_heading_mrad=None if joined is None else _in_mrad(joined.sigma_heading_rad),
         against_rest=_against_rest(e),
+        notes=sentences(e.notes),
+        note_codes=codes(e.notes),
         nuisances=[_nuisance(state) for state in e.carried],
         worth=None if e.worth is None else _worth(e.worth),
     )

@@ -15,6 +15,7 @@ from infield.reports.documents.session_records import (
 from infield.reports.documents.spans import span_document
 from infield.reports.documents.update_records import ZeroRateEffect
 from infield.session.estimate import ParkedEvidence, SessionEstimate
+from infield.session.flown.priors import Further
 from infield.session.results import SessionResult, UpdateResult
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
@@ -146,6 +147,7 @@ def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[s
     if len(p.stretches) == 1:
         heading = p.earth.heading_deg_h[0] * np.sqrt(np.maximum(1.0 - p.earth.down_b[0] ** 2, 0.0))
     rest = np.sqrt(np.maximum(p.of_mean(p.earth.covariance) - heading**2, 0.0))
+    ways = _of_ways(session)
     return [
         {
             "angle random walk": p.walk_deg_sqrt_h[k] / np.sqrt(seconds / HOUR),
@@ -154,9 +156,32 @@ def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[s
             "turn-on, this session against the mean": gyro.turn_on_deg_h,
             "bias instability": FLICKER_FLOOR * gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
+            **{term: sigma[k] for term, sigma in ways.items()},
         }
         for k in range(3)
     ]
+
+
+def _of_ways(session: SessionResult) -> Mapping[str, NDArray]:
+    """Terms of what the ways between the rests add, one sigma (3,): the mean bias of their bins as
+    they are left, and of it what may be read under way alone; empty where none was joined.
+    """
+    evidence = session.flight
+    if evidence is None or evidence.joined is None:
+        return {}
+    joined, flight = evidence.joined, evidence.flight
+    bins = joined.bins
+    under_way = (bins.start_s >= flight.start_s) & (bins.end_s <= flight.end_s)
+    if not under_way.any():
+        return {}
+    weight = bins.duration_s * under_way
+    rows = np.kron(weight / weight.sum(), np.eye(3))
+    mean = np.sqrt(np.diag(rows @ joined.covariance @ rows.T))
+    terms = {"ways with the receiver: mean of their bins": mean}
+    shift = next((c for c in evidence.carried if c.state is Further.SHIFT), None)
+    if shift is not None:
+        terms["what a gyro reads under way against at rest"] = shift.sigma / DEG_PER_HOUR
+    return terms
 
 
 def assumptions(result: UpdateResult) -> list[str]:

@@ -30,6 +30,7 @@ from infield.reports.documents.update_records import (
     DisagreementDocument,
     EffectsCompared,
     EffectsOutcome,
+    FlightTermDocument,
     HysteresisDocument,
     MergeDocument,
     MethodDocument,
@@ -43,6 +44,7 @@ from infield.reports.documents.update_records import (
 from infield.reports.words.sentences import codes, sentences
 from infield.reports.words.session import DECISION_RULE, PARKED_RULE, thermal_term
 from infield.session.budget import variance_budget
+from infield.session.flown.worth import FlightTerm
 from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalKind
@@ -136,6 +138,7 @@ def update_document(
         zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
         changes=_changes(result.before, result.after),
         hysteresis=[_hysteresis(term) for term in result.terms],
+        flight_terms=[_flight_term(term) for term in result.flight_terms] or None,
         disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
         thermal_model=thermal_model,
@@ -161,6 +164,16 @@ def _effects_outcome(result: UpdateResult) -> EffectsOutcome:
         merge_nis=sum(m.nis for m in merged) / dof if dof else None,
         level_change_deg_h=None if change is None else change.level_change_deg_h,
         drift_removed_nm_h=None if change is None else change.drift_removed_nm_h,
+    )
+
+
+def _flight_term(term: FlightTerm) -> FlightTermDocument:
+    return FlightTermDocument(
+        axis=term.axis,
+        value_deg_h=term.value_deg_h,
+        sigma_deg_h=term.sigma_deg_h,
+        flights=term.flights,
+        found=term.found,
     )
 
 

@@ -162,6 +162,19 @@ class ChangeDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlightTermDocument:
+    """What a gyro reads in flight beyond what it reads at rest, over all flights of an update;
+    found: beyond doubt, so that the runs were taken again with a difference of that size.
+    """
+
+    axis: str
+    value_deg_h: float
+    sigma_deg_h: float
+    flights: int
+    found: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class HysteresisDocument:
     """Heating against cooling on one axis."""
 
@@ -265,6 +278,7 @@ class UpdateDocument:
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
     changes: Sequence[ChangeDocument] = ()
     hysteresis: Sequence[HysteresisDocument] = ()
+    flight_terms: Sequence[FlightTermDocument] | None = field(default=None, metadata=OMIT_NONE)
     disagreement: DisagreementDocument | None = None
     sessions: Sequence[EstimatedDocument | SessionDocument] = ()
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -73,6 +73,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " rest: {sigmas:.1f} sigma of what is taken for possible, 99.9 % of sound flights lie"
         " within {limit_sigmas:.1f}; vibration, pressure, or a receiver led astray"
     ),
+    FlightReason.SHIFT_WIDENED: (
+        "gyro {axis} reads {size_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h more in flight than at"
+        " rest, {sigmas:.1f} sigma beyond what is taken for usual ({prior_deg_h:.4f} deg/h): the"
+        " flight was estimated again with a difference of that size for its prior"
+    ),
     FlightReason.NOT_NAVIGATED: "no solution with the receiver: {why}",
     FlightReason.NEVER_LINEAR: (
         "the heading was never known within {limit_deg:.0f} deg for a minute on the way, needed for"

@@ -81,6 +81,12 @@ class KnownRun:
     twin: TwinModel
     settings: SessionSettings
 
+    def with_shift(self, size_deg_h: float) -> "KnownRun":
+        """The same with gyros that may read so much more in flight than at rest (1 sigma)."""
+        return replace(
+            self, settings=self.settings.with_shift(self.run.header.gyro_technology, size_deg_h)
+        )
+
     def layout(self, bins: SessionBins, parked: ParkedConstraint) -> Layout:
         """Where the further states stand, after the bins and the states of a place that swings."""
         technology = self.run.header.gyro_technology

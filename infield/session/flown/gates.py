@@ -10,8 +10,9 @@ N(0, S0 - S). With no prior at all it would be x S0 / (S0 - S), of variance S S0
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,9 @@ CONSTANT = (
 # of a prior's variance that the flight must have removed for a state to be judged: below, what is
 # left is rounding (1e-3 of a variance is 5e-4 of a sigma)
 JUDGED_SHARE = 1e-3
+# of what a sound flight shows between flight and rest, beyond which its own prior is given up for
+# the size that shows; chosen: one of 3 gyros exceeds it in one sound flight of 7
+DOUBTED_SIGMAS = 2.0
 
 
 @dataclass(frozen=True)
@@ -164,22 +168,42 @@ def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
     """Gyros that read in flight what they do not read at rest, by more than is taken for
     possible.
     """
+    limit = _limit(len("xyz"))
+    return tuple(
+        because(FlightReason.UNLIKE_AT_REST, **told, limit_sigmas=limit)
+        for told in _shifted(states, limit)
+    )
+
+
+def doubted(states: Sequence[Carried]) -> tuple[Reason, ...]:
+    """Gyros whose bias in flight differs from that at rest by what the prior hardly explains, and
+    by how much; empty where none does.
+    """
     shift = next((c for c in states if c.state is Further.SHIFT), None)
     if shift is None:
         return ()
-    limit = _limit(shift.sigmas.size)
-    size, sigma = (v / DEG_PER_HOUR for v in shift.by_itself())
+    prior = float(shift.prior[0]) / DEG_PER_HOUR
     return tuple(
-        because(
-            FlightReason.UNLIKE_AT_REST,
-            axis="xyz"[k],
-            size_deg_h=float(size[k]),
-            sigma_deg_h=float(sigma[k]),
-            sigmas=float(shift.sigmas[k]),
-            limit_sigmas=limit,
-        )
-        for k in np.flatnonzero(np.abs(shift.sigmas) > limit)
+        because(FlightReason.SHIFT_WIDENED, **told, prior_deg_h=prior)
+        for told in _shifted(states, DOUBTED_SIGMAS)
     )
+
+
+def _shifted(states: Sequence[Carried], limit: float) -> Iterator[dict[str, Any]]:
+    """Axis, size, sigma and sigmas of what gyros read in flight beyond what they read at rest, where
+    it is beyond a limit.
+    """
+    shift = next((c for c in states if c.state is Further.SHIFT), None)
+    if shift is None:
+        return
+    size, sigma = (v / DEG_PER_HOUR for v in shift.by_itself())
+    for k in np.flatnonzero(np.abs(shift.sigmas) > limit):
+        yield {
+            "axis": "xyz"[k],
+            "size_deg_h": float(size[k]),
+            "sigma_deg_h": float(sigma[k]),
+            "sigmas": float(shift.sigmas[k]),
+        }
 
 
 def _limit(count: int) -> float:

@@ -69,11 +69,6 @@ def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvide
     covered = [np.unique(np.floor(heard[(heard > a) & (heard <= b)])).size for a, b in away]
     if sum(covered) < MIN_PARKED_S:
         return None
-    imu = compensated_imu(run, known.table, known.temperature, twin)
-    P = known.table.covariance
-    nodes = [np.sqrt(np.diag(P)[known.table.values_of(k)].max()) for k in range(3)]
-    sigma = np.hypot(nodes, twin.gyro.turn_on_deg_h)
-    result = navigate_aided(run, imu, twin, rest=None, gyro_sigma_deg_h=sigma)
     flight = Flight(
         start_s=away[0][0],
         end_s=away[-1][1],
@@ -81,12 +76,17 @@ def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvide
         covered=min(sum(covered) / sum(b - a for a, b in away), 1.0),
     )
     left_out = FlightEvidence(flight, 0, float("nan"))
+    if few := uncovered(flight):
+        return replace(left_out, reasons=few)
+    imu = compensated_imu(run, known.table, known.temperature, twin)
+    P = known.table.covariance
+    nodes = [np.sqrt(np.diag(P)[known.table.values_of(k)].max()) for k in range(3)]
+    sigma = np.hypot(nodes, twin.gyro.turn_on_deg_h)
+    result = navigate_aided(run, imu, twin, rest=None, gyro_sigma_deg_h=sigma)
     if result.history is None or result.verdict is not AidedVerdict.AIDED:
         return replace(
             left_out, reasons=(because(FlightReason.NOT_NAVIGATED, why=result.reasons[0]),)
         )
-    if few := uncovered(flight):
-        return replace(left_out, reasons=few)
     stretches = _linear(result.history, away)
     if not stretches:
         return replace(

@@ -8,8 +8,12 @@ from numpy.typing import NDArray
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.flight import Flight
 from infield.session.flown.gates import Carried
+from infield.session.hysteresis import FOUND_SIGMAS
 from infield.table.thermal_table import ThermalTable
 from ins.verdicts import Reason
+
+# of an update; chosen: 1 flight alone is told by itself (`infield.session.flown.gates`)
+LEAST_FLIGHTS = 2
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,8 @@ class FlightEvidence:
     joined: estimate of the session with its flight, None where it was left out, for these reasons.
     repeated: fixes that were left out as repetitions; carried: the flight's nuisances, empty where
     it was not estimated; worth: None where it was left out; heading_before_rad: sigma of the
-    heading error by the ground session.
+    heading error by the ground session; notes: what the flight was estimated again for;
+    as_usual: the estimate before that, None where it was not.
     """
 
     flight: Flight
@@ -40,6 +45,28 @@ class FlightEvidence:
     joined: SessionEstimate | None = None
     carried: tuple[Carried, ...] = ()
     worth: Worth | None = None
+    notes: tuple[Reason, ...] = ()
+    as_usual: SessionEstimate | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightTerm:
+    """What gyro `axis` reads in flight beyond what it reads at rest, and its sigma, had there been
+    no prior for it; of so many flights.
+    """
+
+    axis: str
+    value_deg_h: float
+    sigma_deg_h: float
+    flights: int
+
+    @property
+    def z(self) -> float:
+        return self.value_deg_h / self.sigma_deg_h
+
+    @property
+    def found(self) -> bool:
+        return self.flights >= LEAST_FLIGHTS and abs(self.z) > FOUND_SIGMAS
 
 
 def worth_of(
