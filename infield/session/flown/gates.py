@@ -12,7 +12,7 @@ N(0, S0 - S). With no prior at all it would be x S0 / (S0 - S), of variance S S0
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,7 +170,7 @@ def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
     """
     limit = _limit(len("xyz"))
     return tuple(
-        because(FlightReason.UNLIKE_AT_REST, **told, limit_sigmas=limit)
+        because(FlightReason.UNLIKE_AT_REST, **told._asdict(), limit_sigmas=limit)
         for told in _shifted(states, limit)
     )
 
@@ -184,26 +184,28 @@ def doubted(states: Sequence[Carried]) -> tuple[Reason, ...]:
         return ()
     prior = float(shift.prior[0]) / DEG_PER_HOUR
     return tuple(
-        because(FlightReason.SHIFT_WIDENED, **told, prior_deg_h=prior)
+        because(FlightReason.SHIFT_WIDENED, **told._asdict(), prior_deg_h=prior)
         for told in _shifted(states, DOUBTED_SIGMAS)
     )
 
 
-def _shifted(states: Sequence[Carried], limit: float) -> Iterator[dict[str, Any]]:
-    """Axis, size, sigma and sigmas of what gyros read in flight beyond what they read at rest, where
-    it is beyond a limit.
-    """
+class _Shifted(NamedTuple):
+    """What a gyro reads in flight beyond what it reads at rest; sigmas: over what is usual."""
+
+    axis: str
+    size_deg_h: float
+    sigma_deg_h: float
+    sigmas: float
+
+
+def _shifted(states: Sequence[Carried], limit: float) -> Iterator[_Shifted]:
+    """The gyros whose shift is beyond a limit of sigmas."""
     shift = next((c for c in states if c.state is Further.SHIFT), None)
     if shift is None:
         return
     size, sigma = (v / DEG_PER_HOUR for v in shift.by_itself())
     for k in np.flatnonzero(np.abs(shift.sigmas) > limit):
-        yield {
-            "axis": "xyz"[k],
-            "size_deg_h": float(size[k]),
-            "sigma_deg_h": float(sigma[k]),
-            "sigmas": float(shift.sigmas[k]),
-        }
+        yield _Shifted("xyz"[k], float(size[k]), float(sigma[k]), float(shift.sigmas[k]))
 
 
 def _limit(count: int) -> float:
