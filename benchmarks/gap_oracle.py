@@ -3,9 +3,9 @@
     python -m benchmarks.gap_oracle [DRAWS] [--units 3] [-o docs/gap_oracle.json]
 
 The linear-Gaussian cell: whitened rows are a planted effect of 3, 5, 8 or 12 sigma plus unit white
-noise. The effect is drawn from the catalogue: name and target alike probable, weighted by how usual
-the size is (`simreal.inference.bank.size_weights`, the prior of the diagnosis), then its
-shape on the grid, then the direction of its coefficients, evenly in whitened rows.
+noise. The effect is drawn by the priors of the catalogue: of an effect and its target, of a
+grid point of its shape, and of its size (`simreal.inference.bank.size_weights`); the direction of
+its coefficients is even in whitened rows.
 
 - The oracle knows all of that, and the size in sigmas: it scores each hypothesis by its exact
   likelihood. No answer can be right more often.

@@ -10,6 +10,7 @@ from simreal.effects.accelerometer import ACCELEROMETER
 from simreal.effects.base import Effect
 from simreal.effects.compensation import COMPENSATION
 from simreal.effects.data import DATA_EFFECTS
+from simreal.effects.flown.flight import FLIGHT_EFFECTS
 from simreal.effects.gyro_events import GYRO_EVENTS
 from simreal.effects.gyro_noise import GYRO_NOISE
 from simreal.effects.gyro_rate import GYRO_RATE
@@ -39,6 +40,7 @@ def catalogue() -> tuple[Effect, ...]:
         *WHEELS,
         *NAVIGATION_EFFECTS,
         *DATA_EFFECTS,
+        *FLIGHT_EFFECTS,
     )
     found, ids = list(own), {e.id for e in own}
     for point in entry_points(group=GROUP):

@@ -174,6 +174,7 @@ GYRO_RATE: tuple[Effect, ...] = (
             "engine_start",
             "gyro_g_sensitivity",
             "coning_residual",
+            "gyro_vibration_rectification",
         ),
         source="effects.md G17: vibration rectification, of the load factor only",
     ),

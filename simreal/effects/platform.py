@@ -364,7 +364,12 @@ PLATFORM = (
             *several(("north", "east"), "arcsec", 5.0, 20.0),
             Coefficient("anomaly", "mGal", 10.0, 50.0),
         ),
-        rivals=("accel_scale_factor", "accel_thermal", "schuler_start_error"),
+        rivals=(
+            "accel_scale_factor",
+            "accel_thermal",
+            "schuler_start_error",
+            "vertical_deflection_gradient",
+        ),
         source="effects.md P08",
         formula=deflection,
     ),

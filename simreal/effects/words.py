@@ -419,6 +419,55 @@ WORDS: Mapping[str, EffectWords] = {
         size="A clipped angle is lost for good; rounding makes stairs.",
         remedy="Choose the wider range; store 64-bit numbers.",
     ),
+    # flight
+    "accel_vibration_rectification": EffectWords(
+        what="A second-order term of the accelerometer turns vibration into a bias.",
+        brought_on_by="Engines and turbulence: it changes with thrust and speed.",
+        size="A vibration of 0.1 g makes 1 ug of 100 ug per g^2.",
+        remedy="Mount the unit softer, or fit the coefficient from flights at two powers.",
+    ),
+    "gyro_vibration_rectification": EffectWords(
+        what="Vibration of the mount makes a steady rate of the gyro.",
+        brought_on_by="Engines and turbulence, beyond what the parked rows show.",
+        size="A vibration of 0.1 g makes 0.001 deg/h of 0.1 deg/h per g^2.",
+        remedy="Mount the unit softer, and log rows at 200 Hz or more.",
+    ),
+    "gyro_pressure_sensitivity": EffectWords(
+        what="The gyro's bias follows the static pressure: its housing bends or its gas thins.",
+        brought_on_by="Climbs and descents.",
+        size="A climb to 3000 m is 310 hPa, 0.03 deg/h of 0.0001 deg/h per hPa.",
+        remedy="Seal the housing, or fit the coefficient from a climb and a descent.",
+    ),
+    "accel_pressure_sensitivity": EffectWords(
+        what="The accelerometer's bias follows the static pressure.",
+        brought_on_by="Climbs and descents.",
+        size="A climb to 3000 m makes 31 ug of 0.1 ug per hPa.",
+        remedy="Seal the housing, or fit the coefficient from a climb and a descent.",
+    ),
+    "accel_scale_asymmetry": EffectWords(
+        what="The accelerometer's scale differs between the two senses of its axis.",
+        brought_on_by="Thrust and braking, or turns to both sides.",
+        size="At 0.2 g, 50 ppm make 10 ug.",
+        remedy="Measure it in a chamber with the axis up and down.",
+    ),
+    "gnss_clock_drift": EffectWords(
+        what="The stamps of the fixes run away from the clock of the unit.",
+        brought_on_by="Logging with two clocks that nothing disciplines; it shows at speed.",
+        size="At 100 m/s, 10 ppm make 3.6 m after an hour.",
+        remedy="Stamp both streams with one clock, or feed the receiver's pulse to the logger.",
+    ),
+    "gnss_slow_error": EffectWords(
+        what="The fixes wander by metres over minutes: the ionosphere, reflections, orbits.",
+        brought_on_by="Any receiver with one frequency; more near buildings and low satellites.",
+        size="Some 0.3 to 5 m with periods of 3 to 50 min.",
+        remedy="Use a receiver with two frequencies, or declare a larger sigma of its fixes.",
+    ),
+    "vertical_deflection_gradient": EffectWords(
+        what="The plumb line leans more the farther the vehicle is from where it was aligned.",
+        brought_on_by="Long legs over mountains or along a coast.",
+        size="An arcsec of lean is 4.85 ug on a level accelerometer.",
+        remedy="Take the deflection from a geoid model along the way.",
+    ),
 }
 
 FREE_WORDS: Mapping[str, EffectWords] = {

@@ -363,7 +363,30 @@ def _telemetry(
         height_m=site.height_m,
         has_gnss=run.gnss is not None,
         has_odometer=run.odometer is not None,
+        vibration_m2_s4=_vibration(seconds, kind),
+        above_m=_above(run, t),
     )
+
+
+def _vibration(seconds: Seconds, kind: NDArray) -> NDArray:
+    """Variance of the specific force within each second beyond the median of the parked ones."""
+    variance = seconds.scatter[:, 3:] / np.maximum(seconds.rows - 1, 1)[:, None]
+    parked = (kind == PARKED) & (seconds.rows > 1)
+    if not parked.any():
+        return variance
+    return np.asarray(np.maximum(variance - np.median(variance[parked], axis=0), 0.0))
+
+
+def _above(run: Run, t: NDArray) -> NDArray | None:
+    """Height over the site at the seconds, straight between fixes."""
+    gnss = run.gnss
+    if gnss is None:
+        return None
+    good = np.isfinite(gnss.height_m)
+    if not good.any():
+        return None
+    height_m = np.interp(t, gnss.time_s[good], gnss.height_m[good])
+    return np.asarray(height_m - gnss.height_m[good][0])
 
 
 def _thermal(

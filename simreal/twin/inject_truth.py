@@ -87,6 +87,8 @@ def telemetry_of_simulated(
         height_m=site.height_m,
         has_gnss=simulated.run.gnss is not None,
         has_odometer=simulated.run.odometer is not None,
+        vibration_m2_s4=np.zeros((t.size, 3)),  # the true motion is smooth within a second
+        above_m=truth.height_m - site.height_m,
         **_thermal(thermal, table, t),
     )
 

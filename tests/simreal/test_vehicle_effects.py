@@ -16,6 +16,7 @@ from simreal.effects.accelerometer import ACCELEROMETER
 from simreal.effects.base import ACCELS, GYROS, Effect
 from simreal.effects.catalogue import catalogue
 from simreal.effects.data import DATA_EFFECTS
+from simreal.effects.flown.flight import FLIGHT_EFFECTS
 from simreal.effects.navigation import NAVIGATION_EFFECTS
 from simreal.effects.parts.formula import OutOfReach, PartEffect, no_trace
 from simreal.effects.platform import PLATFORM
@@ -68,6 +69,7 @@ def test_declarations_are_whole():
         *gyro_noise.GYRO_NOISE,
         *gyro_rate.GYRO_RATE,
         *gyro_thermal.GYRO_THERMAL,
+        *FLIGHT_EFFECTS,
     )
     names = {name for effect in (*ALL, *gyro) for name in (effect.name, effect.id)}
     assert len(BY_ID) == len(ALL)

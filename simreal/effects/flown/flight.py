@@ -1,0 +1,233 @@
+"""Effects of flight (effects.md 2c, F06 to F13): what vibration, height, load and way over ground
+do to the sensors and to the receiver.
+
+They need a flight with GNSS; on the ground they are a constant, or nothing.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.records import InputError
+from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
+from simreal.effects.accelerometer import on_accel
+from simreal.effects.base import ACCELS, AXIS, Coefficient, Shape, ShapeParameter
+from simreal.effects.parts.formula import FormulaEffect, with_parts
+from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one, several
+from simreal.effects.parts.recordings import flies, has_gnss, lacking, over, span
+from simreal.effects.telemetry import Telemetry, Trace
+
+# standard atmosphere (ISO 2533): pressure at sea level, lapse rate over temperature there, exponent
+SEA_LEVEL_HPA, LAPSE_PER_M, EXPONENT = 1013.25, 0.0065 / 288.15, 5.2559
+HUNDRED_KM = 1e5
+# of vibration, beyond what the parked rows scatter; chosen: 0.01 g, a hundredth of what rectifies
+# 10 ug at 0.1 ug/mg^2
+SHAKES_M_S2 = 0.1
+CLIMBS_M = 300.0  # 35 hPa: a hundredth of what 0.3 deg/h needs at the usual 0.0001 deg/h per hPa
+FAR_M = 2e4  # of way: a fifth of HUNDRED_KM
+
+
+def vibration_g2(run: Telemetry) -> NDArray:
+    """Variance of the rows within a second beyond that of the parked rows (n, 3) [g^2]."""
+    if run.vibration_m2_s4 is None:
+        raise InputError(f"run {run.run_index}: no rows within seconds, needed by this effect")
+    return run.vibration_m2_s4 / STANDARD_GRAVITY**2
+
+
+def pressure_change_hpa(run: Telemetry) -> NDArray:
+    """Static pressure less that of the site (n,), by the standard atmosphere."""
+    if run.above_m is None:
+        raise InputError(f"run {run.run_index}: no heights, needed by this effect")
+
+    def pressure(height_m: NDArray) -> NDArray:
+        return np.asarray(SEA_LEVEL_HPA * (1.0 - LAPSE_PER_M * height_m) ** EXPONENT)
+
+    return pressure(run.height_m + run.above_m) - pressure(np.asarray(run.height_m))
+
+
+def accel_rectification(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """K2 <a^2>: the mean of the square that a second-order term makes of vibration."""
+    return on_accel(run, target, MICRO_G * vibration_g2(run)[:, AXIS[target]])
+
+
+def gyro_rectification(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """A rate that goes with the vibration of all axes together."""
+    return on_gyro(target, DEG_PER_HOUR * vibration_g2(run).sum(axis=1))
+
+
+def gyro_pressure(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    return on_gyro(target, DEG_PER_HOUR * pressure_change_hpa(run))
+
+
+def accel_pressure(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    return on_accel(run, target, MICRO_G * pressure_change_hpa(run))
+
+
+def accel_asymmetry(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """k |f|: the scale of one sense is k larger, that of the other k smaller."""
+    return on_accel(run, target, PPM * np.abs(run.force_m_s2[:, AXIS[target]]))
+
+
+def clock_drift(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """The receiver's stamps run away from the unit's clock: -v d t, t since power-on."""
+    late_s = PPM * run.time_s[:, None]
+    return (
+        Trace(
+            gnss_position_m=-late_s * run.v_n_m_s,
+            gnss_velocity_m_s=-late_s * run.rate_of(run.v_n_m_s),
+        ),
+    )
+
+
+def slow_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """A fix that wanders with one period, north and east, sine and cosine; its velocity with it."""
+    turn = 2.0 * np.pi / shape["period_s"]
+    phase = turn * run.time_s
+    out = []
+    for axis in range(2):
+        for way, rate in (
+            (np.sin(phase), turn * np.cos(phase)),
+            (np.cos(phase), -turn * np.sin(phase)),
+        ):
+            position, velocity = np.zeros((run.n, 3)), np.zeros((run.n, 3))
+            position[:, axis], velocity[:, axis] = way, rate
+            out.append(Trace(gnss_position_m=position, gnss_velocity_m_s=velocity))
+    return tuple(out)
+
+
+def deflection_gradient(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """The plumb line leans more the farther the vehicle is from its site: g tilt, north and
+    east.
+    """
+    far = distance_m(run) / HUNDRED_KM
+    out = []
+    for axis in range(2):
+        lean_n = np.zeros((run.n, 3))
+        lean_n[:, axis] = STANDARD_GRAVITY * ARCSEC * far
+        out.append(Trace(accel_m_s2=np.einsum("nij,ni->nj", run.C_nb, lean_n)))
+    return tuple(out)
+
+
+def distance_m(run: Telemetry) -> NDArray:
+    """From where the run began, level (n,)."""
+    step = np.diff(run.time_s, prepend=run.time_s[0])[:, None]
+    return np.asarray(np.linalg.norm(np.cumsum(step * run.v_n_m_s[:, :2], axis=0), axis=1))
+
+
+def flight_with_gnss(runs: Sequence[Telemetry], target: str) -> str:
+    return lacking((flies(runs), "flight"), (has_gnss(runs), "GNSS"))
+
+
+def _with(
+    shows: Callable[[Telemetry], NDArray], least: float, words: str
+) -> Callable[[Sequence[Telemetry], str], str]:
+    """Needs a flight with GNSS, and that a quantity changes by so much in it."""
+
+    def needs(runs: Sequence[Telemetry], target: str) -> str:
+        if lacks := flight_with_gnss(runs, target):
+            return lacks
+        if any(run.vibration_m2_s4 is None or run.above_m is None for run in runs):
+            return words
+        return lacking((span(over(runs, shows)) > least, words))
+
+    return needs
+
+
+def _shaking(run: Telemetry) -> NDArray:
+    return np.sqrt(vibration_g2(run).sum(axis=1)) * STANDARD_GRAVITY
+
+
+def _above(run: Telemetry) -> NDArray:
+    return np.zeros(0) if run.above_m is None else run.above_m
+
+
+needs_shaking = _with(_shaking, SHAKES_M_S2, "vibration that changes")
+needs_climb = _with(_above, CLIMBS_M, "a climb")
+needs_way = _with(distance_m, FAR_M, "20 km of way")
+
+FLIGHT_EFFECTS = (
+    FormulaEffect(
+        "accel_vibration_rectification",
+        "accel_vibration_rectification",
+        ACCELS,
+        one("ug per g^2", 10.0, 1000.0),
+        rivals=("accel_g2_sensitivity", "accel_pressure_sensitivity"),
+        source="effects.md F06",
+        formula=accel_rectification,
+        need=needs_shaking,
+    ),
+    gyro_effect(
+        "gyro_vibration_rectification",
+        coefficients=one("deg/h per g^2", 0.01, 1.0),
+        rivals=("gyro_g2_sensitivity", "gyro_pressure_sensitivity"),
+        source="effects.md F07",
+        formula=gyro_rectification,
+        need=needs_shaking,
+    ),
+    gyro_effect(
+        "gyro_pressure_sensitivity",
+        coefficients=one("deg/h per hPa", 1e-5, 1e-3),
+        rivals=("gyro_vibration_rectification",),
+        source="effects.md F08",
+        formula=gyro_pressure,
+        need=needs_climb,
+    ),
+    FormulaEffect(
+        "accel_pressure_sensitivity",
+        "accel_pressure_sensitivity",
+        ACCELS,
+        one("ug per hPa", 0.02, 1.0),
+        rivals=("accel_vibration_rectification",),
+        source="effects.md F09",
+        formula=accel_pressure,
+        need=needs_climb,
+    ),
+    FormulaEffect(
+        "accel_scale_asymmetry",
+        "accel_scale_asymmetry",
+        ("accel_x", "accel_y"),  # what flies does not turn the force along z round
+        one("ppm", 10.0, 200.0),
+        rivals=("accel_scale_factor", "accel_g2_sensitivity"),
+        source="effects.md F10",
+        formula=accel_asymmetry,
+        need=flight_with_gnss,
+    ),
+    FormulaEffect(
+        "gnss_clock_drift",
+        "gnss_clock_drift",
+        ("gnss",),
+        one("ppm", 1.0, 100.0),
+        rivals=("gnss_lever_arm_or_latency", "gnss_slow_error"),
+        source="effects.md F11",
+        formula=clock_drift,
+        need=flight_with_gnss,
+    ),
+    FormulaEffect(
+        "gnss_slow_error",
+        "gnss_slow_error",
+        ("gnss",),
+        several(("north_sin", "north_cos", "east_sin", "east_cos"), "m", 0.3, 5.0),
+        (ShapeParameter("period_s", "s", 200.0, 3000.0, 5),),
+        repeats="E",
+        rivals=("gnss_lever_arm_or_latency", "gnss_clock_drift"),
+        source="effects.md F12",
+        formula=slow_error,
+        need=flight_with_gnss,
+    ),
+    *with_parts(
+        FormulaEffect(
+            "vertical_deflection_gradient",
+            "vertical_deflection_gradient",
+            ("site",),
+            (
+                Coefficient("north", "arcsec per 100 km", 2.0, 20.0),
+                Coefficient("east", "arcsec per 100 km", 2.0, 20.0),
+            ),
+            rivals=("vertical_deflection",),
+            source="effects.md F13",
+            formula=deflection_gradient,
+            need=needs_way,
+        )
+    ),
+)
