@@ -4,6 +4,7 @@ A ceiling is the count of today. Whoever lowers the count lowers the ceiling wit
 """
 
 import ast
+import io
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import tokenize
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -120,9 +122,31 @@ def is_untyped(node: ast.AST) -> bool:
     return len(of) == 2 and name_of(of[1]) in ANYTHING
 
 
-def annotations(tree: ast.AST) -> Iterator[ast.AST]:
+@dataclass(frozen=True)
+class Source:
+    """A module: its text, its tree and all nodes of that."""
+
+    text: str
+    tree: ast.Module
+    nodes: tuple[ast.AST, ...]
+
+
+def source_of(text: str) -> Source:
+    tree = ast.parse(text)
+    return Source(text, tree, tuple(ast.walk(tree)))
+
+
+@pytest.fixture(scope="module")
+def sources() -> dict[str, Source]:
+    """Every module by its path; read once, for that takes longer than to ask them."""
+    return {
+        str(path.relative_to(ROOT)): source_of(path.read_text(encoding="utf-8")) for path in SOURCES
+    }
+
+
+def annotations(nodes: Iterable[ast.AST]) -> Iterator[ast.AST]:
     """What arguments, results, fields and variables are said to be."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield from [node.returns] if node.returns else []
         elif isinstance(node, ast.arg | ast.AnnAssign):
@@ -139,10 +163,10 @@ def aliases(trees: Iterable[ast.Module]) -> set[str]:
     return found
 
 
-def untyped(tree: ast.Module, other_names: set[str]) -> int:
+def untyped(source: Source, other_names: set[str]) -> int:
     """How often a module says such a mapping: in full, by an alias, or as a bare dict."""
-    count = sum(map(is_untyped, ast.walk(tree)))
-    for annotation in annotations(tree):
+    count = sum(map(is_untyped, source.nodes))
+    for annotation in annotations(source.nodes):
         inside = list(ast.walk(annotation))
         named = {id(node.value) for node in inside if isinstance(node, ast.Subscript)}
         bare = [n for n in inside if isinstance(n, ast.Name) and id(n) not in named]
@@ -150,21 +174,20 @@ def untyped(tree: ast.Module, other_names: set[str]) -> int:
     return count
 
 
-def test_untyped_results_only_fall():
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
-    names = aliases(trees.values())
-    count = {str(path.relative_to(ROOT)): untyped(tree, names) for path, tree in trees.items()}
+def test_untyped_results_only_fall(sources):
+    names = aliases(source.tree for source in sources.values())
+    count = {path: untyped(source, names) for path, source in sources.items()}
     most = sorted(count.items(), key=lambda item: -item[1])[:20]
     assert sum(count.values()) <= UNTYPED_RESULTS, most
 
 
-def test_what_is_not_checked_yet_only_falls():
+def test_what_is_not_checked_yet_only_falls(sources):
     """A typed tree of JSON is no result either: it stands where a file is read, and ends there."""
     count = 0
-    for path in SOURCES:
-        if path.name != "json_file.py":
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            inside = [n for annotation in annotations(tree) for n in ast.walk(annotation)]
+    for path, source in sources.items():
+        if not path.endswith("/json_file.py"):
+            found = annotations(source.nodes)
+            inside = [n for annotation in found for n in ast.walk(annotation)]
             count += sum(isinstance(n, ast.Name) and n.id == "JsonObject" for n in inside)
     assert count <= UNCHECKED_FILES
 
@@ -181,13 +204,13 @@ def test_what_is_not_checked_yet_only_falls():
     ],
 )
 def test_no_other_name_hides_an_untyped_result(source, count):
-    tree = ast.parse(source)
-    assert untyped(tree, aliases([tree])) == count
+    found = source_of(source)
+    assert untyped(found, aliases([found.tree])) == count
 
 
-def constants(path: Path) -> Iterator[tuple[str, str]]:
+def constants(source: Source) -> Iterator[tuple[str, str]]:
     """Name and written value of each constant of a module."""
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in source.tree.body:
         if isinstance(node, ast.Assign):
             targets, value = node.targets, node.value
         elif isinstance(node, ast.AnnAssign) and node.value is not None:
@@ -203,11 +226,11 @@ def constants(path: Path) -> Iterator[tuple[str, str]]:
                     yield name.id, ast.dump(part)
 
 
-def test_names_with_several_values_only_fall():
+def test_names_with_several_values_only_fall(sources):
     values: dict[str, dict[str, str]] = defaultdict(dict)
-    for path in SOURCES:
-        for name, value in constants(path):
-            values[name][str(path.relative_to(ROOT))] = value
+    for path, source in sources.items():
+        for name, value in constants(source):
+            values[name][path] = value
     several = {name: sorted(of) for name, of in values.items() if len(set(of.values())) > 1}
     assert len(several) <= NAMES_WITH_SEVERAL_VALUES, several
 
@@ -242,10 +265,9 @@ def is_number(node: ast.expr) -> bool:
     return False
 
 
-def comments(path: Path) -> dict[int, str]:
+def comments(text: str) -> dict[int, str]:
     """Comment of each line that has one."""
-    with path.open("rb") as file:
-        tokens = list(tokenize.tokenize(file.readline))
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return {t.start[0]: t.string for t in tokens if t.type == tokenize.COMMENT}
 
 
@@ -259,13 +281,12 @@ def beside(node: ast.stmt, said: dict[int, str], lines: list[str]) -> str:
     return " ".join(found)
 
 
-def numbers(path: Path) -> Iterator[tuple[str, str]]:
+def numbers(source: Source) -> Iterator[tuple[str, str]]:
     """Name of each constant of a module that is a number, and what is said beside it."""
-    text = path.read_text(encoding="utf-8")
-    said, lines = comments(path), text.splitlines()
-    for node in ast.parse(text).body:
-        if not isinstance(node, ast.Assign):
-            continue
+    assigned = [node for node in source.tree.body if isinstance(node, ast.Assign)]
+    said = comments(source.text) if assigned else {}
+    lines = source.text.splitlines()
+    for node in assigned:
         words = beside(node, said, lines)
         for target in node.targets:
             pairs = [(target, node.value)]
@@ -276,24 +297,24 @@ def numbers(path: Path) -> Iterator[tuple[str, str]]:
                     yield name.id, words
 
 
-def compared_by_size() -> set[str]:
+def compared_by_size(sources: Iterable[Source]) -> set[str]:
     """Names of constants within a comparison with <, <=, > or >=."""
     found = set()
-    for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            ordered = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+    ordered = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+    for source in sources:
+        for node in source.nodes:
             if isinstance(node, ast.Compare) and any(isinstance(o, ordered) for o in node.ops):
                 for part in ast.walk(node):
                     found.add(getattr(part, "id", None) or getattr(part, "attr", ""))
     return found
 
 
-def test_reasoned_thresholds_only_rise():
-    names = compared_by_size()
+def test_reasoned_thresholds_only_rise(sources):
+    names = compared_by_size(sources.values())
     found = [
-        (str(path.relative_to(ROOT)), name, words)
-        for path in SOURCES
-        for name, words in numbers(path)
+        (path, name, words)
+        for path, source in sources.items()
+        for name, words in numbers(source)
         if name in names
     ]
     bare = [f"{path}: {name}" for path, name, words in found if not SOURCE.search(words)]
