@@ -200,7 +200,7 @@ def rate_error(seed: int, *, step_degC: float = 0.1, noise_degC: float = 0.01) -
 
 def _normalised(found: GyroTemperature, time_s: NDArray, true: NDArray) -> float:
     edges = np.linspace(time_s[0], time_s[-1], 15)
-    sigma2 = np.diagonal(found.temperature_covariance(edges), axis1=1, axis2=2).T
+    sigma2 = np.diagonal(found.of_bins(edges).covariance, axis1=1, axis2=2).T
     mean = np.stack([np.interp(found.time_s, time_s, T) for T in true.T], axis=1)
     W = np.stack([found.mean_rows(a, b) for a, b in pairwise(edges)])
     return float(np.mean((W @ (found.temperature_degC - mean)) ** 2 / sigma2))

@@ -8,7 +8,6 @@ do; never against the true bias. Temperatures in degC, times in s throughout.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -289,10 +288,10 @@ def _stuck(judge: _Judge, name: str) -> None:
     changes = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
     flickers = 0.0 < judge.step[name] <= 0.05 or (judge.step[name] == 0.0 and changes.size > 2)
     alive = flickers and changes.size > ALIVE_SHARE * values.size
-    for a, b in pairwise(changes):
-        lasts = t[b - 1] - t[a] if b > a else 0.0
-        if lasts <= STUCK_S:
-            continue
+    begins, ends = changes[:-1], changes[1:]
+    held = np.where(ends > begins, t[ends - 1] - t[begins], 0.0) if t.size else np.zeros(1)
+    for k in np.flatnonzero(held > STUCK_S):
+        a, b, lasts = int(begins[k]), int(ends[k]), float(held[k])
         span = np.arange(rows[a], rows[b - 1] + 1)
         moved = _others_moved(judge, name, span)
         need = 1.5 * _step_or_others(judge, name) + (0.3 if lasts > LONG_STUCK_S else 0.5)

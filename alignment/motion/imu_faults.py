@@ -251,17 +251,24 @@ def _quiet_jumps(seconds: Seconds) -> _Jump | None:
     """Spreads of the jumps across stretches where nothing happens; None for a log too short to
     tell.
     """
-    n, found = len(seconds.touched), []
-    for a in range(WINDOW, n - WINDOW - 3, 7):
-        if not seconds.touched[a - WINDOW : a + WINDOW + 3].any():
-            found.append(_jump(seconds, a, a + 3))
-    jumps = [j for j in found if j is not None]
-    if len(jumps) < 5:
+    first = np.arange(WINDOW, len(seconds.touched) - WINDOW - 3, 7)
+    hit = np.concatenate([[0], np.cumsum(seconds.touched)])
+    first = first[hit[first + WINDOW + 3] == hit[first - WINDOW]]
+    if first.size < 5:
         return None
-    value, slope = (
-        robust_sigmas(np.array([getattr(j, k) for j in jumps])) for k in ("value", "slope")
-    )
-    return _Jump(value, slope)
+    middle = 0.5 * (seconds.start_s[first] + seconds.end_s[first + 2])
+    (v0, s0), (v1, s1) = (_lines(seconds, at, middle) for at in (first - WINDOW, first + 3))
+    return _Jump(robust_sigmas(v1 - v0), robust_sigmas(s1 - s0))
+
+
+def _lines(seconds: Seconds, first: NDArray, at: NDArray) -> tuple[NDArray, NDArray]:
+    """`_line` of WINDOW seconds from each of some (m,) on: values at a time, slopes (m, 6)."""
+    rows = first[:, None] + np.arange(WINDOW)
+    centre = seconds.end_s[rows].mean(axis=1)
+    s = seconds.end_s[rows] - centre[:, None]
+    values = seconds.integral[rows]
+    slope = np.einsum("mi,mik->mk", s, values) / np.sum(s**2, axis=1)[:, None]
+    return values.mean(axis=1) + slope * (at - centre)[:, None], slope
 
 
 def _velocity_limit(jump: _Jump, quiet: _Jump, length: int) -> NDArray:

@@ -310,5 +310,11 @@ def judged(part: LogSeconds) -> Seconds | None:
 def _running_median(values: NDArray, half: int = 30) -> NDArray:
     """Median of 61 seconds about each, of every fifth; the ends repeat."""
     at = np.arange(0, len(values), 5)
-    medians = np.stack([np.median(values[max(k - half, 0) : k + half + 1], axis=0) for k in at])
+    medians = np.empty((at.size, values.shape[1]))
+    inner = (at >= half) & (at + half < len(values))
+    if inner.any():
+        windows = np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1, axis=0)
+        medians[inner] = np.median(windows[at[inner] - half], axis=-1)
+    for j in np.flatnonzero(~inner):
+        medians[j] = np.median(values[max(at[j] - half, 0) : at[j] + half + 1], axis=0)
     return np.asarray(medians[np.minimum((np.arange(len(values)) + 2) // 5, len(at) - 1)])

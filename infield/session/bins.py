@@ -6,7 +6,6 @@ counted twice.
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,18 +145,18 @@ def bins_between(
         np.empty((count, 3)),
         np.empty((3 * count, table.n_parameters)),
     )
-    tied = np.array([temperature.covered(a, b) for a, b in pairwise(edges)]) >= TIED_SHARE
+    of_log = temperature.of_bins(edges)
+    at_nodes = [table.basis(axis, temperature.temperature_degC[:, axis]) for axis in range(3)]
+    tied = of_log.covered >= TIED_SHARE
     tied[:, ["xyz".index(name) for name in temperature.unusable]] = False
     gradient = None if temperature.gradient_degC is None else np.empty((count, 3))
     for k in range(count):
-        rows = temperature.mean_rows(edges[k], edges[k + 1])
+        rows = of_log.rows[k]
         T[k], rate[k] = rows @ temperature.temperature_degC, rows @ temperature.rate_degC_min
         if gradient is not None and temperature.gradient_degC is not None:
             gradient[k] = rows @ temperature.gradient_degC
         for axis in range(3):
-            H[3 * k + axis] = rows[seen := rows > 0] @ table.basis(
-                axis, temperature.temperature_degC[seen, axis]
-            )
+            H[3 * k + axis] = rows[seen := rows > 0] @ at_nodes[axis][seen]
     own = session_covariance(
         axis_index=np.tile(np.arange(3), count),
         time_s=np.repeat(0.5 * (edges[1:] + edges[:-1]), 3),
@@ -169,7 +168,7 @@ def bins_between(
     own[np.diag_indices_from(own)] += BIN_FLOOR_DEG_H**2
     table_deg_h = H @ table.parameters
     _cut_off(table, H, own, tied)
-    of_T = temperature.temperature_covariance(edges)
+    of_T = of_log.covariance
     thermometer = _thermometer_covariance(
         table, T, of_T * (tied.T[:, :, None] & tied.T[:, None, :])
     )
@@ -186,7 +185,7 @@ def bins_between(
         thermometer,
         tied,
         np.sqrt(np.diagonal(of_T, axis1=1, axis2=2).T),
-        temperature.rate_sigma(edges),
+        of_log.rate_sigma_degC_min,
         gradient,
     )
 

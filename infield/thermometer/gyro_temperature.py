@@ -3,12 +3,12 @@ thermometers.
 
 What a fault costs: an axis whose thermometer cannot be used at all is left out (its bias has no
 temperature), a span without a trustworthy reading leaves its bins out, a coarse or noisy
-thermometer widens the sigma of the points (`temperature_covariance`, times the slope of the table
+thermometer widens the sigma of the points (`of_bins`, times the slope of the table
 there), and a run without any gyro temperature is refused.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -53,6 +53,10 @@ class GyroTemperature:
     unusable: tuple[str, ...]
     smooth: tuple[SmoothTemperature | None, ...]
     gradient_degC: NDArray | None = None
+    # by edges: every table that a session is laid on asks for the same bins
+    _of_edges: dict[bytes, "BinTemperatures"] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def at(self, time_s: NDArray) -> NDArray:
         """Temperature (k, 3) at given times; the end values are held outside the log."""
@@ -82,16 +86,12 @@ class GyroTemperature:
         inside = (self.time_s >= start_s - 0.5 * grid) & (self.time_s < end_s + 0.5 * grid)
         return np.minimum(self.usable[inside].sum(axis=0) * grid / max(end_s - start_s, grid), 1.0)
 
-    def temperature_covariance(self, edges_s: NDArray) -> NDArray:
-        """Covariance (3, N, N) [degC^2] of each axis's bin means, edges (N + 1,); zero for an
-        unusable axis.
-        """
-        return np.stack([self._of_bins(axis, edges_s, rates=False) for axis in range(3)])
-
-    def rate_sigma(self, edges_s: NDArray) -> NDArray:
-        """Standard deviation (N, 3) [degC/min] of each axis's mean rate over the bins."""
-        rows = [np.sqrt(np.diag(self._of_bins(axis, edges_s, rates=True))) for axis in range(3)]
-        return 60.0 * np.stack(rows, axis=1)
+    def of_bins(self, edges_s: NDArray) -> "BinTemperatures":
+        """What the log says of bins between edges (N + 1,)."""
+        key = edges_s.tobytes()
+        if key not in self._of_edges:
+            self._of_edges[key] = self._bins(edges_s)
+        return self._of_edges[key]
 
     def left_out(self) -> tuple[LeftOut, ...]:
         """What is wrong, as spans of time for the list of what was left out."""
@@ -104,15 +104,36 @@ class GyroTemperature:
         said = {f.column[5]: f.text for f in reversed(self.faults) if f.column.startswith("gyro_")}
         return {axis: said.get(axis, "has too few readings") for axis in self.unusable}
 
-    def _of_bins(self, axis: int, edges_s: NDArray, *, rates: bool) -> NDArray:
-        smooth = self.smooth[axis]
-        if smooth is None:
-            return np.zeros((len(edges_s) - 1, len(edges_s) - 1))
-        if not rates:
-            return smooth.covariance(np.stack([self.mean_rows(a, b) for a, b in pairwise(edges_s)]))
+    def _bins(self, edges_s: NDArray) -> "BinTemperatures":
+        rows = np.stack([self.mean_rows(a, b) for a, b in pairwise(edges_s)])
         width = self.time_s[1] - self.time_s[0]
         ends = np.stack([self.mean_rows(e - 0.5 * width, e + 0.5 * width) for e in edges_s])
-        return smooth.covariance(np.diff(ends, axis=0) / np.diff(edges_s)[:, None])
+        slopes = np.diff(ends, axis=0) / np.diff(edges_s)[:, None]
+        none = np.zeros((len(rows), len(rows)))
+        P, rates = (
+            np.stack([none if s is None else s.covariance(of) for s in self.smooth])
+            for of in (rows, slopes)
+        )
+        sigma = 60.0 * np.stack([np.sqrt(np.diag(each)) for each in rates], axis=1)
+        covered = np.array([self.covered(a, b) for a, b in pairwise(edges_s)])
+        for values in (rows, P, sigma, covered):
+            values.flags.writeable = False
+        return BinTemperatures(rows=rows, covariance=P, rate_sigma_degC_min=sigma, covered=covered)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BinTemperatures:
+    """What a temperature log says of N bins.
+
+    rows (N, n): weights of the log's nodes in each bin's mean; covariance (3, N, N) [degC^2]: of
+    each axis's means, zero for an unusable axis; rate_sigma_degC_min (N, 3): of the mean rates;
+    covered (N, 3): share in which the axis has a trustworthy reading.
+    """
+
+    rows: NDArray
+    covariance: NDArray
+    rate_sigma_degC_min: NDArray
+    covered: NDArray
 
 
 def fault_reason(fault: ThermometerFault) -> Reason:
