@@ -6,30 +6,15 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import Force, JsonFlag, NoSeed, Quiet, Verbose, answer
-from recal.cli.logs.options import (
-    From,
-    GnssFile,
-    Height,
-    Latitude,
-    LogFormat,
-    Longitude,
-    MapFile,
-    OfSerial,
-    OfTechnology,
-    To,
-    WhichImu,
-)
+from recal.cli.logs.options import LogGiven, with_log_options
 
 
+@with_log_options
 def command(
     log: Annotated[Path, typer.Argument(help="A flight log.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
-    map_file: MapFile = None,
-    serial: OfSerial = None,
-    technology: OfTechnology = None,
-    lat_deg: Latitude = None,
-    lon_deg: Longitude = None,
-    height_m: Height = None,
+    *,
+    given: LogGiven,
     tail: Annotated[str | None, typer.Option("--tail", help="Tail number of the aircraft.")] = None,
     start_utc: Annotated[
         str | None,
@@ -38,11 +23,6 @@ def command(
     run_id: Annotated[
         str | None, typer.Option("--run-id", help="Name of the run. Default: the name of the log.")
     ] = None,
-    log_format: LogFormat = None,
-    imu: WhichImu = None,
-    gnss: GnssFile = None,
-    from_s: From = None,
-    to_s: To = None,
     each_stretch: Annotated[
         bool,
         typer.Option(
@@ -66,17 +46,7 @@ def command(
     from recal.service.convert import CONVERT_STEPS, convert, made_of, split
     from recal.service.results.overwrite import need_free_run
 
-    given = {
-        "imu_serial": serial,
-        "gyro_technology": technology,
-        "lat_deg": lat_deg,
-        "lon_deg": lon_deg,
-        "height_m": height_m,
-        "tail": tail,
-        "start_utc": start_utc,
-        "run_id": run_id,
-    }
-    chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
+    header = {**given.header, "tail": tail, "start_utc": start_utc, "run_id": run_id}
     folders = sorted(output.glob("run-*")) if each_stretch else [output]
     for folder in folders:
         need_free_run(folder, lambda run: made_of(run, log), f"made of {log.name}", force=force)
@@ -84,6 +54,12 @@ def command(
     steps = None if each_stretch else CONVERT_STEPS
     with Progress("converting", quiet=quiet, steps=steps, compiles=False) as told:
         converted = make(
-            log, output, map_file=map_file, gnss=gnss, header=given, options=chosen, told=told
+            log,
+            output,
+            map_file=given.map_file,
+            gnss=given.gnss,
+            header=header,
+            options=given.options,
+            told=told,
         )
     answer(converted.document, converted.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -87,8 +87,9 @@ def allan_figure(document: TwinFitRecord) -> "Figure":
         scale, unit = _unit(channel)
         tau = np.asarray(channel.tau_s)
         low, high = scale * np.asarray(channel.allan_low), scale * np.asarray(channel.allan_high)
-        ax.fill_between(tau, low, high, color=PALE, label="95 % of such runs")
-        ax.plot(tau, scale * np.asarray(channel.allan_model), color=BLUE, label="model")
+        if np.isfinite(low).any():  # a model that the data contradict is not drawn
+            ax.fill_between(tau, low, high, color=PALE, label="95 % of such runs")
+            ax.plot(tau, scale * np.asarray(channel.allan_model), color=BLUE, label="model")
         ax.plot(tau, scale * np.asarray(channel.allan), color=BLACK, linewidth=0.9, label="data")
         ax.set_xscale("log")
         ax.set_yscale("log")

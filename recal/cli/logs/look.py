@@ -6,37 +6,17 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import Force, JsonFlag, NoSeed, OutputPath, Quiet, Verbose, answer, finish
-from recal.cli.logs.options import (
-    From,
-    GnssFile,
-    Height,
-    Latitude,
-    LogFormat,
-    Longitude,
-    MapFile,
-    OfSerial,
-    OfTechnology,
-    To,
-    WhichImu,
-)
+from recal.cli.logs.options import LogGiven, with_log_options
 
 
+@with_log_options
 def command(
     log: Annotated[
         Path, typer.Argument(help="A flight log of any known format, or a run directory.")
     ],
     output: OutputPath = None,
-    map_file: MapFile = None,
-    gnss: GnssFile = None,
-    imu: WhichImu = None,
-    log_format: LogFormat = None,
-    serial: OfSerial = None,
-    technology: OfTechnology = None,
-    lat_deg: Latitude = None,
-    lon_deg: Longitude = None,
-    height_m: Height = None,
-    from_s: From = None,
-    to_s: To = None,
+    *,
+    given: LogGiven,
     force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -56,16 +36,15 @@ def command(
 
     folder = output_directory(output, "look")
     need_free_report(folder, "look.json", "recal.look/1", ("look.html",), force=force)
-    header = {
-        "imu_serial": serial,
-        "gyro_technology": technology,
-        "lat_deg": lat_deg,
-        "lon_deg": lon_deg,
-        "height_m": height_m,
-    }
-    chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
     with Progress("reading", quiet=quiet, steps=LOOK_STEPS) as told:
-        looked = look(log, map_file=map_file, gnss=gnss, header=header, options=chosen, told=told)
+        looked = look(
+            log,
+            map_file=given.map_file,
+            gnss=given.gnss,
+            header=given.header,
+            options=given.options,
+            told=told,
+        )
         report = looked.write(folder) / "look.html"
     answer(
         looked.document,

@@ -1,5 +1,9 @@
-"""Options of the commands that read a log of another program."""
+"""Options of the commands that read a log of another program, and the one record they make."""
 
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Annotated
 
@@ -53,3 +57,73 @@ From = Annotated[
 To = Annotated[
     float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogGiven:
+    """What the command line says of a log: files beside it, keys of run.json, options of its
+    reader.
+    """
+
+    map_file: Path | None
+    gnss: Path | None
+    header: Mapping[str, str | float | None]
+    options: Mapping[str, str | float | None]
+
+
+OPTION_TYPES = {
+    "map_file": MapFile,
+    "gnss": GnssFile,
+    "imu": WhichImu,
+    "log_format": LogFormat,
+    "serial": OfSerial,
+    "technology": OfTechnology,
+    "lat_deg": Latitude,
+    "lon_deg": Longitude,
+    "height_m": Height,
+    "from_s": From,
+    "to_s": To,
+}
+
+
+def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that takes `given: LogGiven`, with the options of a log in its place."""
+
+    @wraps(command)
+    def joined(**words: Path | str | float | bool | None) -> None:
+        of_log = {name: words.pop(name) for name in OPTION_TYPES}
+        command(given=_given(of_log), **words)
+
+    own = inspect.signature(command).parameters
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    found = []
+    for name, parameter in own.items():
+        if name != "given":
+            found.append(parameter.replace(kind=keyword))
+            continue
+        for option, kind in OPTION_TYPES.items():
+            found.append(inspect.Parameter(option, keyword, default=None, annotation=kind))
+    joined.__annotations__ = {p.name: p.annotation for p in found} | {"return": None}
+    vars(joined)["__signature__"] = inspect.Signature(found)
+    return joined
+
+
+HEADER_KEYS = {  # of run.json, by option
+    "serial": "imu_serial",
+    "technology": "gyro_technology",
+    "lat_deg": "lat_deg",
+    "lon_deg": "lon_deg",
+    "height_m": "height_m",
+}
+READER_KEYS = {"imu": "imu", "log_format": "format", "from_s": "from_s", "to_s": "to_s"}
+
+
+def _given(words: Mapping[str, Path | str | float | None]) -> LogGiven:
+    files = {name: value for name, value in words.items() if isinstance(value, Path)}
+    others = {name: value for name, value in words.items() if not isinstance(value, Path)}
+    return LogGiven(
+        map_file=files.get("map_file"),
+        gnss=files.get("gnss"),
+        header={key: others[name] for name, key in HEADER_KEYS.items()},
+        options={key: others[name] for name, key in READER_KEYS.items()},
+    )

@@ -9,6 +9,7 @@ from ins.records import InputError, Run
 from ins.twin_file import default_twin
 from recal.service.align import align
 from recal.service.check import Check, check
+from recal.service.look.noise import shown_noise
 from recal.service.look.opened import Opened, Stretch, opened_log
 from recal.service.look.page import look_html
 from recal.service.look.records import Fit, LookDocument, LookVerdict, NoiseDocument, UseDocument
@@ -140,7 +141,7 @@ def look(
         told("aligning")
         aligned = align(opened.run).record
         told("fitting the noise")
-        fitted = _noise(opened.run)
+        fitted, noise_notes = shown_noise(_noise(opened.run))
         is_run = opened.folder == path
         run_path = str(path) if is_run else f"{path.name.split('.')[0]}-run"
         judged = Judged(run=opened.run, run_path=run_path, aligned=aligned, fitted=fitted)
@@ -166,7 +167,7 @@ def look(
             assumed=opened.assumed,
             holds=checked.record.holds,
             problems=checked.problems,
-            notes=[*_gap_note(opened.stretch), *opened.notes],
+            notes=[*_gap_note(opened.stretch), *noise_notes, *opened.notes],
             repaired=checked.record.repaired,
             phases=aligned.phases,
             rest_s=judged.rest_s,

@@ -1,0 +1,74 @@
+"""A fitted model that the data beside it contradict is neither drawn nor stated."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ins.records import AXES
+from recal.service.look.noise import shown_noise
+from simreal.report.twin_page import allan_figure
+from simreal.report.twin_records import ChannelRecord
+
+TAU = [1.0, 2.0, 4.0, 8.0, 16.0]
+
+
+@pytest.fixture
+def fit(monkeypatch):
+    """The parts of a fit that `look` shows: six channels on their model, a number a sensor."""
+    import recal.service.look.noise as room
+
+    monkeypatch.setattr(room, "replace", changed)
+    channels = [channel(f"{sensor}_{a}") for sensor in ("gyro", "accel") for a in AXES]
+    names = ("gyro.bias_instability_deg_h", "accel.vrw_ug_sqrt_hz", "vehicle.sway_m_s")
+    parameters = [SimpleNamespace(name=name, identified=True) for name in names]
+    return SimpleNamespace(channels=channels, parameters=parameters, found=None)
+
+
+def changed(record, **fields):
+    """`dataclasses.replace`, of the stand-ins too."""
+    if isinstance(record, SimpleNamespace):
+        return SimpleNamespace(**{**vars(record), **fields})
+    return replace(record, **fields)
+
+
+def channel(name: str, *, factor: float = 1.0) -> ChannelRecord:
+    """White noise, and a model that is `factor` times it with a band of 20 %."""
+    data = 1e-4 / np.sqrt(TAU)
+    nothing = dict(frequency_hz=[], power=[], power_model=[], dof=[])
+    return ChannelRecord(
+        channel=name,
+        p_value=0.5,
+        white=None,
+        tau_s=TAU,
+        allan=data.tolist(),
+        allan_model=(factor * data).tolist(),
+        allan_low=(0.8 * factor * data).tolist(),
+        allan_high=(1.2 * factor * data).tolist(),
+        **nothing,
+    )
+
+
+def told(fit):
+    return {p.name.partition(".")[0] for p in fit.parameters if p.identified}
+
+
+@pytest.mark.parametrize("factor", [1.1, 1.4])
+def test_a_model_near_the_data_stands(fit, factor):
+    fit.channels[1] = channel("gyro_y", factor=factor)
+    shown, notes = shown_noise(fit)
+    assert notes == [] and shown is fit
+
+
+@pytest.mark.parametrize("factor", [2.6, 0.3])
+def test_a_model_that_the_data_contradict_is_left_out(fit, factor):
+    fit.channels[1] = channel("gyro_y", factor=factor)
+    shown, notes = shown_noise(fit)
+    assert told(shown) == {"accel", "vehicle"}
+    assert len(notes) == 1
+    assert notes[0].startswith(f"gyro noise: the fitted model is {factor} times the data")
+    drawn = {c.channel for c in shown.channels if np.isfinite(c.allan_low).any()}
+    assert drawn == {"accel_x", "accel_y", "accel_z"}
+    figure = allan_figure(shown)
+    assert [len(ax.lines) for ax in figure.axes] == [1, 1, 1, 2, 2, 2]
