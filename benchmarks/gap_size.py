@@ -26,6 +26,8 @@ NOISY = (
     "accel_noise",
     "platform_sway",
     "odometer_quantization",
+    "one_over_f_noise",
+    "jittered_stamps",
 )
 CLOSE = 0.05  # a size within so much of the wanted one is good
 

@@ -21,6 +21,7 @@ TITLES = {
     "without": "true effect not in the catalogue",
     "pyins": "pyins source, 12 sigma",
     "pyins_none": "pyins source, no effect",
+    "forms": "physics in another form, 12 sigma",
     "motion": "one effect on odometer, vehicle or GNSS, 12 sigma",
     "motion_without": "the same, the true effect not in the catalogue",
 }

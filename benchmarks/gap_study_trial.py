@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.gap_size import scaled, views_of
 from benchmarks.gap_study_shrink import true_shrink
+from benchmarks.gap_trials.other_forms import OTHER_FORMS
 from benchmarks.gap_trials.trial import Planted, Trial, draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
@@ -28,6 +29,7 @@ MOTION = (
     "side_slip",
     "gnss_lever_arm_or_latency",
 )
+FORMS = tuple(effect.name for effect in OTHER_FORMS)
 REACHED = 0.25  # a trial whose size is further off the wanted one is not diagnosed
 MOST_PLACES = 3
 
@@ -64,6 +66,7 @@ CELLS = {
     "20": StudyCell(first_seed=900_000, wanted=20.0),
     "none5": StudyCell(first_seed=100_000, effects=0, alpha=0.05),
     "pyins_none": StudyCell(first_seed=800_000, effects=0, source="pyins"),
+    "forms": StudyCell(first_seed=1_200_000, wanted=12.0, names=FORMS),
     "motion": StudyCell(first_seed=1_000_000, wanted=12.0, names=MOTION),
     "motion_without": StudyCell(first_seed=1_000_000, wanted=12.0, without=True, names=MOTION),
 }

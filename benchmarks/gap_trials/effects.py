@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from benchmarks.gap_trials import accel_errors, gyro_drifts, gyro_inputs, platform, taxi_errors
 from benchmarks.gap_trials.effect import Effect
+from benchmarks.gap_trials.other_forms import OTHER_FORMS
 from ins.records import InputError
 
 EFFECTS: dict[str, Effect] = {
@@ -13,7 +14,13 @@ EFFECTS: dict[str, Effect] = {
 }
 
 
+# planted by name only: the usual trials never draw them
+FORMS: dict[str, Effect] = {effect.name: effect for effect in OTHER_FORMS}
+
+
 def effect_named(name: str) -> Effect:
+    if name in FORMS:
+        return FORMS[name]
     if name not in EFFECTS:
         raise InputError(f"planted effect {name!r}, needed one of {', '.join(sorted(EFFECTS))}")
     return EFFECTS[name]

@@ -1,0 +1,213 @@
+"""Effects in a form that neither the catalogue nor the other trials use: physics written anew.
+
+The right answer is the catalogue's name for the physics; `confounded` are the neighbours that it
+states. They are planted by name only (`effect_named`), never drawn among the usual effects.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.gap_trials.effect import GYROS, Effect, Parameters, log_uniform, seed, signed
+from benchmarks.gap_trials.seen import Seen, Streams, axis_of, moved, tilted
+from ins.units import ARCSEC, DEG
+
+EVERY = 10  # rows of a step of the slow models: a second
+RELAYS = 40  # of a Preisach operator, on either threshold
+
+
+def network(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """Housing, block and coil exchange heat; the bias is that of the coil, the table is entered
+    with the housing.
+    """
+    housing = seen.gyro_degC[::EVERY, axis_of(target)]
+    dt = EVERY * seen.dt_s
+    block, coil = housing[0], housing[0]
+    bias = np.empty(housing.size)
+    for k, outside in enumerate(housing):
+        to_block = (outside - block) / p["housing_s"] + (coil - block) / p["coil_s"]
+        to_coil = (block - coil) / p["coil_s"] + (outside - coil) / p["leak_s"]
+        block, coil = block + dt * to_block, coil + dt * to_coil
+        bias[k] = coil - outside
+    rows = np.interp(seen.time_s, seen.time_s[::EVERY], bias)
+    return streams.gyro(target, size * p["coefficient_deg_h_degC"] * rows)
+
+
+def preisach(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """Relays that switch up and down at thresholds of their own, spread over a triangle."""
+    T = seen.gyro_degC[::EVERY, axis_of(target)]
+    middle = np.linspace(T.min() - p["width_degC"], T.max() + p["width_degC"], RELAYS)
+    half = np.linspace(0.02, 1.0, RELAYS)[:, None] * p["width_degC"]
+    up, down = middle + half, middle - half
+    state = np.where(T[0] > middle, 1.0, -1.0) * np.ones_like(up)
+    out = np.empty(T.size)
+    for k, now in enumerate(T):
+        state = np.where(now >= up, 1.0, np.where(now <= down, -1.0, state))
+        out[k] = state.mean()
+    # what follows the temperature itself is the table's, and known
+    out -= np.polyval(np.polyfit(T, out, 1), T)
+    rows = np.interp(seen.time_s, seen.time_s[::EVERY], out)
+    return streams.gyro(target, size * p["half_split_deg_h"] * rows)
+
+
+def cornering(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """Tyres of finite grip: the slip angle grows faster than the side force and builds up over a
+    length of road.
+    """
+    pull = seen.speed_m_s * seen.omega_at_ends[:, 2]
+    wanted = p["deg_s2_m"] * DEG * pull / (1.0 - np.minimum(np.abs(pull) / p["grip_m_s2"], 0.6))
+    slip = np.zeros(seen.rows)
+    share = np.minimum(np.abs(seen.speed_m_s) * seen.dt_s / p["road_m"], 1.0)
+    for k in range(1, seen.rows):
+        slip[k] = slip[k - 1] + share[k] * (wanted[k] - slip[k - 1])
+    sideways = np.outer(-seen.speed_m_s * size * slip, [0.0, 1.0, 0.0])
+    return moved(streams, seen, np.einsum("nij,nj->ni", seen.C_nb, sideways))
+
+
+def stick_slip(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """A strut settles in jerks: it holds, and gives way by a share of what is left."""
+    if seen.number != p["run"]:
+        return streams
+    rng = seen.rng(p["seed"])
+    level, at_s = 0.0, 0.0
+    shape = np.zeros(seen.rows)
+    while at_s < seen.time_s[-1]:
+        at_s += rng.exponential(p["hold_s"])
+        jerk = (1.0 - level) * rng.uniform(0.05, 0.2)
+        shape += jerk / (1.0 + np.exp(-np.clip((seen.time_s - at_s) / 0.7, -50.0, 50.0)))
+        level += jerk
+    return tilted(streams, seen, np.outer(shape, size * ARCSEC * np.array(p["arcsec_xyz"])))
+
+
+def one_over_f(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """Noise whose spectrum is drawn: amplitude as the inverse root of frequency."""
+    rng = seen.rng(p["seed"])
+    n = seen.rows
+    frequency = np.fft.rfftfreq(n, seen.dt_s)
+    drawn = rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size)
+    drawn[0] = 0.0
+    shaped = drawn / np.sqrt(np.maximum(frequency, frequency[1]))
+    path = np.fft.irfft(shaped, n) * np.sqrt(n / (2.0 * seen.dt_s))
+    return streams.gyro(target, size * p["instability_deg_h"] * path / np.sqrt(np.log(2.0)))
+
+
+def slow_thermometer(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
+    """The bead sits in grease on a plate: two heat capacities before the reading."""
+    log = streams.temperature
+    dt = float(np.median(np.diff(log.time_s)))
+    read = log.gyro_degC.copy()
+    for axis in range(3):
+        true = np.interp(log.time_s, seen.time_s, seen.gyro_degC[:, axis])
+        plate, bead = true[0], true[0]
+        for k, now in enumerate(true):
+            plate += min(dt / (0.7 * p["tau_s"]), 1.0) * (now - plate)
+            bead += min(dt / (0.3 * p["tau_s"]), 1.0) * (plate - bead)
+            read[k, axis] += size * (bead - now)
+    return replace(streams, temperature=replace(log, gyro_degC=read))
+
+
+def jittered(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """Each row is taken a little early or late: it holds a part of its neighbour's increment."""
+    rng = seen.rng(p["seed"])
+    late = np.clip(size * p["jitter_s"] * rng.standard_normal(seen.rows + 1), -0.4, 0.4)
+    edge = np.arange(seen.rows + 1) + np.where(np.arange(seen.rows + 1) % seen.rows, late, 0.0)
+
+    def resampled(rows: NDArray) -> NDArray:
+        total = np.vstack([np.zeros((1, 3)), np.cumsum(rows, axis=0)])
+        grid = np.arange(seen.rows + 1)
+        at = np.stack([np.interp(edge, grid, column) for column in total.T], axis=1)
+        return np.diff(at, axis=0)
+
+    return replace(
+        streams, dtheta_rad=resampled(streams.dtheta_rad), dv_m_s=resampled(streams.dv_m_s)
+    )
+
+
+def _event_arcsec(rng: np.random.Generator, runs: int) -> Parameters:
+    way = rng.uniform(0, 2 * np.pi)
+    level = [80.0 * float(np.cos(way)), 80.0 * float(np.sin(way)), 0.0]
+    return {
+        "run": int(rng.integers(runs)),
+        "arcsec_xyz": level,
+        "hold_s": log_uniform(rng, 60.0, 240.0),
+        "seed": seed(rng),
+    }
+
+
+OTHER_FORMS = (
+    Effect(
+        name="three_node_network",
+        targets=GYROS,
+        lay=network,
+        answers=("gyro_thermal_lag", "gyro_thermal_rate"),
+        confounded=("gyro_thermal_gradient", "gyro_thermal_hysteresis"),
+        draw=lambda rng, _: {
+            "coefficient_deg_h_degC": signed(rng, 0.005),
+            "housing_s": log_uniform(rng, 100.0, 600.0),
+            "coil_s": log_uniform(rng, 50.0, 300.0),
+            "leak_s": log_uniform(rng, 1000.0, 4000.0),
+        },
+    ),
+    Effect(
+        name="preisach_hysteresis",
+        targets=GYROS,
+        lay=preisach,
+        needs=frozenset({"runs"}),
+        answers=("gyro_thermal_hysteresis",),
+        confounded=("gyro_thermal_lag", "gyro_thermal_rate", "gyro_thermal_quadratic"),
+        draw=lambda rng, _: {
+            "half_split_deg_h": signed(rng, 0.01),
+            "width_degC": float(rng.uniform(3.0, 10.0)),
+        },
+    ),
+    Effect(
+        name="tyre_cornering",
+        targets=("vehicle",),
+        lay=cornering,
+        needs=frozenset({"taxi"}),
+        answers=("side_slip",),
+        confounded=("odometer_boresight", "lever_arm"),
+        draw=lambda rng, _: {
+            "deg_s2_m": signed(rng, 0.4),
+            "grip_m_s2": float(rng.uniform(3.0, 6.0)),
+            "road_m": float(rng.uniform(0.3, 2.0)),
+        },
+    ),
+    Effect(
+        name="stick_slip_struts",
+        targets=("vehicle",),
+        lay=stick_slip,
+        answers=("platform_settling", "platform_step"),
+        confounded=("platform_mount_sag",),
+        draw=lambda rng, seen: _event_arcsec(rng, len(seen)),
+    ),
+    Effect(
+        name="one_over_f_noise",
+        targets=GYROS,
+        lay=one_over_f,
+        answers=("slow_variation",),
+        confounded=("gyro_rate_ramp", "gyro_turn_on_bias"),
+        draw=lambda rng, _: {"instability_deg_h": 0.003, "seed": seed(rng)},
+    ),
+    Effect(
+        name="slow_thermometer",
+        targets=("temperature",),
+        lay=slow_thermometer,
+        answers=("temperature_sensor_error",),
+        confounded=("gyro_thermal_lag", "gyro_thermal_rate"),
+        linear=False,
+        draw=lambda rng, _: {"tau_s": log_uniform(rng, 30.0, 200.0)},
+    ),
+    Effect(
+        name="jittered_stamps",
+        targets=("vehicle",),
+        lay=jittered,
+        answers=("timestamp_jitter",),
+        confounded=("accel_noise", "platform_sway", "gyro_quantization"),
+        linear=False,
+        draw=lambda rng, _: {"jitter_s": 0.01, "seed": seed(rng)},
+    ),
+)
