@@ -160,8 +160,8 @@ def _header(
         missing = _missing(header, header["site"])
         if missing:
             told = ", ".join(f"{k} ({RUN_OPTIONS[k]})" for k in missing)
-            reasons = {TELLING[key] for key in ("", *missing) if key in TELLING}
-            why = next((f" ({n})" for n in log.notes if about(n) in reasons), "")
+            reasons = [TELLING[key] for key in (*missing, "") if key in TELLING]
+            why = next((f" ({n})" for r in reasons for n in log.notes if about(n) is r), "")
             raise InputError(
                 f"{path.name}: needed from the options or [run] in the map: {told}{why}"
             )

@@ -331,6 +331,17 @@ def test_matlab_7_3_without_the_library(tmp_path, monkeypatch):
             convert_log(tmp_path / "log.mat", options, GIVEN)
 
 
+@pytest.mark.parametrize(("written", "taken"), [(">f8", "<f8"), ("<f8", ">f8"), (">f4", "<f4")])
+def test_the_other_byte_order_is_named(tmp_path, written, taken):
+    table = rate_table()
+    np.column_stack(list(table.values())).astype(written).tofile(tmp_path / "log.bin")
+    keys = {**MAP, "columns": list(table), "format": "binary"}
+    with pytest.raises(InputError, match=f"other byte order\\? dtype = '{written}' in the map"):
+        convert_log(tmp_path / "log.bin", keys | {"dtype": taken}, GIVEN)
+    if written == "<f8":
+        check_parked(convert_log(tmp_path / "log.bin", keys | {"dtype": written}, GIVEN).run, OUT)
+
+
 FIXES = {
     "lat": LAT_DEG + 1e-6 * np.arange(60),
     "lon": LON_DEG + 0.0 * np.arange(60),

@@ -21,7 +21,7 @@ ACCURACY = (("GPA", ("HAcc", "VAcc", "SAcc")), ("UBX3", ("hAcc", "vAcc", "sAcc")
 
 
 def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, list[str]]:
-    """The 3D fixes of the first receiver, and notes on those left out; None where there is none."""
+    """The 3D fixes of one receiver, and notes on those left out; None where there is none."""
     table = tables.get("GPS")
     if table is None:
         return None, [Note(f"{label}: no GPS message: no gnss stream", About.FIXES)]
@@ -32,8 +32,13 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
             f"{label}: GPS messages without {missing[0] if missing else 'time of the log'}: no gnss"
             " stream"
         ]
+    told: list[str] = []
     if "I" in table:
-        table, clock = {k: v[table["I"] == 0] for k, v in table.items()}, clock[table["I"] == 0]
+        number = _receiver(table)
+        of_it = table["I"] == number
+        table, clock = {k: v[of_it] for k, v in table.items()}, clock[of_it]
+        if number:
+            told = [f"{label}: GPS {number:g} taken: the first has no 3D fix"]
     clock, course = going_on(clock)[0], table["GCrs"] * DEG
     with np.errstate(invalid="ignore"):
         v_n = np.stack(
@@ -50,7 +55,19 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
             sigmas=_sigmas(tables, clock),
         )
     found, notes = good_fixes(raw, label=label)
+    notes = [*told, *notes]
     return found, notes if found is None else [*notes, f"{label}: {GEOID_NOTE}"]
+
+
+def _receiver(table: Table) -> float:
+    """The first receiver; where it never has a 3D fix, the one with most of them. Never two: their
+    antennas lie apart.
+    """
+    placed = table["I"][table["Status"] >= STATUS_3D]
+    if not placed.size or np.any(placed == 0):
+        return 0.0
+    numbers, counts = np.unique(placed, return_counts=True)
+    return float(numbers[np.argmax(counts)])
 
 
 def log_clock(table: Table, names: tuple[str, ...]) -> NDArray | None:
