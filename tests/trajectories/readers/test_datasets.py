@@ -1,5 +1,7 @@
 """KITTI and EuRoC folders, written file by file from their descriptions."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -139,6 +141,25 @@ def test_kitti_with_damage(tmp_path):
         file.write_text("")
     with pytest.raises(InputError, match=r"0 of 1000 moments of timestamps\.txt with 30 numbers"):
         convert_log(path, {}, KNOWN)
+
+
+def test_links_and_pipes_of_a_folder_are_not_read(tmp_path):
+    path = kitti(tmp_path / "drive")
+    outside = tmp_path / "outside.txt"
+    moment = path / "oxts" / "data" / f"{5:010d}.txt"
+    outside.write_text(moment.read_text())
+    moment.unlink()
+    moment.symlink_to(outside)
+    pipe = path / "oxts" / "data" / f"{6:010d}.txt"
+    pipe.unlink()
+    os.mkfifo(pipe)
+    notes = convert_log(path, {}, KNOWN).record.notes
+    assert any("data rows 6-7 missing or damaged" in note for note in notes)
+    file = euroc(tmp_path / "MH_01")
+    file.rename(tmp_path / "moved.csv")
+    file.symlink_to(tmp_path / "moved.csv")
+    with pytest.raises(InputError, match="a folder without a bag"):
+        convert_log(tmp_path / "MH_01", {}, GIVEN | KNOWN)
 
 
 def tracking(path, output=None):

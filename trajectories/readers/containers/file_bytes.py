@@ -8,6 +8,11 @@ from ins.records import InputError
 MAX_FILE_BYTES = 4_000_000_000
 
 
+def is_own_file(file: Path, folder: Path) -> bool:
+    """Whether a file of a folder is one, no pipe or device, and no link leads out of the folder."""
+    return file.is_file() and file.resolve().is_relative_to(folder.resolve())
+
+
 def read_whole(path: Path) -> bytes:
     """The bytes of a file; InputError where it is larger than MAX_FILE_BYTES."""
     size = path.stat().st_size

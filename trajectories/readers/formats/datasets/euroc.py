@@ -19,6 +19,7 @@ from ins.records import AXES, InputError
 from trajectories.readers.columns.headings import heading
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
+from trajectories.readers.containers.file_bytes import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
     AxesKeys,
@@ -59,7 +60,7 @@ def _are_names(names: Sequence[str]) -> bool:
 def _data_file(path: Path) -> Path | None:
     if path.is_file():
         return path
-    return next((path / place for place in PLACES if (path / place).is_file()), None)
+    return next((path / place for place in PLACES if is_own_file(path / place, path)), None)
 
 
 def read(path: Path, options: LogOptions) -> ConvertedLog:
@@ -74,7 +75,10 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     columns, notes = read_columns(file, found.layout, list(ours.values()))
     label = file.name if file == path else str(file.relative_to(path))
     yaml = file.with_name("sensor.yaml")
-    text = yaml.read_text("utf-8", errors="replace")[:MAX_YAML] if yaml.is_file() else ""
+    text = ""
+    if is_own_file(yaml, file.parent):
+        with yaml.open(encoding="utf-8", errors="replace") as stream:
+            text = stream.read(MAX_YAML)
     is_vi = "ADIS16448" in text
     axes = keys.axes or (VI_SENSOR if is_vi else FLU_SENSOR)
     shape = {

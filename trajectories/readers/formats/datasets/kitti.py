@@ -25,6 +25,7 @@ from ins.units import DEG
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.side_streams import reference_on_run_time
+from trajectories.readers.containers.file_bytes import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
     AxesKeys,
@@ -68,7 +69,8 @@ def _folder(path: Path) -> Path | None:
     if not path.is_dir():
         return None
     places = (path / place for place in OXTS_PLACES)
-    return next((p for p in places if (p / "data").is_dir() and (p / STAMPS).is_file()), None)
+    is_oxts = (p for p in places if (p / "data").is_dir() and is_own_file(p / STAMPS, path))
+    return next(is_oxts, None)
 
 
 def read(path: Path, options: LogOptions) -> ConvertedLog:
@@ -121,7 +123,8 @@ def _moments(folder: Path) -> tuple[NDArray, NDArray, float | None, list[str]]:
         if day is not None and first is not None:
             time_s[k] = (day - first).days * SECONDS_A_DAY + second
     table = np.full((len(lines), len(OXTS_NAMES)), np.nan)
-    bad = [k for k in range(len(lines)) if not _moment(folder / "data" / f"{k:010d}.txt", table[k])]
+    files = [folder / "data" / f"{k:010d}.txt" for k in range(len(lines))]
+    bad = [k for k, file in enumerate(files) if not _moment(file, folder, table[k])]
     notes: list[str] = []
     if bad:
         told = f"{label}: data {row_ranges(np.array(bad))} missing or damaged"
@@ -146,8 +149,10 @@ def _stamp(line: str) -> tuple[datetime.datetime | None, float]:
     return day, 3600.0 * int(found[2]) + 60.0 * int(found[3]) + float(found[4])
 
 
-def _moment(path: Path, row: NDArray) -> bool:
+def _moment(path: Path, folder: Path, row: NDArray) -> bool:
     """Whether a file has 30 numbers, which are put into the row."""
+    if not is_own_file(path, folder):
+        return False
     try:
         with path.open("rb") as file:
             words = file.read(MAX_MOMENT_BYTES).split()
