@@ -34,9 +34,18 @@ from infield.aided.taken import antenna_notes, noise_notes, unbelieved
 from infield.aided.wheels import WheelsFound, seen_wheels
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
-from ins.noise import DEFAULT_SIGMA_deg_h, accel_densities, flicker_walk, gyro_densities
-from ins.records import ImuSource, Run, TwinModel
-from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G_PER_SQRT_HOUR
+from ins.noise import (
+    ACCEL_SCALE_ppm,
+    ACCEL_SLOPE_ug_degC,
+    DEFAULT_SIGMA_deg_h,
+    GYRO_SCALE_ppm,
+    MISALIGNMENT_mrad,
+    accel_densities,
+    flicker_walk,
+    gyro_densities,
+)
+from ins.records import ImuSource, Run, TemperatureLog, TwinModel
+from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR, MILLIRADIAN, PPM
 from ins.verdicts import Reason, because
 
 FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
@@ -49,6 +58,7 @@ MOST_REJECTED = 0.25
 OUTAGE_S = 3.0
 # of likelihood of the fixes that wheels may cost: odds of e^5, as for what noise must bring
 WORSE_NATS = 5.0
+WARMED_S = 60.0  # chosen: noise of a thermometer, 0.1 degC, is below a ramp of 1 degC/min
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,14 +132,24 @@ class Aiding:
     vehicle: Vehicle = Vehicle.OTHER
 
 
-def aided_noise(twin: TwinModel) -> AidedNoise:
+def aided_noise(twin: TwinModel, technology: str | None = None) -> AidedNoise:
     """Densities of a twin in SI; flicker is carried by a random walk beside the twin's own
-    (`flicker_walk`).
+    (`flicker_walk`). technology: whose scales and misalignments are states, None: they are none.
     """
     gyro, accel = twin.gyro, twin.accel
     flicker = flicker_walk(gyro.bias_instability_deg_h, gyro.arw_deg_sqrt_h * 60.0)
     accel_flicker = flicker_walk(accel.bias_instability_ug, accel.vrw_ug_sqrt_hz)
+    scale = misaligned = accel_scale = 0.0
+    if technology is not None:
+        measured = np.array(gyro.sigma_misalignment_mrad)
+        mrad = measured.max() if (measured > 0.0).all() else MISALIGNMENT_mrad[technology]
+        misaligned = float(mrad) * MILLIRADIAN
+        scale = GYRO_SCALE_ppm[technology] * PPM
+        accel_scale = ACCEL_SCALE_ppm[technology] * PPM
     return AidedNoise(
+        gyro_scale=scale,
+        misalignment_rad=misaligned,
+        accel_scale=accel_scale,
         arw=gyro_densities(gyro).white,
         vrw=accel_densities(accel).white,
         gyro_walk=float(np.hypot(gyro.rate_random_walk_deg_h_sqrt_h, flicker))
@@ -137,6 +157,19 @@ def aided_noise(twin: TwinModel) -> AidedNoise:
         accel_walk=float(np.hypot(accel.rate_random_walk_ug_sqrt_h, accel_flicker))
         * MICRO_G_PER_SQRT_HOUR,
     )
+
+
+def warming_walk(log: TemperatureLog | None) -> float:
+    """The random walk [degC/sqrt(s)] that goes as far as the gyros' temperature does, in whatever
+    time is the worst; 0 where none is logged.
+    """
+    if log is None:
+        return 0.0
+    every = np.arange(log.time_s[0], log.time_s[-1], WARMED_S)
+    degC = np.interp(every, log.time_s, np.nanmean(log.gyro_degC, axis=1))
+    lags = [2**k for k in range(int(np.log2(max(every.size - 1, 1))) + 1) if 2**k < every.size]
+    far = [np.abs(degC[lag:] - degC[:-lag]).max() / np.sqrt(lag * WARMED_S) for lag in lags]
+    return float(max(far, default=0.0))
 
 
 def navigate_aided(
@@ -180,7 +213,10 @@ def navigate_aided(
     if rest is not None:
         stands = joined(rest, *stands)
 
-    noise = aided_noise(twin)
+    noise = aided_noise(twin, header.gyro_technology)
+    slope = ACCEL_SLOPE_ug_degC[header.gyro_technology] * MICRO_G
+    warmed = slope * warming_walk(run.temperature)
+    noise = replace(noise, accel_walk=float(np.hypot(noise.accel_walk, warmed)))
     sky = Sky(
         imu=imu,
         fixes=fixes,

@@ -91,7 +91,8 @@ class NoiseScales:
         self, noise: AidedNoise, level_m: float, down_m: float, velocity_m_s: float
     ) -> AidedNoise:
         """The noise under these factors, from the declared sigmas of a position and a velocity."""
-        return AidedNoise(
+        return replace(
+            noise,
             arw=self.white * noise.arw,
             vrw=self.accel_white * noise.vrw,
             gyro_walk=self.walk * noise.gyro_walk,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.noise import ACCEL_SCALE_ppm, ACCEL_SLOPE_ug_degC, GYRO_SCALE_ppm, MISALIGNMENT_mrad
 from ins.records import TwinModel
 
 BIN_S = 300.0
@@ -34,18 +35,12 @@ class FlightPriors:
     slow_velocity_s: float = 60.0
     antenna_m: float = 0.3
     delay_s: float = 0.3
-    accel_scale_ppm: dict[str, float] = field(
-        default_factory=lambda: _by_technology(100.0, 100.0, 5000.0)
-    )
+    accel_scale_ppm: dict[str, float] = field(default_factory=lambda: dict(ACCEL_SCALE_ppm))
     accel_shift_ug: dict[str, float] = field(
         default_factory=lambda: _by_technology(5.0, 5.0, 500.0)
     )
-    accel_slope_ug_degC: dict[str, float] = field(
-        default_factory=lambda: _by_technology(0.2, 0.2, 100.0)
-    )
-    misalignment_mrad: dict[str, float] = field(
-        default_factory=lambda: _by_technology(0.01, 0.02, 5.0)
-    )
+    accel_slope_ug_degC: dict[str, float] = field(default_factory=lambda: dict(ACCEL_SLOPE_ug_degC))
+    misalignment_mrad: dict[str, float] = field(default_factory=lambda: dict(MISALIGNMENT_mrad))
     shift_deg_h: dict[str, float] = field(
         default_factory=lambda: _by_technology(0.0003, 0.0003, 3.0)
     )
@@ -66,9 +61,7 @@ class SessionSettings:
     sigma_crab_mrad: float = 10.0
     sigma_lever_arm_m: float = 5.0
     sigma_odometer_scale: float = 0.05  # worn or wrongly entered wheels
-    sigma_scale_factor_ppm: dict[str, float] = field(
-        default_factory=lambda: {"rlg": 5.0, "fog": 50.0, "mems": 5000.0}
-    )
+    sigma_scale_factor_ppm: dict[str, float] = field(default_factory=lambda: dict(GYRO_SCALE_ppm))
     sigma_misalignment_mrad: float = 0.01
     hold_heading: bool = True
     use_gnss: bool = True

@@ -21,7 +21,11 @@ from ins.filters.aided_records import (
 )
 from ins.filters.aided_tape import TAPED_PHI, AidedTape, TapedPiece
 from ins.filters.states import (
+    AIDED_ACCEL_SCALE,
+    AIDED_DRIVING,
+    AIDED_GYRO_SCALE,
     AIDED_LEVER,
+    AIDED_MISALIGNED,
     AIDED_MOTION,
     AIDED_SLOW_POS,
     AIDED_SLOW_VEL,
@@ -37,6 +41,7 @@ KINDS = ("position", "velocity")
 ROUNDING = 1e-9
 REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three components
 ANTENNA = slice(AIDED_LEVER.start, AIDED_STATES)  # states of lever arm and delays
+OF_SCALES = slice(AIDED_MOTION, AIDED_DRIVING)  # of scales and misalignments
 ON_UNIT = Antenna(lever_arm_m=np.zeros(3))
 DEFAULTS = AidedOptions()
 
@@ -82,7 +87,9 @@ class AidedNavigator:
         self._carry[kernel.V_BEFORE : kernel.V_BEFORE + 3] = start.state.v_n_m_s
         self._carry[kernel.STEPS] = 1.0  # the first row of the trail is the start
         self._noise = _noise_values(noise)
-        self._settings = _settings(options, antenna)
+        self._settings = _settings(
+            options, antenna, scaled=bool(self._P[OF_SCALES, OF_SCALES].any())
+        )
         self._antenna, self._fixes = antenna, fixes
         self._fix_rows = np.column_stack(
             [fixes.r_e_m, fixes.v_n_m_s, fixes.sigma_position_m**2, fixes.sigma_velocity_m_s**2]
@@ -273,14 +280,22 @@ class AidedNavigator:
                 velocity_delay_s=float(self._bias[k.B_VELOCITY_DELAY]),
                 covariance=self._P[k.L_ :, k.L_ :].copy(),
             ),
+            scales=self._bias[k.B_SCALE : k.B_SLOW].copy(),
+            scales_covariance=self._P[OF_SCALES, OF_SCALES].copy(),
         )
 
 
 def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
-    """Covariance (26, 26) of all errors at the start."""
+    """Covariance (38, 38) of all errors at the start."""
     P = np.zeros((AIDED_STATES, AIDED_STATES))
     motion = slice(0, AIDED_MOTION)
     P[motion, motion] = _covariance(start.covariance, AIDED_MOTION, "AidedStart.covariance")
+    for part, sigma in (
+        (AIDED_GYRO_SCALE, noise.gyro_scale),
+        (AIDED_MISALIGNED, noise.misalignment_rad),
+        (AIDED_ACCEL_SCALE, noise.accel_scale),
+    ):
+        P[part, part] = sigma**2 * np.eye(part.stop - part.start)
     slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
     P[AIDED_SLOW_POS, AIDED_SLOW_POS] = np.diag(slow_m**2)
     P[AIDED_SLOW_VEL, AIDED_SLOW_VEL] = noise.slow_velocity_m_s**2 * np.eye(3)
@@ -289,10 +304,12 @@ def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
 
 
 def _taken_off(start: AidedStart, antenna: Antenna) -> NDArray:
-    """What the kernel takes off: biases, slow errors (none yet), lever arm, delays (17,)."""
+    """What the kernel takes off: biases, scales and slow errors (none yet), lever arm, delays
+    (29,).
+    """
     biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
     delays = antenna.delay_s, antenna.velocity_delay_s
-    return np.concatenate([*biases, np.zeros(6), antenna.lever_arm_m, delays]).astype(float)
+    return np.concatenate([*biases, np.zeros(18), antenna.lever_arm_m, delays]).astype(float)
 
 
 def _noise_values(noise: AidedNoise) -> NDArray:
@@ -302,12 +319,13 @@ def _noise_values(noise: AidedNoise) -> NDArray:
     return np.array([*densities, *slow_positions, noise.slow_velocity_m_s, noise.slow_velocity_s])
 
 
-def _settings(options: AidedOptions, antenna: Antenna) -> NDArray:
+def _settings(options: AidedOptions, antenna: Antenna, *, scaled: bool) -> NDArray:
     """The settings in the order of the kernel."""
     gate = chi2.isf(REJECT_PROBABILITY, 3)
     consider = float(not antenna.estimated)
     stand = options.stand_sigma_m_s
-    return np.array([gate, stand, options.reset_s, options.stand_rate_rad_s, consider])
+    rate = options.stand_rate_rad_s
+    return np.array([gate, stand, options.reset_s, rate, consider, float(scaled)])
 
 
 def _covariance(P: NDArray, size: int, name: str) -> NDArray:

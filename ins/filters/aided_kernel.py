@@ -2,17 +2,19 @@
 between. Import lazily.
 
 Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the
-solution is, six of the receiver and five of its antenna:
+solution is, twelve constants of the sensors, six of the receiver and five of its antenna:
 
     P 0-2    position [m]             p'     = v - omega_en x p
     V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N,
     -p_E, 2 p_D) + C del T 6-8    attitude theta [rad]     theta' = -(omega_ie + omega_en) x theta +
     C eps G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a
-    random walk A 12-14  the same of the accelerometers, del [m/s^2] B 15-17  slow error of the
-    positions [m], north, east, down: a first-order Gauss-Markov process W 18-20  slow error of the
-    velocities [m/s], the same with a time constant of its own L 21-23  lever arm, IMU to antenna
-    [m], body axes; stands still D 24     delay of the positions, how much older than their time
-    they are [s]; stands still E 25     delay of the velocities
+    random walk A 12-14  the same of the accelerometers, del [m/s^2] K 15-17  scale errors of the
+    gyros, M 18-23 their misalignments [rad], S 24-26 scale errors of the accelerometers: they stand
+    still, and where the prior of all is zero they are left out of the sums B 27-29  slow error of
+    the positions [m], north, east, down: a first-order Gauss-Markov process W 30-32  slow error of
+    the velocities [m/s], the same with a time constant of its own L 33-35  lever arm, IMU to
+    antenna [m], body axes; stands still D 36     delay of the positions, how much older than their
+    time they are [s]; stands still E 37     delay of the velocities
 
 theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section
 14.2.2 (ECEF), with the signs of CONVENTIONS.md. The antenna's five may be estimated, or considered:
@@ -48,32 +50,43 @@ from ins.strapdown.kernel import (
 )
 from ins.strapdown.loop import integrate
 
-MOTION, N = states.AIDED_MOTION, states.AIDED_STATES
+MOTION, DRIVING, N = states.AIDED_MOTION, states.AIDED_DRIVING, states.AIDED_STATES
 # first index of each error
 P_, V_, T_ = states.AIDED_POS.start, states.AIDED_VEL.start, states.AIDED_THETA.start
 G_, A_ = states.AIDED_GYRO.start, states.AIDED_ACCEL.start
+K_, M_ = states.AIDED_GYRO_SCALE.start, states.AIDED_MISALIGNED.start
+S_ = states.AIDED_ACCEL_SCALE.start
+READING, READ_OF = np.array(states.READING_GYRO), np.array(states.READ_AXIS)
 B_, W_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY_DELAY
 # places and counts that kernels take as arguments: numba compiles a function anew for each Python
 # integer that it is called with, 4 s of the 25 that the first aided replay compiled for
 AT_P, AT_V, AT_T, AT_0, AT_3 = (np.int64(k) for k in (P_, V_, T_, 0, 3))
+AT_G, AT_A, AT_K, AT_S = (np.int64(k) for k in (G_, A_, K_, S_))
 ALL, BELOW_LEVER, LOOK_WIDTH = np.int64(N), np.int64(L_), np.int64(LOOK_ROWS)
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
 # of the noise: sigmas and time constant of the slow error of positions
 SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
-# of the settings; CONSIDER: the antenna is, if above 0
-GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4
+# of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
+# states, if above 0
+GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER, HAS_SCALES = 0, 1, 2, 3, 4, 5
 # what a step carries over the end of a piece, at places 0 to 14: NIS and count of the standing
 # updates so far; seconds and steps so far; variance that leaps of the positions add to their slow
 # error, fading with it (NED)
 DT, V_BEFORE, RATE, REJECTED_SINCE = 0, 1, 4, 7
-STAND_NIS, STOOD, CLOCK, STEPS, LEAPT, CARRY = 8, 9, 10, 11, 12, 15
-# of what is taken off: biases of gyros and accelerometers, slow errors, lever arm, delays
-B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 12, 15, 16, 17
+STAND_NIS, STOOD, CLOCK, STEPS, LEAPT = 8, 9, 10, 11, 12
+# and of the specific force, NED: its mean while it stays the same, of how many steps, its latest
+# mean
+STEADY, STEADY_STEPS, LATEST, CARRY = 15, 18, 19, 22
+# of what is taken off: biases of gyros and accelerometers, scales and misalignments, slow errors,
+# lever arm, delays
+B_SCALE, B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 18, 24, 27, 28, 29
 # the trail, one row a step: time, velocity, what velocity and position have gained since the
-# start, angular rate (NED); places of 13 columns, and 256 rows: 51 s of steps of 0.2 s
-TRAIL_T, TRAIL_V, TRAIL_DV, TRAIL_DR, TRAIL_W, TRAIL, TRAIL_ROWS = 0, 1, 4, 7, 10, 13, 256
+# start, angular rate, noise of the specific force (NED); places of 16 columns, and 256 rows: 51 s
+# of steps of 0.2 s
+TRAIL_T, TRAIL_V, TRAIL_DV, TRAIL_DR, TRAIL_W, TRAIL_ROWS = 0, 1, 4, 7, 10, 256
+TRAIL_N, TRAIL = 13, 16
 # of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of
 # the NED attitude error
 O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
@@ -86,6 +99,10 @@ TAPE_H, TAPE_K, TAPE = 0, states.AIDED_STATES, 2 * states.AIDED_STATES + 2
 UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 POLE_TAN = 1e6
 UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
+# squared sigmas of the specific force of a step, three components, beyond which it has changed:
+# chi-square of 3, 1e-3 of noise; and the steps that its latest mean is of, and its mean at most
+CHANGED, LATEST_STEPS, STEADY_AT_MOST = 16.27, 10.0, 1500.0
+TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
 
 
@@ -98,10 +115,71 @@ def put_skew(M, i, j, a, k):
 
 
 @jit
-def transition(row, dt, Phi):
-    """Phi (15, 15) of a step of dt.
+def unsure_force(P, row, dt, unsure):
+    """Variance (3,) of the computed specific force, NED: of theta x g + C del, what tilt and
+    accelerometers leave of a velocity's rate.
+    """
+    down = row[SUMS + 8] / dt
+    for i in range(3):
+        total = 0.0
+        tilt = T_ + 1 - i
+        by_tilt = 0.0 if i == 2 else (down if i == 0 else -down)
+        for j in range(3):
+            C_j = row[C_NB_DT_AT + 3 * i + j] / dt
+            if i < 2:
+                total += 2.0 * by_tilt * C_j * P[tilt, A_ + j]
+            for k in range(3):
+                total += C_j * P[A_ + j, A_ + k] * row[C_NB_DT_AT + 3 * i + k] / dt
+        if i < 2:
+            total += by_tilt * by_tilt * P[tilt, tilt]
+        unsure[i] = max(total, 0.0)
 
-    row (36,): the strapdown output at its end, with what the step added up.
+
+@jit
+def steady_force(P, row, dt, vrw, carry, force, unsure):
+    """The specific force of a step (3,) [m/s^2], NED: its mean while it stays the same, else as
+    computed. unsure (3,): written.
+
+    The computed force holds the noise of the accelerometers and, times gravity, of the tilt. In the
+    place of the true one it would show the heading: to velocities it is a motion of known size that
+    the fixes do not confirm, and each step of it adds to what the filter believes to know.
+    """
+    unsure_force(P, row, dt, unsure)
+    n, white = carry[STEADY_STEPS], vrw * vrw / dt
+    change, late = 0.0, 0.0
+    for i in range(3):
+        force[i] = row[SUMS + 6 + i] / dt
+        carry[LATEST + i] += (force[i] - carry[LATEST + i]) / LATEST_STEPS
+        if n > 0.0:
+            # of a mean that forgets by a share a of each step: a / (2 - a)
+            shown = white / (2.0 * LATEST_STEPS - 1.0) + white / n + unsure[i] + TINY
+            late += (carry[LATEST + i] - carry[STEADY + i]) ** 2 / shown
+            change += (force[i] - carry[STEADY + i]) ** 2 / (
+                white * (1.0 + 1.0 / n) + unsure[i] + TINY
+            )
+    if n == 0.0 or change > CHANGED:
+        carry[STEADY_STEPS] = 1.0
+        for i in range(3):
+            carry[STEADY + i] = carry[LATEST + i] = force[i]
+        return
+    if n > LATEST_STEPS and late > CHANGED:
+        carry[STEADY_STEPS] = LATEST_STEPS
+        for i in range(3):
+            carry[STEADY + i] = carry[LATEST + i]
+    else:
+        carry[STEADY_STEPS] = min(n + 1.0, STEADY_AT_MOST)
+        for i in range(3):
+            carry[STEADY + i] += (force[i] - carry[STEADY + i]) / carry[STEADY_STEPS]
+    for i in range(3):
+        force[i] = carry[STEADY + i]
+
+
+@jit
+def transition(row, steady, dt, Phi, scaled):
+    """Phi (27, 27) of a step of dt.
+
+    row (36,): the strapdown output at its end, with what the step added up. steady (3,): specific
+    force with less noise. scaled: whether scales and misalignments are states.
     """
     lat, height, v = row[0], row[2], row[V_N_AT : V_N_AT + 3]
     radius = SEMI_MAJOR_AXIS_M + height
@@ -110,7 +188,7 @@ def transition(row, dt, Phi):
     c = 1.0 / sqrt(1.0 + t * t)
     ie = np.array([EARTH_RATE_RAD_S * c, 0.0, -EARTH_RATE_RAD_S * s])
     en = np.array([v[1] / radius, -v[0] / radius, -v[1] * t / radius])
-    force = row[SUMS + 6 : SUMS + 9]
+    force = steady * dt
     Phi[:, :] = 0.0
     put_skew(Phi, AT_P, AT_P, en, -dt)
     both, coriolis = np.zeros(3), np.zeros(3)
@@ -132,22 +210,51 @@ def transition(row, dt, Phi):
             Phi[T_ + i, G_ + j] = C_dt
             Phi[V_ + i, A_ + j] = C_dt
             Phi[P_ + i, A_ + j] = 0.5 * dt * C_dt
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                Phi[V_ + i, G_ + j] += 0.5 * Phi[V_ + i, T_ + k] * Phi[T_ + k, G_ + j]
-                Phi[P_ + i, G_ + j] += dt / 6.0 * Phi[V_ + i, T_ + k] * Phi[T_ + k, G_ + j]
-    for i in range(MOTION):
+    turned_to(Phi, AT_G, AT_A, dt)
+    if scaled:
+        put_scales(Phi, row, force, dt)
+    for i in range(DRIVING):
         Phi[i, i] += 1.0
 
 
 @jit
-def predict(P, Phi, dt, noise, leapt, M):
-    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in.
+def turned_to(Phi, first, last, dt):
+    """What turns the attitude over a step moves velocity and position; columns first to last."""
+    for i in range(3):
+        for j in range(first, last):
+            for k in range(3):
+                Phi[V_ + i, j] += 0.5 * Phi[V_ + i, T_ + k] * Phi[T_ + k, j]
+                Phi[P_ + i, j] += dt / 6.0 * Phi[V_ + i, T_ + k] * Phi[T_ + k, j]
 
-    Phi is of the first fifteen. Biases stand still, so its rows 9-14 are unit, and so are those of
-    the antenna; slow errors fade, and so does what leaps of the positions add to their variance,
-    leapt (3,).
+
+@jit
+def put_scales(Phi, row, force, dt):
+    """Columns of scales and misalignments: the angles and the specific force of the step, along
+    the mean of the body axes over it.
+    """
+    angle = row[SUMS + 9 : SUMS + 12]
+    for j in range(3):
+        along = 0.0
+        for k in range(3):
+            along += row[C_NB_DT_AT + 3 * k + j] * force[k] / dt
+        for i in range(3):
+            C = row[C_NB_DT_AT + 3 * i + j] / dt
+            Phi[T_ + i, K_ + j] = C * angle[j]
+            Phi[V_ + i, S_ + j] = C * along
+            Phi[P_ + i, S_ + j] = 0.5 * dt * C * along
+    for m in range(6):
+        for i in range(3):
+            Phi[T_ + i, M_ + m] = row[C_NB_DT_AT + 3 * i + READING[m]] / dt * angle[READ_OF[m]]
+    turned_to(Phi, AT_K, AT_S, dt)
+
+
+@jit
+def predict(P, Phi, dt, noise, leapt, M, driving):
+    """P to Phi P Phi' + Q in place; M (38, 38) is room to work in.
+
+    Phi is of the first 27; `driving` of them are states, 15 without scales. Biases and scales stand
+    still, so its rows 9-26 are unit, and so are those of the antenna; slow errors fade, and so does
+    what leaps of the positions add to their variance, leapt (3,).
     """
     for i in range(N):
         for j in range(N):
@@ -155,14 +262,14 @@ def predict(P, Phi, dt, noise, leapt, M):
     for i in range(G_):
         for j in range(N):
             total = 0.0
-            for k in range(MOTION):
+            for k in range(driving):
                 total += Phi[i, k] * P[k, j]
             M[i, j] = total
     for i in range(N):
         for j in range(i + 1):
             if j < G_:
                 total = 0.0
-                for k in range(MOTION):
+                for k in range(driving):
                     total += M[i, k] * Phi[j, k]
             else:
                 total = M[i, j]
@@ -192,9 +299,9 @@ def predict(P, Phi, dt, noise, leapt, M):
 
 @jit
 def update(x, P, H, z, variance, room, first):
-    """Use scalar measurements z (m,) with rows H (m, 26), one after the other, in place.
+    """Use scalar measurements z (m,) with rows H (m, 38), one after the other, in place.
 
-    variance (m,): independent errors. room (3, 28): written; row k holds P H' of measurement k, its
+    variance (m,): independent errors. room (3, 40): written; row k holds P H' of measurement k, its
     variance and its residual. Errors from `first` on are considered and left as they are. Returns
     the NIS of all of them together, and the log likelihood.
     """
@@ -244,9 +351,9 @@ def write_restart(tape, taped):
 
 @jit
 def correct(state, bias, x):
-    """Take the errors x (26,) off the solution and make them zero.
+    """Take the errors x (38,) off the solution and make them zero.
 
-    The solution is Earth-frame position, velocity, attitude, and `bias` (17,).
+    The solution is Earth-frame position, velocity, attitude, and `bias` (29,).
     """
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
@@ -261,7 +368,7 @@ def correct(state, bias, x):
     state[1] = a * p + b * w + c * r - d * q
     state[2] = a * q - b * r + c * w + d * p
     state[3] = a * r + b * q - c * p + d * w
-    for i in range(6):
+    for i in range(B_SLOW):
         bias[i] += x[G_ + i]
     for i in range(N - B_):
         bias[B_SLOW + i] -= x[B_ + i]
@@ -271,7 +378,7 @@ def correct(state, bias, x):
 
 @jit
 def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,).
+    """Rows (6, 38) of antenna position and velocity, NED; the arm and its swing (6,).
 
     Delays and what the lever arm does to the velocity are the caller's.
     """
@@ -328,8 +435,10 @@ def jump(P, seen, leapt):
 
 
 @jit
-def leave_trail(trail, carry, row):
-    """Write the step that ends now: row (36,) is the strapdown output there."""
+def leave_trail(trail, carry, row, steady):
+    """Write the step that ends now: row (36,) is the strapdown output there, steady (3,) its
+    specific force with less noise.
+    """
     k, last = int(carry[STEPS]) % TRAIL_ROWS, int(carry[STEPS] - 1) % TRAIL_ROWS
     carry[CLOCK] += carry[DT]
     trail[k, TRAIL_T] = carry[CLOCK]
@@ -339,6 +448,7 @@ def leave_trail(trail, carry, row):
         trail[k, TRAIL_V + i] = v
         trail[k, TRAIL_DV + i] = trail[last, TRAIL_DV + i] + v - before
         trail[k, TRAIL_DR + i] = trail[last, TRAIL_DR + i] + 0.5 * (v + before) * carry[DT]
+        trail[k, TRAIL_N + i] = row[SUMS + 6 + i] / carry[DT] - steady[i]
         trail[k, TRAIL_W + i] = 0.0
         for j in range(3):
             trail[k, TRAIL_W + i] += row[C_NB_AT + 3 * i + j] * carry[RATE + j]
@@ -349,8 +459,9 @@ def leave_trail(trail, carry, row):
 def past(trail, carry, time_s, out):
     """What the solution moved since a time.
 
-    out (12,) = velocity and position gained since, acceleration and angular rate there (NED). From
-    the trail, linear in velocity within a step; before the oldest row at that step's acceleration.
+    out (12,) = velocity and position gained since, acceleration (with less noise) and angular rate
+    there (NED). From the trail, linear in velocity within a step; before the oldest row at that
+    step's acceleration.
     """
     now = int(carry[STEPS] - 1)
     k = now
@@ -364,7 +475,7 @@ def past(trail, carry, time_s, out):
         force = (b[TRAIL_DV + i] - a[TRAIL_DV + i]) / h
         out[i] = end[TRAIL_DV + i] - a[TRAIL_DV + i] - force * u
         out[3 + i] = end[TRAIL_DR + i] - a[TRAIL_DR + i] - (a[TRAIL_V + i] + 0.5 * force * u) * u
-        out[6 + i] = force
+        out[6 + i] = force - b[TRAIL_N + i]
         out[9 + i] = a[TRAIL_W + i] + (b[TRAIL_W + i] - a[TRAIL_W + i]) * u / h
 
 
@@ -539,6 +650,16 @@ def roll(state, row, rate_b, rolled, mount, settings, x, P, bias, H, room, tape,
 
 
 @jit
+def take_scales_off(bias, dtheta, dv, turned, pushed):
+    """Scales and misalignments off a row's increments; turned and pushed (3,) in place."""
+    for i in range(3):
+        turned[i] -= bias[B_SCALE + i] * dtheta[i]
+        pushed[i] -= bias[B_SCALE + S_ - K_ + i] * dv[i]
+    for m in range(6):
+        turned[READING[m]] -= bias[B_SCALE + M_ - K_ + m] * dtheta[READ_OF[m]]
+
+
+@jit
 def emit(state, bias, P, out):
     """Write an output row: the solution as it is now, biases, variances."""
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
@@ -642,7 +763,7 @@ def run(
         Whether the vehicle stands, whether a row is put out.
     state, opened, carry, bias, x, P : ndarray
         What a step carries over the end of a piece; changed in place.
-    noise, settings : ndarray, shapes (9,), (5,)
+    noise, settings : ndarray, shapes (9,), (6,)
     trail : ndarray, shape (TRAIL_ROWS, TRAIL)
         The latest steps; changed in place.
     fixes : ndarray, shape (fixes, 12)
@@ -651,9 +772,9 @@ def run(
         What became of each fix; written.
     rows_out : ndarray, shape (emitted, OUT)
         Written.
-    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 26, 26), or with no rows
+    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 38, 38), or with no rows
         Of the first errors, or of all; written where it is asked for.
-    phis : ndarray, shape (k, 9, 15), or with no rows
+    phis : ndarray, shape (k, 9, 27), or with no rows
         Rows of each step's transition that are not unit; written where a tape is.
     tape, tape_ends : ndarray, shapes (measurements, TAPE), (k,); or with no rows
         The measurements used, and how many of them up to the end of each step; written where asked.
@@ -667,10 +788,12 @@ def run(
     roll_out : ndarray of int64, shape (m,)
         What became of each; written.
     """
-    Phi, M, H = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N))
+    Phi, M, H = np.zeros((DRIVING, DRIVING)), np.zeros((N, N)), np.zeros((6, N))
+    scaled = settings[HAS_SCALES] > 0.0
+    driving = DRIVING if scaled else MOTION
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
-    flat = np.zeros(dt.size)
+    flat, steady, unsure = np.zeros(dt.size), np.zeros(3), np.zeros(3)
     gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
     first, written = 0, 0
     for k in range(ends.size + 1):
@@ -682,6 +805,9 @@ def run(
             for i in range(3):
                 turned[l, i] = dtheta[l, i] - bias[i] * dt[l]
                 pushed[l, i] = dv[l, i] - bias[3 + i] * dt[l]
+            if scaled:
+                take_scales_off(bias, dtheta[l], dv[l], turned[l], pushed[l])
+            for i in range(3):
                 carry[RATE + i] = turned[l, i] / dt[l]
         for i in range(HISTORY_COLUMNS):
             out[0, i], out[1, i] = opened[i], 0.0
@@ -705,12 +831,13 @@ def run(
             break
         opened[:] = 0.0
         step_s = carry[DT]
-        transition(out[0], step_s, Phi)
-        predict(P, Phi, step_s, noise, carry[LEAPT:CARRY], M)
+        steady_force(P, out[0], step_s, noise[VRW], carry, steady, unsure)
+        transition(out[0], steady, step_s, Phi, scaled)
+        predict(P, Phi, step_s, noise, carry[LEAPT:CARRY], M, driving)
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
-        leave_trail(trail, carry, out[0])
+        leave_trail(trail, carry, out[0], steady)
         if stands[k]:
             carry[STAND_NIS] += stand(
                 state, out[0], step_s, noise, settings, x, P, bias, H, room, tape, taped

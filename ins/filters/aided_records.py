@@ -25,6 +25,9 @@ class AidedNoise:
         Sigmas of the receiver's slow errors, beside the fixes' own.
     slow_s, slow_velocity_s : float
         Their time constants.
+    gyro_scale, misalignment_rad, accel_scale : float
+        Sigmas of what stands still: scale errors and misalignments of the gyros, scale errors of
+        the accelerometers; all zero: no states of the filter.
     """
 
     arw: float
@@ -36,6 +39,9 @@ class AidedNoise:
     slow_s: float = 200.0
     slow_velocity_m_s: float = 0.0
     slow_velocity_s: float = 3.0
+    gyro_scale: float = 0.0
+    misalignment_rad: float = 0.0
+    accel_scale: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,6 +263,9 @@ class AidedHistory:
         As it is known at the end.
     rolled : (int, int)
         Measurements of wheels that were used, and rejected (slips).
+    scales : ndarray, shape (12,)
+        Scale errors and misalignments that are taken off at the end (`ins.filters.states`).
+    scales_covariance : ndarray, shape (12, 12)
     """
 
     time_s: NDArray
@@ -280,6 +289,8 @@ class AidedHistory:
     stand_dof: int
     antenna: Antenna
     rolled: tuple[int, int] = (0, 0)
+    scales: NDArray = field(default_factory=lambda: np.zeros(12))
+    scales_covariance: NDArray = field(default_factory=lambda: np.zeros((12, 12)))
 
 
 def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m_s: float) -> Fixes:

@@ -1,7 +1,7 @@
 """The compiled loop of the aided smoother (`ins.filters.aided_smoother`): adjoints from
 the end of a log to its beginning.
 
-lam (26,) and Lam (26, 26) are the adjoints of Bryson and Frazier, in the order of
+lam (38,) and Lam (38, 38) are the adjoints of Bryson and Frazier, in the order of
 `ins.filters.states`. Arrays in, arrays changed in place, nothing is checked.
 """
 
@@ -14,31 +14,32 @@ from ins.filters.aided_kernel import SLOW_S, SLOW_V_S
 from ins.jit import jit
 
 N, MOTION, UNIT = states.AIDED_STATES, states.AIDED_MOTION, states.AIDED_GYRO.start
+DRIVING = states.AIDED_DRIVING
 SLOW_, SLOW_V_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 LAST_, THETA_ = states.AIDED_SLOW_VEL.stop, states.AIDED_THETA.start
 
 
 @jit
 def through_step(phi, fade, fade_v, lam, Lam, M):
-    """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 15), M (26, 26) is room."""
+    """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 27), M (38, 38) is room."""
     before = lam.copy()
-    for j in range(MOTION):
+    for j in range(DRIVING):
         total = before[j] if j >= UNIT else 0.0
         for i in range(UNIT):
             total += phi[i, j] * before[i]
         lam[j] = total
-    for j in range(MOTION):
+    for j in range(DRIVING):
         for l in range(N):
             total = Lam[j, l] if j >= UNIT else 0.0
             for i in range(UNIT):
                 total += phi[i, j] * Lam[i, l]
             M[j, l] = total
-    for j in range(MOTION, N):
+    for j in range(DRIVING, N):
         for l in range(N):
             M[j, l] = Lam[j, l]
     for i in range(N):
         for j in range(N):
-            if j >= MOTION:
+            if j >= DRIVING:
                 Lam[i, j] = M[i, j]
                 continue
             total = M[i, j] if j >= UNIT else 0.0

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.filters.states import AIDED_GYRO, AIDED_MOTION
+from ins.filters.states import AIDED_DRIVING, AIDED_GYRO
 
 # of a step's transition: the rows of position, velocity and attitude; the others are unit, or fade
-TAPED_PHI = (AIDED_GYRO.start, AIDED_MOTION)
+TAPED_PHI = (AIDED_GYRO.start, AIDED_DRIVING)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +19,7 @@ class TapedPiece:
     ----------
     step_s : ndarray, shape (k,)
         Length of each step.
-    phis : ndarray, shape (k, 9, 15)
+    phis : ndarray, shape (k, 9, 27)
         Rows of its transition that are not unit.
     measurements : ndarray, shape (m, TAPE)
         Scalar measurements in the order of their use (`ins.filters.aided_kernel`).
@@ -27,7 +27,7 @@ class TapedPiece:
         How many of them were used up to the end of each step.
     emits : ndarray of bool, shape (k,)
         Whether a row was put out there.
-    P_rows : ndarray, shape (rows, 26, 26)
+    P_rows : ndarray, shape (rows, 38, 38)
         Covariance of all errors at these rows.
     """
 
@@ -56,7 +56,7 @@ class AidedTape:
     Parameters
     ----------
     pieces : tuple of TapedPiece
-    P_start : ndarray, shape (26, 26)
+    P_start : ndarray, shape (38, 38)
         Covariance at its start.
     noise : ndarray, shape (9,)
         In the order of the kernel: time constants of slow errors.

@@ -69,8 +69,34 @@ def twin_of(technology: str, *, flicker: bool = True) -> TwinModel:
     return replace(twin, gyro=gyro, accel=accel)
 
 
-def flown(base: IdealSensors, twin: TwinModel, seed: int) -> SimulatedRun:
-    """A unit without a thermal bias in this flight, GNSS at 1 Hz."""
+# of scales and misalignments, as the filter takes them: gyros [-], [rad], accelerometers [-]
+SCALE_SIGMAS = {"rlg": (5e-6, 1e-5, 1e-4), "mems": (5e-3, 5e-3, 5e-3)}
+
+
+def drawn_scales(technology: str, seed: int) -> np.ndarray:
+    """Scale errors of the gyros, their misalignments, scale errors of the accelerometers (12,)."""
+    sigma = np.repeat(SCALE_SIGMAS[technology], (3, 6, 3))
+    return np.asarray(sigma * np.random.default_rng([seed, 21]).standard_normal(12))
+
+
+def flown(
+    base: IdealSensors, twin: TwinModel, seed: int, technology: str | None = None
+) -> SimulatedRun:
+    """A unit without a thermal bias in this flight, GNSS at 1 Hz; with scales and misalignments
+    where a technology is given.
+    """
+    if technology is not None:
+        scales = drawn_scales(technology, seed)
+        gyro = replace(
+            twin.gyro,
+            scale_factor_ppm=tuple(1e6 * scales[:3]),
+            misalignment_mrad=tuple(1e3 * scales[3:9]),
+        )
+        made = flown(base, replace(twin, gyro=gyro), seed)
+        imu = made.run.imu
+        pushed = replace(imu, dv_m_s=imu.dv_m_s * (1.0 + scales[9:]))
+        header = replace(made.run.header, gyro_technology=technology)
+        return replace(made, run=replace(made.run, imu=pushed, header=header))
     unit = aged_unit(
         np.random.default_rng(5),
         ageing_offset_deg_h=0.0,

@@ -94,13 +94,13 @@ def test_log_that_never_rests_starts_in_motion(technology):
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
 def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving):
-    """Twelve flights with the twin's whole noise, from the apron and cut out of the flight: squared
-    error over variance of position, velocity and attitude is one. A flight's rows are not
-    independent; means of other seeds are 0.80 to 1.03.
+    """Twelve flights with the twin's whole noise, scales and misalignments, from the apron and cut
+    out of the flight: squared error over variance of position, velocity and attitude is one. A
+    flight's rows are not independent; means of other seeds are 0.80 to 1.03.
     """
     ratios, twin = [], twin_of(technology)
     for seed in range(12):
-        made = flown(ideal(PARK_S), twin, 300 + seed)
+        made = flown(ideal(PARK_S), twin, 300 + seed, technology)
         run = cut_run(made.run, PARK_S + 80.0, PARK_S + 400.0) if moving else made.run
         found = aided(made, run, twin, gyrocompass=technology == "rlg" and not moving)
         ratios.append(normalised(made, found.history, 60))

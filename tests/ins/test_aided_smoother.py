@@ -13,7 +13,7 @@ from ins.filters.aided_records import AidedOptions, AidedStart
 from ins.filters.aided_smoother import smoothed
 from ins.filters.aided_smoother_kernel import backward
 from ins.filters.aided_tape import TAPED_PHI
-from ins.filters.states import AIDED_ACCEL, AIDED_GYRO, AIDED_STATES
+from ins.filters.states import AIDED_ACCEL, AIDED_GYRO, AIDED_SLOW_POS, AIDED_SLOW_VEL, AIDED_STATES
 from ins.records import InputError
 from ins.robust import chi2
 from tests.infield.aided_cases import errors, flown, ideal, nees, twin_of
@@ -64,12 +64,12 @@ def test_adjoints_are_the_whole_log_solved_at_once():
     root = rng.standard_normal((N, N))
     P = root @ root.T / N + np.eye(N)
     fade = np.ones(N)
-    fade[15:18], fade[18:21] = np.exp(-1.0 / 200.0), np.exp(-1.0 / 3.0)
+    fade[AIDED_SLOW_POS], fade[AIDED_SLOW_VEL] = np.exp(-1.0 / 200.0), np.exp(-1.0 / 3.0)
     transitions, noises, rows, lines, ends, P_rows = [], [], [], [], [], []
     x, P_minus = np.zeros(N), P.copy()
     for k in range(steps):
         F = np.diag(fade)
-        F[:9, :15] = phis[k]
+        F[: TAPED_PHI[0], : TAPED_PHI[1]] = phis[k]
         G = rng.standard_normal((N, 4))
         Q = 0.1 * G @ G.T
         P_minus = F @ P_minus @ F.T + Q
@@ -121,7 +121,7 @@ def test_adjoints_are_the_whole_log_solved_at_once():
 def flight(technology: str, seed: int, *, taped: bool = True, pieces: int = 1):
     """A simulated flight without fixes in HOLE_S, its filter, where the start is off as it says."""
     twin = twin_of(technology, flicker=False)
-    made, sigma = flown(ideal(), twin, seed), prior(twin)
+    made, sigma = flown(ideal(), twin, seed, technology), prior(twin)
     sigma[8] = 0.01  # of the heading: what the linearisation of one pass is good for
     error = sigma * np.random.default_rng([seed, 9]).standard_normal(15)
     error[AIDED_GYRO] = error[AIDED_ACCEL] = 0.0  # the turn-on of the unit is that error
@@ -136,7 +136,9 @@ def flight(technology: str, seed: int, *, taped: bool = True, pieces: int = 1):
     gone = np.where(hole[:, None], np.nan, 0.0)
     fixes = replace(fixes, r_e_m=fixes.r_e_m + gone, v_n_m_s=fixes.v_n_m_s + gone)
     options = AidedOptions(keep_covariance=True, keep_tape=taped)
-    navigator = AidedNavigator(start, aided_noise(twin), fixes, antenna=ANTENNA, options=options)
+    navigator = AidedNavigator(
+        start, aided_noise(twin, technology), fixes, antenna=ANTENNA, options=options
+    )
     edges = np.linspace(0.0, made.run.imu.end_s + 1.0, pieces + 1)
     for a, b in itertools.pairwise(edges):
         navigator.feed(made.run.imu.between(float(a), float(b)))

@@ -20,7 +20,16 @@ NOISE = em.ProcessNoise(
 )
 DOWN = em.THETA.stop - 1
 CLONE_DOWN = em.THETA_CLONE.stop - 1
-NOT_STATES = ("AIDED_MOTION", "AIDED_STATES", "BASE", "MOVING_STATES", "DRIVING_STATES")
+NOT_STATES = (
+    "AIDED_MOTION",
+    "AIDED_DRIVING",
+    "AIDED_STATES",
+    "READING_GYRO",
+    "READ_AXIS",
+    "BASE",
+    "MOVING_STATES",
+    "DRIVING_STATES",
+)
 LAYOUTS = [name for name in vars(states) if name.isupper() and name not in NOT_STATES]
 AIDED_NAMES = [name for name in LAYOUTS if name.startswith("AIDED_")]
 STATE_NAMES = [name for name in LAYOUTS if not name.startswith("AIDED_")]

@@ -31,6 +31,7 @@ from ins.attitude import dcm_from_rotation_vector, skew
 from ins.filters.aided_filter import REJECT_PROBABILITY
 from ins.filters.aided_records import AidedNoise, Antenna
 from ins.filters.error_filter import Tally
+from ins.filters.states import READ_AXIS, READING_GYRO
 from ins.robust import chi2
 from ins.units import DEG, STANDARD_GRAVITY
 
@@ -55,7 +56,7 @@ LEVEL_AND_DOWN = 3  # of every measurement: north, east, down
 STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flight
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
 # rows of body axes that a gyro's six misalignments read: xy, xz, yx, yz, zx, zy
-READS, OF = np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1])
+READS, OF = np.array(READING_GYRO), np.array(READ_AXIS)
 
 
 @dataclass(frozen=True)
