@@ -128,11 +128,11 @@ def fly(
         rng=rng,
         plan=SessionPlan(run_id=f"hour-{sortie.profile}"),
     )
-    return {name: _fly_with(table, simulated, twin) for name, table in tables.items()}
+    return {name: fly_with(table, simulated, twin) for name, table in tables.items()}
 
 
-def _fly_with(table: Flown, simulated: SimulatedRun, twin: TwinModel) -> Hour:
-    """Align on the first hour, navigate over the second."""
+def fly_with(table: Flown, simulated: SimulatedRun, twin: TwinModel) -> Hour:
+    """Align on the first hour of a run, navigate over the second."""
     run, reference = simulated.run, simulated.reference
     assert run.temperature is not None
     temperature = gyro_temperature(run.temperature)

@@ -60,6 +60,13 @@ def command(
         typer.Option(min=-85, max=85, help="Latitude [deg]. Default: that of the runs, else 45."),
     ] = None,
     most: Annotated[int, typer.Option(min=1, max=12, help="How many new recordings at most.")] = 6,
+    flights: Annotated[
+        bool,
+        typer.Option(
+            "--flights",
+            help="Also which flight with a receiver would bring which gyro to which sigma.",
+        ),
+    ] = False,
     output: OutputPath = None,
     force: Force = False,
     as_json: JsonFlag = False,
@@ -86,6 +93,7 @@ def command(
         lat_deg=lat_deg,
         most=most,
         seed=seed or 0,
+        flights=flights,
     )
     with Progress("planning", quiet=quiet, steps=plan_steps(request)) as told:
         planned = plan(runs or [], request, told=told)

@@ -17,10 +17,11 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from simreal.evidence.run_view import RunView, view_run
+from simreal.plan.flights import check_technology, plan_flights
 from simreal.plan.pairs import CLASSICAL, read_pair
 from simreal.plan.recordings import candidates
 from simreal.plan.study import PlanSettings, study
-from simreal.report.plan_document import plan_document, summary
+from simreal.report.plan_document import plan_document, summary, with_flights
 from simreal.report.plan_page import plan_html
 from simreal.report.plan_records import PlanRecord
 
@@ -49,7 +50,7 @@ class PlanRequest:
 
     separate: pairs of effects "A,B", A@gyro_y sets the channel; without: of gnss, odometer, taxi,
     gradient; technology: of the default twin; lat_deg: that of the runs, else 45; most: new
-    recordings at most.
+    recordings at most; flights: also which flight would bring which gyro to which sigma.
     """
 
     twin: AnyPath | None = None
@@ -59,6 +60,7 @@ class PlanRequest:
     lat_deg: float | None = None
     most: int = 6
     seed: int = 0
+    flights: bool = False
 
 
 def plan(
@@ -100,15 +102,18 @@ def plan(
     pairs = [read_pair(text) for text in wanted.separate or CLASSICAL]
     read = runs_of(runs) if isinstance(runs, Run | str | PathLike) or runs else []
     twin, beside = _unit(wanted, read)
+    if wanted.flights:
+        check_technology(twin)
     lat_deg = wanted.lat_deg
     if lat_deg is None:
         lat_deg = read[0].header.site.lat_rad / DEG if read else DEFAULT_LAT_DEG
     height_m = read[0].header.site.height_m if read else 0.0
+    site = Site(lat_rad=lat_deg * DEG, lon_rad=0.0, height_m=height_m)
     found = study(
         pairs,
         twin,
         beside.table,
-        Site(lat_rad=lat_deg * DEG, lon_rad=0.0, height_m=height_m),
+        site,
         PlanSettings(seed=wanted.seed, without=tuple(wanted.without), most=wanted.most),
         given=_views(read, twin, beside),
         progress=told,
@@ -116,6 +121,9 @@ def plan(
     record = plan_document(
         found, lat_deg=lat_deg, without=wanted.without, version=program_version()
     )
+    if wanted.flights:
+        promised = plan_flights(twin, beside.table, site, wanted.seed, told)
+        record = with_flights(record, promised)
     return Planned(record, page=lambda: plan_html(record))
 
 

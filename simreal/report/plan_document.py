@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ins.records import AXES
+from simreal.plan.flights import FlightStudy
 from simreal.plan.gram import ODDS_NATS, Contender, Told
 from simreal.plan.pairs import INSEPARABLE, Judged
 from simreal.plan.recordings import Recording
@@ -15,6 +17,9 @@ from simreal.plan.study import NULL_NATS, Plan, Study
 from simreal.report.plan_records import (
     CoefficientRecord,
     CriteriaRecord,
+    FlightGyroRecord,
+    FlightNodeRecord,
+    FlightRecord,
     InseparableRecord,
     JudgedRecord,
     MemberRecord,
@@ -55,6 +60,33 @@ def plan_document(
     )
 
 
+def with_flights(document: PlanRecord, study: FlightStudy) -> PlanRecord:
+    """The document with what flights would bring."""
+    best = {axis: study.best(axis) for axis in AXES}
+    flights = [
+        FlightRecord(
+            flight=p.flight.name,
+            words=p.flight.words,
+            hours=p.hours,
+            from_degC=p.degC[0],
+            to_degC=p.degC[1],
+            best_for=tuple(axis for axis in AXES if best[axis] is p),
+            gyros=tuple(
+                FlightGyroRecord(
+                    axis=m.axis,
+                    verdict=m.verdict,
+                    sigma_before_deg_h=m.sigma_before_deg_h,
+                    sigma_after_deg_h=m.sigma_after_deg_h,
+                )
+                for m in p.means
+            ),
+            nodes=tuple(FlightNodeRecord(**vars(node)) for node in p.nodes),
+        )
+        for p in study.promised
+    ]
+    return replace(document, flights=tuple(flights))
+
+
 def summary(document: PlanRecord) -> list[str]:
     """The plan in a few lines for people."""
     best, given, lines = document.recommended, document.given, []
@@ -74,7 +106,18 @@ def summary(document: PlanRecord) -> list[str]:
     lines += [f"  {k + 1}. {r.words}" for k, r in enumerate(best.recordings)]
     lines += [f"  {_pair_line(p)}" for p in best.pairs]
     lines += [f"  not with any of these recordings: {n.label} ({n.why})" for n in document.never]
+    lines += [f"  {_flight_line(flight)}" for flight in document.flights or ()]
     return lines
+
+
+def _flight_line(flight: FlightRecord) -> str:
+    """What a flight would bring, for people."""
+    sigmas = ", ".join(f"{g.axis} {g.sigma_after_deg_h:.4f}" for g in flight.gyros)
+    best = f"; best for {', '.join(flight.best_for)}" if flight.best_for else ""
+    return (
+        f"flight, {flight.words}: {flight.from_degC:.0f} to {flight.to_degC:.0f} degC, sigma of the"
+        f" gyros' means {sigmas} deg/h{best}"
+    )
 
 
 def _member(e: Contender) -> MemberRecord:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from ins.verdicts import OMIT_NONE
+from ins.verdicts import OMIT_NONE, Observability
 from simreal.plan.pairs import PairVerdict
 
 SCHEMA = "recal.plan/1"
@@ -127,6 +127,42 @@ class PlanOfRecordings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlightGyroRecord:
+    """What a flight would show of a gyro: sigma of its mean over the session before and after."""
+
+    axis: str
+    verdict: Observability
+    sigma_before_deg_h: float
+    sigma_after_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightNodeRecord:
+    """Sigma of the table at a node before and after a flight."""
+
+    axis: str
+    temperature_degC: float
+    before_deg_h: float
+    after_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightRecord:
+    """A flight, and what an update of it would show; best_for: the gyros that no other flight of
+    the list shows better.
+    """
+
+    flight: str
+    words: str
+    hours: float
+    from_degC: float
+    to_degC: float
+    best_for: tuple[str, ...]
+    gyros: tuple[FlightGyroRecord, ...]
+    nodes: tuple[FlightNodeRecord, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class NeverRecord:
     """A pair that no recording separates."""
 
@@ -164,3 +200,4 @@ class PlanRecord:
     next: tuple[StepRecord, ...]
     never: tuple[NeverRecord, ...]
     inseparable: tuple[InseparableRecord, ...]
+    flights: tuple[FlightRecord, ...] | None = field(default=None, metadata=OMIT_NONE)

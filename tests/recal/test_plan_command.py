@@ -9,6 +9,7 @@ from ins.records import InputError, Site
 from ins.twin_file import default_twin, twin_to_dict
 from ins.units import DEG
 from recal.cli.app import app
+from simreal.plan import flights
 from simreal.plan.recordings import Recording, RecordingMaker
 from trajectories.runs.directory import write_run
 
@@ -104,3 +105,24 @@ def test_a_twin_of_another_unit_is_bad_input(folder):
 )
 def test_wrong_usage_is_exit_code_2(folder, arguments):
     assert run(*arguments).exit_code == 2
+
+
+def test_flights_are_planned_where_they_are_asked_for(folder, monkeypatch):
+    """One flight of the list, to save time."""
+    few = tuple(flight for flight in flights.FLIGHTS if flight.name == "short")
+    monkeypatch.setattr(flights, "FLIGHTS", few)
+    document = result_of(*TWO, "--flights")
+    (flight,) = document["flights"]
+    assert flight["flight"] == "short" and flight["best_for"] == ["x", "y", "z"]
+    for gyro in flight["gyros"]:
+        assert 0.0 < gyro["sigma_after_deg_h"] < gyro["sigma_before_deg_h"]
+    cold = [n for n in flight["nodes"] if n["temperature_degC"] == -10.0]
+    assert len(cold) == 3 and all(n["after_deg_h"] < n["before_deg_h"] for n in cold)
+    assert "What flights would show" in (folder / "recal-plan/plan.html").read_text()
+
+
+def test_flights_of_units_without_a_heading_are_bad_input(folder):
+    outcome = run(*TWO, "--flights", "--technology", "mems")
+    assert isinstance(outcome.exception, InputError)
+    assert "got gyro_technology mems" in str(outcome.exception)
+    assert not (folder / "recal-plan").exists()
