@@ -38,17 +38,19 @@ from trajectories.simulator.thermal import ThermalHistory
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
 
-RATE_HZ = 10.0
-PARKED_S, AFTER_S = 1800.0, 600.0
-NODES_DEGC = np.arange(-30.0, 51.0, 10.0)  # of a table where the twin has none
+FLOWN_RATE_HZ = 10.0
+BEFORE_TAXI_S, AFTER_LANDING_S = 1800.0, 600.0
+FLOWN_NODES_DEGC = np.arange(-30.0, 51.0, 10.0)  # of a table where the twin has none
 # gyros of a unit that starts at 8 degC and flies where it is -58 degC; a low flight stays warm
-AMBIENT_DEGC, WARM_DEGC, ALOFT_DEGC, COOLS_S = 8.0, 30.0, -58.0, 2400.0
-LONG_S, SHORT_S, LOW_M, HIGH_M = 3600.0, 600.0, 1500.0, 9000.0
-WHEELS_M, ANTENNA_M = (-6.0, 0.3, 2.0), (1.5, -0.4, -1.8)
+AT_START_DEGC, AT_REST_DEGC, ALOFT_DEGC, COOLS_S = 8.0, 30.0, -58.0, 2400.0
+LONG_CRUISE_S, SHORT_CRUISE_S = 3600.0, 600.0
+# chosen: an airliner cruises above 9 km; up to 1500 m the gyros stay as warm as on the ground
+HIGH_M, LOW_M = 9000.0, 1500.0
+WHEELS_AT_M, ANTENNA_ARM_M = (-6.0, 0.3, 2.0), (1.5, -0.4, -1.8)
 FEWER_TURNS = 1.02  # chosen: a flight with turns is named where its sigma is 2 % better
 
-_TAXI: tuple[Segment, ...] = (
-    Park(duration_s=PARKED_S),
+_TAXI_OUT: tuple[Segment, ...] = (
+    Park(duration_s=BEFORE_TAXI_S),
     Turn(angle_deg=90.0),
     Straight(duration_s=120.0),
     Stop(duration_s=45.0),
@@ -60,7 +62,7 @@ _HOME: tuple[Segment, ...] = (
     Landing(),
     Straight(duration_s=60.0),
     Stop(duration_s=10.0),
-    Park(duration_s=AFTER_S),
+    Park(duration_s=AFTER_LANDING_S),
 )
 
 
@@ -73,7 +75,7 @@ class FlightPlan:
     name: str
     words: str
     height_m: float = HIGH_M
-    cruise_s: float = LONG_S
+    cruise_s: float = LONG_CRUISE_S
     turns_deg: tuple[float, ...] = ()
 
     @property
@@ -93,7 +95,7 @@ class FlightPlan:
         up = Climb(height_m=self.height_m, rate_m_s=10.0, speed_m_s=0.85 * speed)
         down = Descend(height_m=500.0, rate_m_s=8.0, speed_m_s=90.0)
         along = Cruise(duration_s=self.cruise_s, speed_m_s=speed)
-        return (*_TAXI, TakeOff(), up, *before, along, *after, down, *_HOME)
+        return (*_TAXI_OUT, TakeOff(), up, *before, along, *after, down, *_HOME)
 
 
 FLIGHTS = (
@@ -111,7 +113,7 @@ FLIGHTS = (
     FlightPlan(
         name="short",
         words="ten minutes of cruise, high, between two turns of 180 deg",
-        cruise_s=SHORT_S,
+        cruise_s=SHORT_CRUISE_S,
         turns_deg=(180.0, 180.0),
     ),
     FlightPlan(
@@ -223,28 +225,28 @@ def flown(
     rng = np.random.default_rng([23, seed])
     unit = aged_unit(rng, gyro_technology=twin.gyro_technology)
     if table is None:
-        table = table_from_dict(unit.factory_table(NODES_DEGC), name="factory table")
+        table = table_from_dict(unit.factory_table(FLOWN_NODES_DEGC), name="factory table")
     truth = build_truth(
         lay(flight.segments),
         site,
         heading_rad=0.4,
         roll_rad=0.0,
         pitch_rad=0.0,
-        wheel_reference_m=WHEELS_M,
+        wheel_reference_m=WHEELS_AT_M,
     )
-    ideal = ideal_sensors(truth, RATE_HZ)
+    ideal = ideal_sensors(truth, FLOWN_RATE_HZ)
     end_s = float(ideal.time_s[-1])
     thermal = ThermalHistory(
-        ambient_degC=AMBIENT_DEGC, start_degC=AMBIENT_DEGC, settled_degC=WARM_DEGC
+        ambient_degC=AT_START_DEGC, start_degC=AT_START_DEGC, settled_degC=AT_REST_DEGC
     )
     if flight.cold:
         thermal = replace(
             thermal,
             flight_degC=ALOFT_DEGC,
-            flight_start_s=PARKED_S + 600.0,
-            flight_end_s=end_s - AFTER_S - 600.0,
+            flight_start_s=BEFORE_TAXI_S + 600.0,
+            flight_end_s=end_s - AFTER_LANDING_S - 600.0,
             flight_tau_s=COOLS_S,
         )
-    plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=ANTENNA_M, run_id=flight.name)
+    plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=ANTENNA_ARM_M, run_id=flight.name)
     run = simulate_run(ideal, thermal, unit, twin, rng=rng, plan=plan).run
     return take_run(run, table, twin, SessionSettings(), False), table, end_s / 3600.0
