@@ -27,10 +27,10 @@ from simreal.inference.noise_hypotheses import (
 )
 from simreal.inference.phases import phases_contradict
 from simreal.inference.scoring import Scorer, fit
+from simreal.inference.tails import tail_quantile
 
 MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap_study.md) plant up to 2
 REPLICATES = 300
-TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn: 45 of 300
 SWEEPS = 3
 REFINEMENTS = 3
 REFINED_POINTS = 9  # points of one refinement
@@ -608,23 +608,3 @@ def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> flo
     high = 4.0 if square > 0 else min(4.0, 0.99 / (-square * float(a.max())))
     found = minimize_scalar(loss, bounds=(0.25, high), method="bounded", options={"xatol": 1e-3})
     return float(found.x) * square
-
-
-def tail_quantile(values: NDArray, level: float) -> float:
-    """The value that maxima exceed with probability `level`: exponential tail through the upper
-    TAIL of replicates.
-    """
-    start = float(np.quantile(values, 1.0 - TAIL))
-    beyond = values[values > start] - start
-    if level >= TAIL or not beyond.size:
-        return float(np.quantile(values, 1.0 - level))
-    return start + float(beyond.mean()) * float(np.log(TAIL / level))
-
-
-def tail_probability(values: NDArray, seen: float) -> float:
-    """Probability that a replicate reaches what was seen, by the same tail."""
-    start = float(np.quantile(values, 1.0 - TAIL))
-    beyond = values[values > start] - start
-    if seen <= start or not beyond.size:
-        return float((1 + np.sum(values >= seen)) / (1 + values.size))
-    return TAIL * float(np.exp(-(seen - start) / beyond.mean()))

@@ -19,18 +19,13 @@ from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import ExtraNoise
 from simreal.inference.addback import HeldOut, shrink_of
-from simreal.inference.attribute import (
-    REPLICATES,
-    Attribution,
-    Attributor,
-    Listed,
-    tail_probability,
-)
+from simreal.inference.attribute import REPLICATES, Attribution, Attributor, Listed
 from simreal.inference.bank import silent
 from simreal.inference.causes import Cause, cause_of, posterior_bars
 from simreal.inference.excess import Excess, excesses
 from simreal.inference.locate import CellTable, Leftover, cells_of, locate, measure_cells
 from simreal.inference.places import Place, places
+from simreal.inference.tails import tail_probability
 from simreal.inference.verdict import GapVerdict, Looks
 from simreal.inference.wrong_site import entered_wrong_rad, with_entered, with_latitude_less
 

@@ -19,6 +19,7 @@ from simreal.effects.telemetry import PARKED
 from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import BAND_HZ, BANDS, CHANNELS, SENSORS, Evidence
 from simreal.inference.noise_hypotheses import Squares
+from simreal.inference.tails import tail_probability
 from simreal.inference.verdict import Looks
 
 OCTAVES = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
@@ -187,23 +188,12 @@ class Leftover:
         replicates (6, reps): the statistics of the twin's own noise.
         """
         seen = self.statistics(z[:, None], ratio[:, None])[:, 0]
-        p = np.array([_tail(replicates[k], seen[k]) for k in range(len(seen))])
+        p = np.array([tail_probability(replicates[k], seen[k]) for k in range(len(seen))])
         ranks = np.array(
-            [[_tail(replicates[k], v) for v in replicates[k]] for k in range(len(seen))]
+            [[tail_probability(replicates[k], v) for v in replicates[k]] for k in range(len(seen))]
         )
         smallest = ranks.min(axis=0)
         together = float((1 + np.sum(smallest <= p.min())) / (1 + smallest.size))
         if together <= 2.0 / (1 + smallest.size):  # beyond what the replicates resolve
             together = min(together, len(seen) * float(p.min()))
         return together, self.tests[int(np.argmin(p))]
-
-
-def _tail(values: NDArray, seen: float) -> float:
-    """Probability of a value this large among replicates, an exponential tail beyond the upper
-    seventh.
-    """
-    start = float(np.quantile(values, 0.85))
-    beyond = values[values > start] - start
-    if seen <= start or not beyond.size or beyond.mean() <= 0:
-        return float((1 + np.sum(values >= seen)) / (1 + values.size))
-    return 0.15 * float(np.exp(-(seen - start) / beyond.mean()))

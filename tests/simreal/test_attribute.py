@@ -11,8 +11,8 @@ from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
-from simreal.inference.attribute import tail_probability, tail_quantile
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
+from simreal.inference.tails import tail_probability, tail_quantile
 
 
 def diagnosed(trial, **how) -> Diagnosis:
@@ -87,3 +87,12 @@ def test_tail_of_exponential_maxima():
     assert tail_quantile(values, 0.005) == pytest.approx(-np.log(0.005), rel=0.15)
     assert tail_probability(values, 6.9) == pytest.approx(0.001, rel=0.6)
     assert tail_probability(values, 0.0) == pytest.approx(1.0, abs=0.01)
+    assert tail_probability(values, tail_quantile(values, 0.005)) == pytest.approx(0.005)
+
+
+def test_a_threshold_from_few_replicates_is_passed_as_often_as_asked():
+    """In the mean over the replicates; the plain exponential is passed in 0.70 % for 0.5."""
+    rng = np.random.default_rng(2)
+    thresholds = [tail_quantile(rng.exponential(size=150), 0.005) for _ in range(4000)]
+    # the mean over 4,000 thresholds has a sigma of 0.00005
+    assert np.mean(np.exp(-np.array(thresholds))) == pytest.approx(0.005, abs=0.0004)
