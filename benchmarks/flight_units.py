@@ -4,6 +4,7 @@ the same of which every other one flies (`half`), and five that all fly (`all`).
     python -m benchmarks.flight_units 100 130 > units.jsonl      units 100 to 129, one line each
     python -m benchmarks.flight_units hours units.jsonl > hours.jsonl   a held-out hour of each
     python -m benchmarks.flight_units summary units.jsonl hours.jsonl -o docs
+    python -m benchmarks.recalibration_document docs/recalibration_study.json
 
 What belongs to a unit (scale, misalignment, slopes, g-sensitivity, what vibration changes) is drawn
 once and holds in all its sessions; ambient, heading and latitude differ from session to session.
@@ -359,7 +360,8 @@ RMS over units in deg/h: at temperatures that flights alone reach (*cold*), that
 ground reach, and that no session came within 2 degC of, from -30 to 50 degC."""
 METHOD = """*Limit*: the RMS error that no merge of these sessions can better: Gaussian posterior
 under the very law that the units were drawn from, sessions that show five minutes of a gyro to its
-angle random walk, and turn-on, flicker and random walk of the rate as simulated. Flights
+angle random walk, and turn-on, flicker and random walk of the rate as simulated; a mean over
+units, of which so few may lie 10 % beside it. Flights
 joined: {joined[half]} of the sessions with three flights, {joined[all]} of those with five."""
 HOUR_WORDS = """A held-out hour of each unit ({units} units): 60 min of alignment, take-off, climb
 and cruise with gyros cooling to the temperatures of a cruise, nothing but a damped height."""

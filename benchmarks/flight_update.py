@@ -4,6 +4,7 @@ own.
 
     python benchmarks/flight_update.py sigmas rlg 0 40 > rlg.jsonl   errors over sigma; fog, mems
     python benchmarks/flight_update.py hostile rlg 0 24 > hostile.jsonl  the gates
+    python benchmarks/flight_update.py shaken rlg 400 406 > shaken.jsonl  gyros 0.01 deg/h off aloft
     python benchmarks/flight_update.py ground rlg 0 40 > ground.jsonl    the same without a flight
     python benchmarks/flight_update.py manoeuvres                        what shows which gyro
     python benchmarks/flight_update.py summary rlg.jsonl ...
@@ -293,6 +294,7 @@ def scored(seed: int, drawn: Drawn) -> Line:
         "outcome": result.verdict.outcome.value,
         "joined": flight is not None and flight.joined is not None,
         "reasons": [reason.code.value for reason in result.verdict.reasons],
+        "notes": [] if flight is None else [reason.code.value for reason in flight.notes],
         "left_out": [] if flight is None else [reason.code.value for reason in flight.reasons],
         "cpu_s": cpu_s,
     }
@@ -531,6 +533,9 @@ def main(arguments: Sequence[str]) -> None:
         if kind == "hostile":
             name, drawn = hostile_session(seed, technology)
             line = {"hostile": name, **scored(seed, drawn)}
+        elif kind == "shaken":
+            changed = UNITS["gyros shaken"]
+            line = dict(scored(seed, drawn_session(seed, technology, change=changed)))
         elif kind == "ground":
             line = dict(on_ground(seed, drawn_session(seed, technology, flight=())))
         else:
