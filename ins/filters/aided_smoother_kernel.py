@@ -66,19 +66,27 @@ def through_measurement(line, lam, Lam, gain, v):
                 Lam[i, j] = 0.0
                 Lam[j, i] = 0.0
         return
-    seen, spread = y / s, 1.0 / s
+    seen = y / s
     for i in range(N):
         gain[i] = line[N + i] / s
         seen += gain[i] * lam[i]
+    # one side after the other: multiplied out, the rounding of what a fix knows to a centimetre
+    # would stay beside what is left of it after an outage (tests/ins/test_aided_smoother.py)
+    for j in range(N):
+        v[j] = 0.0
+        for i in range(N):
+            v[j] += gain[i] * Lam[i, j]
+    for i in range(N):
+        lam[i] -= line[i] * seen
+        for j in range(N):
+            Lam[i, j] -= line[i] * v[j]
     for i in range(N):
         v[i] = 0.0
         for j in range(N):
             v[i] += Lam[i, j] * gain[j]
-        spread += gain[i] * v[i]
     for i in range(N):
-        lam[i] -= line[i] * seen
         for j in range(N):
-            Lam[i, j] += line[i] * spread * line[j] - line[i] * v[j] - v[i] * line[j]
+            Lam[i, j] += (line[i] / s - v[i]) * line[j]
 
 
 @jit

@@ -118,6 +118,54 @@ def test_adjoints_are_the_whole_log_solved_at_once():
         np.testing.assert_allclose(found_P[k], left[b, b], rtol=1e-7, atol=1e-9)
 
 
+def inverse(A):
+    """Of a positive definite matrix in long doubles, by Gauss and Jordan."""
+    rows = np.hstack([A, np.eye(len(A), dtype=np.longdouble)])
+    for k in range(len(A)):
+        rows[k] /= rows[k, k]
+        others = [j for j in range(len(A)) if j != k]
+        rows[others] -= np.outer(rows[others, k], rows[k])
+    return rows[:, len(A) :]
+
+
+def test_an_outage_between_fixes_of_a_centimetre_keeps_its_digits():
+    """Place, speed and tilt of one axis, fixes of 5 mm but for 60 s, in which a tilt that walks by
+    3 mrad in a second makes the place unknown by 250 m: its variance is 10^9 times that of fixes.
+    Against (P^-1 + J)^-1, with J what all later fixes say, in 64 bits of mantissa.
+    """
+    steps, r, q = 160, np.longdouble(0.005**2), np.longdouble(0.003**2)
+    at = (0, 3, 6)
+    F = np.array([[1, 1, 5], [0, 1, 10], [0, 0, 1]], dtype=np.longdouble)
+    seen = [k for k in range(steps) if not 50 <= k < 110]
+    phis = np.zeros((steps, *TAPED_PHI))
+    phis[:, :, :9] = np.eye(9)
+    phis[np.ix_(range(steps), at, at)] = F
+    P = np.diag(np.array([1.0, 1.0, 0.01], dtype=np.longdouble))
+    lines, ends, filtered = [], [], []
+    for k in range(steps):
+        P = F @ P @ F.T + np.diag(np.array([0, 0, q]))
+        if k in seen:
+            line, gain = np.zeros(TAPE), P[:, 0]
+            line[0] = 1.0
+            line[[TAPE_K + j for j in at]] = gain
+            line[-2] = P[0, 0] + r
+            lines.append(line)
+            known = np.eye(3, dtype=np.longdouble)
+            known[:, 0] -= gain / (P[0, 0] + r)
+            P = known @ P @ known.T + r * np.outer(gain, gain) / (P[0, 0] + r) ** 2
+        ends.append(len(lines))
+        filtered.append(P)
+    P_rows = np.zeros((steps, N, N))
+    P_rows[np.ix_(range(steps), at, at)] = np.array(filtered)
+    _, found = went_back(np.ones(steps), phis, np.array(lines), ends, P_rows)
+    J = np.zeros((3, 3), dtype=np.longdouble)
+    for k in range(steps - 1, -1, -1):
+        wanted = inverse(inverse(filtered[k]) + J)
+        assert found[k, 0, 0] == pytest.approx(float(wanted[0, 0]), rel=1e-3), k
+        J[0, 0] += 1 / r if k in seen else 0
+        J = F.T @ (J - np.outer(J[:, 2], J[2]) * (q / (1 + q * J[2, 2]))) @ F
+
+
 def flight(technology: str, seed: int, *, taped: bool = True, pieces: int = 1):
     """A simulated flight without fixes in HOLE_S, its filter, where the start is off as it says."""
     twin = twin_of(technology, flicker=False)
