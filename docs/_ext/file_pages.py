@@ -278,7 +278,8 @@ def _results() -> str:
         "",
         (
             "Keys of each result, as its record or the function that makes it has them (`--json`"
-            " prints the same)."
+            " prints the same). In brackets stands the unit of a number, or what the key holds; 1"
+            " is a ratio, a probability or a normalised sum. After # stands what a part is."
         ),
         "",
     ]

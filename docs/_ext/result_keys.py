@@ -3,7 +3,9 @@ the functions that make it.
 """
 
 import ast
+import collections.abc
 import importlib
+import re
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
@@ -11,10 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from api_pages import parsed
+from key_units import unit_of
 
 from ins.verdicts import UNWRITTEN
 
 SCHEMA_KEY = "schema"
+WORDS = ""  # the key under which a record's own words stand
+UNKNOWN = "?"
+MAPPINGS = (dict, collections.abc.Mapping)
+KINDS = {bool: "true or false", str: "text"}
+OBJECT = "object"  # a table or a noise model, as the page of files has it
 DEEPEST = 4
 
 
@@ -93,14 +101,46 @@ def _maker(tree: ast.Module, record: str) -> str:
 def _fields(kind: type) -> "Keys":
     """Fields of a record that are written, with those of the records in them."""
     hints = typing.get_type_hints(kind)
-    keys: Keys = {}
+    keys: Keys = {WORDS: _first_sentence(kind)}
     for f in fields(kind):
         if f.metadata.items() >= UNWRITTEN.items():
             continue
         inner, many = _record_in(hints[f.name])
         key = f.metadata.get("key", f.name)
-        keys[key + ("[]" if many else "")] = None if inner is None else _fields(inner)
+        listed = key + ("[]" if many else "")
+        keys[listed] = measure_of(key, hints[f.name]) if inner is None else _fields(inner)
     return keys
+
+
+def measure_of(key: str, hint: Any) -> str:
+    """The unit of a key, or what it holds where it is no number; UNKNOWN where nobody says."""
+    kinds = _kinds(hint)
+    if not kinds & {float, int}:
+        known = [word for kind, word in KINDS.items() if kind in kinds]
+        return known[0] if known else OBJECT
+    unit = unit_of(key)
+    if unit is None:
+        return "count" if float not in kinds else UNKNOWN
+    return unit
+
+
+def _kinds(hint: Any) -> set[Any]:
+    """The types that an annotation names, inside out."""
+    inner = typing.get_args(hint)
+    if not inner:
+        return {hint}
+    found: set[Any] = set()
+    for part in inner[1:] if typing.get_origin(hint) in MAPPINGS else inner:
+        found |= _kinds(part)
+    return found
+
+
+def _first_sentence(kind: type) -> str:
+    """What a record is, in the first sentence of its docstring; empty where it has none."""
+    text = " ".join((kind.__doc__ or "").split())
+    if text.startswith(f"{kind.__name__}("):  # what dataclasses write where there is none
+        return ""
+    return re.split(r"(?<=[.;]) ", text)[0].rstrip(".;")
 
 
 def _record_in(hint: Any) -> tuple[type | None, bool]:
@@ -208,10 +248,18 @@ class _Reader:
 def _text(keys: Keys, indent: str = "") -> str:
     lines = []
     for key, inner in keys.items():
-        lines.append(
-            f"{indent}{key}"
-            + (f'  "{inner}"' if key == SCHEMA_KEY and isinstance(inner, str) else "")
-        )
+        if key == WORDS:
+            continue
+        lines.append(f"{indent}{key}" + _said(key, inner))
         if isinstance(inner, dict):
             lines.append(_text(inner, indent + "  "))
     return "\n".join(lines)
+
+
+def _said(key: str, inner: "Keys | str | None") -> str:
+    """What stands behind a key: its schema, or its unit."""
+    if isinstance(inner, dict) and inner.get(WORDS):
+        return f"  # {inner[WORDS]}"
+    if not isinstance(inner, str):
+        return ""
+    return f'  "{inner}"' if key == SCHEMA_KEY else f"  [{inner}]"

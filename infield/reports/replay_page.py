@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from alignment.reasons import WITH_HEADING
 from infield.replay.drift import DRIFT_CLASSES
@@ -27,6 +28,7 @@ from infield.reports.figures import (
     thinned,
 )
 from infield.reports.page import number, render_page
+from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.units import DEG, KNOT, NAUTICAL_MILE
 from ins.verdicts import plain
@@ -44,6 +46,8 @@ BANNERS = {
     ReplayVerdict.REFUSED: "none",
     ReplayVerdict.INCONSISTENT: "bad",
 }
+# of the drawings that zoom, in the order of `_quantities`
+CLOSER = (("North velocity", "m/s"), ("East velocity", "m/s"), ("Heading, continuous", "deg"))
 FIGURES = ("radial", "velocity", "wander", "attitude", "gnss", "reference")
 
 
@@ -59,6 +63,8 @@ def render(document: ReplayDocument) -> str:
         told=verdict_words(document),
         figures=_figures(result) | aided_figures(result) | {"map": map_figure(result)},
         labels={t.choice.role: _label(t) for t in result.tables},
+        closer=[(figure.title, zoom_figure(figure)) for figure in _closer(document)],
+        script=zoom_script(),
     )
 
 
@@ -121,6 +127,44 @@ def _figures(result: ReplayResult) -> dict[str, Markup | None]:
         if any(getattr(t, name) is not None for t in flown):
             found[name] = _against(flown, name)
     return found
+
+
+def _closer(document: ReplayDocument) -> list[ZoomFigure]:
+    """Velocity and heading of each table's flight over the log, the parked span shaded."""
+    flown = [t for t in document.result.tables if t.history is not None]
+    if not flown:
+        return []
+    span = document.parked_span
+    shaded = () if span is None else ((span.start_s, span.end_s),)
+    time_s, _ = thinned(*[max((_time_s(t) for t in flown), key=len)] * 2)
+    figures = []
+    for k, (title, unit) in enumerate(CLOSER):
+        curves = [
+            ZoomCurve(name=_label(t), values=_over(time_s, _time_s(t), _quantities(t)[k]))
+            for t in flown
+        ]
+        figures.append(
+            ZoomFigure(title=title, unit=unit, time_s=time_s, curves=curves, spans=shaded)
+        )
+    return figures
+
+
+def _time_s(t: TableReplay) -> NDArray:
+    assert t.history is not None
+    return t.history.time_s
+
+
+def _quantities(t: TableReplay) -> tuple[NDArray, NDArray, NDArray]:
+    """What CLOSER names, over the flight."""
+    assert t.history is not None
+    heading = euler_from_dcm(t.history.C_nb)[2]
+    v_n = t.history.v_n_m_s
+    return v_n[:, 0], v_n[:, 1], np.unwrap(wrap_pi(heading)) / DEG
+
+
+def _over(time_s: NDArray, own_s: NDArray, values: NDArray) -> NDArray:
+    """Values at other times, NaN before and after their own."""
+    return np.interp(time_s, own_s, values, left=np.nan, right=np.nan)
 
 
 def _label(t: TableReplay) -> str:

@@ -78,7 +78,9 @@ def command(
         raise InputError(NEEDS_EXTRA)
     from recal.web.app import build_app
 
-    settings, made = _settings(store, host, port, reports, token_file, allow_host or [], https)
+    settings, made, ticket = _settings(
+        store, host, port, reports, token_file, allow_host or [], https
+    )
     app = build_app(settings)
     listener = _listen(settings)
     url = _url(settings, listener)
@@ -92,7 +94,7 @@ def command(
         started, [f"serving on {url} (Ctrl-C ends it)"], as_json=as_json, quiet=quiet, verbose=False
     )
     sys.stdout.flush()
-    _greet(settings, made, quiet=quiet)
+    _greet(settings, made, f"{url}login?ticket={ticket}", quiet=quiet)
     _run(app, listener, log=verbose)
 
 
@@ -104,19 +106,19 @@ def _settings(
     token_file: Path | None,
     names: list[str],
     https: bool,
-) -> tuple[ServeSettings, str]:
-    """What to serve, and the token if one was made for this start: only on this machine, only shown
-    on a terminal.
+) -> tuple[ServeSettings, str, str]:
+    """What to serve, and the token and the ticket of a login link if they were made for this start:
+    only on this machine, only shown on a terminal.
     """
     import secrets
 
     from recal.web.settings import ServeSettings, is_loopback, read_tokens, token_of, too_open
 
-    tokens, made = read_tokens(token_file), ""
+    tokens, made, ticket = read_tokens(token_file), "", ""
     if token_file is not None and too_open(token_file):
         say(f"recal: warning: {token_file} can be read by every user of this machine (chmod 600)")
     if not tokens and is_loopback(host) and not (names or https) and sys.stderr.isatty():
-        made = secrets.token_urlsafe(24)
+        made, ticket = secrets.token_urlsafe(24), secrets.token_urlsafe(24)
         tokens = (token_of(made, source="serve"),)
     hosts = tuple(name.lower() for name in names)
     return (
@@ -126,10 +128,12 @@ def _settings(
             port=port,
             reports=reports,
             tokens=tokens,
+            ticket=token_of(ticket, source="serve") if ticket else None,
             hosts=hosts,
             https=https,
         ),
         made,
+        ticket,
     )
 
 
@@ -154,11 +158,12 @@ def _url(settings: ServeSettings, listener: socket.socket) -> str:
     return f"http://{host}:{listener.getsockname()[1]}/"
 
 
-def _greet(settings: ServeSettings, made: str, *, quiet: bool) -> None:
+def _greet(settings: ServeSettings, made: str, link: str, *, quiet: bool) -> None:
     """How to sign in, and what a reader on the network can see."""
     from recal.web.settings import is_loopback
 
     if made:
+        say(f"sign in with one click, once, within 10 min: {link}")
         say(f"token of this start, to sign in with: {made}")
     elif not is_loopback(settings.host) and not settings.https:
         say(

@@ -22,6 +22,10 @@ OTHER_PAGE = (
     "The form is not the one that this page gave you, or it is older than your session. Open the"
     " page again."
 )
+USED_LINK = (
+    "This link was used already, or is older than 10 minutes. Sign in with the token that recal"
+    " serve printed, or start it again."
+)
 VERDICTS = ("approved", "rejected")
 
 
@@ -51,6 +55,16 @@ def _register_door(app: FastAPI, site: Site) -> None:
         answer.delete_cookie(
             site.form_cookie, path="/", secure=site.settings.https, httponly=True, samesite="strict"
         )
+        return answer
+
+    @app.get("/login")
+    def sign_in_once(request: Request, ticket: str = "") -> Response:
+        peer = request.client.host if request.client else ""
+        session_id = site.door.sign_in_once(ticket, peer)
+        if session_id is None:
+            raise Refused(403, USED_LINK)
+        answer = RedirectResponse("/", 303)
+        _set_cookie(site, answer, site.session_cookie, session_id, round(SESSION_S))
         return answer
 
     @app.post("/signout")

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from recal.web.settings import Token
 
 SESSION_S = 8 * 3600.0
+# chosen: 10 min to click a link that was printed; a link in a log or a screenshot is dead by then
+TICKET_S = 600.0
 # chosen: far more than people who review one fleet; the oldest of 501 signs in again
 MAX_SESSIONS = 500
 MAX_FAILURES = 5  # of one address within FAILURE_WINDOW_S (docs/serve.md): 1,440 guesses a day
@@ -45,9 +47,13 @@ class Door:
     """Sessions by the hash of their id; thread-safe."""
 
     def __init__(
-        self, tokens: tuple[Token, ...], clock: Callable[[], float] = time.monotonic
+        self,
+        tokens: tuple[Token, ...],
+        clock: Callable[[], float] = time.monotonic,
+        ticket: Token | None = None,
     ) -> None:
         self._tokens, self._clock = tokens, clock
+        self._ticket, self._ticket_ends = ticket, clock() + TICKET_S
         self._secret = secrets.token_bytes(32)
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
         self._failures: dict[str, deque[float]] = {}
@@ -71,14 +77,21 @@ class Door:
             if found is None:
                 self._failures.setdefault(peer, deque()).append(self._clock())
                 return None
-            self._failures.pop(peer, None)
-            session_id = secrets.token_urlsafe(32)
-            self._sessions[_hash(session_id)] = Session(
-                found.name, self.form_token(session_id), self._clock() + SESSION_S
-            )
-            while len(self._sessions) > MAX_SESSIONS:
-                self._sessions.popitem(last=False)
-            return session_id
+            return self._let_in(found, peer)
+
+    def sign_in_once(self, ticket: str, peer: str) -> str | None:
+        """The id of a new session for the ticket of a login link, which is spent by that; None for
+        a wrong, a spent or an old one. TooManyGuesses as of `sign_in`.
+        """
+        with self._lock:
+            self._require_patience(peer)
+            known, given = self._ticket, hashlib.sha256(ticket.encode(errors="replace")).digest()
+            right = known is not None and hmac.compare_digest(known.sha256, given)
+            if known is None or not right or self._clock() >= self._ticket_ends:
+                self._failures.setdefault(peer, deque()).append(self._clock())
+                return None
+            self._ticket = None
+            return self._let_in(known, peer)
 
     def session(self, session_id: str) -> Session | None:
         """The session of a cookie, None where it is unknown or over."""
@@ -96,6 +109,17 @@ class Door:
     def form_token(self, cookie: str) -> str:
         """What a form must carry beside this cookie; only this process can make it."""
         return hmac.new(self._secret, cookie.encode(errors="replace"), hashlib.sha256).hexdigest()
+
+    def _let_in(self, token: Token, peer: str) -> str:
+        """The id of a new session; the oldest of too many ends."""
+        self._failures.pop(peer, None)
+        session_id = secrets.token_urlsafe(32)
+        self._sessions[_hash(session_id)] = Session(
+            token.name, self.form_token(session_id), self._clock() + SESSION_S
+        )
+        while len(self._sessions) > MAX_SESSIONS:
+            self._sessions.popitem(last=False)
+        return session_id
 
     def _require_patience(self, peer: str) -> None:
         now = self._clock()

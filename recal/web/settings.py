@@ -27,8 +27,8 @@ class Token:
 
 @dataclass(frozen=True, kw_only=True)
 class ServeSettings:
-    """`hosts`: further names under which a browser may ask for the page; `https`: a proxy adds TLS
-    before it.
+    """`ticket`: of the link that signs in once; `hosts`: further names under which a browser may
+    ask for the page; `https`: a proxy adds TLS before it.
     """
 
     store_url: str
@@ -36,6 +36,7 @@ class ServeSettings:
     port: int = 8000
     reports: Path | None = None
     tokens: tuple[Token, ...] = ()
+    ticket: Token | None = None
     hosts: tuple[str, ...] = ()
     https: bool = False
 

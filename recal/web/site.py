@@ -56,7 +56,7 @@ class Site:
     def __init__(self, settings: ServeSettings) -> None:
         self.settings = settings
         self.door, self.drawings, self.reports = (
-            Door(settings.tokens),
+            Door(settings.tokens, ticket=settings.ticket),
             Drawings(),
             Reports(settings.reports),
         )

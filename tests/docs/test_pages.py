@@ -148,7 +148,8 @@ def test_file_pages_hold_the_models_keys(extension):
         "demo",
     ):
         assert f"## recal.{schema}/1" in pages["results"], schema
-    assert "points[]\n  axis\n  time_s" in pages["results"]
+    points = "points[]  # The total bias of one gyro over one bin\n  axis  [text]\n  time_s  [s]"
+    assert points in pages["results"]
 
 
 def test_api_pages_hold_public_functions_only(extension):

@@ -2,6 +2,7 @@
 schemas, effects and requirements.
 """
 
+import importlib
 import json
 import re
 import sys
@@ -120,3 +121,25 @@ def test_requirements_have_a_place_where_they_are_measured():
         files = re.findall(r"`(tests/[\w/]+\.py)`", where)
         assert files, name
         assert all((ROOT / file).exists() for file in files), name
+
+
+def test_every_number_of_every_result_has_a_unit():
+    """The generated page of results names the unit of each key, or what the key holds."""
+    sys.path.insert(0, str(ROOT / "docs/_ext"))
+    try:
+        file_pages = importlib.import_module("file_pages")
+        result_keys = importlib.import_module("result_keys")
+    finally:
+        sys.path.pop(0)
+    sources = [file_pages._sources(package).items() for package in file_pages.PACKAGES]
+    found = result_keys.documents(dict(pair for of_one in sources for pair in of_one))
+    typed = {document.schema: document.tree.splitlines() for document in found if document.typed}
+    assert len(typed) >= 24 and "recal.update/1" in typed
+    lacking = {
+        schema: [line.strip() for line in lines if line.endswith(f"[{result_keys.UNKNOWN}]")]
+        for schema, lines in typed.items()
+    }
+    assert not any(lacking.values()), lacking
+    of_update = [line.strip() for line in typed["recal.update/1"]]
+    assert "sigma_own_deg_h  [deg/h]" in of_update and "shares  [1]" in of_update
+    assert "temperature_degC  [degC]" in of_update and "time_s  [s]" in of_update

@@ -110,6 +110,13 @@ def test_on_a_terminal_a_token_is_made_for_this_start(folder):
         with Visitor(result["url"]) as visitor:
             assert visitor.sign_in(token).status_code == 303
             assert visitor.sign_in(token[:-1]).status_code == 403
+        link = re.search(rb"sign in with one click, once, within 10 min: (\S+)", bytes(said))[1]
+        with Visitor(result["url"]) as visitor:
+            first = visitor.get(link.decode())
+            assert first.status_code == 303 and first.headers["location"] == "/"
+            assert "Sign out" in visitor.get("/").text
+        with Visitor(result["url"]) as other:
+            assert other.get(link.decode()).status_code == 403
 
 
 def test_a_token_of_a_file_is_never_shown(folder):

@@ -8,7 +8,7 @@ import os
 import pytest
 
 from ins.records import InputError
-from recal.web.door import MAX_FAILURES, SESSION_S, Door, TooManyGuesses
+from recal.web.door import MAX_FAILURES, SESSION_S, TICKET_S, Door, TooManyGuesses
 from recal.web.guard import allowed_host
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings, read_tokens, token_of
@@ -133,3 +133,25 @@ def test_reports_are_read_with_limits(tmp_path, monkeypatch):
     assert "needed a file of at most 10" in found.one("a").fault
     with pytest.raises(InputError, match="no such directory"):
         Reports(tmp_path / "nothing")
+
+
+def test_a_login_link_lets_in_once_and_not_for_long():
+    now, ticket = [0.0], token_of("0123456789abcdef-ticket", source="test")
+    door = Door(TOKENS, clock=lambda: now[0], ticket=ticket)
+    assert door.sign_in_once("0123456789abcdef-guess", "there") is None
+    assert door.sign_in_once(TOKEN, "there") is None  # a token is no ticket
+    assert door.sign_in("0123456789abcdef-ticket", "there") is None  # nor the other way round
+    session = door.session(door.sign_in_once("0123456789abcdef-ticket", "here"))
+    assert session is not None and session.name == ""
+    assert door.sign_in_once("0123456789abcdef-ticket", "here") is None  # spent
+    late = Door(TOKENS, clock=lambda: now[0], ticket=ticket)
+    now[0] += TICKET_S
+    assert late.sign_in_once("0123456789abcdef-ticket", "here") is None
+
+
+def test_guesses_of_a_login_link_are_limited():
+    door = Door(TOKENS, ticket=token_of("0123456789abcdef-ticket", source="test"))
+    for _ in range(MAX_FAILURES):
+        assert door.sign_in_once("0123456789abcdef-guess", "there") is None
+    with pytest.raises(TooManyGuesses):
+        door.sign_in_once("0123456789abcdef-ticket", "there")
