@@ -204,8 +204,8 @@ class FlightDocument:
     sigma_heading_ground_mrad: float | None
     sigma_heading_mrad: float | None
     against_rest: Sequence[FlightAgainstRest]
-    notes: Sequence[str]
-    note_codes: Sequence[str | None]
+    notes: Sequence[str] = ()
+    note_codes: Sequence[str | None] = ()
     nuisances: Sequence[FlightNuisance]
     worth: Sequence[FlightWorth] | None = field(default=None, metadata=OMIT_NONE)
 
