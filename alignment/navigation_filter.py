@@ -79,10 +79,11 @@ class StepPlan:
 class StepViews:
     """What each step (K) of a plan shows to an aid.
 
-    Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth
-    [rad]; at the step's end C_nb (K, 3, 3), v_n, lat, lon, height, heading; v_start_n at its start;
-    C_mean (K, 3, 3) over it; turn_rad: by the vertical gyro, Earth rate included; kind as in
-    `stillness`; jolt_rad and the jumps: as in the plan; jitter_m: sway of the vehicle's position.
+    Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth,
+    and turn about north and east (K, 2) [rad]; at the step's end C_nb (K, 3, 3), v_n, lat, lon,
+    height, heading; v_start_n at its start; C_mean (K, 3, 3) over it; turn_rad: by the vertical
+    gyro, Earth rate included; kind as in `stillness`; jolt_rad and the jumps: as in the plan;
+    jitter_m: sway of the vehicle's position.
     """
 
     kind: NDArray
@@ -95,6 +96,7 @@ class StepViews:
     displacement_b_m: NDArray
     displacement_n_m: NDArray
     heading_change_rad: NDArray
+    level_turn_rad: NDArray
     heading_rad: NDArray
     C_nb: NDArray
     C_mean: NDArray
@@ -184,6 +186,7 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
         displacement_b_m=summed(history.displacement_b_m),
         displacement_n_m=summed(history.displacement_n_m),
         heading_change_rad=wrap_pi(heading[b] - heading[a]),
+        level_turn_rad=_level_turn(history.C_nb[a], history.C_nb[b]),
         heading_rad=heading[b],
         C_nb=history.C_nb[b],
         C_mean=summed(history.C_nb_dt) / (end_s - start_s)[:, None, None],
@@ -195,6 +198,12 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
         turn_rad=summed(history.dtheta_b_rad[:, 2]),
         jitter_m=jitter_m,
     )
+
+
+def _level_turn(before: NDArray, after: NDArray) -> NDArray:
+    """Turn about north and east (K, 2) [rad] from one attitude C_nb (K, 3, 3) to another."""
+    turned = after @ np.swapaxes(before, 1, 2)
+    return rotation_vector_from_dcm(turned)[:, :2]
 
 
 def filter_steps(views: StepViews) -> Steps:

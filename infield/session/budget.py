@@ -46,8 +46,12 @@ class VarianceBudget:
     parts: Mapping[VarianceSource, NDArray]
 
     def shares(self, row: NDArray) -> Mapping[VarianceSource, float]:
-        """Of the variance of row @ parameters, row (n,), by source; they add up to 1."""
+        """Of the variance of row @ parameters, row (n,), by source; they add up to 1, or are 0 of
+        what is known exactly.
+        """
         variance = float(row @ self.table.covariance @ row)
+        if variance <= 0.0:
+            return dict.fromkeys(self.parts, 0.0)
         return {source: float(row @ D @ row) / variance for source, D in self.parts.items()}
 
 

@@ -91,7 +91,15 @@ def table(technology="rlg"):
 
 
 @lru_cache(maxsize=32)
-def simulated(seed=1, segments=TAXI, heading_deg=37.0, technology="rlg", aids=False, events=()):
+def simulated(
+    seed=1,
+    segments=TAXI,
+    heading_deg=37.0,
+    technology="rlg",
+    aids=False,
+    events=(),
+    antenna_m=ANTENNA,
+):
     return simulate_run(
         _ideal(segments, heading_deg),
         thermal_history("ambient"),
@@ -99,6 +107,6 @@ def simulated(seed=1, segments=TAXI, heading_deg=37.0, technology="rlg", aids=Fa
         twin_of(technology),
         rng=np.random.default_rng([seed, 31]),
         plan=SessionPlan(
-            with_gnss=aids, with_odometer=aids, events=events, gnss_lever_arm_m=ANTENNA
+            with_gnss=aids, with_odometer=aids, events=events, gnss_lever_arm_m=antenna_m
         ),
     )

@@ -195,8 +195,13 @@ class GnssAid:
         found = np.array([*self.assumed.antenna_m, 0.0])
         arm_n = views.C_nb[at] @ (np.asarray(self.lever_arm_m, dtype=float) + found)
         spin = views.heading_change_rad[at] / views.dt_s[at]
-        # spin about down x arm, level
-        return arm_n[:, :2], np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]]), spin
+        rate = views.level_turn_rad / views.dt_s[:, None]
+        # at a step's end, between two means: banks come and go within seconds
+        north, east = 0.5 * (rate[at] + rate[np.minimum(at + 1, len(rate) - 1)]).T
+        # turn x arm, level
+        swing = np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]])
+        swing += np.column_stack([east * arm_n[:, 2], -north * arm_n[:, 2]])
+        return arm_n[:, :2], swing, spin
 
     def _positions(
         self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
