@@ -138,5 +138,5 @@ def test_fixes_of_an_antenna_that_swings_with_the_bank_are_white():
     labels = evidence.rolling.labels
     z = evidence.z[-labels.time_s.size :]
     flying = (labels.channel == "gnss") & (labels.kind == AIRBORNE)
-    # the rate within a second is not its mean: of that speed 0.6 is added to the sigma (TURN_CHANGE)
+    # the rate within a second is not its mean: 0.6 of that speed is in the sigma (TURN_CHANGE)
     assert flying.sum() > 2000 and inside(z[flying], spare=0.05), np.mean(z[flying] ** 2)
