@@ -251,7 +251,8 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]
         np.searchsorted(view.seconds.end_s, history.time_s - 1e-6), 0, view.seconds.end_s.size - 1
     )
     kind = np.array([codes[int(k)] for k in view.telemetry.kind[at]])
-    rolls = np.convolve(kind == ROLL, np.ones(2 * STOP_EDGE + 1), mode="same") > 0.5
+    moves = (kind == ROLL) | (kind == AIR)  # a landing's roll-out may be told airborne to its end
+    rolls = np.convolve(moves, np.ones(2 * STOP_EDGE + 1), mode="same") > 0.5
     kind[rolls & (kind == STILL)] = ROLL  # the wheels do not slip while they stand either
     motion = Motion(history.time_s, kind.copy(), np.zeros(len(kind)), 0.0)
     airborne = np.flatnonzero(kind == AIR)
