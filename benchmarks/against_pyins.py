@@ -131,7 +131,11 @@ def compared(source: Source, path: Path) -> list[str]:
     if run.gnss is None:
         return []
     first_s = max(run.imu.start_s, float(run.gnss.time_s[0]))
-    left_out = stretches(first_s, min(run.imu.end_s, float(run.gnss.time_s[-1])))
+    last_s = min(run.imu.end_s, float(run.gnss.time_s[-1]))
+    t = run.gnss.time_s
+    left_out = tuple(
+        (a, b) for a, b in stretches(first_s, last_s) if np.any((t > a) & (t < b))
+    )  # some receivers stop of themselves
     found = fly(run, left_out) if left_out else None
     if found is None or found.history is None or found.found is None:
         return []

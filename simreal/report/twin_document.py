@@ -18,9 +18,13 @@ from simreal.report.twin_records import (
 from simreal.report.twin_words import PARAMETER_NAMES, YAW_NOTE, needs_words, size_words, why_words
 from simreal.twin.fit.evidence import AXES_DIFFER_P
 from simreal.twin.fit.fit import NoRest
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
 from simreal.twin.fit.streams import STILL_AT_LEAST_S
 
+CONTRADICTED = (
+    "the data contradict any model of the {triad} noise by far: filtered by the logger, shaken by"
+    " what the model does not know, or a rest too short; its numbers stay what they were"
+)
 DIFFERENT = (
     "the white noise of the {triad} axes differs ({sizes}); the twin has their root mean square"
 )
@@ -185,9 +189,10 @@ def _finite(value: float) -> float | None:
 
 
 def _notes(found: TwinFit) -> list[str]:
-    notes = []
+    against = {p.name.split(".")[0] for p in found.parameters if p.why is Why.CONTRADICTED}
+    notes = [CONTRADICTED.format(triad=triad) for triad in sorted(against)]
     for triad, p in found.differ.items():
-        if p < AXES_DIFFER_P:
+        if p < AXES_DIFFER_P and triad not in against:
             own = {k: v for k, v in found.axis_white.items() if k.startswith(triad)}
             sizes = ", ".join(f"{name[-1]} {value:.3g}" for name, value in own.items())
             notes.append(DIFFERENT.format(triad=triad, sizes=sizes))

@@ -16,6 +16,10 @@ WHY_WORDS = {
     Why.BELOW_RESOLUTION: "the readings' step hides it",
     Why.ROUNDED: "rows are rounded one by one, to steps that hide their noise",
     Why.NOT_ON_A_GRID: "readings lie on no grid",
+    Why.CONTRADICTED: (
+        "the data contradict the model by far: filtered by the logger, or shaken by what it"
+        " does not know"
+    ),
     Why.GYROS_DIFFER: "the gyros differ, and nothing beside the vertical one witnesses a yaw",
 }
 PARAMETER_NAMES = {

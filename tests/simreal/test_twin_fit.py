@@ -202,6 +202,18 @@ def test_wind_is_not_charged_to_the_unit():
         assert {c.channel[:4] for c in bad} == {"gyro"}
 
 
+def test_no_number_is_told_of_a_model_that_the_data_contradict():
+    """People who board shake a ring laser of 0.002 deg/h: 1.19 +- 0.006 deg/h of flicker were told
+    once, 25 times what the data beside it show.
+    """
+    shaken = recal.simulate("cold_parked_taxi", seed=42, rate_hz=50, environments=["boarding:0.5"])
+    found = recal.fit_twin(shaken.run)
+    told = {p.name: p for p in found.parameters}
+    flicker = told["gyro.bias_instability_deg_h"]
+    assert not flicker.identified or abs(flicker.value - 0.002) < 4.0 * flicker.sigma
+    assert found.twin.gyro.arw_deg_sqrt_h == pytest.approx(0.002, rel=0.5)
+
+
 def test_a_spectrum_that_falls_gently_is_no_swinging_vehicle():
     """Power over the declared one by bands, as an integrated gyro's has it: the last band holds few
     rows, and is low by chance.

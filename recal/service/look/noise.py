@@ -6,13 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from simreal.report.twin_records import ChannelRecord, TwinFitRecord
+from simreal.twin.fit.curves import contradicted
 
 TRIADS = ("gyro", "accel")
-# of the averaging times of a channel; chosen: of sound ones 5 % lie outside their band
-CONTRADICTED_SHARE = 0.5
-# between data and model: axes of one sensor that share a model differ by some 10 %; a low-pass
-# filter taken for flicker made it 3.2 on a plane's log (tests/recal/test_look_noise.py)
-CONTRADICTING_FACTOR = 1.5
 
 
 def shown_noise(fitted: TwinFitRecord | None) -> tuple[TwinFitRecord | None, list[str]]:
@@ -24,10 +20,11 @@ def shown_noise(fitted: TwinFitRecord | None) -> tuple[TwinFitRecord | None, lis
     notes = []
     for triad in TRIADS:
         channels = [c for c in fitted.channels if c.channel.startswith(triad)]
-        worst = max(channels, key=_contradicted, default=None)
-        if worst is None or _contradicted(worst) <= CONTRADICTED_SHARE:
+        against = [c for c in channels if contradicted(c)]
+        if not against:
             continue
         fitted = _without(fitted, triad)
+        worst = max(against, key=lambda c: abs(np.log(_furthest(c)[0])))
         ratio, at = _furthest(worst)
         notes.append(
             f"{triad} noise: the fitted model is {ratio:.3g} times the data over {at:g} s"
@@ -35,16 +32,6 @@ def shown_noise(fitted: TwinFitRecord | None) -> tuple[TwinFitRecord | None, lis
             " rest too short or unsteady"
         )
     return fitted, notes
-
-
-def _contradicted(channel: ChannelRecord) -> float:
-    """The share of averaging times at which the data lie outside the band, and far from it."""
-    data, model = np.asarray(channel.allan), np.asarray(channel.allan_model)
-    low, high = np.asarray(channel.allan_low), np.asarray(channel.allan_high)
-    if not data.size or not np.all(data > 0) or not np.all(model > 0):
-        return 0.0
-    far = np.abs(np.log(data / model)) > np.log(CONTRADICTING_FACTOR)
-    return float(np.mean(far & ((data < low) | (data > high))))
 
 
 def _furthest(channel: ChannelRecord) -> tuple[float, float]:

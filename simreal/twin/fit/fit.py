@@ -25,7 +25,7 @@ from simreal.twin.fit.constants import (
     gyro_constants,
     spread_between,
 )
-from simreal.twin.fit.curves import curves_of
+from simreal.twin.fit.curves import contradicted, curves_of
 from simreal.twin.fit.evidence import (
     AXES_DIFFER_P,
     BELIEVED_SIGMA,
@@ -95,8 +95,15 @@ def fit_twin(
         evidence.of(ACCEL_TRIAD), _accel_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
     )
     told("reading the other sensors")
+    curves = curves_of(streams, evidence, (gyro.fitted, accel.fitted))
+    against = {curve.channel.split("_")[0] for curve in curves if contradicted(curve)}
     parameters = _gyro_parameters(gyro, believed, seconds)
     parameters += _accel_parameters(accel, believed, seconds)
+    against -= {_triad(p) for p in parameters if p.why is Why.ROUNDED}  # which is why, and known
+    parameters = [
+        _kept(p.name, believed, Why.CONTRADICTED, seconds) if _triad(p) in against else p
+        for p in parameters
+    ]
     parameters += _turn_on(streams, believed, gyro, accel)
     parameters += _others(streams, believed)
     twin = _twin_of(believed, parameters, header.imu_serial)
@@ -106,16 +113,24 @@ def fit_twin(
         parameters=tuple(parameters),
         names=names,
         covariance=covariance,
-        curves=curves_of(streams, evidence, (gyro.fitted, accel.fitted)),
+        curves=curves,
         lines=lines,
         runs=tuple(used),
         differ={"gyro": gyro.differ_p, "accel": accel.differ_p},
         axis_white=_axis_white(gyro, accel),
-        axes=_axis_variances(gyro) | _axis_variances(accel),
+        axes={
+            **(_axis_variances(gyro) if "gyro" not in against else {}),
+            **(_axis_variances(accel) if "accel" not in against else {}),
+        },
         shared=shared,
         left_out=left_out,
         seconds=seconds,
     )
+
+
+def _triad(parameter: Parameter) -> str:
+    """The part of the twin that a parameter belongs to."""
+    return parameter.name.split(".")[0]
 
 
 def one_unit(runs: Sequence[Run]) -> RunHeader:

@@ -23,6 +23,7 @@ class Why(StrEnum):
     NOT_ON_A_GRID = "not_on_a_grid"
     GYROS_DIFFER = "gyros_differ"
     NOT_PARKED = "not_parked"
+    CONTRADICTED = "contradicted"
 
 
 class Needs(StrEnum):

@@ -324,7 +324,9 @@ def _lines(
             line[_hidden_by(int(k), float(mean[k, c] / floor[k])), c] = True
             excess = float(np.sum(mean[beside, c] - floor[beside])) / window_s
             sigma = float(floor[k]) / window_s / np.sqrt(max(windows, 1))
-            amplitude = np.sqrt(max(4.0 * excess, 0.0))
+            if excess <= 0.0:
+                continue  # a peak beside a hollow: of a filter, no line
+            amplitude = np.sqrt(4.0 * excess)
             swing = amplitude * dt_s / (2.0 * np.sin(np.pi * f[k] * dt_s))
             known = float(2.0 * sigma / amplitude)
             found.append(Line(c, float(f[k]), float(amplitude), known, float(swing)))
