@@ -215,10 +215,17 @@ def _groups(touched: NDArray) -> list[tuple[int, int]]:
 
 def _line(seconds: Seconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]:
     """Value at a time and slope of the line through the integrals of some seconds, both (6,)."""
-    centre = float(seconds.end_s[rows].mean())
-    s = seconds.end_s[rows] - centre
-    slope = s @ seconds.integral[rows] / (s @ s)
-    return seconds.integral[rows].mean(axis=0) + slope * (at - centre), slope
+    values, slopes = _lines(seconds, rows[None], np.array([at]))
+    return values[0], slopes[0]
+
+
+def _lines(seconds: Seconds, rows: NDArray, at: NDArray) -> tuple[NDArray, NDArray]:
+    """`_line` of several stretches rows (m, n) of as many seconds: values and slopes (m, 6)."""
+    centre = seconds.end_s[rows].mean(axis=1)
+    s = seconds.end_s[rows] - centre[:, None]
+    integral = seconds.integral[rows]
+    slope = np.einsum("mi,mik->mk", s, integral) / np.sum(s**2, axis=1)[:, None]
+    return integral.mean(axis=1) + slope * (at - centre)[:, None], slope
 
 
 def _beside(seconds: Seconds, a: int, b: int, window: int) -> tuple[NDArray, NDArray] | None:
@@ -257,18 +264,11 @@ def _quiet_jumps(seconds: Seconds) -> _Jump | None:
     if first.size < 5:
         return None
     middle = 0.5 * (seconds.start_s[first] + seconds.end_s[first + 2])
-    (v0, s0), (v1, s1) = (_lines(seconds, at, middle) for at in (first - WINDOW, first + 3))
+    window = np.arange(WINDOW)
+    (v0, s0), (v1, s1) = (
+        _lines(seconds, begins[:, None] + window, middle) for begins in (first - WINDOW, first + 3)
+    )
     return _Jump(robust_sigmas(v1 - v0), robust_sigmas(s1 - s0))
-
-
-def _lines(seconds: Seconds, first: NDArray, at: NDArray) -> tuple[NDArray, NDArray]:
-    """`_line` of WINDOW seconds from each of some (m,) on: values at a time, slopes (m, 6)."""
-    rows = first[:, None] + np.arange(WINDOW)
-    centre = seconds.end_s[rows].mean(axis=1)
-    s = seconds.end_s[rows] - centre[:, None]
-    values = seconds.integral[rows]
-    slope = np.einsum("mi,mik->mk", s, values) / np.sum(s**2, axis=1)[:, None]
-    return values.mean(axis=1) + slope * (at - centre)[:, None], slope
 
 
 def _velocity_limit(jump: _Jump, quiet: _Jump, length: int) -> NDArray:

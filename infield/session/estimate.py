@@ -1,7 +1,8 @@
 """What a session's estimate is: the posterior of its biases and the evidence behind it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,8 +157,8 @@ class SessionEstimate:
 
     heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment
     alone) and after. solution is None, and parked is not, for gyros that find no heading
-    (`infield.session.parked`); the heading is NaN then. shares: of the information about the bins
-    (3N, 3N) [1/(deg/h)^2], what each source of noise took part in (`navigated.noise_shares`).
+    (`infield.session.parked`); the heading is NaN then. sweep: tells the `shares`
+    (`navigated.noise_shares`).
     """
 
     bins: SessionBins
@@ -172,7 +173,14 @@ class SessionEstimate:
     dof: int
     parked: ParkedEvidence | None = None
     rolling: RollingEvidence | None = None
-    shares: Mapping[VarianceSource, NDArray] = field(default_factory=dict)
+    sweep: Callable[[], Mapping[VarianceSource, NDArray]] | None = None
+
+    @cached_property
+    def shares(self) -> Mapping[VarianceSource, NDArray]:
+        """Of the information about the bins (3N, 3N) [1/(deg/h)^2], what each source of noise took
+        part in; empty without a sweep. Eight runs of the filter, so made where a budget asks.
+        """
+        return {} if self.sweep is None else self.sweep()
 
     @property
     def motion(self) -> Motion:

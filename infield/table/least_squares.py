@@ -106,13 +106,10 @@ class NormalEquations:
 
         log_evidence = (b'x - c - log det(A + precision)) / 2.
         """
-        unit, length = scaled(self.A if precision is None else self.A + precision)
-        root = np.linalg.cholesky(unit)
-        back = np.linalg.inv(root) / length
-        P = back.T @ back
-        x = P @ self.b
-        log_det = 2.0 * float(np.log(np.diag(root) * length).sum())
-        return Solution(x, P, 0.5 * (float(self.b @ x) - self.c - log_det))
+        known = np.zeros_like(self.A) if precision is None else precision
+        each = solve_each(self.A[None], self.b[None], known)
+        x, P, log_det = (values[0] for values in each)
+        return Solution(x, P, 0.5 * (float(self.b @ x) - self.c - float(log_det)))
 
     def misfit(self, x: NDArray) -> float:
         """(y - X x)' M (y - X x)."""

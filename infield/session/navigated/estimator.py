@@ -6,6 +6,7 @@ navigation-mode filter carries what is left of each gyro's bias as a constant ov
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def estimate_session(
         sigma_heading_before_rad=aligned.sigma_heading_rad,
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
-        shares=noise_shares(solution.last, taken, aids(rolling.assumed)),
+        sweep=partial(noise_shares, solution.last, taken, aids(rolling.assumed)),
         rolling=replace(
             rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
         ),

@@ -78,7 +78,9 @@ class Beside:
 
     def at(self, lag: Lag) -> NormalEquations:
         """Those of the columns put right for a lag."""
-        return self._mapped(self._map(lag))
+        lags_s = np.array([[lag.gyro_s, lag.lines_s]])
+        A, b = self.under_each(lags_s, np.arange(self.count))
+        return NormalEquations(A[0], b[0], self.normal.c, self.normal.rows)
 
     def under_each(self, lags_s: NDArray, columns: NDArray) -> tuple[NDArray, NDArray]:
         """Normal matrices (m, k, k) and right sides (m, k) of some columns (k,), put right for lags
@@ -91,13 +93,6 @@ class Beside:
         mixed = A[np.ix_(k, d)] * lag[:, None, :]
         both = A[np.ix_(d, d)] * (lag[:, :, None] * lag[:, None, :])
         return A[np.ix_(k, k)] + mixed + np.swapaxes(mixed, 1, 2) + both, b[k] + lag * b[d]
-
-    def _map(self, lag: Lag) -> NDArray:
-        return np.concatenate([np.eye(self.count), np.diag(lag.of_columns(self.count))])
-
-    def _mapped(self, W: NDArray) -> NormalEquations:
-        n = self.normal
-        return NormalEquations(W.T @ n.A @ W, W.T @ n.b, n.c, n.rows)
 
 
 def find_lag(beside: Beside, columns: NDArray, precision: NDArray) -> Lag:
