@@ -1,17 +1,20 @@
 """False alarms of thermometers that round: no effect at all, noise from 0.1 to 10 resolutions.
 
-    python -m benchmarks.gap_nulls [TRIALS] [--first 0] [--minutes 15] [-o docs/gap_nulls.json]
+    python -m benchmarks.gap_nulls [TRIALS] [--first 0] [--minutes 15] [--until HH:MM]
+        [-o ROWS.jsonl]
 
 Each trial is a run that warms up while it stands. Its thermometers are written anew: the truth,
 air that wanders by `WANDER_DEGC` (a Gauss-Markov process that the twin knows nothing of), white
 noise of NOISES resolutions, and rounding, all declared in the twin but the air. The whole diagnosis
 is made,
-with the whole catalogue, and it should find nothing.
+with the whole catalogue, and it should find nothing. A row is appended to the output as its trial
+is done; what was interrupted goes on where it stopped.
 """
 
 import argparse
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +38,17 @@ def main() -> None:
     parser.add_argument("trials", type=int, nargs="?", default=400)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=15.0)
+    parser.add_argument("--until", default="", help="UTC, HH:MM: begin no trial later")
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
-    rows = []
-    for seed in range(options.first, options.first + options.trials):
+    wanted = range(options.first, options.first + options.trials)
+    rows = [row for row in _kept(options.output) if row["seed"] in wanted]
+    done = {row["seed"] for row in rows}
+    for seed in wanted:
+        if options.until and datetime.now(UTC).strftime("%H:%M") >= options.until:
+            break
+        if seed in done:
+            continue
         noise = NOISES[seed % len(NOISES)]
         found = diagnosed(seed, noise, 60.0 * options.minutes)
         thermal = any(c.target == "temperature" for c in found.causes) or (
@@ -51,13 +61,21 @@ def main() -> None:
                 "alarm": found.verdict != "no_gap",
                 "thermometer": thermal,
                 "p_value": found.p_value,
+                "said": found.sentence,
             }
         )
+        if options.output:
+            with options.output.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
     for line in summary(rows):
         print(line)
-    if options.output:
-        text = json.dumps({"rows": rows, "summary": summary(rows)}, indent=1)
-        options.output.write_text(text + "\n", encoding="utf-8")
+
+
+def _kept(output: Path | None) -> list[dict]:
+    """Rows of an earlier call."""
+    if output is None or not output.exists():
+        return []
+    return [json.loads(line) for line in output.read_text(encoding="utf-8").splitlines()]
 
 
 def diagnosed(seed: int, noise: float, parked_s: float) -> Diagnosis:

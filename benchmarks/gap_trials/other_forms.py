@@ -14,7 +14,9 @@ from benchmarks.gap_trials.seen import Seen, Streams, axis_of, moved, tilted
 from ins.units import ARCSEC, DEG
 
 EVERY = 10  # rows of a step of the slow models: a second
-RELAYS = 40  # of a Preisach operator, on either threshold
+RELAYS = 40  # widths of a Preisach operator
+RELAYS_ACROSS = 321  # its thresholds, a quarter of a degree apart
+THRESHOLDS_DEGC = (-20.0, 60.0)
 
 
 def network(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
@@ -35,19 +37,23 @@ def network(streams: Streams, seen: Seen, target: str, p: Parameters, size: floa
 
 
 def preisach(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """Relays that switch up and down at thresholds of their own, spread over a triangle."""
+    """Relays that switch up and down at thresholds of their own, dense about one temperature.
+
+    One operator for the unit: its thresholds do not move with a run. A unit that stood at rest has
+    each relay where the mean of its branches puts it; that mean is the table's, and known.
+    """
     T = seen.gyro_degC[::EVERY, axis_of(target)]
-    middle = np.linspace(T.min() - p["width_degC"], T.max() + p["width_degC"], RELAYS)
+    middle = np.linspace(*THRESHOLDS_DEGC, RELAYS_ACROSS)
+    density = np.exp(-0.5 * ((middle - p["centre_degC"]) / p["spread_degC"]) ** 2)
     half = np.linspace(0.02, 1.0, RELAYS)[:, None] * p["width_degC"]
     up, down = middle + half, middle - half
     state = np.where(T[0] > middle, 1.0, -1.0) * np.ones_like(up)
     out = np.empty(T.size)
     for k, now in enumerate(T):
         state = np.where(now >= up, 1.0, np.where(now <= down, -1.0, state))
-        out[k] = state.mean()
-    # what follows the temperature itself is the table's, and known
-    out -= np.polyval(np.polyfit(T, out, 1), T)
-    rows = np.interp(seen.time_s, seen.time_s[::EVERY], out)
+        out[k] = ((state - np.sign(now - middle)) @ density).mean()
+    full = 2.0 * density.max() * half.mean() / (middle[1] - middle[0])
+    rows = np.interp(seen.time_s, seen.time_s[::EVERY], -out / full)
     return streams.gyro(target, size * p["half_split_deg_h"] * rows)
 
 
@@ -95,17 +101,23 @@ def one_over_f(streams: Streams, seen: Seen, target: str, p: Parameters, size: f
 def slow_thermometer(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
-    """The bead sits in grease on a plate: two heat capacities before the reading."""
+    """The bead sits in grease on a plate: two heat capacities before the reading.
+
+    What a larger effect has more of is delay: a multiple of the deficit would let a reading fall
+    where the temperature rises.
+    """
     log = streams.temperature
     dt = float(np.median(np.diff(log.time_s)))
+    to_plate = 1.0 - np.exp(-dt / max(0.7 * size * p["tau_s"], 1e-9))
+    to_bead = 1.0 - np.exp(-dt / max(0.3 * size * p["tau_s"], 1e-9))
     read = log.gyro_degC.copy()
     for axis in range(3):
         true = np.interp(log.time_s, seen.time_s, seen.gyro_degC[:, axis])
         plate, bead = true[0], true[0]
         for k, now in enumerate(true):
-            plate += min(dt / (0.7 * p["tau_s"]), 1.0) * (now - plate)
-            bead += min(dt / (0.3 * p["tau_s"]), 1.0) * (plate - bead)
-            read[k, axis] += size * (bead - now)
+            plate += to_plate * (now - plate)
+            bead += to_bead * (plate - bead)
+            read[k, axis] += bead - now
     return replace(streams, temperature=replace(log, gyro_degC=read))
 
 
@@ -161,6 +173,8 @@ OTHER_FORMS = (
         draw=lambda rng, _: {
             "half_split_deg_h": signed(rng, 0.01),
             "width_degC": float(rng.uniform(3.0, 10.0)),
+            "centre_degC": float(rng.uniform(10.0, 40.0)),
+            "spread_degC": float(rng.uniform(15.0, 30.0)),
         },
     ),
     Effect(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ins.earth import omega_ie_n
-from simreal.effects.base import GYROS, Coefficient, Shape
+from simreal.effects.base import Coefficient, Shape
 from simreal.effects.parts.formula import FormulaEffect, OutOfReach, with_parts
 from simreal.effects.parts.gyro_effect import one, several
 from simreal.effects.parts.recordings import brakes, has_gnss, lacking, turns
@@ -62,15 +62,6 @@ NAVIGATION_EFFECTS = (
             formula=gnss_antenna,
             need=needs_gnss_turns,
         )
-    ),
-    OutOfReach(
-        "coning_residual",
-        "coning_residual",
-        GYROS,
-        one("deg/h", 0.0003, 0.003),
-        rivals=("gyro_g2_sensitivity", "gyro_dither_coning"),
-        source="effects.md F01",
-        need="raw data at 500 Hz under vibration",
     ),
     OutOfReach(
         "airframe_flexure",

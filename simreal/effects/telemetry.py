@@ -28,8 +28,9 @@ class Telemetry:
     logged. accel_degC (n, 3) : of the accelerometers (the gyros' where not logged). gradient_degC
     (n, 3), block_degC,
         ambient_degC (n,) : None where not logged.
-    vibration_m2_s4 (n, 3) : variance of the specific force within each second beyond that of the
-    parked rows. above_m (n,) : height over the site, by GNSS; None where none is logged.
+    vibration_m2_s4, swing_rad2_s2 (n, 3) : variance of the specific force and of the rate within
+    each second beyond that of the parked rows. above_m (n,) : height over the site, by GNSS; None
+    where none is logged.
     table_deg_h (n, 3) : the twin's table at these temperatures. heading_known : False where nothing
     shows north.
     """
@@ -53,6 +54,7 @@ class Telemetry:
     block_degC: NDArray | None = None
     ambient_degC: NDArray | None = None
     vibration_m2_s4: NDArray | None = None
+    swing_rad2_s2: NDArray | None = None
     above_m: NDArray | None = None
     table_deg_h: NDArray | None = None
     heading_known: bool = True

@@ -168,8 +168,8 @@ WORDS: Mapping[str, EffectWords] = {
     ),
     "coning_residual": EffectWords(
         what="Rotation about an axis that itself moves is summed with an error by the algorithm.",
-        brought_on_by="Vibration near the sampling rate.",
-        size="It grows with the square of the vibration's angle.",
+        brought_on_by="Angular vibration about two axes in flight, near the sampling rate.",
+        size="1 deg/s about two axes at 50 Hz is a cone of 0.2 deg/h, of which a part is left.",
         remedy="Sample faster, or use increments with a coning correction.",
     ),
     # noise

@@ -363,14 +363,15 @@ def _telemetry(
         height_m=site.height_m,
         has_gnss=run.gnss is not None,
         has_odometer=run.odometer is not None,
-        vibration_m2_s4=_vibration(seconds, kind),
+        vibration_m2_s4=_beyond_parked(seconds, kind, slice(3, 6)),
+        swing_rad2_s2=_beyond_parked(seconds, kind, slice(0, 3)),
         above_m=_above(run, t),
     )
 
 
-def _vibration(seconds: Seconds, kind: NDArray) -> NDArray:
-    """Variance of the specific force within each second beyond the median of the parked ones."""
-    variance = seconds.scatter[:, 3:] / np.maximum(seconds.rows - 1, 1)[:, None]
+def _beyond_parked(seconds: Seconds, kind: NDArray, sensors: slice) -> NDArray:
+    """Variance of some sensors' rows within each second beyond the median of the parked ones."""
+    variance = seconds.scatter[:, sensors] / np.maximum(seconds.rows - 1, 1)[:, None]
     parked = (kind == PARKED) & (seconds.rows > 1)
     if not parked.any():
         return variance

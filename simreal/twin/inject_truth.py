@@ -87,7 +87,9 @@ def telemetry_of_simulated(
         height_m=site.height_m,
         has_gnss=simulated.run.gnss is not None,
         has_odometer=simulated.run.odometer is not None,
-        vibration_m2_s4=np.zeros((t.size, 3)),  # the true motion is smooth within a second
+        # the true motion is smooth within a second
+        vibration_m2_s4=np.zeros((t.size, 3)),
+        swing_rad2_s2=np.zeros((t.size, 3)),
         above_m=truth.height_m - site.height_m,
         **_thermal(thermal, table, t),
     )

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from ins.units import STANDARD_GRAVITY
+from ins.units import MICRO_G, STANDARD_GRAVITY
 from simreal.effects.catalogue import catalogue
 from simreal.effects.flown.flight import FLIGHT_EFFECTS, pressure_change_hpa
 from simreal.effects.telemetry import AIRBORNE, Trace, on_axis
@@ -19,6 +19,7 @@ from tests.simreal.runs import FLIGHT, simulated, table, twin_of
 
 BY_ID = {effect.id: effect for effect in FLIGHT_EFFECTS}
 ALIKE = 0.98  # |cos| of a planted effect and its signature: 4 % of the energy may differ
+SWING_RAD_S = 0.01  # of the mount's angles
 SHAKE_M_S2 = 1.5  # of the mount in flight, where the gyros of a real unit see 0.1 to 0.3 g
 
 
@@ -34,7 +35,12 @@ def flown():
     shake = SHAKE_M_S2 * air[:, None] * rng.standard_normal(imu.dv_m_s.shape)
     # of one row to the next: nothing is left of it over a second
     shake -= np.roll(shake, 1, axis=0)
-    shaken = replace(imu, dv_m_s=imu.dv_m_s + shake * imu.dt_s[:, None])
+    swing = SWING_RAD_S * shake / SHAKE_M_S2
+    shaken = replace(
+        imu,
+        dv_m_s=imu.dv_m_s + shake * imu.dt_s[:, None],
+        dtheta_rad=imu.dtheta_rad + swing * imu.dt_s[:, None],
+    )
     view = view_run(replace(run, imu=shaken), 0, table(), twin_of())
     return view, Evidence([view], twin_of()), imu, shake
 
@@ -60,6 +66,13 @@ def gyro_that_feels_power():
     _, _, _, shake = flown()
     power = np.cumsum(np.linalg.norm(shake, axis=1) ** 2)
     return Trace(gyro_rad_s=on_axis(by_seconds(np.diff(power, prepend=0.0))[:, 0], 1))
+
+
+def gyro_that_sums_cones_wrongly():
+    """The sizes of the other two axes' swings, row by row, multiplied."""
+    _, _, _, shake = flown()
+    cone = np.abs(shake[:, 0]) * np.abs(shake[:, 1])
+    return Trace(gyro_rad_s=on_axis(by_seconds(cone)[:, 0], 2))
 
 
 def columns_of_air():
@@ -115,6 +128,7 @@ def plumb_line_that_turns_north():
 PLANTED = {
     "accel_vibration_rectification": ("accel_x", lambda: squares_of_rows(0)),
     "gyro_vibration_rectification": ("gyro_y", gyro_that_feels_power),
+    "coning_residual": ("gyro_z", gyro_that_sums_cones_wrongly),
     "gyro_pressure_sensitivity": ("gyro_x", lambda: Trace(gyro_rad_s=on_axis(columns_of_air(), 0))),
     "accel_pressure_sensitivity": (
         "accel_y",
@@ -136,6 +150,16 @@ def test_an_effect_of_flight_made_otherwise_is_its_signature(key):
     columns = evidence.whiten([list(BY_ID[key].traces(view.telemetry, target, shape))])
     fitted = columns @ np.linalg.lstsq(columns, seen, rcond=None)[0]
     assert np.linalg.norm(fitted) > ALIKE * np.linalg.norm(seen) > 0.0
+
+
+def test_a_bias_of_the_vertical_accelerometer_that_was_seen_at_rest_is_no_gap_in_flight():
+    """Banked, a part of it is level: 80 ug were 5 sigmas of the fixes (an accel_scale_factor)."""
+    view, evidence, _, _ = flown()
+    bias = Trace(accel_m_s2=on_axis(np.full(view.telemetry.n, 80.0 * MICRO_G), 2))
+    seen = evidence.whiten([[bias]])[:, 0]
+    # its turn-on sigma is 30 ug: 2.7 sigma at rest, which then is known to a few micro-g
+    assert np.linalg.norm(seen[~evidence.followed]) == pytest.approx(80.0 / 30.0, rel=0.1)
+    assert np.linalg.norm(seen[evidence.followed]) < 0.5
 
 
 def test_effects_of_flight_ask_for_a_flight_with_a_receiver():

@@ -1,5 +1,5 @@
-"""Effects of flight (effects.md 2c, F06 to F13): what vibration, height, load and way over ground
-do to the sensors and to the receiver.
+"""Effects of flight (effects.md 2c, F01 and F06 to F13): what vibration, height, load and way over
+ground do to the sensors and to the receiver.
 
 They need a flight with GNSS; on the ground they are a constant, or nothing.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
-from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
 from simreal.effects.accelerometer import on_accel
 from simreal.effects.base import ACCELS, AXIS, Coefficient, Shape, ShapeParameter
 from simreal.effects.parts.formula import FormulaEffect, with_parts
@@ -24,6 +24,8 @@ HUNDRED_KM = 1e5
 # of vibration, beyond what the parked rows scatter; chosen: 0.01 g, a hundredth of what rectifies
 # 10 ug at 0.1 ug/mg^2
 SHAKES_M_S2 = 0.1
+# of angular vibration, likewise; chosen: a tenth of what a hard mount swings by in flight
+SWINGS_RAD_S = 0.05 * DEG
 CLIMBS_M = 300.0  # 35 hPa: a hundredth of what 0.3 deg/h needs at the usual 0.0001 deg/h per hPa
 FAR_M = 2e4  # of way: a fifth of HUNDRED_KM
 
@@ -54,6 +56,24 @@ def accel_rectification(run: Telemetry, target: str, shape: Shape) -> tuple[Trac
 def gyro_rectification(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """A rate that goes with the vibration of all axes together."""
     return on_gyro(target, DEG_PER_HOUR * vibration_g2(run).sum(axis=1))
+
+
+def swing_deg2_s2(run: Telemetry) -> NDArray:
+    """Variance of the rates within a second beyond that of the parked rows (n, 3) [(deg/s)^2]."""
+    if run.swing_rad2_s2 is None:
+        raise InputError(f"run {run.run_index}: no rows within seconds, needed by this effect")
+    return run.swing_rad2_s2 / DEG**2
+
+
+def coning(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """A share of the coning rate s_j s_k sin(phase) / (2 pi f) of the two other axes' swings s.
+
+    1 (deg/s)^2 at 50 Hz is a cone of 0.2 deg/h, of which an algorithm leaves a part. Swings faster
+    than half the rate of the log are seen weakened, which the coefficient then holds.
+    """
+    first, second = (axis for axis in range(3) if axis != AXIS[target])
+    swing = swing_deg2_s2(run)
+    return on_gyro(target, DEG_PER_HOUR * np.sqrt(swing[:, first] * swing[:, second]))
 
 
 def gyro_pressure(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -127,15 +147,25 @@ def _with(
     def needs(runs: Sequence[Telemetry], target: str) -> str:
         if lacks := flight_with_gnss(runs, target):
             return lacks
-        if any(run.vibration_m2_s4 is None or run.above_m is None for run in runs):
+        if any(not _has_all(run) for run in runs):
             return words
         return lacking((span(over(runs, shows)) > least, words))
 
     return needs
 
 
+def _has_all(run: Telemetry) -> bool:
+    """Rows within seconds, and heights."""
+    logged = (run.vibration_m2_s4, run.swing_rad2_s2, run.above_m)
+    return all(values is not None for values in logged)
+
+
 def _shaking(run: Telemetry) -> NDArray:
     return np.sqrt(vibration_g2(run).sum(axis=1)) * STANDARD_GRAVITY
+
+
+def _swinging(run: Telemetry) -> NDArray:
+    return DEG * np.sqrt(swing_deg2_s2(run).sum(axis=1))
 
 
 def _above(run: Telemetry) -> NDArray:
@@ -143,6 +173,7 @@ def _above(run: Telemetry) -> NDArray:
 
 
 needs_shaking = _with(_shaking, SHAKES_M_S2, "vibration that changes")
+needs_swings = _with(_swinging, SWINGS_RAD_S, "angular vibration that changes")
 needs_climb = _with(_above, CLIMBS_M, "a climb")
 needs_way = _with(distance_m, FAR_M, "20 km of way")
 
@@ -160,10 +191,18 @@ FLIGHT_EFFECTS = (
     gyro_effect(
         "gyro_vibration_rectification",
         coefficients=one("deg/h per g^2", 0.01, 1.0),
-        rivals=("gyro_g2_sensitivity", "gyro_pressure_sensitivity"),
+        rivals=("gyro_g2_sensitivity", "gyro_pressure_sensitivity", "coning_residual"),
         source="effects.md F07",
         formula=gyro_rectification,
         need=needs_shaking,
+    ),
+    gyro_effect(
+        "coning_residual",
+        coefficients=one("deg/h per (deg/s)^2", 1e-3, 0.1),
+        rivals=("gyro_g2_sensitivity", "gyro_dither_coning", "gyro_vibration_rectification"),
+        source="effects.md F01; Bortz (1971): the cone that rotation vectors leave",
+        formula=coning,
+        need=needs_swings,
     ),
     gyro_effect(
         "gyro_pressure_sensitivity",

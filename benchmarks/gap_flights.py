@@ -1,0 +1,590 @@
+"""Whole diagnoses of simulated flights with one effect of flight each, and of flights without any.
+
+    python -m benchmarks.gap_flights [--sizes 8 12] [--seeds 0:2] [--only NAME ...] [--nulls 6]
+        [-o FILE]
+
+One flight: parked, taxi, a climb, turns both ways, a way of 20 km and more, a landing; GNSS, and a
+mount that shakes in the air. Every effect is made row by row from the
+truth, in another form than the catalogue's signature (no code of it is used), and brought to the
+wanted size in sigmas of the whitened rows. A line a trial; at the end how many were right, a stated
+neighbour, not found, or wrong.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.table.file import table_from_dict
+from infield.table.thermal_table import ThermalTable
+from ins.earth import omega_ie_n
+from ins.records import GnssLog, Run, Site, TwinModel
+from ins.twin_file import default_twin
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, STANDARD_GRAVITY
+from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.whitened import Evidence
+from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
+from simreal.twin.inject import moved_by
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import (
+    Climb,
+    Cruise,
+    Descend,
+    Landing,
+    Park,
+    Stop,
+    TakeOff,
+    Turn,
+    TurnFlight,
+)
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import SessionPlan, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
+
+SITE = Site(lat_rad=45.0 * DEG, lon_rad=7.0 * DEG, height_m=250.0)
+HEADINGS_DEG = (37.0,)
+RATE_HZ = 10.0
+FLIGHT = (
+    Park(duration_s=600.0),
+    Turn(angle_deg=90.0),
+    Stop(duration_s=20.0),
+    TakeOff(),
+    Climb(height_m=1500.0, speed_m_s=90.0),
+    TurnFlight(angle_deg=180.0),
+    Cruise(duration_s=150.0),
+    TurnFlight(angle_deg=-120.0),
+    Cruise(duration_s=150.0),
+    Descend(height_m=900.0),
+    Landing(),
+    Stop(duration_s=5.0),
+    Park(duration_s=120.0),
+)
+# of the mount in the air: 0.1 to 0.3 g and 0.1 to 1 deg/s are usual for a hard mount
+SHAKE_M_S2 = np.array([0.8, 1.0, 1.4])
+SWING_DEG_S = np.array([0.6, 0.4, 0.5])
+CLOSE = 0.03  # of the wanted size
+WRONG_AND_SURE = 0.8  # probability from which a wrong name counts as sure
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A flight, its truth, and how its mount shook (rows, 3) [m/s^2, rad/s]."""
+
+    run: Run
+    ideal: IdealSensors
+    shake: NDArray
+    swing: NDArray
+
+
+Layer = Callable[[Flown, float], Run]
+
+
+@dataclass(frozen=True)
+class Planted:
+    """An effect of flight: how it is laid over a run by its size, the right answers, and the
+    neighbours that are stated beforehand.
+    """
+
+    name: str
+    target: str
+    lay: Layer
+    start: float
+    answers: tuple[str, ...]
+    neighbours: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial came to; verdict "right", "neighbour", "none" or "wrong"."""
+
+    effect: str
+    wanted: float
+    reached: float
+    seed: int
+    outcome: str
+    sure: bool
+    said: tuple[tuple[str, str, float], ...]
+    sentence: str
+    cpu_s: float
+
+
+def twin() -> TwinModel:
+    return default_twin("rlg")
+
+
+@lru_cache(maxsize=1)
+def _unit():
+    return aged_unit(
+        np.random.default_rng(7),
+        gyro_technology="rlg",
+        ageing_offset_deg_h=0.0,
+        ageing_shape_deg_h=0.0,
+    )
+
+
+@lru_cache(maxsize=1)
+def table() -> ThermalTable:
+    """The unit's own curve: what the twin believes is true."""
+    return table_from_dict(_unit().factory_table(np.arange(-20.0, 61.0, 2.0)), name="table")
+
+
+@lru_cache(maxsize=2)
+def _ideal(heading_deg: float) -> IdealSensors:
+    truth = build_truth(
+        lay(FLIGHT),
+        SITE,
+        heading_rad=heading_deg * DEG,
+        roll_rad=0.01,
+        pitch_rad=-0.02,
+        wheel_reference_m=(-6.0, 0.3, 2.0),
+    )
+    return ideal_sensors(truth, RATE_HZ)
+
+
+@lru_cache(maxsize=4)
+def flights(seed: int) -> tuple[Flown, ...]:
+    """The flights of a trial, without an effect."""
+    return tuple(_flown(seed, k, heading) for k, heading in enumerate(HEADINGS_DEG))
+
+
+def _flown(seed: int, number: int, heading_deg: float) -> Flown:
+    ideal = _ideal(heading_deg)
+    plan = SessionPlan(
+        run_id=f"flight-{number + 1}", with_gnss=True, gnss_lever_arm_m=(1.5, -0.4, -1.8)
+    )
+    rng = np.random.default_rng([seed, number, 18])
+    session = simulate_run(
+        ideal, thermal_history("ambient"), _unit(), twin(), rng=rng, plan=plan
+    ).run
+    air = 1.0 - ideal.on_wheels
+    climbing = np.gradient(ideal.height_m, ideal.dt_s) > 1.0
+    # engines at full power shake the mount most; the airframe rocks it most in quick cruise
+    power, rocking = air * np.where(climbing, 1.0, 0.45), air * np.where(climbing, 0.5, 1.0)
+    shake = _of_no_mean(power[:, None] * SHAKE_M_S2, rng)
+    swing = _of_no_mean(rocking[:, None] * SWING_DEG_S * DEG, rng)
+    # what swings sees force and turn from another side: the angle in the middle of each row
+    angle = (np.cumsum(swing, axis=0) - 0.5 * swing) * ideal.dt_s
+    force, turn = ideal.dv_m_s * RATE_HZ, ideal.dtheta_rad * RATE_HZ
+    gyro = swing + np.cross(turn + 0.5 * swing, angle)
+    run = _added(session, gyro=gyro, accel=shake + np.cross(force, angle))
+    return Flown(run, ideal, shake, swing)
+
+
+def _of_no_mean(sigma: NDArray, rng: np.random.Generator) -> NDArray:
+    """Shaking that leaves neither speed nor way behind over each second: what shakes at 50 Hz with
+    1 m/s^2 moves by 3 mm/s and 10 micrometres.
+    """
+    n = int(RATE_HZ)
+    whole = sigma.shape[0] // n * n
+    drawn = rng.standard_normal(sigma.shape)
+    drawn[whole:] = 0.0
+    seconds = drawn[:whole].reshape(-1, n, 3)
+    smooth = np.stack([np.ones(n), np.arange(n) - 0.5 * (n - 1)], axis=1)
+    smooth /= np.linalg.norm(smooth, axis=0)
+    seconds = seconds - np.einsum("ik,jk,sjc->sic", smooth, smooth, seconds)
+    # a second in which it begins or ends has one sigma as well
+    level = sigma[:whole].reshape(-1, n, 3).min(axis=1, keepdims=True)
+    drawn[:whole] = (level * seconds).reshape(-1, 3)
+    return drawn
+
+
+def _added(run: Run, *, gyro: NDArray | None = None, accel: NDArray | None = None) -> Run:
+    """The run whose sensors read so much more, (rows, 3) [rad/s, m/s^2]."""
+    imu = run.imu.whole()
+    dtheta, dv = imu.dtheta_rad, imu.dv_m_s
+    if gyro is not None:
+        dtheta = dtheta + gyro * imu.dt_s[:, None]
+    if accel is not None:
+        dv = dv + accel * imu.dt_s[:, None]
+    return replace(run, imu=replace(imu, dtheta_rad=dtheta, dv_m_s=dv))
+
+
+def _alone(values: NDArray, axis: int) -> NDArray:
+    out = np.zeros((values.size, 3))
+    out[:, axis] = values
+    return out
+
+
+def _fixes(run: Run, way_n_m: NDArray, velocity_n: NDArray) -> Run:
+    """The run whose receiver is off by so much at its fixes (n, 3)."""
+    gnss = run.gnss
+    assert gnss is not None
+    lat, lon, height = moved_by(gnss.lat_rad, gnss.lon_rad, gnss.height_m, way_n_m)
+    moved = replace(
+        gnss, lat_rad=lat, lon_rad=lon, height_m=height, v_n_m_s=gnss.v_n_m_s + velocity_n
+    )
+    return replace(run, gnss=moved)
+
+
+def _rate(f: Flown) -> NDArray:
+    return f.ideal.dtheta_rad * RATE_HZ
+
+
+def _force(f: Flown) -> NDArray:
+    return f.ideal.dv_m_s * RATE_HZ
+
+
+def _turning(f: Flown) -> NDArray:
+    """Rate against the Earth (rows, 3)."""
+    earth_b = np.einsum("nij,i->nj", f.ideal.C_nb, omega_ie_n(SITE.lat_rad))
+    return _rate(f) - earth_b
+
+
+def accel_rectifies(f: Flown, size: float) -> Run:
+    """K2 a^2 of each row."""
+    return _added(f.run, accel=_alone(size * f.shake[:, 0] ** 2, 0))
+
+
+def gyro_rectifies(f: Flown, size: float) -> Run:
+    power = np.sum(f.shake**2, axis=1)
+    return _added(f.run, gyro=_alone(size * DEG_PER_HOUR * power, 1))
+
+
+def gyro_cones(f: Flown, size: float) -> Run:
+    """A share of the cone that the rows go round: the sizes of the two swings, multiplied."""
+    cone = np.abs(f.swing[:, 0]) * np.abs(f.swing[:, 1])
+    return _added(f.run, gyro=_alone(size * cone, 2))
+
+
+def _pressure_hpa(f: Flown) -> NDArray:
+    """Summed up layer by layer: dp = -rho g dh, T falling by 6.5 degC a km."""
+    heights = np.arange(0.0, 6000.0, 5.0)
+    p = [1013.25]
+    for h in heights[:-1]:
+        p.append(p[-1] * (1.0 - STANDARD_GRAVITY * 5.0 / (287.05 * (288.15 - 0.0065 * (h + 2.5)))))
+    return np.asarray(np.interp(f.ideal.height_m, heights, p))
+
+
+def gyro_feels_pressure(f: Flown, size: float) -> Run:
+    """Nothing at 950 hPa, where the unit was calibrated."""
+    return _added(f.run, gyro=_alone(size * DEG_PER_HOUR * (_pressure_hpa(f) - 950.0), 0))
+
+
+def accel_feels_pressure(f: Flown, size: float) -> Run:
+    return _added(f.run, accel=_alone(size * 1e-6 * (_pressure_hpa(f) - 950.0), 1))
+
+
+def _one_sense_stretched(values: NDArray, size: float) -> NDArray:
+    read = np.where(values > 0.0, values * (1.0 + size * 1e-6), values * (1.0 - size * 1e-6))
+    return np.asarray(read - values)
+
+
+def accel_stretches(f: Flown, size: float) -> Run:
+    return _added(f.run, accel=_alone(_one_sense_stretched(_force(f)[:, 0], size), 0))
+
+
+def gyro_stretches(f: Flown, size: float) -> Run:
+    return _added(f.run, gyro=_alone(_one_sense_stretched(_rate(f)[:, 2], size), 2))
+
+
+def gyro_scales(f: Flown, size: float) -> Run:
+    return _added(f.run, gyro=_alone(size * 1e-6 * _rate(f)[:, 2], 2))
+
+
+def gyro_leans(f: Flown, size: float) -> Run:
+    """The input axis of gyro x leans towards z, by a rotation."""
+    lean = size * ARCSEC
+    w = _rate(f)
+    return _added(f.run, gyro=_alone(np.cos(lean) * w[:, 0] + np.sin(lean) * w[:, 2] - w[:, 0], 0))
+
+
+def gyro_feels_force(f: Flown, size: float) -> Run:
+    """Of gyro x with the force along z."""
+    return _added(f.run, gyro=_alone(size * DEG_PER_HOUR * _force(f)[:, 2] / STANDARD_GRAVITY, 0))
+
+
+def lever_of_accel(f: Flown, size: float) -> Run:
+    """The sensor of x sits aside by r along y: its own velocity, differenced."""
+    r = np.array([0.0, size * 0.01, 0.0])
+    w = _turning(f)
+    velocity = np.cross(w, r)
+    force = np.gradient(velocity, f.ideal.dt_s, axis=0) + np.cross(w, velocity)
+    return _added(f.run, accel=_alone(force[:, 0], 0))
+
+
+def _late(f: Flown, late_s: NDArray) -> Run:
+    """Fixes of where the antenna was so much earlier."""
+    gnss = f.run.gnss
+    assert gnss is not None
+    t, v = f.ideal.time_s, f.ideal.v_n_m_s
+    way = np.cumsum(v, axis=0) * f.ideal.dt_s
+
+    def change(series: NDArray) -> NDArray:
+        columns = [
+            np.interp(gnss.time_s - late_s, t, c) - np.interp(gnss.time_s, t, c) for c in series.T
+        ]
+        return np.stack(columns, axis=1)
+
+    return _fixes(f.run, change(way), change(v))
+
+
+def _gnss(f: Flown) -> GnssLog:
+    assert f.run.gnss is not None
+    return f.run.gnss
+
+
+def fixes_late(f: Flown, size: float) -> Run:
+    return _late(f, np.full(_gnss(f).time_s.size, size * 1e-3))
+
+
+def clock_runs_away(f: Flown, size: float) -> Run:
+    return _late(f, size * 1e-6 * _gnss(f).time_s)
+
+
+def fixes_circle(f: Flown, size: float) -> Run:
+    """A reflection that goes round in 800 s, in the first flight only: a turning pointer."""
+    if f.run.header.run_id != "flight-1":
+        return f.run
+    w = 2.0 * np.pi / 800.0
+    pointer = size * np.exp(1j * (w * _gnss(f).time_s + 0.7))
+    way = np.stack([pointer.real, pointer.imag, np.zeros(pointer.size)], axis=1)
+    speed = np.stack([-w * pointer.imag, w * pointer.real, np.zeros(pointer.size)], axis=1)
+    return _fixes(f.run, way, speed)
+
+
+def plumb_line_turns(f: Flown, size: float) -> Run:
+    """Gravity turned about east, by an angle that grows with the way from the site."""
+    ideal = f.ideal
+    north_m = (ideal.lat_rad - ideal.lat_rad[0]) * 6.37e6
+    east_m = (ideal.lon_rad - ideal.lon_rad[0]) * 6.39e6 * np.cos(SITE.lat_rad)
+    angle = size * ARCSEC * np.hypot(north_m, east_m) / 1e5
+    lean_n = STANDARD_GRAVITY * np.stack(
+        [np.sin(angle), np.zeros(angle.size), 1.0 - np.cos(angle)], axis=1
+    )
+    return _added(f.run, accel=np.einsum("nij,ni->nj", ideal.C_nb, lean_n))
+
+
+PLANTED = (
+    Planted(
+        "accel vibration rectification",
+        "accel_x",
+        accel_rectifies,
+        1e-4,
+        ("accel_vibration_rectification",),
+        ("accel_pressure_sensitivity", "accel_g2_sensitivity"),
+    ),
+    Planted(
+        "gyro vibration rectification",
+        "gyro_y",
+        gyro_rectifies,
+        0.05,
+        ("gyro_vibration_rectification",),
+        ("gyro_pressure_sensitivity", "gyro_g2_sensitivity", "coning_residual"),
+    ),
+    Planted(
+        "coning that the algorithm leaves",
+        "gyro_z",
+        gyro_cones,
+        0.1,
+        ("coning_residual",),
+        ("gyro_vibration_rectification", "gyro_g2_sensitivity"),
+    ),
+    Planted(
+        "gyro pressure",
+        "gyro_x",
+        gyro_feels_pressure,
+        1e-3,
+        ("gyro_pressure_sensitivity",),
+        ("gyro_vibration_rectification",),
+    ),
+    Planted(
+        "accelerometer pressure",
+        "accel_y",
+        accel_feels_pressure,
+        10.0,
+        ("accel_pressure_sensitivity",),
+        ("accel_vibration_rectification",),
+    ),
+    Planted(
+        "accelerometer scale asymmetry",
+        "accel_x",
+        accel_stretches,
+        200.0,
+        ("accel_scale_asymmetry",),
+        ("accel_scale_factor", "accel_g2_sensitivity"),
+    ),
+    Planted(
+        "gyro scale asymmetry",
+        "gyro_z",
+        gyro_stretches,
+        20.0,
+        ("gyro_scale_asymmetry",),
+        ("gyro_scale_factor",),
+    ),
+    Planted(
+        "gyro scale factor",
+        "gyro_z",
+        gyro_scales,
+        20.0,
+        ("gyro_scale_factor",),
+        ("gyro_scale_asymmetry", "clock_rate"),
+    ),
+    Planted(
+        "gyro misalignment",
+        "gyro_x",
+        gyro_leans,
+        10.0,
+        ("gyro_misalignment",),
+        ("gyro_magnetic_sensitivity",),
+    ),
+    Planted(
+        "gyro g-sensitivity",
+        "gyro_x",
+        gyro_feels_force,
+        0.05,
+        ("gyro_g_sensitivity",),
+        ("gyro_g2_sensitivity",),
+    ),
+    Planted(
+        "size effect",
+        "accel_x",
+        lever_of_accel,
+        10.0,
+        ("imu_size_effect",),
+        ("gnss_lever_arm_or_latency", "gyro_accel_skew", "accel_misalignment"),
+    ),
+    Planted(
+        "GNSS latency",
+        "gnss",
+        fixes_late,
+        5.0,
+        ("gnss_lever_arm_or_latency",),
+        ("gnss_clock_drift",),
+    ),
+    Planted(
+        "GNSS clock drift",
+        "gnss",
+        clock_runs_away,
+        10.0,
+        ("gnss_clock_drift",),
+        ("gnss_lever_arm_or_latency",),
+    ),
+    Planted(
+        "GNSS slow error",
+        "gnss",
+        fixes_circle,
+        1.0,
+        ("gnss_slow_error",),
+        ("gnss_lever_arm_or_latency",),
+    ),
+    Planted(
+        "deflection of the vertical on the way",
+        "site",
+        plumb_line_turns,
+        20.0,
+        ("vertical_deflection_gradient",),
+        ("vertical_deflection",),
+    ),
+)
+
+
+def views_of(runs: Sequence[Run]) -> list[RunView]:
+    """The runs as the diagnosis sees them."""
+    views = [view_run(run, k, table(), twin()) for k, run in enumerate(runs)]
+    return [v for v in views if not isinstance(v, str)]
+
+
+def at_size(planted: Planted, seed: int, wanted: float) -> tuple[list[Run], float]:
+    """The flights with the effect at the wanted size, and the size reached."""
+    bases = flights(seed)
+    without = Evidence(views_of([f.run for f in bases]), twin())
+    size, reached, runs = planted.start, 0.0, [f.run for f in bases]
+    for _ in range(6):
+        runs = [planted.lay(f, size) for f in bases]
+        evidence = Evidence(views_of(runs), twin())
+        if evidence.size != without.size:
+            size *= 0.5
+            continue
+        reached = float(np.linalg.norm(evidence.z - without.z))
+        if abs(reached / wanted - 1.0) < CLOSE:
+            break
+        size *= wanted / reached
+    return runs, reached
+
+
+def diagnosed(runs: Sequence[Run]) -> tuple[Diagnosis, float]:
+    """The whole diagnosis, and what it took [CPU s]."""
+    start = time.process_time()
+    return diagnose(runs, twin(), table(), DiagnosisSettings()), time.process_time() - start
+
+
+def trial(planted: Planted, seed: int, wanted: float) -> Outcome:
+    runs, reached = at_size(planted, seed, wanted)
+    found, cpu_s = diagnosed(runs)
+    return outcome_of(planted, found, wanted=wanted, reached=reached, seed=seed, cpu_s=cpu_s)
+
+
+def outcome_of(planted: Planted, found: Diagnosis, **of_trial: float) -> Outcome:
+    """Right: the answer leads on its target and no other cause stands beside it; a neighbour: a
+    stated one leads, or the answer is in the set; none: nothing was found or nothing named.
+    """
+    said = tuple((c.effect, c.target, round(c.probability, 3)) for c in found.causes)
+    named = [c for c in found.causes if c.named]
+    leads = {(c.effect, c.target) for c in named}
+    right = {(name, planted.target) for name in planted.answers}
+    near = {(name, planted.target) for name in (*planted.answers, *planted.neighbours)}
+    in_sets = {(r.effect, r.target) for c in found.causes for r in c.rivals}
+    strange = [c for c in named if (c.effect, c.target) not in near]
+    if not named:
+        outcome = "none"
+    elif leads == right & leads and leads:
+        outcome = "right"
+    elif (leads & near or in_sets & right) and not any(
+        c.probability > WRONG_AND_SURE for c in strange
+    ):
+        outcome = "neighbour"
+    else:
+        outcome = "wrong"
+    sure = any(c.probability > WRONG_AND_SURE for c in strange)
+    return Outcome(
+        effect=planted.name,
+        wanted=of_trial["wanted"],
+        reached=round(of_trial["reached"], 2),
+        seed=int(of_trial["seed"]),
+        outcome=outcome,
+        sure=sure,
+        said=said,
+        sentence=found.sentence,
+        cpu_s=round(of_trial["cpu_s"], 1),
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_flights", description=__doc__)
+    parser.add_argument("--sizes", type=float, nargs="*", default=[8.0, 12.0])
+    parser.add_argument("--seeds", default="0:1", help="A:B, B not included")
+    parser.add_argument("--only", nargs="+", choices=[p.name for p in PLANTED])
+    parser.add_argument("--nulls", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, help="a JSON object a line, appended")
+    options = parser.parse_args()
+    low, high = (int(v) for v in options.seeds.split(":"))
+    for seed in range(low, low + options.nulls):
+        found, cpu_s = diagnosed([f.run for f in flights(seed)])
+        print(f"null {seed}: {found.verdict} p {found.p_value:.3g} {cpu_s:.1f} s", flush=True)
+    outcomes = []
+    for seed in range(low, high):
+        for planted in PLANTED:
+            if options.only and planted.name not in options.only:
+                continue
+            for wanted in options.sizes:
+                outcomes.append(trial(planted, seed, wanted))
+                line = json.dumps(asdict(outcomes[-1]))
+                print(line, flush=True)
+                if options.output:
+                    with options.output.open("a", encoding="utf-8") as file:
+                        file.write(line + "\n")
+    for word in ("right", "neighbour", "none", "wrong"):
+        print(f"{word}: {sum(o.outcome == word for o in outcomes)} of {len(outcomes)}")
+    print(f"wrong and sure: {sum(o.sure for o in outcomes)}")
+
+
+if __name__ == "__main__":
+    main()
