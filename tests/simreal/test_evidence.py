@@ -138,7 +138,7 @@ def test_fixes_of_an_antenna_that_swings_with_the_bank_are_white():
     labels = evidence.rolling.labels
     z = evidence.z[-labels.time_s.size :]
     flying = (labels.channel == "gnss") & (labels.kind == AIRBORNE)
-    # the rate within a second is not its mean: 0.6 of that speed is in the sigma (TURN_CHANGE)
+    # what the rate at a fix may be off by is in the sigma
     assert flying.sum() > 2000 and inside(z[flying], spare=0.05), np.mean(z[flying] ** 2)
     # creeping to a stop behind the landing is no standing yet: 10 sigmas of 10 s where it was
     stood = (labels.channel == "vehicle") & (labels.time_s > labels.time_s[flying].max())

@@ -16,6 +16,7 @@ from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
 from infield.session.navigated.receiver import WHITE, ReceiverErrors, sigma_of_fixes
+from infield.session.navigated.turning import rate_at
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
@@ -29,8 +30,6 @@ OF_FIXES = "gnss"  # kind of measurement
 LATERAL_FLOOR_M = 5e-4  # displacement noise of a step beyond crab, lever arm and lateral motion
 # per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
 CENTRE_LINE_WANDER_M = 0.01
-# how far the turn rate at a fix may be from the step's mean, as a share of it (entering a turn)
-TURN_CHANGE = 0.6
 # chosen: a vehicle on its line is within 5 deg of it, taxiways that leave it are not
 CENTRE_LINE_NEAR_RAD = 5 * DEG
 CENTRE_LINE_TURN_RAD_S = 0.01  # chosen: on a line; 0.6 deg/s, a circle of 1 km at 10 m/s
@@ -49,19 +48,18 @@ class LateralAid:
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
         at = np.flatnonzero(views.kind == ROLLING)
-        lever_x = -self.wheel_reference_m[0]  # from the no-slip point to the IMU
-        forward, side = views.displacement_b_m[at, 0], views.displacement_b_m[at, 1]
+        forward = views.displacement_b_m[at, 0]
+        swung = views.swung_m(self.wheel_reference_m)[at, :2]
+        side = views.displacement_b_m[at, 1] + swung[:, 1]
         turn = views.heading_change_rad[at]
         row: dict[int, ArrayLike] = {
             em.S.start + 1: 1.0,
             em.KAPPA: forward,
             em.LEVER_X: turn,
-            **self._of_wind_and_tyres(views, at, forward - turn * self.wheel_reference_m[1]),
+            **self._of_wind_and_tyres(views, at, forward + swung[:, 0]),
         }
         self._wander(program, views, at)
-        program.measure(
-            "lateral", at, [side - lever_x * turn], [row], [_way_variance(views)], gate=GATE_SIGMA
-        )
+        program.measure("lateral", at, [side], [row], [_way_variance(views)], gate=GATE_SIGMA)
 
     def _of_wind_and_tyres(self, views: StepViews, at: NDArray, forward: NDArray) -> Row:
         """What a crab that is not constant adds to the row; forward: way of the no-slip point."""
@@ -117,9 +115,9 @@ class OdometerAid:
         logged = (views.start_s >= t[0]) & (views.end_s <= t[-1]) & (samples > 0)
         at = np.flatnonzero((views.kind == ROLLING) & logged)
         way = self._way(views.end_s[at]) - self._way(views.start_s[at])
-        lever_y = -self.wheel_reference_m[1]
+        swung = views.swung_m(self.wheel_reference_m)[at, 0]
         turn = views.heading_change_rad[at]
-        z = views.displacement_b_m[at, 0] - way + turn * lever_y
+        z = views.displacement_b_m[at, 0] + swung - way
         wheels = self.noise_m_s * views.dt_s[at] / np.sqrt(samples[at])
         row: dict[int, ArrayLike] = {em.S.start: 1.0, em.ODOMETER: -way}
         if Nuisance.WHEEL_ARM_Y in self.assumed.free:
@@ -141,6 +139,18 @@ class OdometerAid:
         k = np.clip(np.searchsorted(t, time_s, side="right") - 1, 0, len(t) - 2)
         into = time_s - t[k]
         return whole[k] + into * (v[k] + 0.5 * into * (v[k + 1] - v[k]) / (t[k + 1] - t[k]))
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """The antenna on its arm at each fix (m): level arm in NED (m, 2) [m], its velocity by the turn
+    (m, 2) and how far that may be off [m/s], and the turn rate about down [rad/s].
+    """
+
+    level_m: NDArray
+    swing_m_s: NDArray
+    swing_off_m_s: NDArray
+    spin_rad_s: NDArray
 
 
 @dataclass
@@ -188,20 +198,16 @@ class GnssAid:
         at = np.flatnonzero((fix >= before) & ((views.kind == ROLLING) | (back == 1)))
         return at, fix[at], views.end_s[at] - measured_s[fix[at]]
 
-    def _arm(self, views: StepViews, at: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Level arm in NED at the steps' ends, its velocity by the turn, both (m, 2), and the turn
-        rate (m,).
-        """
+    def _arm(self, views: StepViews, at: NDArray, ago_s: NDArray) -> "_Arm":
         found = np.array([*self.assumed.antenna_m, 0.0])
         arm_n = views.C_nb[at] @ (np.asarray(self.lever_arm_m, dtype=float) + found)
-        spin = views.heading_change_rad[at] / views.dt_s[at]
-        rate = views.level_turn_rad / views.dt_s[:, None]
-        # at a step's end, between two means: banks come and go within seconds
-        north, east = 0.5 * (rate[at] + rate[np.minimum(at + 1, len(rate) - 1)]).T
+        rate, off = rate_at(views.start_s, views.end_s, views.turned_n_rad, views.end_s[at] - ago_s)
         # turn x arm, level
-        swing = np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]])
-        swing += np.column_stack([east * arm_n[:, 2], -north * arm_n[:, 2]])
-        return arm_n[:, :2], swing, spin
+        swing = np.cross(rate, arm_n)[:, :2]
+        # at most |off| |arm|: the rate about down with the level arm, the level one with its height
+        swing_off = off[:, 2] * np.linalg.norm(arm_n[:, :2], axis=1)
+        swing_off += np.linalg.norm(off[:, :2], axis=1) * np.abs(arm_n[:, 2])
+        return _Arm(arm_n[:, :2], swing, swing_off, rate[:, 2])
 
     def _positions(
         self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
@@ -214,8 +220,8 @@ class GnssAid:
             lon0_rad=views.lon_rad[at],
             height0_m=views.height_m[at],
         )
-        arm_n, swing, _ = self._arm(views, at)
-        z = arm_n - ago * (swing + v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
+        arm = self._arm(views, at, ago_s)
+        z = arm.level_m - ago * (arm.swing_m_s + v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
         variance = sigma_of_fixes(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
         rows: list[dict[int, ArrayLike]] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
         if Nuisance.ANTENNA in self.assumed.free:
@@ -223,7 +229,7 @@ class GnssAid:
             z = z + of_arm @ np.asarray(self.assumed.antenna_m)
             _with_states(rows, em.GNSS_ARM, of_arm)
         if Nuisance.GNSS_DELAY in self.assumed.free:
-            of_antenna = v_n[:, :2] + swing
+            of_antenna = v_n[:, :2] + arm.swing_m_s
             z = z + of_antenna * self.assumed.gnss_delay_s
             _with_states(rows, slice(em.GNSS_DELAY, em.GNSS_DELAY + 1), of_antenna[:, :, None])
         if self.slow.position.sigma > 0.0:
@@ -234,10 +240,11 @@ class GnssAid:
         self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
     ) -> None:
         _, v_n, acceleration = _motion_at(views, at, ago_s)
-        arm_n, swing, spin = self._arm(views, at)
-        z = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
+        arm = self._arm(views, at, ago_s)
+        spin = arm.spin_rad_s
+        z = v_n[:, :2] + arm.swing_m_s - self.log.v_n_m_s[k, :2]
         sigma = sigma_of_fixes(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
-        variance = sigma**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
+        variance = sigma**2 + arm.swing_off_m_s**2
         rows = velocity_rows(views, at, v_n)
         if Nuisance.ANTENNA in self.assumed.free:
             C = views.C_nb[at, :2, :2]
@@ -245,7 +252,7 @@ class GnssAid:
             z = z + of_arm @ np.asarray(self.assumed.antenna_m)
             _with_states(rows, em.GNSS_ARM, of_arm)
         if Nuisance.GNSS_DELAY in self.assumed.free:
-            of_antenna = acceleration[:, :2] - spin[:, None] ** 2 * arm_n
+            of_antenna = acceleration[:, :2] - spin[:, None] ** 2 * arm.level_m
             z = z + of_antenna * self.assumed.gnss_velocity_delay_s
             state = slice(em.GNSS_VELOCITY_DELAY, em.GNSS_VELOCITY_DELAY + 1)
             _with_states(rows, state, of_antenna[:, :, None])
