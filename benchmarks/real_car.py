@@ -59,7 +59,7 @@ RECORDINGS = (
         axes=("-x", "y", "-z"),
         antenna_m=(0.0, -0.05, 0.0),
         starts_s={30.0: (100.0, 190.0, 280.0, 370.0, 460.0), 60.0: (110.0, 260.0, 410.0)},
-        modes=("other", "car"),
+        modes=("other", "find", "car"),
     ),
     Recording(
         name="walk_0827",
@@ -69,7 +69,7 @@ RECORDINGS = (
         axes=("-y", "-x", "-z"),
         antenna_m=(0.0, -0.05, 0.0),
         starts_s={15.0: (75.0, 105.0)},
-        modes=("other",),
+        modes=("other", "find"),
     ),
 )
 
@@ -160,6 +160,8 @@ def told(recording: Recording, run: Run) -> list[str]:
     for length_s, starts_s in recording.starts_s.items():
         for mode in recording.modes:
             found = fly(run, mode, starts_s, length_s)
+            if mode == Vehicle.FIND:
+                lines.append("find: " + next(iter(sentences(found.notes)), ""))
             for was, now in zip(found.outage_scores, found.smoothed_scores, strict=True):
                 lines.append(
                     f"| `{recording.name}` | {mode} | {was.start_s:.0f}, {length_s:.0f} s |"

@@ -349,6 +349,8 @@ class TemperatureLog(Stream):
         Of the sensor block; of the air around the unit.
     gradient_degC : ndarray, shape (n, 3)
         Difference across each gyro.
+    constant : bool
+        One that never changes is accepted as a constant temperature.
     """
 
     time_s: NDArray
@@ -357,6 +359,7 @@ class TemperatureLog(Stream):
     block_degC: NDArray | None = None
     gradient_degC: NDArray | None = None
     ambient_degC: NDArray | None = None
+    constant: bool = False
 
     def __post_init__(self) -> None:
         n = (None,)
@@ -584,6 +587,10 @@ class RunHeader:
     level_removed : bool
         A constant of this session, such as an autopilot's start-up offsets, was subtracted from the
         rates.
+    accepted_accel_scale : float
+        What the accelerometers' scales may be off by, where whoever made the log accepts that.
+    accepted_constant_temperature : bool
+        Thermometers that never change are accepted as such.
 
     Raises
     ------
@@ -604,6 +611,8 @@ class RunHeader:
     survey: Survey = field(default_factory=Survey)
     removed_model: RemovedModel | None = None
     level_removed: bool = False
+    accepted_accel_scale: float = 0.0
+    accepted_constant_temperature: bool = False
 
     def __post_init__(self) -> None:
         if self.gyro_technology not in GYRO_TECHNOLOGIES:

@@ -56,6 +56,7 @@ class FaultKind(StrEnum):
     ZERO = "zero"
     SPIKE = "spike"
     STUCK = "stuck"
+    CONSTANT = "constant"
     JUMP = "jump"
     JUMP_OF_UNKNOWN_SIDE = "jump_of_unknown_side"
     SCALE = "scale"
@@ -152,6 +153,7 @@ def check_thermometers(
     columns: Mapping[str, NDArray],
     *,
     plausible_degC: tuple[float, float] = PLAUSIBLE_MEDIAN_degC,
+    constant: bool = False,
 ) -> ThermometerCheck:
     """Judge the thermometers of a run.
 
@@ -164,6 +166,8 @@ def check_thermometers(
         compared with each other and with accel_* and block; ambient_degC is not part of the unit.
     plausible_degC : (float, float)
         Within what the median of a gyro's thermometer must lie.
+    constant : bool
+        Whether one that never changes, like all others, is accepted as it is.
 
     Returns
     -------
@@ -183,7 +187,9 @@ def check_thermometers(
         _spikes(judge, name)
     _scales(judge, plausible_degC)
     for name in columns:
-        if not name.startswith("ambient"):
+        if constant and _never_changes(judge, name):
+            _accept_constant(judge, name)
+        elif not name.startswith("ambient"):
             _stuck(judge, name)
     for name in columns:
         _jumps(judge, name)
@@ -299,6 +305,21 @@ def _stuck(judge: _Judge, name: str) -> None:
         if (moved and min(moved) > need) or frozen:
             text = f"is stuck at {values[a]:g} degC from {t[a]:.0f} s for {lasts:.0f} s"
             judge.drop(name, FaultKind.STUCK, rows[a:b], text)
+
+
+def _never_changes(judge: _Judge, name: str) -> bool:
+    """One reading throughout, while no other thermometer of the unit moved."""
+    values, rows = judge.values(name), judge.rows(name)
+    if not values.size or np.ptp(values) > 0.0:
+        return False
+    return not _others_moved(judge, name, np.arange(rows[0], rows[-1] + 1))
+
+
+def _accept_constant(judge: _Judge, name: str) -> None:
+    """Say that a thermometer never changes."""
+    value, t = judge.values(name)[0], judge.t[judge.rows(name)]
+    text = f"reads {value:g} degC throughout ({t[-1] - t[0]:.0f} s): accepted as constant"
+    judge.add(name, FaultKind.CONSTANT, judge.rows(name), text)
 
 
 def _others_moved(judge: _Judge, name: str, span: NDArray) -> list[float]:

@@ -18,6 +18,7 @@ PACKAGES = ("alignment", "infield", "recal", "simreal")
 CHOSEN = {
     "OF_ANOTHER": {"column", "fault"},
     "COARSE": {"column", "fault"},
+    "CONSTANT": {"column", "fault"},
     "HOLE": {"column", "fault"},
     "AXIS_LEFT_OUT": {"column", "fault"},
     "READINGS_LEFT_OUT": {"column", "fault"},

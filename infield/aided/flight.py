@@ -214,6 +214,7 @@ def navigate_aided(
         stands = joined(rest, *stands)
 
     noise = aided_noise(twin, header.gyro_technology)
+    noise = replace(noise, accel_scale=max(noise.accel_scale, header.accepted_accel_scale))
     slope = ACCEL_SLOPE_ug_degC[header.gyro_technology] * MICRO_G
     warmed = slope * warming_walk(run.temperature)
     noise = replace(noise, accel_walk=float(np.hypot(noise.accel_walk, warmed)))
@@ -291,7 +292,7 @@ def _on_wheels(
     if seen.wheels is not None:
         held = replace(flights, wheels=seen.wheels)
         history = held(fitted.model, whole=True)
-    if history is None:
+    if history is None or seen.mounting is None:
         return fitted, flights, (because(AidedNote.NO_WHEELS, why=seen.found),)
     slips = history.rolled[1] > MOST_REJECTED * sum(history.rolled)
     if (
@@ -304,6 +305,7 @@ def _on_wheels(
         side_m_s=seen.slip_m_s[0],
         up_m_s=seen.slip_m_s[1],
         scale=seen.scale,
+        mounted=seen.mounting,
         used=history.rolled[0],
         rejected=history.rolled[1],
     )

@@ -40,6 +40,9 @@ LEAST_SIDEWAYS_M_S2 = 0.2  # RMS of speed times turn rate, 1.2 deg of bank; less
 MOST_SLIP_M_S, MOST_SLIP = 0.3, 0.03
 LONGEST_SLIP_S = 30.0  # chosen: what lasts longer is an axis that is off
 AXES_LAST_S = 60.0  # of errors of axes and scale: the outage that docs/replay.md measures, 60 s
+# of turn rate: at 10 m/s and 0.5 m of arm an unknown no-slip point is 2.6 cm/s off, 0.15 deg
+ALMOST_STRAIGHT_RAD_S = 3.0 * DEG
+MOUNTED_BLOCK_S = 64.0  # chosen: a heading that wanders for a minute; a drive has 5 of them or more
 SLIP_SIGMAS = 4.0  # beyond it a wheel slips: 6e-5 of Gaussian errors lie there
 WHEEL_SIGMA_M_S = 0.03  # chosen: no wheel is better than a receiver's velocity, 0.03 m/s
 
@@ -56,15 +59,30 @@ class WheelsFound(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Mounting:
+    """How the way that a vehicle goes stands in the axes of its unit.
+
+    C_vb: vehicle axes from body axes. yaw_rad: of that way, from body x to y; pitch_rad: above the
+    plane of body x and y; sigma_rad: of these two.
+    """
+
+    C_vb: NDArray
+    yaw_rad: float
+    pitch_rad: float
+    sigma_rad: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class SeenWheels:
     """What a log shows of its wheels: `found` says whether, and why not.
 
-    slip_m_s: RMS to the side and upward; scale: of the odometer, NaN without one; bank: roll over
-    that of a coordinated turn.
+    mounting: of the unit, None where it rolls too little. slip_m_s: RMS to the side and upward;
+    scale: of the odometer, NaN without one; bank: roll over that of a coordinated turn.
     """
 
     found: WheelsFound
     wheels: Wheels | None = None
+    mounting: Mounting | None = None
     slip_m_s: tuple[float, float] = (float("nan"), float("nan"))
     scale: float = float("nan")
     bank: float = float("nan")
@@ -93,17 +111,21 @@ def seen_wheels(
     rows = np.flatnonzero(held & (speed > LEAST_ROLLING_M_S))
     if rows.size < ROLLED_ROWS:
         return SeenWheels(found=WheelsFound.TOO_SHORT)
-    C_vb = _axes(v_b[rows])
+    straight = rows[np.abs(_turn_rates(history)[rows]) < ALMOST_STRAIGHT_RAD_S]
+    if straight.size < ROLLED_ROWS:
+        straight = rows
+    C_vb = _axes(v_b[straight])
     v_v = v_b @ C_vb.T
+    mounting = _mounting(C_vb, history, v_v, straight)
     bank, shown = _bank(history, C_vb, speed, rows)
     aside, up = (float(np.sqrt(np.mean(v_v[rows, k] ** 2))) for k in (1, 2))
     slip, rms = (aside, up), float(np.sqrt(np.mean(speed[rows] ** 2)))
     if not declared and np.abs(_turn_rates(history)[rows]).sum() < LEAST_TURNED_RAD:
-        return SeenWheels(found=WheelsFound.TOO_STRAIGHT)
+        return SeenWheels(found=WheelsFound.TOO_STRAIGHT, mounting=mounting)
     if not declared and shown and bank > MOST_BANK:
-        return SeenWheels(found=WheelsFound.BANKS, bank=bank)
+        return SeenWheels(found=WheelsFound.BANKS, bank=bank, mounting=mounting)
     if not declared and max(slip) > max(MOST_SLIP_M_S, MOST_SLIP * rms):
-        return SeenWheels(found=WheelsFound.SLIPS, bank=bank, slip_m_s=slip)
+        return SeenWheels(found=WheelsFound.SLIPS, bank=bank, slip_m_s=slip, mounting=mounting)
     forward, scale = _forward(odometer, t, v_v[:, 0], rows)
     side = [_white(v_v[rows, k], t[rows], speed, rms) for k in (1, 2)]
     ahead = _white((forward - v_v[:, 0])[rows], t[rows], speed, rms)
@@ -116,6 +138,7 @@ def seen_wheels(
             C_vb=C_vb,
             arm_m=arm_m,
         ),
+        mounting=mounting,
         slip_m_s=slip,
         scale=scale,
         bank=bank,
@@ -187,7 +210,25 @@ def _white(left_m_s: NDArray, time_s: NDArray, speed_m_s: NDArray, rms_speed: fl
     seen = np.isfinite(left_m_s)
     if not seen.any():
         return np.ones(speed_m_s.size)  # of a speed that nothing tells
-    left, t = left_m_s[seen], time_s[seen]
+    slip = _slip(left_m_s[seen], time_s[seen])
+    axis = slip.mean_m_s / rms_speed
+    return np.asarray(
+        slip.rms_m_s**2 * 2.0 * slip.lasts_s / BETWEEN_WHEELS_S
+        + (axis * speed_m_s) ** 2 * AXES_LAST_S / BETWEEN_WHEELS_S
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Slip:
+    """RMS of a slip [m/s], how long it lasts [s], and the sigma of its mean [m/s]."""
+
+    rms_m_s: float
+    lasts_s: float
+    mean_m_s: float
+
+
+def _slip(left: NDArray, t: NDArray) -> _Slip:
+    """What residual velocities are as a process that lasts."""
     rms = max(robust_sigma(left), WHEEL_SIGMA_M_S)
     left = np.clip(left, -SLIP_SIGMAS * rms, SLIP_SIGMAS * rms)
     next_to = np.diff(t) < 1.5 * BETWEEN_WHEELS_S
@@ -195,8 +236,34 @@ def _white(left_m_s: NDArray, time_s: NDArray, speed_m_s: NDArray, rms_speed: fl
     lasts = float(
         np.clip(-1.0 / np.log(np.clip(alike, 1e-3, 0.999)), 0.5 * BETWEEN_WHEELS_S, LONGEST_SLIP_S)
     )
-    axis = rms * np.sqrt(2.0 * lasts / left.size) / rms_speed
-    return np.asarray(
-        rms**2 * 2.0 * lasts / BETWEEN_WHEELS_S
-        + (axis * speed_m_s) ** 2 * AXES_LAST_S / BETWEEN_WHEELS_S
+    return _Slip(rms_m_s=rms, lasts_s=lasts, mean_m_s=rms * float(np.sqrt(2.0 * lasts / left.size)))
+
+
+def _mounting(C_vb: NDArray, history: AidedHistory, v_v: NDArray, rows: NDArray) -> Mounting:
+    """The angles of the vehicle's axes in the unit from these rows; what the attitude of the
+    solution may be off throughout, its least sigma, is in theirs.
+    """
+    forward = C_vb[0]
+    speed = float(np.sqrt(np.mean(v_v[rows, 0] ** 2)))
+    attitude = np.sqrt(history.variance[rows][:, AIDED_THETA].min(axis=0))
+    off = float(attitude[2]), float(attitude[:2].max())
+    shown = [_mean_sigma(v_v[rows, k], history.time_s[rows]) / speed for k in (1, 2)]
+    return Mounting(
+        C_vb=C_vb,
+        yaw_rad=float(np.arctan2(forward[1], forward[0])),
+        pitch_rad=float(-np.arcsin(forward[2])),
+        sigma_rad=(float(np.hypot(off[0], shown[0])), float(np.hypot(off[1], shown[1]))),
     )
+
+
+def _mean_sigma(values: NDArray, time_s: NDArray) -> float:
+    """Sigma of a mean: the largest that means over blocks of a row to MOUNTED_BLOCK_S show."""
+    found = []
+    length_s = BETWEEN_WHEELS_S
+    while length_s <= MOUNTED_BLOCK_S:
+        _, block = np.unique(np.floor(time_s / length_s), return_inverse=True)
+        count = np.bincount(block)
+        means = np.bincount(block, values - values.mean()) / count
+        found.append(float(np.sqrt(np.sum((count * means) ** 2)) / values.size))
+        length_s *= 2.0
+    return max(found)

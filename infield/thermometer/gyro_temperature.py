@@ -8,7 +8,7 @@ there), and a run without any gyro temperature is refused.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,6 +31,8 @@ from ins.verdicts import LeftOut, Reason, because
 # of a temperature log that a session can be told from; chosen: the log of a minute with 12 nodes
 # of the smoother (5 s)
 FEWEST_READINGS, SHORTEST_LOG_S = 10, 60.0
+# step of a thermometer that never changes and is accepted: whole degrees, the coarsest usual
+UNSEEN_STEP_degC = 1.0
 SAMPLES = 60  # of a span for its mean: every 5 s of a bin of 5 min
 # a hole up to this is bridged by the smoother, with the sigma that it has there
 BRIDGED_HOLE_S = 2.0 * HOLE_S
@@ -146,7 +148,11 @@ def _follows(fault: ThermometerFault) -> ThermometerReason:
         return ThermometerReason.OF_ANOTHER
     if fault.kind in OF_THE_COLUMN:
         return ThermometerReason.AXIS_LEFT_OUT
-    of_kind = {FaultKind.COARSE: ThermometerReason.COARSE, FaultKind.HOLE: ThermometerReason.HOLE}
+    of_kind = {
+        FaultKind.COARSE: ThermometerReason.COARSE,
+        FaultKind.CONSTANT: ThermometerReason.CONSTANT,
+        FaultKind.HOLE: ThermometerReason.HOLE,
+    }
     return of_kind.get(fault.kind, ThermometerReason.READINGS_LEFT_OUT)
 
 
@@ -186,7 +192,9 @@ def gyro_temperature(
     log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_MEDIAN_degC
 ) -> GyroTemperature:
     """Check the thermometers and smooth what can be trusted; one row is held for ever."""
-    checked = check_thermometers(log.time_s, _columns(log), plausible_degC=plausible_degC)
+    checked = check_thermometers(
+        log.time_s, _columns(log), plausible_degC=plausible_degC, constant=log.constant
+    )
     nodes = nodes_of(log.time_s)
     n = nodes.size
     T, usable = np.full((n, 3), np.nan), np.zeros((n, 3), dtype=bool)
@@ -199,6 +207,8 @@ def gyro_temperature(
         found = smooth_readings(
             nodes, log.time_s[rows], log.gyro_degC[rows, k], checked.resolution_degC[name]
         )
+        if any(f.column == name and f.kind is FaultKind.CONSTANT for f in checked.faults):
+            found = replace(found, level_degC=UNSEEN_STEP_degC / np.sqrt(12.0))
         smooth[k], T[:, k], usable[:, k] = (
             found,
             found.value_degC,

@@ -17,6 +17,7 @@ class ThermometerReason(StrEnum):
     NONE_USABLE = "none_usable"
     OF_ANOTHER = "of_another"
     COARSE = "coarse"
+    CONSTANT = "constant"
     HOLE = "hole"
     AXIS_LEFT_OUT = "axis_left_out"
     READINGS_LEFT_OUT = "readings_left_out"
@@ -46,7 +47,10 @@ class NoTemperature(InputError):
             " table"
         ),
         ThermometerReason.TOO_FEW_ROWS: _too_few_rows,
-        ThermometerReason.ALL_STUCK: "all gyro thermometers are stuck",
+        ThermometerReason.ALL_STUCK: (
+            "all gyro thermometers are stuck (a constant temperature is accepted by"
+            ' "accepted_constant_temperature": true in run.json)'
+        ),
         ThermometerReason.NONE_USABLE: "no gyro thermometer can be used",
     }
 

@@ -40,18 +40,20 @@ FAINT = 1e-12
 @dataclass(frozen=True)
 class SmoothTemperature:
     """value (n,) at the nodes [degC]; factor: banded Cholesky factor (upper, 3 rows) of its
-    posterior precision.
+    posterior precision; level_degC: sigma of what all of it may be off by.
     """
 
     value_degC: NDArray
     factor: NDArray
     noise_degC: float
     density: float
+    level_degC: float = 0.0
 
     def covariance(self, rows: NDArray) -> NDArray:
         """Covariance (N, N) of linear functions rows (N, n) of the node values."""
         P = rows @ cho_solve_banded((self.factor, False), np.ascontiguousarray(rows.T))
-        return 0.5 * (P + P.T)
+        of_level = self.level_degC * rows.sum(axis=1)
+        return 0.5 * (P + P.T) + np.outer(of_level, of_level)
 
 
 def nodes_of(time_s: NDArray) -> NDArray:

@@ -249,9 +249,9 @@ def _ranges(temperature: TemperatureLog) -> dict[str, tuple[float, float]]:
     columns: dict[str, NDArray] = {}
     for key, values in vars(temperature).items():
         stem = key.removesuffix("_degC")
-        if values is not None and values.ndim == 2:
+        if isinstance(values, np.ndarray) and values.ndim == 2:
             columns |= {f"{stem}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
-        elif values is not None and key != "time_s":
+        elif isinstance(values, np.ndarray) and key != "time_s":
             columns[stem] = values
     return {
         k: (float(np.nanmin(v)), float(np.nanmax(v)))

@@ -1,5 +1,7 @@
 """Gyro temperatures: coarse thermometers, their rates, and stuck ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,21 @@ def test_stuck_axes_are_named():
     T[:, 1] = 25.0
     assert gyro_temperature(log_of(T)).unusable == ("y",)
     assert gyro_temperature(log_of(np.full((4200, 3), 25.0))).unusable == ("x", "y", "z")
+
+
+def test_a_constant_temperature_is_accepted_by_name():
+    """One reading throughout is the temperature, to a step that cannot be seen; not where another
+    thermometer of the unit moves.
+    """
+    found = gyro_temperature(replace(log_of(np.full((4200, 3), 25.0)), constant=True))
+    assert found.unusable == () and np.abs(found.temperature_degC - 25.0).max() < 0.5
+    assert {f.kind for f in found.faults} == {"constant"}
+    bins = found.of_bins(np.array([0.0, 300.0, 4100.0]))
+    sigma = np.sqrt(bins.covariance[0].diagonal())
+    assert np.all((sigma > 0.05) & (sigma < 0.5)), sigma
+    T = warm_up()
+    T[:, 1] = 25.0
+    assert gyro_temperature(replace(log_of(T), constant=True)).unusable == ("y",)
 
 
 def test_one_reading_over_ten_minutes_is_no_sign_of_a_stuck_thermometer():

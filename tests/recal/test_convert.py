@@ -416,3 +416,37 @@ def test_the_reference_of_a_log_is_written_beside_the_run(tmp_path):
     assert said.exit_code == 0, said.stderr
     assert "(with reference)" in said.stdout
     assert np.degrees(read_reference(tmp_path / "run").heading_rad[5]) == pytest.approx(40.0)
+
+
+def test_what_is_accepted_by_name_is_said_and_kept(tmp_path):
+    """Accelerometers that read 8 m/s^2 and thermometers that never change: refused, and warned of;
+    accepted by their options, kept in run.json, said by `recal check`.
+    """
+    t = np.arange(0.0, 700.0, 0.1)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((t.size, 6))
+    still = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -8.0])
+    rows = np.column_stack([t, noise + still, np.full(t.size, 25.0)])
+    names = "t,gx,gy,gz,ax,ay,az,T"
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=names, comments="", fmt="%.6f")
+    (tmp_path / "map.toml").write_text(
+        '[time]\ncolumn = "t"\n[gyro]\ncolumns = ["gx", "gy", "gz"]\nunit = "rad/s"\n'
+        '[accel]\ncolumns = ["ax", "ay", "az"]\nunit = "m/s2"\n[temperature]\n'
+        'columns = ["T"]\n[run]\n'
+        'imu_serial = "A"\nstart_utc = "2026-03-01T05:00:00Z"\ngyro_technology = "mems"\n'
+        "site = {lat_deg = 45, lon_deg = 7, height_m = 0}\n"
+    )
+    asked = [tmp_path / "log.csv", "--map", tmp_path / "map.toml", "-o", tmp_path / "run"]
+    said = invoke(*asked)
+    assert said.exit_code != 0 and "accepted_accelerometer_scale 0.19" in str(said.exception)
+    scale = ["--accepted-accelerometer-scale", "0.2"]
+    assert invoke(*asked, *scale).exit_code == 0
+    assert "accepted_constant_temperature" in str(check(tmp_path / "run")["problems"])
+    assert invoke(*asked, *scale, "--accepted-constant-temperature", "--force").exit_code == 0
+    lines = str(check(tmp_path / "run")["problems"])
+    assert "reads 25 degC throughout (700 s): accepted as constant" in lines
+    assert "accepted by accepted_accelerometer_scale 0.2" in lines
+    run = read_run(tmp_path / "run")
+    assert run.header.accepted_accel_scale == 0.2 and run.temperature.constant
+    given = {"gyro_technology": "rlg", "accepted_accelerometer_scale": 0.2}
+    with pytest.raises(InputError, match="of mems units only"):
+        convert_log(asked[0], read_toml(asked[2]), given)

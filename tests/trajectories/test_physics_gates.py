@@ -84,3 +84,18 @@ def test_proposed_axes_start_from_the_maps_own(map_axes, gravity_on):
     raw = of_map.T @ seen
     assert axis_matrix(keys) @ raw == pytest.approx([0.0, 0.0, -9.81])
     assert np.linalg.det(axis_matrix(keys)) == pytest.approx(1.0)
+
+
+def test_accelerometers_that_read_too_little_are_accepted_by_name():
+    """8 m/s^2 at rest: refused with the key that accepts it; accepted where the key covers it, and
+    said; a share that does not cover it, and 1 g in g, stay errors.
+    """
+    short = log((0.0, 0.0, -8.0))
+    (refused,) = told(short, Beside())
+    assert "mean |f| at rest is 8.0" in refused and "accepted_accelerometer_scale 0.19" in refused
+    (accepted,) = told(short, Beside(accepted_scale=0.2))
+    assert "(-18 % of gravity): accepted" in accepted
+    assert told(short, Beside(accepted_scale=0.1)) == (refused,)
+    (in_g,) = told(log((0.0, 0.0, -1.0)), Beside(accepted_scale=0.3))
+    assert "multiply by 9.80665" in in_g
+    assert told(log(), Beside(accepted_scale=0.3)) == ()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ins.records import AXES, ImuLog, InputError, ReferenceLog, Run
+from ins.records import AXES, ImuLog, InputError, ReferenceLog, Run, RunHeader, TemperatureLog
 from trajectories.readers.conversion_checks import check_rows
 from trajectories.readers.conversion_streams import check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -92,7 +92,12 @@ def conversion_of(
         technology=header.gyro_technology,
         label=label,
         findings=findings,
-        beside=Beside(gnss=log.gnss, odometer=log.odometer, axes=axes),
+        beside=Beside(
+            gnss=log.gnss,
+            odometer=log.odometer,
+            axes=axes,
+            accepted_scale=header.accepted_accel_scale,
+        ),
     )
     check_streams(log.gnss, log.odometer, label=label, findings=findings)
     if findings.errors:
@@ -101,7 +106,7 @@ def conversion_of(
     run = Run(
         header=header,
         imu=log.imu,
-        temperature=log.temperature,
+        temperature=_accepted_temperature(log.temperature, header),
         gnss=log.gnss,
         odometer=log.odometer,
         faults=log.faults,
@@ -122,6 +127,13 @@ def conversion_of(
         findings=tuple(findings.items),
         reference=log.reference,
     )
+
+
+def _accepted_temperature(log: TemperatureLog | None, header: RunHeader) -> TemperatureLog | None:
+    """The temperatures, which may be constant where the header accepts that."""
+    if log is None or not header.accepted_constant_temperature:
+        return log
+    return replace(log, constant=True)
 
 
 def _lost(imu: ImuLog, label: str) -> list[str]:

@@ -101,7 +101,14 @@ def inspect_run(
         what = f"{path}: not a directory" if path.exists() else f"{path}: no such run directory"
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
-    held, faults = _read_streams(path, findings, held_rows=held_rows, dead_columns=dead_columns)
+    accepted = header is not None and header.accepted_constant_temperature
+    held, faults = _read_streams(
+        path,
+        findings,
+        held_rows=held_rows,
+        dead_columns=dead_columns,
+        constant_temperature=accepted,
+    )
     _warn_of_strangers(path, findings)
     imu, quiet, run = held.imu, None, None
     if imu is not None and header is not None:
@@ -112,7 +119,9 @@ def inspect_run(
             technology=technology,
             label=_label(path, "imu"),
             findings=findings,
-            beside=Beside(gnss=held.gnss, odometer=held.odometer),
+            beside=Beside(
+                gnss=held.gnss, odometer=held.odometer, accepted_scale=header.accepted_accel_scale
+            ),
         )
         streams.check_overlap(imu, held, header, findings)
     if imu is not None and header is not None and not findings.errors:
@@ -129,12 +138,18 @@ def inspect_run(
 
 
 def _read_streams(
-    path: Path, findings: Findings, *, held_rows: int, dead_columns: bool
+    path: Path,
+    findings: Findings,
+    *,
+    held_rows: int,
+    dead_columns: bool,
+    constant_temperature: bool,
 ) -> tuple[RunStreams, tuple[Span, ...]]:
     """The streams that can be used, and what was dropped or repaired, in order of time."""
     loaders: dict[str, Callable] = {
         "imu": partial(load_imu, held_rows=held_rows, dead_columns=dead_columns),
         **streams.LOADERS,
+        "temperature": partial(streams.load_temperature, constant=constant_temperature),
     }
     logs: dict[str, Any] = {}
     faults: list[Span] = []
@@ -178,7 +193,7 @@ def run_sha256(run: Run) -> str:
     for name in ("temperature", "gnss", "odometer"):
         log = getattr(run, name)
         for key, values in sorted(vars(log).items() if log else ()):
-            if values is not None:
+            if isinstance(values, np.ndarray):
                 digest.update(f"{name}.{key}{values.shape}".encode())
                 digest.update(np.ascontiguousarray(values, dtype="<f8").data)
     return digest.hexdigest()

@@ -18,6 +18,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import AXES, GnssLog, ImuSource, OdometerLog, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.runs.checks import Findings
+from trajectories.runs.schema import MOST_ACCEPTED_SCALE
 
 GATE_QUIET_S = 30.0  # length of the quiet stretch; chosen: 30 means of a second
 QUIET_SEARCH_S = 600.0  # looked for in this much of the log: 20 such stretches
@@ -70,12 +71,14 @@ class Beside:
     """What is known of a log beside its sensors.
 
     gnss, odometer: which tell whether the vehicle moves. axes: body axes x, y, z as the raw axes of
-    the log (a map's), which a proposal of other ones starts from.
+    the log (a map's), which a proposal of other ones starts from. accepted_scale: what the
+    accelerometers' scales may be off by, because run.json says so.
     """
 
     gnss: GnssLog | None = None
     odometer: OdometerLog | None = None
     axes: tuple[str, ...] = AXES
+    accepted_scale: float = 0.0
 
     def speed_m_s(self, start_s: float, end_s: float) -> float | None:
         """Median speed of a stretch beyond the scatter of a receiver; None where none tells any."""
@@ -167,9 +170,12 @@ def check_physics(
             " axes not tested"
         )
         return None
-    f_wrong = _force_size(means, imu, technology) or _force_axis(
-        means, site, technology, beside.axes
-    )
+    off = _force_size(means, imu, technology)
+    accepted = off and abs(_size_off(means)) <= beside.accepted_scale
+    if accepted:
+        findings.warn(f"{label}: {_accepted_size(means, beside.accepted_scale)}")
+    f_wrong = "" if accepted else off
+    f_wrong = f_wrong or _force_axis(means, site, technology, beside.axes)
     if f_wrong:
         findings.error(f"{label}: {f_wrong}")
     elif means.speed_m_s is None:
@@ -179,9 +185,23 @@ def check_physics(
     return means
 
 
+def _size_off(means: QuietMeans) -> float:
+    """By how much of gravity the mean specific force is off it."""
+    return float(np.linalg.norm(means.f_m_s2)) / EXPECTED_F - 1.0
+
+
+def _accepted_size(means: QuietMeans, scale: float) -> str:
+    size = float(np.linalg.norm(means.f_m_s2))
+    return (
+        f"mean |f| {means.where} is {size:.4g} m/s2 ({100 * _size_off(means):+.0f} % of gravity):"
+        f" accepted by accepted_accelerometer_scale {scale:g}, which is the sigma of the"
+        " accelerometers' scales from here on"
+    )
+
+
 def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     size, tolerance = float(np.linalg.norm(means.f_m_s2)), G_TOLERANCE[technology]
-    if abs(size / EXPECTED_F - 1) <= tolerance:
+    if abs(_size_off(means)) <= tolerance:
         return ""
     seen = f"mean |f| {means.where} is {size:.4g} m/s2, needed 9.8"
     causes = [(imu.rate_hz, "m/s2 in columns of increments", "name them accel_x_m_s2 ...")]
@@ -197,6 +217,9 @@ def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     if fits:
         return f"{seen}: {'; or '.join(fits)}"
     hint = "gravity removed from the log?" if size < 0.5 else "unit or scale of the accelerometers?"
+    if technology == "mems" and abs(_size_off(means)) <= MOST_ACCEPTED_SCALE:
+        share = np.ceil(100 * abs(_size_off(means))) / 100
+        hint += f" Where they do read so, accept it: accepted_accelerometer_scale {share:g}"
     return f"{seen} within {100 * tolerance:g} %: {hint}"
 
 

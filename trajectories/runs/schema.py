@@ -39,6 +39,9 @@ from ins.records import InputError, RemovedModel, RunHeader, Site, Span, Survey
 from ins.units import DEG
 
 SCHEMA = "recal.run/1"
+# of accelerometers that are accepted: raw ones that read 7.7 m/s^2 are 0.21 off; the nearest units
+# (m/s^2 and ft/s^2) are a factor of 3.3 apart
+MOST_ACCEPTED_SCALE = 0.3
 
 REQUIRED: dict[str, tuple[str, ...]] = {
     "temperature": ("time_s", *GYRO_DEGC),
@@ -225,8 +228,19 @@ class _RunKeys(_Open):
     survey: _SurveyKeys | None = None
     removed_thermal_model: _ModelKeys | None = None
     gyro_level_removed: bool = False
+    accepted_accelerometer_scale: Annotated[float, Field(ge=0, le=MOST_ACCEPTED_SCALE)] = 0.0
+    accepted_constant_temperature: bool = False
     conversion: dict[str, Any] = Field(default_factory=dict)
     simulation: _SimulationKeys | None = None
+
+    @model_validator(mode="after")
+    def _accepted_of_mems(self) -> "_RunKeys":
+        if self.accepted_accelerometer_scale and self.gyro_technology != "mems":
+            raise ValueError(
+                "accepted_accelerometer_scale of mems units only: others level by accelerometers"
+                " good to a thousandth"
+            )
+        return self
 
     @field_validator("start_utc")
     @classmethod
@@ -282,6 +296,8 @@ def header_from_json(
             else RemovedModel(**{k: getattr(removed, k) for k in type(removed).model_fields})
         ),
         level_removed=keys.gyro_level_removed,
+        accepted_accel_scale=keys.accepted_accelerometer_scale,
+        accepted_constant_temperature=keys.accepted_constant_temperature,
     )
     return header, [], warnings
 
@@ -319,9 +335,20 @@ def header_to_json(
         },
         **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
         **({"gyro_level_removed": True} if header.level_removed else {}),
+        **_accepted(header),
         **({"conversion": conversion.to_json()} if conversion else {}),
         **({"simulation": vars(simulation)} if simulation else {}),
     }
+
+
+def _accepted(header: RunHeader) -> dict[str, float]:
+    """The keys of what is accepted, where anything is."""
+    keys: dict[str, float] = {}
+    if header.accepted_accel_scale:
+        keys["accepted_accelerometer_scale"] = header.accepted_accel_scale
+    if header.accepted_constant_temperature:
+        keys["accepted_constant_temperature"] = True
+    return keys
 
 
 def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Site:

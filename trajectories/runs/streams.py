@@ -67,13 +67,15 @@ class RunStreams:
     phases: tuple[Phase, ...] | None = None
 
 
-def load_temperature(stream: StreamFile, findings: Findings) -> Loaded:
-    """Rows without a gyro temperature are dropped and listed; other temperatures may be missing."""
+def load_temperature(stream: StreamFile, findings: Findings, *, constant: bool = False) -> Loaded:
+    """Rows without a gyro temperature are dropped and listed; other temperatures may be missing.
+    constant: thermometers that never change are accepted.
+    """
     kept, faults = _columns(stream, ("time_s", *GYRO_DEGC), findings)
     if kept is None:
         return None, faults
     columns = kept.columns
-    check_thermometer(columns, stream.label, findings)
+    check_thermometer(columns, stream.label, findings, constant=constant)
     record = TemperatureLog(
         time_s=columns["time_s"],
         gyro_degC=_stack(columns, GYRO_DEGC),
@@ -81,6 +83,7 @@ def load_temperature(stream: StreamFile, findings: Findings) -> Loaded:
         gradient_degC=_stack(columns, GRADIENT_DEGC) if GRADIENT_DEGC[0] in columns else None,
         block_degC=columns.get("block_degC"),
         ambient_degC=columns.get("ambient_degC"),
+        constant=constant,
     )
     return record, faults
 

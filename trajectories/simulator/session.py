@@ -211,7 +211,15 @@ def _temperatures(
         f.name: imperfections.thermometer(rng, getattr(true, f.name), twin.temperature)
         for f in fields(true)
     }
-    return TemperatureLog(time_s=time_s, **read), true.gyro_degC
+    log = TemperatureLog(
+        time_s=time_s,
+        gyro_degC=read["gyro_degC"],
+        accel_degC=read["accel_degC"],
+        gradient_degC=read["gradient_degC"],
+        block_degC=read["block_degC"],
+        ambient_degC=read["ambient_degC"],
+    )
+    return log, true.gyro_degC
 
 
 def _every(ideal: IdealSensors, rate_hz: float) -> NDArray:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 from infield.aided.reasons import AidedNote, AidedReason, AidedWeakness
-from infield.aided.wheels import WheelsFound
+from infield.aided.wheels import Mounting, WheelsFound
 from infield.reports.words.sentences import Template
 from ins.units import DEG
 
@@ -118,11 +118,16 @@ def _no_wheels(*, why: WheelsFound) -> str:
     return f"not held by wheels: {WHY_NO_WHEELS[why]}"
 
 
-def _wheels(*, side_m_s: float, up_m_s: float, scale: float, used: int, rejected: int) -> str:
+def _wheels(
+    *, side_m_s: float, up_m_s: float, scale: float, mounted: Mounting, used: int, rejected: int
+) -> str:
     told = f"; its odometer's scale is {scale:.4f}" if scale == scale else ""
+    yaw, pitch = (s / DEG for s in mounted.sigma_rad)
     return (
         f"held by its wheels: it goes where it points to {side_m_s:.2g} m/s sideways and"
-        f" {up_m_s:.2g} m/s up (RMS){told}; {used} seconds used, {rejected} rejected"
+        f" {up_m_s:.2g} m/s up (RMS), {mounted.yaw_rad / DEG:+.1f} +- {yaw:.1g} deg to the right of"
+        f" body x and {mounted.pitch_rad / DEG:+.1f} +- {pitch:.1g} deg above it{told}; {used}"
+        f" seconds used, {rejected} rejected"
     )
 
 

@@ -10,6 +10,9 @@ SENTENCES: Mapping[StrEnum, Template] = {
     **NoTemperature.TEMPLATES,
     ThermometerReason.OF_ANOTHER: "{column}: {fault}",
     ThermometerReason.COARSE: "thermometer {column}: {fault}; its sigma is wider",
+    ThermometerReason.CONSTANT: (
+        "thermometer {column}: {fault}; a step of 1 degC could hide in it, and is in its sigma"
+    ),
     ThermometerReason.HOLE: (
         "thermometer {column}: {fault}; nothing is learnt there beyond two minutes"
     ),

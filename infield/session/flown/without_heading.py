@@ -31,7 +31,7 @@ from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import AidedHistory, AidedNoise
 from ins.records import ImuSource
-from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G, PPM
 from ins.verdicts import because
 
 # a bin under way: a minute at least, as of a rest; what a bin of five minutes shows is 2 deg/h of
@@ -195,9 +195,11 @@ def _believed(
     """Noise, antenna and priors; of the bins under way, after what the rests said."""
     twin, priors = known.twin, known.settings.flight
     technology = known.run.header.gyro_technology
+    accepted_ppm = known.run.header.accepted_accel_scale / PPM
+    scale_ppm = {technology: max(priors.accel_scale_ppm[technology], accepted_ppm)}
     assert result.antenna is not None
     every = laid_out(
-        priors,
+        replace(priors, accel_scale_ppm=priors.accel_scale_ppm | scale_ppm),
         technology,
         first=FIRST_FURTHER,
         scale_ppm=known.settings.sigma_scale_factor_ppm[technology],

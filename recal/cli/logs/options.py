@@ -58,6 +58,23 @@ To = Annotated[
     float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")
 ]
 
+AcceptedScale = Annotated[
+    float | None,
+    typer.Option(
+        "--accepted-accelerometer-scale",
+        metavar="SHARE",
+        help="Accept accelerometers of a mems unit whose scales are off by up to this share, such"
+        " as 0.2 where 8 m/s2 is read at rest: it becomes their sigma.",
+    ),
+]
+AcceptedConstant = Annotated[
+    bool | None,
+    typer.Option(
+        "--accepted-constant-temperature",
+        help="Accept thermometers that never change as a constant temperature.",
+    ),
+]
+
 
 @dataclass(frozen=True, kw_only=True)
 class LogGiven:
@@ -83,6 +100,8 @@ OPTION_TYPES = {
     "height_m": Height,
     "from_s": From,
     "to_s": To,
+    "accepted_scale": AcceptedScale,
+    "accepted_constant": AcceptedConstant,
 }
 
 
@@ -114,6 +133,8 @@ HEADER_KEYS = {  # of run.json, by option
     "lat_deg": "lat_deg",
     "lon_deg": "lon_deg",
     "height_m": "height_m",
+    "accepted_scale": "accepted_accelerometer_scale",
+    "accepted_constant": "accepted_constant_temperature",
 }
 READER_KEYS = {"imu": "imu", "log_format": "format", "from_s": "from_s", "to_s": "to_s"}
 

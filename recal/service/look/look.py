@@ -35,6 +35,8 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
     "lon_deg": "--lon-deg",
     "height_m": "--height-m",
     "start_utc": "--start-utc",
+    "accepted_accelerometer_scale": "--accepted-accelerometer-scale",
+    "accepted_constant_temperature": "--accepted-constant-temperature",
     "imu": "--imu",
     "format": "--format",
     "from_s": "--from-s",

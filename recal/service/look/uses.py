@@ -109,7 +109,7 @@ def convert_command(
     words = ["recal", "convert", log, "-o", run_path]
     for option, value in given.items():
         if value is not None:
-            words += [option, _text(value)]
+            words += [option] if value is True else [option, _text(value)]
     for one in assumed:
         words += [one.option, _text(one.value)]
     return shlex.join(words)
