@@ -4,7 +4,7 @@ nothing compiled on the machine (an empty NUMBA_CACHE_DIR), and again.
     python benchmarks/first_run.py [COMMAND ...]
 
 COMMAND: demo, update, replay, list; all of them where none is given. Python's own byte code is made
-first, as pip makes it on installing: without it every command reads sources for 6 s more.
+first, as pip makes it on installing.
 """
 
 import compileall

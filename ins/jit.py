@@ -16,6 +16,7 @@ import hashlib
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -106,19 +107,63 @@ def cache_folder(sources: Path) -> Path | None:
     return None
 
 
-def is_compiled() -> bool:
-    """Whether machine code of these sources lies on the disk, or none is made.
+class Stopwatch:
+    """Seconds that this process has spent on compiling kernels since the watch began.
+
+    Parameters
+    ----------
+    began : callable
+        Called once, when the first kernel is about to be compiled.
+    """
+
+    def __init__(self, began: Callable[[], None]) -> None:
+        self.seconds = 0.0
+        self._began = began
+        self._depth, self._since = 0, 0.0
+
+    def start(self) -> None:
+        """A kernel is about to be compiled, or one that it calls."""
+        if self._depth == 0:
+            self._since = time.monotonic()
+            if self.seconds == 0.0:
+                self._began()
+        self._depth += 1
+
+    def stop(self) -> None:
+        """A kernel has been compiled."""
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.monotonic() - self._since
+
+
+def watch_compiling(began: Callable[[], None]) -> Stopwatch:
+    """Count the seconds that this process compiles; kernels read from the disk do not count.
+
+    Parameters
+    ----------
+    began : callable
+        Called once, when the first kernel is about to be compiled.
 
     Returns
     -------
-    compiled : bool
-        False where the first call of a kernel compiles it.
+    watch : Stopwatch
+        Without numba it stays at zero.
     """
-    config: Any = getattr(numba, "config", None)
-    if config is None or config.DISABLE_JIT:
-        return True
-    folder = cache_folder(Path(__file__).parent)
-    return folder is not None and any(folder.rglob("*.nbi"))
+    watch = Stopwatch(began)
+    if numba is not None:
+        from numba.core import event
+
+        class Ends(event.Listener):
+            """What numba calls at either end of a compilation."""
+
+            def on_start(self, event: Any) -> None:
+                watch.start()
+
+            def on_end(self, event: Any) -> None:
+                watch.stop()
+
+        event.register("numba:compile", Ends())
+    return watch
 
 
 def top_package(folder: Path) -> Path:

@@ -104,9 +104,10 @@ UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 CHANGED, LATEST_STEPS, STEADY_AT_MOST = 16.27, 10.0, 1500.0
 TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
+inner = jit(no_cpython_wrapper=True)  # only kernels call it: less to compile
 
 
-@jit
+@inner
 def put_skew(M, i, j, a, k):
     """Block (i, j) of M to k skew(a)."""
     M[i, j + 1], M[i, j + 2] = -k * a[2], k * a[1]
@@ -114,7 +115,7 @@ def put_skew(M, i, j, a, k):
     M[i + 2, j], M[i + 2, j + 1] = -k * a[1], k * a[0]
 
 
-@jit
+@inner
 def unsure_force(P, row, dt, unsure):
     """Variance (3,) of the computed specific force, NED: of theta x g + C del, what tilt and
     accelerometers leave of a velocity's rate.
@@ -135,7 +136,7 @@ def unsure_force(P, row, dt, unsure):
         unsure[i] = max(total, 0.0)
 
 
-@jit
+@inner
 def steady_force(P, row, dt, vrw, carry, force, unsure):
     """The specific force of a step (3,) [m/s^2], NED: its mean while it stays the same, else as
     computed. unsure (3,): written.
@@ -174,7 +175,7 @@ def steady_force(P, row, dt, vrw, carry, force, unsure):
         force[i] = carry[STEADY + i]
 
 
-@jit
+@inner
 def transition(row, steady, dt, Phi, scaled):
     """Phi (27, 27) of a step of dt.
 
@@ -217,7 +218,7 @@ def transition(row, steady, dt, Phi, scaled):
         Phi[i, i] += 1.0
 
 
-@jit
+@inner
 def turned_to(Phi, first, last, dt):
     """What turns the attitude over a step moves velocity and position; columns first to last."""
     for i in range(3):
@@ -227,7 +228,7 @@ def turned_to(Phi, first, last, dt):
                 Phi[P_ + i, j] += dt / 6.0 * Phi[V_ + i, T_ + k] * Phi[T_ + k, j]
 
 
-@jit
+@inner
 def put_scales(Phi, row, force, dt):
     """Columns of scales and misalignments: the angles and the specific force of the step, along
     the mean of the body axes over it.
@@ -248,7 +249,7 @@ def put_scales(Phi, row, force, dt):
     turned_to(Phi, AT_K, AT_S, dt)
 
 
-@jit
+@inner
 def predict(P, Phi, dt, noise, leapt, M, driving):
     """P to Phi P Phi' + Q in place; M (38, 38) is room to work in.
 
@@ -329,7 +330,7 @@ def update(x, P, H, z, variance, room, first):
     return nis, loglik
 
 
-@jit
+@inner
 def write_down(H, room, tape, taped):
     """Write three measurements that were used on the tape, where there is one."""
     if tape.shape[0] == 0:
@@ -341,7 +342,7 @@ def write_down(H, room, tape, taped):
         taped[0] += 1
 
 
-@jit
+@inner
 def write_restart(tape, taped):
     """Write on the tape that position and velocity were begun anew: a row without variance."""
     if tape.shape[0] > 0:
@@ -349,7 +350,7 @@ def write_restart(tape, taped):
         taped[0] += 1
 
 
-@jit
+@inner
 def correct(state, bias, x):
     """Take the errors x (38,) off the solution and make them zero.
 
@@ -376,7 +377,7 @@ def correct(state, bias, x):
     state[COUNT] = state[LIMIT] = 0.0  # gravity is looked up anew from here
 
 
-@jit
+@inner
 def rows_of_fix(row, rate_b, lever_b, H):
     """Rows (6, 38) of antenna position and velocity, NED; the arm and its swing (6,).
 
@@ -407,7 +408,7 @@ def rows_of_fix(row, rate_b, lever_b, H):
     return arm, swing
 
 
-@jit
+@inner
 def restart(P, seen):
     """Position and velocity known no better than they were seen to be off.
 
@@ -421,7 +422,7 @@ def restart(P, seen):
         P[T_ + i, T_ + i] += RESET_TILT_RAD**2
 
 
-@jit
+@inner
 def jump(P, seen, leapt):
     """Positions leapt while the velocities fit: either those before or those from now on are off.
 
@@ -434,7 +435,7 @@ def jump(P, seen, leapt):
         P[B_ + i, B_ + i] += seen[i] ** 2
 
 
-@jit
+@inner
 def leave_trail(trail, carry, row, steady):
     """Write the step that ends now: row (36,) is the strapdown output there, steady (3,) its
     specific force with less noise.
@@ -455,7 +456,7 @@ def leave_trail(trail, carry, row, steady):
     carry[STEPS] += 1.0
 
 
-@jit
+@inner
 def past(trail, carry, time_s, out):
     """What the solution moved since a time.
 
@@ -479,7 +480,7 @@ def past(trail, carry, time_s, out):
         out[9 + i] = a[TRAIL_W + i] + (b[TRAIL_W + i] - a[TRAIL_W + i]) * u / h
 
 
-@jit
+@inner
 def take_fix(
     state, row, fix, late_s, carry, trail, settings, x, P, bias, H, room, out, tape, taped
 ):
@@ -567,7 +568,7 @@ def take_fix(
         correct(state, bias, x)
 
 
-@jit
+@inner
 def stand(state, row, dt, noise, settings, x, P, bias, H, room, tape, taped):
     """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's.
 
@@ -604,7 +605,7 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, room, tape, taped):
     return nis
 
 
-@jit
+@inner
 def roll(state, row, rate_b, rolled, mount, settings, x, P, bias, H, room, tape, taped):
     """A vehicle on wheels goes where it points, at the speed that its wheels tell.
 
@@ -649,7 +650,7 @@ def roll(state, row, rate_b, rolled, mount, settings, x, P, bias, H, room, tape,
     return USED
 
 
-@jit
+@inner
 def take_scales_off(bias, dtheta, dv, turned, pushed):
     """Scales and misalignments off a row's increments; turned and pushed (3,) in place."""
     for i in range(3):
@@ -659,7 +660,7 @@ def take_scales_off(bias, dtheta, dv, turned, pushed):
         turned[READING[m]] -= bias[B_SCALE + M_ - K_ + m] * dtheta[READ_OF[m]]
 
 
-@jit
+@inner
 def emit(state, bias, P, out):
     """Write an output row: the solution as it is now, biases, variances."""
     frame = local_frame((state[R], state[R + 1], state[R + 2]))

@@ -17,9 +17,10 @@ N, MOTION, UNIT = states.AIDED_STATES, states.AIDED_MOTION, states.AIDED_GYRO.st
 DRIVING = states.AIDED_DRIVING
 SLOW_, SLOW_V_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 LAST_, THETA_ = states.AIDED_SLOW_VEL.stop, states.AIDED_THETA.start
+inner = jit(no_cpython_wrapper=True)  # only kernels call it: less to compile
 
 
-@jit
+@inner
 def through_step(phi, fade, fade_v, lam, Lam, M):
     """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 27), M (38, 38) is room."""
     before = lam.copy()
@@ -55,7 +56,7 @@ def through_step(phi, fade, fade_v, lam, Lam, M):
             Lam[j, i] *= fades
 
 
-@jit
+@inner
 def through_measurement(line, lam, Lam, gain, v):
     """The adjoints before a measurement; a line without variance is a new beginning."""
     s, y = line[2 * N], line[2 * N + 1]

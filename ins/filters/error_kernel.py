@@ -42,6 +42,7 @@ BIAS = len(POSITIONS)  # first core state of the bias of the step's bin
 CORE = BIAS + 3
 # core states with process noise: those that move and the accelerometers' biases
 NOISY = MOVE + 2
+inner = jit(no_cpython_wrapper=True)  # only kernels call it: less to compile
 
 
 @jit
@@ -89,7 +90,7 @@ def system(step, lateral_time_s, A):
         A[i, 12] = A[i, 15] * rate
 
 
-@jit
+@inner
 def product(A, B, out):
     """A B of two matrices whose last six rows are zero."""
     for i in range(MOVE):
@@ -153,7 +154,7 @@ def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
         Q[i, i] += step[JUMP_THETA]
 
 
-@jit
+@inner
 def density(A, rolling, noise, q):
     """Spectral density q (12, 12) of the core states.
 
@@ -172,7 +173,7 @@ def density(A, rolling, noise, q):
         q[9, 9] = 2.0 * noise[LATERAL_RMS] ** 2 / noise[LATERAL_TIME]
 
 
-@jit
+@inner
 def spread(M, q, weight, Q):
     """Add the lower triangle of weight M q M' to Q."""
     row = np.empty(NOISY)
@@ -191,7 +192,7 @@ def spread(M, q, weight, Q):
             Q[i, j] += weight * total
 
 
-@jit
+@inner
 def propagate(x, P, core, Phi, Q, jump_yaw, T, block):
     """x = F x, P = F P F' + Q, touching only the ten rows and columns that move.
 
@@ -236,7 +237,7 @@ def propagate(x, P, core, Phi, Q, jump_yaw, T, block):
     P[YAW, YAW] += jump_yaw
 
 
-@jit
+@inner
 def expected(x, P, index, value, R, v):
     """v = P h; returns h x and h P h' + R of a sparse row h."""
     n = x.size
@@ -255,7 +256,7 @@ def expected(x, P, index, value, R, v):
     return hx, variance
 
 
-@jit
+@inner
 def correct(x, P, v, residual, variance):
     """The optimal update by one scalar: x += v residual / S, P -= v v' / S.
 
@@ -275,7 +276,7 @@ def correct(x, P, v, residual, variance):
     return y
 
 
-@jit
+@inner
 def measure(x, P, index, value, z, R, gate, v, normalised, spread):
     """Rows (m) with independent noise, one after another; all or none pass the gate.
 
@@ -305,7 +306,7 @@ def measure(x, P, index, value, z, R, gate, v, normalised, spread):
     return USED
 
 
-@jit
+@inner
 def assign(x, P, target, index, value, variance, v):
     """State `target` becomes a combination of states plus independent noise (no entries: a fresh
     prior).

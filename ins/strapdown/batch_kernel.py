@@ -34,10 +34,10 @@ from ins.strapdown.kernel import (
     dcm,
     drift_of,
     force_increment,
+    inner_part,
     interval_weights,
     kernel,
     look_ahead,
-    part,
     pull,
     record,
     rotate,
@@ -60,7 +60,7 @@ INCREMENTS_AT, BIAS_AT, MATRIX_AT, HEIGHT, TILE_SIZE = (
 FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the series' 0.1
 
 
-@part
+@inner_part
 def at(c, l):
     """Where lane l of element c is. Unsigned, since numba would ask of any other index whether it
     is below zero.
@@ -68,37 +68,37 @@ def at(c, l):
     return np.uintp(c * TILE + l)
 
 
-@part
+@inner_part
 def lane_vector(F, c, l):
     """Three elements from c on, of lane l."""
     return F[at(c, l)], F[at(c + 1, l)], F[at(c + 2, l)]
 
 
-@part
+@inner_part
 def lane_quaternion(F, l):
     """The attitude of lane l."""
     return F[at(0, l)], F[at(1, l)], F[at(2, l)], F[at(3, l)]
 
 
-@part
+@inner_part
 def lane_matrix(F, c, l):
     """Nine elements from c on, of lane l."""
     return lane_vector(F, c, l) + lane_vector(F, c + 3, l) + lane_vector(F, c + 6, l)
 
 
-@part
+@inner_part
 def set_lane_vector(F, c, l, a):
     """Write three elements from c on, of lane l."""
     F[at(c, l)], F[at(c + 1, l)], F[at(c + 2, l)] = a
 
 
-@part
+@inner_part
 def set_lane_quaternion(F, l, q):
     """Write the attitude of lane l."""
     F[at(0, l)], F[at(1, l)], F[at(2, l)], F[at(3, l)] = q
 
 
-@part
+@inner_part
 def restart_look_ahead(F, l):
     """From the solution as it is."""
     set_lane_quaternion(F, l, unit(lane_quaternion(F, l)))
@@ -108,7 +108,7 @@ def restart_look_ahead(F, l):
     set_lane_vector(F, F_USED, l, lane_vector(F, F_LAST, l))
 
 
-@part
+@inner_part
 def step_lane(F, l, T, weights, height_ref, gains, small):
     """The state of lane l after one step; small: all lanes are known to turn less than 0.1 rad."""
     theta, dv = lane_vector(F, INCREMENTS_AT, l), lane_vector(F, INCREMENTS_AT + 3, l)
@@ -146,7 +146,7 @@ def step_lane(F, l, T, weights, height_ref, gains, small):
     set_lane_vector(F, F_LAST, l, f)
 
 
-@part
+@inner_part
 def form_increments(F, dtheta, dv, T, own, k):
     """The increments of every lane: (I + M)(shared) + bias T + own.
 

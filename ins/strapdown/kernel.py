@@ -52,27 +52,31 @@ LOOK_ROWS, LOOK_AHEAD_S = 16, 0.16  # see strapdown_loop
 # over tiles becomes vector instructions only where nothing in it is called.
 kernel = jit(error_model="numpy")
 part = jit(error_model="numpy", forceinline=True)
+# Of those that only kernels call: no way in from Python, which is a quarter of what there is to
+# compile.
+inner = jit(error_model="numpy", no_cpython_wrapper=True)
+inner_part = jit(error_model="numpy", forceinline=True, no_cpython_wrapper=True)
 
 
-@part
+@inner_part
 def cross(a, b):
     """Cross product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@part
+@inner_part
 def add(a, b, k):
     """The sum a + k b."""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
 
-@part
+@inner_part
 def square(a):
     """Squared length."""
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
 
 
-@part
+@inner_part
 def rotate(C, a):
     """The product C a."""
     return (
@@ -82,7 +86,7 @@ def rotate(C, a):
     )
 
 
-@part
+@inner_part
 def row(table, k):
     """Row k of a table (n, 3)."""
     return table[k, 0], table[k, 1], table[k, 2]
@@ -168,7 +172,7 @@ def gravity(sin_lat, height):
     return surface * (1 + (SLOPE_0 + SLOPE_1 * sin2) * height + 3 / (A * A) * height * height)
 
 
-@part
+@inner_part
 def angle(a2, small):
     """(1 - cos a)/a^2 and (a - sin a)/a^3."""
     if small or a2 < SERIES_ANGLE_2:
@@ -209,7 +213,7 @@ def compensate(theta, dv, theta_before, dv_before, weights, small):
     return rotation, dv_start, add(add((0.0, 0.0, 0.0), slope, -1 / 12), turn, -1 / 12)
 
 
-@part
+@inner_part
 def half_angle(h2, small):
     """cos h and sin(h)/h."""
     if small or h2 < SERIES_ANGLE_2 / 4:
@@ -256,14 +260,14 @@ def unit(q):
     return a * k, b * k, c * k, d * k
 
 
-@part
+@inner_part
 def force_increment(C, dv_start, earth_angle):
     """Force increment in the mean ECEF axes of the step."""
     dv_e = rotate(C, dv_start)
     return dv_e[0] + 0.5 * earth_angle * dv_e[1], dv_e[1] - 0.5 * earth_angle * dv_e[0], dv_e[2]
 
 
-@part
+@inner_part
 def step_velocity(v, dv_e, g_dt_e, earth_angle):
     """v_eb_e after the step: Coriolis at the step's middle.
 
@@ -281,7 +285,7 @@ def step_velocity(v, dv_e, g_dt_e, earth_angle):
     )
 
 
-@part
+@inner_part
 def pull(middle, height_ref, T, gains):
     """At a place: up, height less height_ref, and the velocity increment of gravity and of the
     damping to that height.
@@ -291,7 +295,7 @@ def pull(middle, height_ref, T, gains):
     return up, error, add((0.0, 0.0, 0.0), up, -T * (gravity(up[2], height) + gains[1] * error))
 
 
-@part
+@inner_part
 def translate(v, r, correction, dv_e, scroll_e, up, error, pull_e, T, gains):
     """One step of velocity and position: v, r, vertical correction, displacement."""
     v_new = add(step_velocity(v, dv_e, pull_e, OMEGA * T), up, -T * correction)
@@ -304,7 +308,7 @@ def translate(v, r, correction, dv_e, scroll_e, up, error, pull_e, T, gains):
     )
 
 
-@part
+@inner_part
 def look_ahead(u, s, a, f, dv_e, T):
     """Velocity and place for the next look-up of gravity: a is what but the force acts, f what but
     velocity moves.
@@ -313,7 +317,7 @@ def look_ahead(u, s, a, f, dv_e, T):
     return u_new, add(add(add(s, u, 0.5 * T), u_new, 0.5 * T), f, T)
 
 
-@part
+@inner_part
 def drift_of(v, v_new, dv_e, up, error, T, gains):
     """a and f of look_ahead as they were in a step."""
     k = 1 / T
@@ -325,7 +329,7 @@ def drift_of(v, v_new, dv_e, up, error, T, gains):
     return a, add((0.0, 0.0, 0.0), up, -gains[0] * error)
 
 
-@part
+@inner_part
 def record(out, j, C, v, r):
     """Write latitude, longitude, height, velocity and attitude to row j, in the NED frame at r."""
     frame = local_frame(r)

@@ -38,10 +38,11 @@ from ins.strapdown.kernel import (
     dcm_ne_at,
     drift_of,
     force_increment,
+    inner,
+    inner_part,
     interval_weights,
     kernel,
     look_ahead,
-    part,
     pull,
     record,
     rotate,
@@ -92,7 +93,7 @@ ONE, TWO, THREE = np.uintp(ROWS), np.uintp(2 * ROWS), np.uintp(3 * ROWS)  # colu
 FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the series' 0.1
 
 
-@part
+@inner_part
 def at(c, l):
     """Where element l of column c is. Unsigned, since numba would ask of any other index whether it
     is below zero.
@@ -100,47 +101,47 @@ def at(c, l):
     return np.uintp(c * ROWS + l)
 
 
-@part
+@inner_part
 def vector(F, c, l):
     """Three columns from c on, of row l."""
     i = at(c, l)
     return F[i], F[i + ONE], F[i + TWO]
 
 
-@part
+@inner_part
 def quaternion(F, c, l):
     """Four columns from c on, of row l."""
     i = at(c, l)
     return F[i], F[i + ONE], F[i + TWO], F[i + THREE]
 
 
-@part
+@inner_part
 def put(F, c, l, a):
     """Write three columns from c on, of row l."""
     i = at(c, l)
     F[i], F[i + ONE], F[i + TWO] = a
 
 
-@part
+@inner_part
 def put_quaternion(F, c, l, q):
     """Write four columns from c on, of row l."""
     i = at(c, l)
     F[i], F[i + ONE], F[i + TWO], F[i + THREE] = q
 
 
-@part
+@inner_part
 def triple(state, c):
     """Three elements of the state from c on."""
     return state[c], state[c + 1], state[c + 2]
 
 
-@part
+@inner_part
 def put_triple(state, c, a):
     """Write three elements of the state from c on."""
     state[c], state[c + 1], state[c + 2] = a
 
 
-@part
+@inner_part
 def body_frame(F, l, small):
     """What a row does in the body frame of its start."""
     rotation, dv_start, scroll = compensate(
@@ -156,7 +157,7 @@ def body_frame(F, l, small):
     put(F, SCROLL, l, scroll)
 
 
-@kernel
+@inner
 def load(F, dt, dtheta, dv, height_ref, first, count, before):
     """Put rows first to first + count in the block.
 
@@ -177,7 +178,7 @@ def load(F, dt, dtheta, dv, height_ref, first, count, before):
     return (theta_before, dv_before, dt_before), largest
 
 
-@part
+@inner_part
 def share_attitude(F, l):
     """What a row adds to the sum of C_nb dt, in the order of the output's columns."""
     half, C, D = 0.5 * F[at(T_ROW, l)], dcm(quaternion(F, Q, l)), dcm(quaternion(F, Q_NEW, l))
@@ -190,7 +191,7 @@ def share_attitude(F, l):
     put(F, SHARE + 6, l, (x[2], y[2], z[2]))
 
 
-@part
+@inner_part
 def share_motion(F, l):
     """What a row adds to displacement and force increment (NED) and displacement (body axes)."""
     half, v, w = 0.5 * F[at(T_ROW, l)], vector(F, V_OLD, l), vector(F, V_NEW, l)
@@ -205,7 +206,7 @@ def share_motion(F, l):
     put(F, SHARE + 18, l, vector(F, THETA, l))
 
 
-@kernel
+@inner
 def close_rows(F, out, ends, j, k, count):
     """Add the shares of rows k to k + count to their epochs and record the epochs that end.
 
@@ -232,7 +233,7 @@ def close_rows(F, out, ends, j, k, count):
     return j
 
 
-@kernel
+@inner
 def body_frames(F, rows, width, small):
     """What the rows do in the body frame of their starts."""
     if small:
@@ -243,7 +244,7 @@ def body_frames(F, rows, width, small):
             body_frame(F, l, False)
 
 
-@kernel
+@inner
 def turn(F, rows, q):
     """Attitudes before and after each row; the last one."""
     for l in range(rows):
@@ -253,7 +254,7 @@ def turn(F, rows, q):
     return q
 
 
-@kernel
+@inner
 def resolve(F, width):
     """Force increments and scrolling in the Earth frame."""
     for l in range(width):
@@ -262,7 +263,7 @@ def resolve(F, width):
         put(F, SCROLL_E, l, rotate(C, vector(F, SCROLL, l)))
 
 
-@kernel
+@inner
 def attract(F, width, gains):
     """Up, height error and gravity's pull where each row looks."""
     for l in range(width):
@@ -272,7 +273,7 @@ def attract(F, width, gains):
         put(F, PULL, l, pull_e)
 
 
-@kernel
+@inner
 def move(F, rows, v, r, correction, gains):
     """Velocity and position through the rows."""
     for l in range(rows):
@@ -295,7 +296,7 @@ def move(F, rows, v, r, correction, gains):
     return v, r, correction
 
 
-@kernel
+@inner
 def share(F, width):
     """What each row adds to the sums."""
     for l in range(width):

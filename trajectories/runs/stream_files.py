@@ -357,7 +357,27 @@ def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
 def _table(columns: Mapping[str, ArrayLike]) -> Any:
     import pyarrow as pa
 
-    return pa.table({name: pa.array(part, from_pandas=True) for name, part in columns.items()})
+    arrays = [_arrow(np.asarray(part)) for part in columns.values()]
+    return pa.Table.from_arrays(arrays, names=list(columns))
+
+
+def _arrow(values: NDArray) -> Any:
+    """A column as an array of Arrow, NaN as missing. By its buffers: `pa.array` and `pa.table` load
+    pandas, a quarter of a second of CPU.
+    """
+    import pyarrow as pa
+
+    if values.dtype == np.float64:
+        there = ~np.isnan(values)
+        bits = None if there.all() else pa.py_buffer(np.packbits(there, bitorder="little"))
+        data = pa.py_buffer(np.ascontiguousarray(values))
+        return pa.Array.from_buffers(pa.float64(), len(values), [bits, data])
+    if values.dtype.kind == "U":
+        words = [str(word).encode() for word in values]
+        ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
+        buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(words))]
+        return pa.Array.from_buffers(pa.string(), len(words), buffers)
+    return pa.array(values, from_pandas=True)
 
 
 def _write_parquet(path: Path, columns: Mapping[str, NDArray]) -> None:

@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
-from scipy.signal import lfilter
 
 from ins.records import AXES, GYRO_TECHNOLOGIES, AxisDocument, InputError, TableDocument
 
@@ -217,6 +216,8 @@ def _lagged(temperature: NDArray, dt_s: float, lag_s: float) -> NDArray:
     """
     if not lag_s:
         return temperature
+    from scipy.signal import lfilter  # half a second of CPU, which most units never need
+
     decay = np.exp(-dt_s / lag_s)
     late = lag_s / dt_s * (1 - decay)  # share of a ramp's step that is still missing at its end
     return temperature[0] + lfilter(

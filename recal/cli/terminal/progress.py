@@ -8,7 +8,9 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-FIRST_RUN = "first run on this machine: compiling, about 20 s"
+    from ins import jit
+
+FIRST_RUN = "first run on this machine: compiling, 5 to 20 s"  # benchmarks/first_run.py
 
 
 class Progress:
@@ -26,6 +28,7 @@ class Progress:
         self._title, self._steps, self._begun = title, steps, 0
         self._bar: Bar | None = None
         self._task: TaskID | None = None
+        self._watch: jit.Stopwatch | None = None
         if not quiet and sys.stderr.isatty():
             self._bar = _bar(counted=steps is not None)
 
@@ -33,7 +36,7 @@ class Progress:
         if self._bar is not None:
             self._bar.start()
             self._task = self._bar.add_task(self._title, total=self._steps)
-            self._say_compiling()
+            self._watch_compiling()
         return self
 
     def __exit__(
@@ -42,21 +45,27 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        if self._bar is None:
+            return
+        self._bar.stop()
+        if self._watch is not None and self._watch.seconds > 0.0:
+            self._say(f"compiled in {self._watch.seconds:.0f} s, kept for the next run")
 
     def __call__(self, what: str) -> None:
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, description=what, completed=self._begun)
             self._begun += 1
 
-    def _say_compiling(self) -> None:
+    def _watch_compiling(self) -> None:
         if not self._compiles:
             return
-        from recal.service.results.compiled import is_compiled
+        from recal.service.results.compiled import watch_compiling
 
-        if self._bar is not None and not is_compiled():
-            self._bar.console.print(FIRST_RUN, highlight=False)
+        self._watch = watch_compiling(lambda: self._say(FIRST_RUN))
+
+    def _say(self, words: str) -> None:
+        if self._bar is not None:
+            self._bar.console.print(words, highlight=False)
 
 
 def _bar(*, counted: bool) -> "Bar":

@@ -1,8 +1,14 @@
-"""Whether the kernels are compiled yet; loads numba where it is asked."""
+"""Tells when kernels are compiled; loads numba where it is asked."""
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-def is_compiled() -> bool:
-    """False where this machine compiles on the next call of a kernel."""
+if TYPE_CHECKING:
     from ins import jit
 
-    return jit.is_compiled()
+
+def watch_compiling(began: Callable[[], None]) -> "jit.Stopwatch":
+    """The seconds that this process compiles; `began` is called when it starts to."""
+    from ins import jit
+
+    return jit.watch_compiling(began)

@@ -70,8 +70,8 @@ class Forcing:
 
 
 def still(scene: Scene) -> NDArray:
-    """No load at all, (J, 6)."""
-    return np.zeros((scene.time_s.size, COLUMNS))
+    """No load at all, (J, 6); a column lies in one piece, since loads are added by columns."""
+    return np.zeros((scene.time_s.size, COLUMNS), order="F")
 
 
 Size = NDArray | float
