@@ -91,8 +91,15 @@ def test_log_that_never_rests_starts_in_motion(technology):
     assert (normalised(made, found.history, 60) < 4.0).all()
 
 
-@pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("technology", ["mems", "rlg"])
+@pytest.mark.parametrize(
+    ("technology", "moving"),
+    [
+        ("rlg", False),
+        ("mems", True),
+        pytest.param("rlg", True, marks=pytest.mark.slow),
+        pytest.param("mems", False, marks=pytest.mark.slow),
+    ],
+)
 def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving):
     """Twelve flights with the twin's whole noise, scales and misalignments, from the apron and cut
     out of the flight: squared error over variance of position, velocity and attitude is one. A
@@ -172,6 +179,7 @@ def test_stands_are_found_where_receiver_and_sensors_agree():
     assert find_stands(seconds_of(made.run.imu), fixes(replace(made.run, gnss=rolling), twin)) == ()
 
 
+@pytest.mark.slow
 def test_latency_and_noise_of_the_receiver_are_found():
     """Fixes stamped 0.25 s late, four times as noisy as declared: both found, and said; declared
     NIS kept.

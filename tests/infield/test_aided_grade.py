@@ -93,7 +93,7 @@ def level_ratio(made, history: AidedHistory) -> np.ndarray:
         (minute_elsewhere, "degraded"),
         (gone_for_good, "degraded"),
         (bursts, "degraded"),
-        (five_times_as_noisy, None),
+        pytest.param(five_times_as_noisy, None, marks=pytest.mark.slow),
         (multipath, None),
     ],
 )

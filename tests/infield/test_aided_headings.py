@@ -44,7 +44,7 @@ def heading_ratios(made, found) -> tuple[float, float]:
     return error[0] / found.found.sigma_heading_rad, error[-1] / sigma[-1]
 
 
-@pytest.mark.parametrize("flights", [4, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("flights", [2, pytest.param(30, marks=pytest.mark.slow)])
 def test_slow_vehicle_starts_where_its_log_begins(flights):
     """Never 2 m/s: refused before. Heading error over the start's sigma, which is three of those
     that were found, has RMS 0.15 to 0.8; at the end over the filter's own 0.5 to 1.5; none beyond

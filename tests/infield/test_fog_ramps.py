@@ -143,6 +143,7 @@ def judge(f):
     assert f["inflections_inside"] >= 0.93 and f["inflections_found"] >= 0.75, f
 
 
+@pytest.mark.slow
 def test_figures_of_r20_over_a_few_units(record_property):
     found = figures(over_units(FEW))
     record_property("figures", {key: float(value) for key, value in found.items()})

@@ -281,6 +281,7 @@ def test_realign_above_five_knots():
     assert at(5.01 * KNOT) and not at(4.99 * KNOT)
 
 
+@pytest.mark.slow
 def test_stops_and_outside_tracks_agree_with_truth():
     """Taxi and two stops: found where they are, their speed is the velocity error; GNSS and
     reference see one error, whatever the antenna's lever arm and however roughly the site was

@@ -111,6 +111,7 @@ def over_units(count, wave=0.003):
     return np.array(nees), np.array(dof), np.array(residuals)
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas_over_units():
     """NEES of all kept rate and gradient terms within two-sided 99.9 % bounds, false alarm 1 in
     1000.

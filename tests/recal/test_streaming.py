@@ -45,7 +45,7 @@ def documents(folder) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("phases", [True, False])
+@pytest.mark.parametrize("phases", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_log_left_in_its_file_gives_the_same_documents(folder, monkeypatch, phases):
     if not phases:
         (folder / "run" / "phases.parquet").unlink()

@@ -60,6 +60,7 @@ def test_an_effect_out_of_the_catalogue_is_not_given_a_confident_name():
     assert found.causes or found.left_present
 
 
+@pytest.mark.slow
 def test_white_noise_five_percent_off_is_named_as_noise():
     trial = draw_noise_trial(3, plan="four_parked")
     found = diagnosed(trial)
