@@ -3,7 +3,7 @@ errors, correct the start and the biases, and again until the solution stands.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,12 +90,13 @@ class NothingStands(InputError):
 @dataclass(frozen=True)
 class Start:
     """Where a pass starts from: attitude, and what is taken out of the rows: gyro biases (N, 3)
-    over the bins [rad/s], accelerometer biases (3,) [m/s^2].
+    over the bins [rad/s], accelerometer biases (3,) [m/s^2]; v_n_m_s (3,): of a start in motion.
     """
 
     C_nb: NDArray
     gyro_rad_s: NDArray
     accel_m_s2: NDArray
+    v_n_m_s: NDArray = field(default_factory=lambda: np.zeros(3))
 
     def corrected(self, flt: ErrorFilter) -> "Start":
         """The start less the errors that a filter found."""
@@ -105,6 +106,7 @@ class Start:
             dcm_from_rotation_vector(-flt.x[em.THETA_START]) @ self.C_nb,
             self.gyro_rad_s + flt.bias[0].reshape(-1, 3),
             accel_m_s2,
+            self.v_n_m_s,
         )
 
 
@@ -167,7 +169,9 @@ def solve(
 
 def navigated(log: RestedLog, prior: BiasPrior, course: Course, start: Start) -> NavHistory:
     """The free solution from a start on."""
-    state = NavState(time_s=float(log.rest[0]), site=log.site, v_n_m_s=np.zeros(3), C_nb=start.C_nb)
+    state = NavState(
+        time_s=float(log.rest[0]), site=log.site, v_n_m_s=start.v_n_m_s, C_nb=start.C_nb
+    )
     rows = _less_found(log, prior.edges_s, course, start)
     return navigate(rows, state, epoch_s=1.0, vertical=course.vertical)
 

@@ -8,7 +8,7 @@ odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid dow
 `FilterProgram` first, with numpy over the whole run, and worked through in one go.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -339,12 +339,16 @@ class ParkedConstraint:
         def cut(value: NDArray | float) -> NDArray | float:
             return value[:count] if isinstance(value, np.ndarray) and value.ndim else value
 
+        return self.mapped(cut)
+
+    def mapped(self, value_of: Callable[[NDArray | float], NDArray | float]) -> "ParkedConstraint":
+        """The same with other sizes of place, heading and their walks, by what they are here."""
         return replace(
             self,
-            displacement_sigma_m=cut(self.displacement_sigma_m),
-            yaw_jitter_rad=cut(self.yaw_jitter_rad),
-            place_walk_m=cut(self.place_walk_m),
-            yaw_walk_rad=cut(self.yaw_walk_rad),
+            displacement_sigma_m=value_of(self.displacement_sigma_m),
+            yaw_jitter_rad=value_of(self.yaw_jitter_rad),
+            place_walk_m=value_of(self.place_walk_m),
+            yaw_walk_rad=value_of(self.yaw_walk_rad),
         )
 
 

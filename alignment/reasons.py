@@ -21,6 +21,7 @@ class AlignmentReason(StrEnum):
 
     LATITUDE_TOO_HIGH = "latitude_too_high"
     NEVER_RESTS = "never_rests"
+    BEGINS_IN_MOTION = "begins_in_motion"
     NO_HEADING = "no_heading"
     TURNS = "turns"
     TURNS_OR_BIAS = "turns_or_bias"

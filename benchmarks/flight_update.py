@@ -6,6 +6,8 @@ own.
     python benchmarks/flight_update.py hostile rlg 0 24 > hostile.jsonl  the gates
     python benchmarks/flight_update.py shaken rlg 400 406 > shaken.jsonl  gyros 0.01 deg/h off aloft
     python benchmarks/flight_update.py ground rlg 0 40 > ground.jsonl    the same without a flight
+    python benchmarks/flight_update.py motion rlg 0 24 > motion.jsonl    logged in the air alone
+    python benchmarks/flight_update.py landed rlg 0 24 > landed.jsonl    in the air and after it
     python benchmarks/flight_update.py manoeuvres                        what shows which gyro
     python benchmarks/flight_update.py summary rlg.jsonl ...
 
@@ -38,6 +40,7 @@ from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.records import AXES, GnssLog, GyroNoise, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG
+from trajectories.runs.cut import cut_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,
@@ -65,6 +68,7 @@ HEADINGS_DEG, LATITUDES_DEG = (20.0, 110.0, 245.0, 320.0), (45.0, 30.0, 55.0, -4
 FLIGHTS_OF_A_PLACE = 10  # simulated in turn from one place and heading
 WITHIN_SIGMAS = 4.0  # of a committed node: beyond, it is confident and wrong
 TAKE_OFF_S = 2250.0  # about; the cold of the cruise begins
+BEGINS_S, LEFT_S = 3000.0, 9000.0  # of a log that begins and ends in the air; landing is at 9100 s
 THERMAL = ThermalHistory(
     ambient_degC=8.0,
     start_degC=8.0,
@@ -347,6 +351,17 @@ def on_ground(seed: int, drawn: Drawn) -> Line:
     }
 
 
+def logged_from_the_air(drawn: Drawn, *, until_s: float = np.inf) -> Drawn:
+    """The same session, logged from the climb on; its thermometer of the air is left out, which a
+    simulated cruise leaves as warm as the ground.
+    """
+    run = drawn.simulated.run
+    assert run.temperature is not None
+    cut = cut_run(run, BEGINS_S, min(until_s, run.imu.end_s))
+    cut = replace(cut, temperature=replace(cut.temperature, ambient_degC=None))
+    return replace(drawn, simulated=replace(drawn.simulated, run=cut))
+
+
 def during(log: GnssLog, start_s: float, end_s: float) -> NDArray:
     """Fixes of a span (n,)."""
     return np.asarray((log.time_s >= start_s) & (log.time_s < end_s))
@@ -496,6 +511,8 @@ def summary(paths: Sequence[Path]) -> None:
 def _print_spans(lines: Sequence[Mapping[str, list[float]]], spans: Sequence[str]) -> None:
     """Errors over sigma of mean biases over some spans."""
     for span in spans:
+        if any(f"{span}_error" not in line for line in lines):
+            continue
         error = np.array([line[f"{span}_error"] for line in lines])
         P = np.array([line[f"{span}_covariance"] for line in lines])
         z = error / np.sqrt(np.diagonal(P, axis1=1, axis2=2))
@@ -536,6 +553,10 @@ def main(arguments: Sequence[str]) -> None:
         elif kind == "shaken":
             changed = UNITS["gyros shaken"]
             line = dict(scored(seed, drawn_session(seed, technology, change=changed)))
+        elif kind in ("motion", "landed"):
+            until_s = LEFT_S if kind == "motion" else np.inf
+            drawn = logged_from_the_air(drawn_session(seed, technology), until_s=until_s)
+            line = dict(scored(seed, drawn))
         elif kind == "ground":
             line = dict(on_ground(seed, drawn_session(seed, technology, flight=())))
         else:

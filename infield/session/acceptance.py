@@ -49,22 +49,11 @@ def contradict(*reasons: Reason) -> Verdict:
 
 def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:
     """Is the session sound and does it say anything?"""
-    aligned = estimate.alignment
     if estimate.parked is not None:
         return _judge_parked(estimate, seen)
-    if aligned.verdict is AlignmentVerdict.INCONSISTENT:
-        return contradict(*aligned.reasons)
-    if aligned.verdict is not AlignmentVerdict.ALIGNED:
-        return refuse(*aligned.reasons)
-    rest_s = estimate.motion.seconds(STILL)
-    if rest_s < MIN_MERGED_REST_S:
-        short = because(
-            SessionReason.SHORT_REST,
-            rest_s=rest_s,
-            needed_s=MIN_MERGED_REST_S,
-            dropped_s=estimate.motion.seconds(DISTURBED),
-        )
-        return refuse(short)
+    unrested = None if estimate.begun is not None else _judge_rest(estimate)
+    if unrested is not None:
+        return unrested
     excess = nis_verdict(estimate.nis_mean, estimate.dof)
     if excess is not None:
         return contradict(because(SessionReason.EXCESS_RESIDUALS, excess=excess))
@@ -78,6 +67,25 @@ def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...
         return contradict(beyond)
     disagree = _kinds_beyond_gate(estimate.navigated)
     return contradict(*disagree) if disagree else _judge_gain(seen)
+
+
+def _judge_rest(estimate: SessionEstimate) -> Verdict | None:
+    """What speaks against the first rest of a session; None where nothing does."""
+    aligned = estimate.alignment
+    if aligned.verdict is AlignmentVerdict.INCONSISTENT:
+        return contradict(*aligned.reasons)
+    if aligned.verdict is not AlignmentVerdict.ALIGNED:
+        return refuse(*aligned.reasons)
+    rest_s = estimate.motion.seconds(STILL)
+    if rest_s >= MIN_MERGED_REST_S:
+        return None
+    short = because(
+        SessionReason.SHORT_REST,
+        rest_s=rest_s,
+        needed_s=MIN_MERGED_REST_S,
+        dropped_s=estimate.motion.seconds(DISTURBED),
+    )
+    return refuse(short)
 
 
 def _kinds_beyond_gate(solution: Solution) -> tuple[Reason, ...]:

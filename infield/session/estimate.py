@@ -150,6 +150,18 @@ class RollingEvidence:
         return not any(found.nuisance in FITTED_CRABS for found in self.found)
 
 
+@dataclass(frozen=True, kw_only=True)
+class BegunInMotion:
+    """How a session began that has no first rest: when, how the heading was found and to which
+    sigma; parked_s: seconds of the session at rest, after its flight.
+    """
+
+    time_s: float
+    method: str
+    sigma_heading_rad: float
+    parked_s: float
+
+
 @dataclass(frozen=True)
 class SessionEstimate:
     """Posterior of the session's bias beyond the table (mean (3N,), covariance (3N, 3N), deg/h) and
@@ -158,7 +170,8 @@ class SessionEstimate:
     heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment
     alone) and after. solution is None, and parked is not, for gyros that find no heading
     (`infield.session.parked`); the heading is NaN then. sweep: tells the `shares`
-    (`navigated.noise_shares`).
+    (`navigated.noise_shares`). begun: of a session without a first rest; the heading error is that
+    of its start then.
     """
 
     bins: SessionBins
@@ -174,6 +187,7 @@ class SessionEstimate:
     parked: ParkedEvidence | None = None
     rolling: RollingEvidence | None = None
     sweep: Callable[[], Mapping[VarianceSource, NDArray]] | None = None
+    begun: BegunInMotion | None = None
 
     @cached_property
     def shares(self) -> Mapping[VarianceSource, NDArray]:

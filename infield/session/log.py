@@ -103,11 +103,13 @@ def find_rest(run: Run, blocks_needed: int = REST_BLOCKS) -> tuple[float, float]
     return first_rest(parked, blocks_needed)
 
 
-def session_end(run: Run) -> float:
-    """Where the ground session ends: the first take-off or flight phase, else the end of the
-    log.
+def session_end(run: Run, after_s: float = -np.inf) -> float:
+    """Where a ground session ends that begins at after_s: the next take-off or flight phase, else
+    the end of the log.
     """
-    airborne = [p.start_s for p in run.phases if p.phase in AIRBORNE_PHASES]
+    airborne = [
+        p.start_s for p in run.phases if p.phase in AIRBORNE_PHASES and p.start_s >= after_s
+    ]
     return min([*airborne, run.imu.end_s])
 
 

@@ -10,8 +10,9 @@ from alignment.motion.speeds import speed_disagreement, steady_roll
 from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
-from infield.session.flown.estimator import KnownRun
-from infield.session.flown.evidence import fly
+from infield.session.flown.evidence import fly, fly_in_motion
+from infield.session.flown.known import KnownRun
+from infield.session.flown.worth import FlightEvidence
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
@@ -79,13 +80,15 @@ def take_run(
         temperature.temperature_degC.max(axis=0).max(),
     )
     table, end_s = table.extended_to(float(low), float(high)), session_end(run)
-    estimate = _estimated(run, table, temperature, twin, settings, end_s)
-    if isinstance(estimate, Verdict):
-        return SessionResult(run, estimate, temperature)
+    begun = _begun(KnownRun(run, table, temperature, twin, settings))
+    if isinstance(begun.estimate, Verdict):
+        return SessionResult(run, begun.estimate, temperature, flight=begun.flight)
+    estimate, flight = begun.estimate, begun.flight
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     marks = unit_marks(run, twin, estimate)
     alike = likeness(marks, on_record.marks) if settings.check_unit else None
-    flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
+    if flight is None:
+        flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
     joined = None if flight is None else flight.joined
     estimate = joined or estimate
     seen = observability(
@@ -137,39 +140,70 @@ def take_run(
     )
 
 
-def _estimated(
-    run: Run,
-    table: ThermalTable,
-    temperature: GyroTemperature,
-    twin: TwinModel,
-    settings: SessionSettings,
-    end_s: float,
-) -> SessionEstimate | Verdict:
-    """The session's biases: through navigation, or for gyros that find no heading from the parked
-    rates themselves.
+@dataclass(frozen=True)
+class _Begun:
+    """A session without what follows its take-off, or why there is none. flight: of a log that
+    begins in motion; where it was joined the estimate holds it.
     """
-    rests = find_rests(run) if no_heading(run, table, temperature, twin) else None
+
+    estimate: SessionEstimate | Verdict
+    flight: FlightEvidence | None = None
+
+
+def _begun(known: KnownRun) -> _Begun:
+    """The session's biases: through navigation, or for gyros that find no heading from the parked
+    rates themselves; with the flight that a log begins with.
+    """
+    run = known.run
+    rests = None
+    if no_heading(run, known.table, known.temperature, known.twin):
+        rests = find_rests(run)
     rest, why = _first_rest(run, rests)
-    level_removed = because(SessionReason.LEVEL_REMOVED) if run.header.level_removed else None
-    against = [reason for reason in (level_removed, why) if reason is not None]
-    if rest is None or against:
-        return acceptance.refuse(*against)
-    spans = [(rest[0], end_s)] if rests is None else rests.stretches
-    known = max(temperature.covered(*span).max() for span in spans)
-    if known < LEAST_COVERED:
-        uncovered = because(
-            SessionReason.TEMPERATURE_UNCOVERED,
-            known_percent=100 * known,
-            needed_percent=100 * LEAST_COVERED,
-        )
-        return acceptance.refuse(uncovered, *map(fault_reason, temperature.faults))
+    if run.header.level_removed:
+        removed = because(SessionReason.LEVEL_REMOVED)
+        return _Begun(acceptance.refuse(removed, *([] if why is None else [why])))
+    parked: SessionEstimate | Verdict = acceptance.refuse(*([] if why is None else [why]))
+    if rest is not None and why is None:
+        parked = _estimated(known, rest, rests)
     if rests is not None:
-        found = estimate_parked(run, table, temperature, twin, settings, rests=rests)
+        return _Begun(parked)
+    after = None if isinstance(parked, Verdict) else parked
+    flight = fly_in_motion(known, rest, after)
+    if flight is None:
+        return _Begun(parked)
+    if isinstance(parked, Verdict):
+        parked = flight.joined or acceptance.refuse(*parked.reasons, *flight.reasons)
+    return _Begun(parked, flight)
+
+
+def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEstimate | Verdict:
+    """The session from its first rest on. rests: of a unit that finds no heading."""
+    end_s = session_end(known.run, rest[0])
+    spans = [(rest[0], end_s)] if rests is None else rests.stretches
+    against = _uncovered(known.temperature, spans)
+    if against is not None:
+        return against
+    of_run = known.run, known.table, known.temperature, known.twin, known.settings
+    if rests is not None:
+        found = estimate_parked(*of_run, rests=rests)
         return acceptance.refuse(found) if isinstance(found, Reason) else found
     try:
-        return estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
+        return estimate_session(*of_run, rest=rest, end_s=end_s)
     except ArithmeticError as lost:
         return acceptance.refuse(because(SessionReason.FILTER_LOST, fault=str(lost)))
+
+
+def _uncovered(temperature: GyroTemperature, spans: Sequence[Where]) -> Verdict | None:
+    """What speaks against a session whose gyros have no temperature; None where they have."""
+    known = max(temperature.covered(*span).max() for span in spans)
+    if known >= LEAST_COVERED:
+        return None
+    uncovered = because(
+        SessionReason.TEMPERATURE_UNCOVERED,
+        known_percent=100 * known,
+        needed_percent=100 * LEAST_COVERED,
+    )
+    return acceptance.refuse(uncovered, *map(fault_reason, temperature.faults))
 
 
 def _first_rest(run: Run, rests: Rests | None) -> tuple[Where | None, Reason | None]:

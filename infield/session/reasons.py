@@ -125,6 +125,7 @@ class FlightReason(StrEnum):
     UNLIKE_AT_REST = "flight_unlike_at_rest"
     NOT_NAVIGATED = "flight_not_navigated"
     NEVER_LINEAR = "flight_never_linear"
+    HEADING_UNSEEN = "flight_heading_unseen"
     # not against it: the prior of the gyros in flight against at rest was given up for their size
     SHIFT_WIDENED = "flight_shift_widened"
 

@@ -155,9 +155,10 @@ def _clearest(suspicion: Suspicion) -> tuple[bool, float]:
 
 def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> Reason | None:
     """A reason where the specific force at rest is not gravity: a clock that runs wrong by a
-    thousandth changes it by 1,000 micro-g, and Earth rate by 0.015 deg/h; None where it is.
+    thousandth changes it by 1,000 micro-g, and Earth rate by 0.015 deg/h; None where it is,
+    or where the log begins in motion.
     """
-    if estimate.solution is None:
+    if estimate.solution is None or estimate.begun is not None:
         return None
     parked = float(estimate.solution.history.time_s[0]), estimate.alignment.time_s
     seconds = compensated_seconds(run, None, None, twin).between(*parked)

@@ -13,6 +13,7 @@ from alignment.navigation_filter import filter_steps, plan_steps, process_noise,
 from benchmarks.flight_errors import FlightErrors, with_flight_errors
 from infield.session.flown.driving import Driving, body_motion
 from infield.session.flown.priors import laid_out
+from infield.session.log import table_series
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.filters import error_model as em
@@ -21,7 +22,7 @@ from ins.filters.program import FilterProgram
 from ins.records import ImuLog, NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
-from tests.infield.sessions import TWIN, unit
+from tests.infield.sessions import TWIN, factory, unit
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,
@@ -84,6 +85,19 @@ def flown(seed=1, errors=None, *, with_gnss=True, gyro=None):
     simulated = simulate_run(ideal_flight(), COLD, unit(), truth, rng=rng, plan=plan)
     errors = errors or FlightErrors(slow_position_m=1.5)
     return with_flight_errors(simulated, ideal_flight(), errors, rng)
+
+
+def bin_errors(simulated, result):
+    """Estimate less truth (3N,) of the bins' biases beyond the factory table [deg/h]."""
+    estimate, time_s = result.estimate, simulated.bias_time_s
+    low, high = (f(result.temperature.temperature_degC) for f in (np.min, np.max))
+    of_table = table_series(factory().extended_to(low, high), result.temperature)
+    true = simulated.gyro_bias_true_deg_h - of_table(time_s)
+    bins = estimate.bins
+    means = [
+        true[(time_s >= a) & (time_s < b)].mean(axis=0) for a, b in zip(bins.start_s, bins.end_s)
+    ]
+    return estimate.mean_deg_h - np.ravel(means)
 
 
 @dataclass(frozen=True)

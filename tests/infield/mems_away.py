@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.flight_errors import FlightErrors, with_flight_errors
-from infield.session.flown.estimator import KnownRun
+from infield.session.flown.known import KnownRun
 from infield.session.one_run import take_run
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature

@@ -15,12 +15,12 @@ from infield.session.flown.driving import MISALIGNED, by_halves
 from infield.session.flown.fixes import usable
 from infield.session.flown.priors import Further
 from infield.session.joint_update import find_flight_terms
-from infield.session.log import table_series
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason
 from ins.earth import displacement_ned
 from ins.units import DEG_PER_HOUR, MICRO_G, PPM
 from tests.infield.flown_cases import (
+    bin_errors,
     flown,
     ideal_flight,
     layout_of,
@@ -128,15 +128,8 @@ def test_a_flight_is_joined_and_its_biases_are_true_within_their_sigmas():
     """Chi-square of the three means over the session and over the flight, 99.9 %."""
     simulated, result = joined()
     assert result.verdict.accepted and result.flight.joined is result.estimate
-    estimate, time_s = result.estimate, simulated.bias_time_s
-    low, high = (f(result.temperature.temperature_degC) for f in (np.min, np.max))
-    of_table = table_series(factory().extended_to(low, high), result.temperature)
-    true = simulated.gyro_bias_true_deg_h - of_table(time_s)
-    bins = estimate.bins
-    means = [
-        true[(time_s >= a) & (time_s < b)].mean(axis=0) for a, b in zip(bins.start_s, bins.end_s)
-    ]
-    error = estimate.mean_deg_h - np.ravel(means)
+    estimate = result.estimate
+    bins, error = estimate.bins, bin_errors(simulated, result)
     aloft = (bins.start_s > result.flight.flight.start_s) & (
         bins.end_s < result.flight.flight.end_s
     )

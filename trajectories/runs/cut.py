@@ -85,12 +85,10 @@ def _cut_log(log: Any, start_s: float, end_s: float) -> Any:
     if log is None:
         return None
     rows = (log.time_s >= start_s - MARGIN_S) & (log.time_s <= end_s + MARGIN_S)
+    if not rows.any():
+        return None
     columns = {f.name: getattr(log, f.name) for f in fields(log)}
-    return (
-        type(log)(**{k: None if v is None else v[rows] for k, v in columns.items()})
-        if rows.any()
-        else None
-    )
+    return replace(log, **{k: v[rows] for k, v in columns.items() if isinstance(v, np.ndarray)})
 
 
 def _overlaps(span: Span | Phase, start_s: float, end_s: float) -> bool:

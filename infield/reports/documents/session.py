@@ -13,6 +13,7 @@ from infield.reports.documents import parked as parked_document
 from infield.reports.documents.alignment import level_document
 from infield.reports.documents.flight import flight_document
 from infield.reports.documents.session_records import (
+    BegunDocument,
     ChainDocument,
     ChainRow,
     CoverageDocument,
@@ -34,7 +35,7 @@ from infield.reports.documents.session_records import (
     VelocityDocument,
 )
 from infield.reports.words.sentences import codes, sentence, sentences
-from infield.session.estimate import Found, RollingEvidence, SessionEstimate
+from infield.session.estimate import BegunInMotion, Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.environment import environment
 from infield.session.navigated.taxi_heading import heading_source
@@ -68,6 +69,7 @@ NUISANCE_UNITS = {
     Nuisance.GNSS_SLOW_POSITION: ("m", 1.0),
     Nuisance.GNSS_SLOW_VELOCITY: ("m/s", 1.0),
 }
+ALIGNMENT_PHASES = ("alignment", "extended_alignment")  # of a log that begins at rest
 MOST_TEMPERATURES, MOST_VELOCITIES = 400, 800  # points of a drawing
 
 
@@ -118,6 +120,7 @@ def _estimated(
 ) -> EstimatedDocument:
     """The facts of a run with its estimate."""
     parked = e.parked is not None
+    rested = not parked and e.begun is None
     after_deg_h = _table_after(session, e, points)
     phases = logged_phases(session, e)
     return EstimatedDocument(
@@ -132,16 +135,17 @@ def _estimated(
         residuals=_residuals(points, e.bins.table_deg_h, after_deg_h),
         heating_cooling=_heating_cooling(points, after_deg_h),
         measurements=parked_document.measurements(e) if parked else _measurements(e),
-        parked_jitter_m=None if parked else e.navigated.displacement_sigma_m,
+        parked_jitter_m=e.navigated.displacement_sigma_m if rested else None,
         smoothing={} if parked else _smoothing(e),
         velocity=None if parked else _velocity(e),
         claim_chain=None if parked else _chain(session.chain, e),
         zero_rate=parked_document.zero_rate(e) if parked else None,
         doubted=sentences(s.reason for s in session.doubted) or None,
-        motion_level=None if parked else level_document(e.navigated.level),
-        environment=None if parked else environment(e.navigated),
+        motion_level=level_document(e.navigated.level) if rested else None,
+        environment=environment(e.navigated) if rested else None,
         taxi=_taxi(e.rolling),
         flight=flight_document(session),
+        begun_in_motion=_begun(e.begun),
         unit_marks=_unit_marks(session),
     )
 
@@ -160,6 +164,17 @@ def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
         return told
     return replace(
         told, sessions=likeness.sessions, chi2=likeness.chi2, dof=likeness.dof, limit=likeness.limit
+    )
+
+
+def _begun(begun: BegunInMotion | None) -> BegunDocument | None:
+    if begun is None:
+        return None
+    return BegunDocument(
+        time_s=begun.time_s,
+        method=begun.method,
+        sigma_heading_mrad=begun.sigma_heading_rad / MILLIRADIAN,
+        parked_s=begun.parked_s,
     )
 
 
@@ -213,7 +228,12 @@ def _detected(e: SessionEstimate) -> tuple[Phase, ...]:
     name.
     """
     several = e.parked is not None and len(e.parked.stretches) > 1
-    return parked_document.phases(e) if several else detect_phases(e.motion)
+    if several:
+        return parked_document.phases(e)
+    found = detect_phases(e.motion)
+    if e.begun is None:
+        return found
+    return tuple(phase for phase in found if phase.phase not in ALIGNMENT_PHASES)
 
 
 def _measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:

@@ -318,14 +318,27 @@ class SessionDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BegunDocument:
+    """How a session began that has no first rest: when, how its heading was found and to which
+    sigma; parked_s: of the session at rest, after its flight.
+    """
+
+    time_s: float
+    method: str
+    sigma_heading_mrad: float
+    parked_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimatedDocument(SessionDocument):
     """The same of a run that was estimated; what only a navigated session has is None.
 
     doubted: wrong facts that the session resembles, so that its table was taught nothing along
     them; left out where there are none. taxi: left out where nothing rolled. phases_used: those
     that made points. environment: of a navigated session, what its parked vehicle went through.
-    flight: left out where the run does not fly with a receiver. unit_marks: left out where the
-    session shows none.
+    flight: left out where the run does not fly with a receiver. begun_in_motion: of a session
+    without a first rest; the heading error is that of its start then. unit_marks: left out where
+    the session shows none.
     """
 
     alignment: SessionAlignment
@@ -348,4 +361,5 @@ class EstimatedDocument(SessionDocument):
     environment: Environment | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
+    begun_in_motion: BegunDocument | None = field(default=None, metadata=OMIT_NONE)
     unit_marks: UnitMarksDocument | None = field(default=None, metadata=OMIT_NONE)

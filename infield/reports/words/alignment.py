@@ -14,6 +14,9 @@ SENTENCES: Mapping[StrEnum, Template] = {
     AlignmentReason.NEVER_RESTS: (
         "the log never rests for a minute; a parked stretch of 5 to 15 min is needed"
     ),
+    AlignmentReason.BEGINS_IN_MOTION: (
+        "the log begins in motion: no rest to align on before the flight"
+    ),
     AlignmentReason.NO_HEADING: (
         "gyro uncertainty {sigma_deg_h:.3g} deg/h against {level_deg_h:.3g} deg/h of level Earth"
         " rate: heading cannot be found at rest; give a heading or turn the unit"

@@ -55,6 +55,14 @@ def _beyond_prior(
     )
 
 
+def _heading_unseen(*, sigma_rad: float, limit_rad: float, sought_s: float) -> str:
+    return (
+        f"the log begins in motion, and its first {sought_s / 60.0:.0f} min show the heading"
+        f" within {sigma_rad / MILLIRADIAN:.1f} mrad, needed {limit_rad / MILLIRADIAN:.0f}: turns"
+        " and changes of speed, or a longer log, would show it"
+    )
+
+
 SENTENCES: Mapping[StrEnum, Template] = {
     FlightReason.UNCOVERED: (
         "fixes cover {covered_percent:.0f} % of the flight, needed {needed_percent:.0f} %"
@@ -83,5 +91,6 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "the heading was never known within {limit_deg:.0f} deg for a minute on the way, needed for"
         " a filter about that solution; turns and changes of speed would show it"
     ),
+    FlightReason.HEADING_UNSEEN: _heading_unseen,
     **_NAMES,
 }

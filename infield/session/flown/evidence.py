@@ -1,19 +1,32 @@
 """A run's flight: estimated, judged, and joined to its ground session or left out."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from alignment.motion.inertial import Where
+from alignment.motion.stillness import TAKE_OFF_M_S
 from infield.session.estimate import SessionEstimate
-from infield.session.flown.estimator import KnownRun, estimate_flown
+from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
 from infield.session.flown.flight import find_flight
-from infield.session.flown.gates import against_joining, carried, doubted, uncovered
+from infield.session.flown.gates import against_joining, carried, doubted, rested, uncovered
+from infield.session.flown.in_motion import estimate_in_motion, flight_from
+from infield.session.flown.known import KnownRun
+from infield.session.flown.start import begins_in_motion, find_moving_start
 from infield.session.flown.without_heading import fly_without_heading
 from infield.session.flown.worth import FlightEvidence, worth_of
+from infield.session.log import compensated_imu
 from infield.session.reasons import FlightReason
 from ins.verdicts import Reason, because
+
+Estimator = Callable[[KnownRun], FlownEstimate]
 
 
 def fly(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
     """The flight after a ground session; None where the run does not fly with a receiver."""
-    run, twin, table = known.run, known.twin, known.table
+    run, twin = known.run, known.twin
     if ground.parked is not None:
         return fly_without_heading(known, ground)
     if run.gnss is None or not known.settings.use_gnss or ground.solution is None:
@@ -22,24 +35,80 @@ def fly(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
     flight = find_flight(run, fixes, twin, ground)
     if flight is None:
         return None
-    before = ground.sigma_heading_rad
+    left_out = FlightEvidence(flight, repeated, ground.sigma_heading_rad)
+    return _judged(
+        known, left_out, ground, lambda known: estimate_flown(known, ground, flight, fixes)
+    )
+
+
+def fly_in_motion(
+    known: KnownRun, rest: Where | None, parked_after: SessionEstimate | None
+) -> FlightEvidence | None:
+    """The flight that a log begins with, before its first rest; None where it begins with none.
+
+    parked_after: the session that this rest makes by itself, None where it makes none.
+    """
+    run = known.run
+    if not known.settings.use_gnss or run.gnss is None or not begins_in_motion(run, rest):
+        return None
+    fixes, repeated = usable(run.gnss)
+    if parked_after is None or parked_after.solution is None:
+        rest, parked_after = None, None
+    before_rest = fixes.time_s < (np.inf if rest is None else rest[0])
+    fast = np.linalg.norm(fixes.v_n_m_s[:, :2], axis=1) > TAKE_OFF_M_S
+    fast &= before_rest
+
+    def left_out(start_s: float) -> FlightEvidence:
+        before = float("nan") if parked_after is None else parked_after.sigma_heading_rad
+        flight = flight_from(run, fixes, start_s, fast, rest)
+        return FlightEvidence(flight, repeated, before)
+
+    imu = compensated_imu(run, known.table, known.temperature, known.twin)
+    start = find_moving_start(known, imu, fixes)
+    if isinstance(start, Reason):
+        return replace(left_out(run.imu.start_s), reasons=(start,))
+    evidence = left_out(start.state.time_s)
+    return _judged(
+        known,
+        evidence,
+        parked_after,
+        lambda known: estimate_in_motion(known, parked_after, evidence.flight, fixes, start),
+    )
+
+
+def _judged(
+    known: KnownRun, left_out: FlightEvidence, ground: SessionEstimate | None, estimated: Estimator
+) -> FlightEvidence:
+    """A flight estimated, once more with a wider prior where gyros hardly read as at rest, and
+    joined where nothing speaks against it. ground: the session without it, None where there is
+    none.
+    """
+    flight = left_out.flight
     if against := uncovered(flight):
-        return FlightEvidence(flight, repeated, before, against)
+        return replace(left_out, reasons=against)
     notes: tuple[Reason, ...] = ()
     as_usual: SessionEstimate | None = None
     try:
-        flown = estimate_flown(known, ground, flight, fixes)
+        flown = estimated(known)
         states = carried(flown.estimate.navigated.filter, flown.layout)
-        notes = doubted(states) if not against_joining(flown, flight) else ()
+        sound = rested(flown) and not against_joining(flown, flight)
+        notes = doubted(states) if sound else ()
         if notes:
             as_usual = flown.estimate
             size = max(abs(float(note.values["size_deg_h"])) for note in notes)
-            flown = estimate_flown(known.with_shift(size), ground, flight, fixes)
+            flown = estimated(known.with_shift(size))
     except ArithmeticError as lost:
-        why = because(FlightReason.FILTER_LOST, fault=str(lost))
-        return FlightEvidence(flight, repeated, before, (why,))
+        return replace(left_out, reasons=(because(FlightReason.FILTER_LOST, fault=str(lost)),))
     states = carried(flown.estimate.navigated.filter, flown.layout)
     against = against_joining(flown, flight)
     joined = None if against else flown.estimate
-    worth = None if joined is None else worth_of(table, ground, joined, flight)
-    return FlightEvidence(flight, repeated, before, against, joined, states, worth, notes, as_usual)
+    worth = None if joined is None else worth_of(known.table, ground, joined, flight)
+    return replace(
+        left_out,
+        reasons=against,
+        joined=joined,
+        carried=states,
+        worth=worth,
+        notes=notes,
+        as_usual=as_usual,
+    )

@@ -58,8 +58,6 @@ def find_flight(
     end_s = float(fixes.time_s[fast][-1])
     if end_s - start_s < LEAST_FLOWN_S:
         return None
-    inside = fixes.time_s[(fixes.time_s > start_s) & (fixes.time_s <= end_s)]
-    seconds = np.unique(np.floor(inside)).size
     stands = find_stands(
         seconds_of(run.imu),
         fixes_of(
@@ -73,8 +71,14 @@ def find_flight(
         start_s=start_s,
         end_s=end_s,
         stands=tuple(stand for stand in stands if stand[0] > end_s),
-        covered=min(seconds / (end_s - start_s), 1.0),
+        covered=covered_share(fixes, start_s, end_s),
     )
+
+
+def covered_share(fixes: GnssLog, start_s: float, end_s: float) -> float:
+    """Share of the seconds of a flight that have a fix."""
+    inside = fixes.time_s[(fixes.time_s > start_s) & (fixes.time_s <= end_s)]
+    return min(np.unique(np.floor(inside)).size / (end_s - start_s), 1.0)
 
 
 def flown_motion(history: NavHistory, ground: Motion, flight: Flight) -> Motion:

@@ -98,13 +98,25 @@ def carried(flt: ErrorFilter | FlightEnd, layout: Layout) -> tuple[Carried, ...]
 
 def against_joining(flown: FlownEstimate, flight: Flight) -> tuple[Reason, ...]:
     """Why a flight may not be joined to its session; empty where it may."""
-    return (*uncovered(flight), *against(flown.estimate.navigated.filter, flown.layout))
+    flt = flown.estimate.navigated.filter
+    return (*uncovered(flight), *against(flt, flown.layout, rested=rested(flown)))
 
 
-def against(flt: ErrorFilter | FlightEnd, layout: Layout) -> tuple[Reason, ...]:
-    """What a flight's filter says against it."""
+def rested(flown: FlownEstimate) -> bool:
+    """Whether a session stood as well as flew: else nothing tells what its gyros read in flight
+    from what the table has wrong.
+    """
+    begun = flown.estimate.begun
+    return begun is None or begun.parked_s > 0.0
+
+
+def against(
+    flt: ErrorFilter | FlightEnd, layout: Layout, *, rested: bool = True
+) -> tuple[Reason, ...]:
+    """What a flight's filter says against it. rested: of a session that stood as well."""
     states = carried(flt, layout)
-    return (*_residuals(flt), *_beyond_prior(states), *_moved(states))
+    moved = _moved(states) if rested else ()
+    return (*_residuals(flt), *_beyond_prior(states), *moved)
 
 
 def uncovered(flight: Flight) -> tuple[Reason, ...]:

@@ -19,9 +19,9 @@ from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.flown.about import FIRST_FURTHER, Believed, begun, over
-from infield.session.flown.estimator import KnownRun
 from infield.session.flown.flight import Flight
 from infield.session.flown.gates import against, carried, uncovered
+from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.steps import steps_between
 from infield.session.flown.worth import FlightEvidence, worth_of

@@ -70,9 +70,11 @@ class FlightTerm:
 
 
 def worth_of(
-    table: ThermalTable, ground: SessionEstimate, joined: SessionEstimate, flight: Flight
+    table: ThermalTable, ground: SessionEstimate | None, joined: SessionEstimate, flight: Flight
 ) -> Worth:
-    """What ground and flight do to the table at the temperatures of the flight."""
+    """What ground and flight do to the table at the temperatures of the flight. ground: None of a
+    session that has no part without the flight.
+    """
     bins = joined.bins
     flown = (bins.start_s >= flight.start_s) & (bins.end_s <= flight.end_s)
     H = bins.H.reshape(-1, 3, table.n_parameters)[flown]
@@ -80,8 +82,9 @@ def worth_of(
     def sigma(covariance: NDArray) -> NDArray:
         return np.sqrt(np.einsum("kij,jl,kil->ki", H, covariance, H).mean(axis=0))
 
+    alone = table.covariance
+    if ground is not None:
+        alone = ground.merged_into(table).candidate.covariance
     return Worth(
-        sigma(table.covariance),
-        sigma(ground.merged_into(table).candidate.covariance),
-        sigma(joined.merged_into(table).candidate.covariance),
+        sigma(table.covariance), sigma(alone), sigma(joined.merged_into(table).candidate.covariance)
     )
