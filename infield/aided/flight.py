@@ -24,7 +24,14 @@ from infield.aided.checks import mounting_note, site_note, without_repeats
 from infield.aided.flights import Beginning, Flights, options_of
 from infield.aided.grade import Weak, graded
 from infield.aided.headings import HeadingOpen, Sky
-from infield.aided.left_out import OutageScore, check_left_out, scored, without
+from infield.aided.left_out import (
+    WITHOUT_S,
+    OutageScore,
+    check_left_out,
+    scored,
+    usual_motion,
+    without,
+)
 from infield.aided.noise import MATERIAL, Flown, Model, NoiseScales, capped_nis
 from infield.aided.open_heading import fly_open
 from infield.aided.reasons import AidedGrade, AidedNote, AidedReason, AidedVerdict, StartMethod
@@ -241,6 +248,7 @@ def navigate_aided(
         return replace(_refused(why, role), fixes=fixes, stands=stands)
     found = flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
+    fitted, flights, without_fixes = _as_usual(flights, fitted)
     open_heading: tuple[Reason, ...] = ()
     if found.method is StartMethod.ALL_HEADINGS:
         fitted, why = _from_all_headings(flights, fitted)
@@ -248,7 +256,13 @@ def navigate_aided(
     fitted, flights, rolling = _on_wheels(flights, fitted, run, aiding, found)
     history, scales = fitted.history, fitted.model.scales
     reasons = judged(history) + unbelieved(scales, header.gyro_technology)
-    notes = open_heading + rolling + repeats + site_note(fixes, stands, header.site, imu.start_s)
+    notes = (
+        open_heading
+        + rolling
+        + without_fixes
+        + repeats
+        + site_note(fixes, stands, header.site, imu.start_s)
+    )
     notes += mounting_note(history)
     notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, twin)
     outages = find_outages(history)
@@ -275,6 +289,21 @@ def navigate_aided(
         smooth=lambda: _smoothed(flights, found, fitted.model),
         every=every,
     )
+
+
+def _as_usual(flights: Flights, fitted: Fitted) -> tuple[Fitted, Flights, tuple[Reason, ...]]:
+    """The flight that takes the vehicle to go as it usually does where it has no fixes, and that it
+    does; noise and antenna are those of the fixes alone.
+    """
+    usual = usual_motion(flights.fixes)
+    held = replace(flights, usual=usual)
+    if usual is None or held.rows_of_receiver.all():
+        return fitted, flights, ()
+    history = held(fitted.model, whole=True)
+    if history is None:
+        return fitted, flights, ()
+    note = because(AidedNote.USUAL_MOTION, without_s=WITHOUT_S, **vars(usual))
+    return replace(fitted, history=history), held, (note,)
 
 
 def _on_wheels(

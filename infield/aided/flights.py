@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
 from infield.aided.headings import HeadingFound, HeadingOpen, Sky, find_heading
+from infield.aided.left_out import UsualMotion, of_receiver, with_usual_motion
 from infield.aided.noise import Model
 from infield.aided.start import FoundStart, moving_start, parked_start, surveyed_start
 from ins.filters.aided_filter import AidedNavigator
@@ -99,8 +100,14 @@ class Flights:
     technology: str
     begin: "Beginning"
     wheels: Wheels = NO_WHEELS
+    usual: UsualMotion | None = None
     starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
     held: list[ImuLog] = field(default_factory=list)
+
+    @property
+    def rows_of_receiver(self) -> NDArray:
+        """Which rows that the filter is given are the receiver's, not of the usual motion."""
+        return with_usual_motion(self.fixes, self.usual, self.imu.end_s)[1]
 
     def start(self, antenna: Antenna) -> FoundStart | Reason:
         key = antenna.velocity_delay_s, *antenna.lever_arm_m
@@ -138,7 +145,9 @@ class Flights:
     ) -> AidedNavigator:
         """The filter under a model, from a start; its delays are those beyond the lesser one."""
         base_s = _base_s(model)
-        fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
+        fixes = self.fixes.scaled(model.scales.position, model.scales.velocity)
+        fixes, _ = with_usual_motion(fixes, self.usual, self.imu.end_s)
+        fixes = fixes.earlier(base_s)
         options = options_of(self.technology, self.stands)
         return AidedNavigator(
             found.start,
@@ -150,7 +159,8 @@ class Flights:
 
     def as_timed(self, history: AidedHistory, model: Model) -> AidedHistory:
         """The history with the delays that the fixes have."""
-        return replace(history, antenna=history.antenna.later(_base_s(model)))
+        timed = replace(history, antenna=history.antenna.later(_base_s(model)))
+        return of_receiver(timed, self.rows_of_receiver)
 
     def pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
         """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in

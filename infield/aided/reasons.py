@@ -64,6 +64,7 @@ class AidedNote(StrEnum):
     HEADING_OPEN = "heading_open"
     WHEELS_TAKEN = "wheels_taken"
     NO_WHEELS = "no_wheels"
+    USUAL_MOTION = "usual_motion"
     REPEATED_FIXES = "repeated_fixes"
     SITE_ELSEWHERE = "site_elsewhere"
     OFF_THE_TRACK = "off_the_track"

@@ -162,6 +162,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ),
     AidedNote.WHEELS_TAKEN: _wheels,
     AidedNote.NO_WHEELS: _no_wheels,
+    AidedNote.USUAL_MOTION: (
+        "without fixes for {without_s:g} s and longer it is taken to go as with them: up to"
+        " {level_m_s:.2g} m/s level and {down_m_s:.2g} m/s up or down (1 sigma), for"
+        " {lasts_s:.0f} s at a time"
+    ),
     AidedNote.REPEATED_FIXES: (
         "{count} fixes from {first_s:.1f} to {last_s:.1f} s are left out: their position is that of"
         " the fix before, to the last digit, at {speed_m_s:.1f} m/s (a receiver that is stuck, or a"
