@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
-from trajectories.simulator.unit_truth import aged_unit
+from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 
 SITE = Site(lat_rad=45.0 * DEG, lon_rad=7.0 * DEG, height_m=250.0)
 HEADINGS_DEG = (37.0,)
@@ -120,20 +121,26 @@ def twin() -> TwinModel:
     return default_twin("rlg")
 
 
-@lru_cache(maxsize=1)
-def _unit():
+@lru_cache(maxsize=2)
+def unit_of(technology: str, seed: int = 7) -> UnitTruth:
+    """A unit that has not aged."""
     return aged_unit(
-        np.random.default_rng(7),
-        gyro_technology="rlg",
+        np.random.default_rng(seed),
+        gyro_technology=technology,
         ageing_offset_deg_h=0.0,
         ageing_shape_deg_h=0.0,
     )
 
 
-@lru_cache(maxsize=1)
-def table() -> ThermalTable:
+@lru_cache(maxsize=2)
+def table_of(technology: str, seed: int = 7) -> ThermalTable:
     """The unit's own curve: what the twin believes is true."""
-    return table_from_dict(_unit().factory_table(np.arange(-20.0, 61.0, 2.0)), name="table")
+    curve = unit_of(technology, seed).factory_table(np.arange(-20.0, 61.0, 2.0))
+    return table_from_dict(curve, name="table")
+
+
+def table() -> ThermalTable:
+    return table_of("rlg")
 
 
 @lru_cache(maxsize=2)
@@ -162,7 +169,7 @@ def _flown(seed: int, number: int, heading_deg: float) -> Flown:
     )
     rng = np.random.default_rng([seed, number, 18])
     session = simulate_run(
-        ideal, thermal_history("ambient"), _unit(), twin(), rng=rng, plan=plan
+        ideal, thermal_history("ambient"), unit_of("rlg"), twin(), rng=rng, plan=plan
     ).run
     air = 1.0 - ideal.on_wheels
     climbing = np.gradient(ideal.height_m, ideal.dt_s) > 1.0
@@ -522,7 +529,20 @@ def trial(planted: Planted, seed: int, wanted: float) -> Outcome:
     return outcome_of(planted, found, wanted=wanted, reached=reached, seed=seed, cpu_s=cpu_s)
 
 
-def outcome_of(planted: Planted, found: Diagnosis, **of_trial: float) -> Outcome:
+class Laid(Protocol):
+    """What a trial plants: its name, the sensor, the right answers and the stated neighbours."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def answers(self) -> tuple[str, ...]: ...
+    @property
+    def neighbours(self) -> tuple[str, ...]: ...
+
+
+def outcome_of(planted: Laid, found: Diagnosis, **of_trial: float) -> Outcome:
     """Right: the answer leads on its target and no other cause stands beside it; a neighbour: a
     stated one leads, or the answer is in the set; none: nothing was found or nothing named.
     """

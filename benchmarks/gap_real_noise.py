@@ -1,21 +1,25 @@
 """Effects implanted into real recordings at rest, and a placebo: what the diagnosis says on real
 noise.
 
-    python -m benchmarks.gap_real_noise [--data ../shared/data] [--each 40] [-o FILE]
+    python -m benchmarks.gap_real_noise [--data ../shared/data] [--each 40]
+        [--placebo KIND ...] [--until HH:MM] [-o FILE]
 
 Of each log of `benchmarks.real_logs` that rests: its noise by `recal twin fit`, and what the log
 itself shows under that noise taken into the twin (all causes found on the log as it is). Then an
 effect is laid over a gyro, of forms that the catalogue does not use (a step that takes seconds, a
 drift that bends, a triangle wave, uniform noise), 5 to 40 sigma of that log. Every log is given a
-placebo for a temperature: that of the copter's third IMU, backwards and stretched; a named cause
-that rests on it is a hit of the placebo.
+placebo for a temperature, that of the copter's third IMU stretched over the log: backwards, as it
+ran, or with a different curve on each axis (backwards, as it ran, and shifted by half). A named
+cause that rests on it with a probability above a half is a hit of the placebo; it is said which of
+them stand alone, without any rival.
 """
 
 import argparse
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +39,7 @@ PLACEBO = "copter-imu3"
 SIZES = (5.0, 10.0, 20.0, 40.0)
 REPLICATES = 100
 CONFIDENT = 0.9
+KINDS = ("backwards", "as it ran", "axes swapped")
 THERMAL = ("gyro_thermal", "unknown_function_of_temperature", "accel_thermal", "gyro_noise_thermal")
 Form = Callable[[NDArray, np.random.Generator], NDArray]
 
@@ -77,6 +82,7 @@ class Log:
     """
 
     name: str
+    placebo: str
     run: Run
     twin: TwinModel
     causes: tuple[str, ...]
@@ -89,18 +95,28 @@ def main() -> None:
     )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--each", type=int, default=40, help="implants a log")
+    parser.add_argument("--placebo", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--until", default="", help="UTC, HH:MM: begin no implant later")
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
     rows, notes = [], []
-    for log in prepared_logs(options.data):
+    logs = prepared_logs(options.data, options.placebo)
+    for log in logs:
         left = ", ".join(f"{effect} on {target}" for effect, target in sorted(log.left))
+        shown = ", ".join(log.causes)
         notes.append(
-            f"{log.name}: as it is, under its own noise: {', '.join(log.causes) or 'nothing'};"
-            f" with that in the twin: {left or 'nothing'}"
+            f"{log.name}, placebo {log.placebo}: as it is, under its own noise:"
+            f" {shown or 'nothing'}; with that in the twin: {left or 'nothing'}"
         )
         print(notes[-1], flush=True)
-        made = [implanted(log, k) for k in range(options.each)]
-        rows += [row for row in made if row["reached"] > 0.0]
+    for k in range(options.each):
+        for log in logs:
+            if options.until and datetime.now(UTC).strftime("%H:%M") >= options.until:
+                continue
+            row = implanted(log, k)
+            if row["reached"] > 0.0:
+                rows.append(row)
+                print(json.dumps(row), flush=True)
     for line in summary(rows):
         print(line)
     if options.output:
@@ -108,7 +124,7 @@ def main() -> None:
         options.output.write_text(text + "\n", encoding="utf-8")
 
 
-def prepared_logs(data: Path) -> list[Log]:
+def prepared_logs(data: Path, kinds: Sequence[str] = KINDS) -> list[Log]:
     """All logs that rest, each under a twin of its own."""
     out = []
     with tempfile.TemporaryDirectory() as folder:
@@ -116,28 +132,37 @@ def prepared_logs(data: Path) -> list[Log]:
         placebo = runs[PLACEBO].temperature
         assert placebo is not None
         for name in LOGS:
-            run = with_placebo(runs[name], placebo)
             twin = fit_twin(runs[name]).twin
-            if twin is None or isinstance(view_run(run, 0, None, twin), str):
+            if twin is None or isinstance(view_run(runs[name], 0, None, twin), str):
                 print(f"{name}: no rest for a fit of its noise, left out", flush=True)
                 continue
-            found = diagnosed(run, twin)
-            more = twin_with_causes(twin, found.causes, [run.header.run_id], with_table=False)
-            again = twin_from_dict(json.loads(json.dumps(more)), source="twin", name="twin")
-            said = tuple(f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes)
-            left = frozenset((c.effect, c.target) for c in diagnosed(run, again).causes)
-            out.append(Log(name, run, again, said, left))
+            for kind in kinds:
+                out.append(_prepared(name, kind, with_placebo(runs[name], placebo, kind), twin))
     return out
 
 
-def with_placebo(run: Run, placebo: TemperatureLog) -> Run:
-    """The run with a temperature that has nothing to do with it."""
+def _prepared(name: str, kind: str, run: Run, twin: TwinModel) -> Log:
+    found = diagnosed(run, twin)
+    more = twin_with_causes(twin, found.causes, [run.header.run_id], with_table=False)
+    again = twin_from_dict(json.loads(json.dumps(more)), source="twin", name="twin")
+    said = tuple(f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes)
+    left = frozenset((c.effect, c.target) for c in diagnosed(run, again).causes)
+    return Log(name, kind, run, again, said, left)
+
+
+def with_placebo(run: Run, placebo: TemperatureLog, kind: str) -> Run:
+    """The run with temperatures that have nothing to do with it."""
     start, end = run.imu.start_s, run.imu.end_s
     time_s = np.arange(np.ceil(start), np.floor(end), 1.0)
     x = (time_s - time_s[0]) / max(time_s[-1] - time_s[0], 1.0)
     own = (placebo.time_s - placebo.time_s[0]) / (placebo.time_s[-1] - placebo.time_s[0])
-    column = np.interp(1.0 - x, own, placebo.gyro_degC[:, 0])
-    T = np.repeat(column[:, None], 3, axis=1)
+    curves = {
+        "backwards": np.interp(1.0 - x, own, placebo.gyro_degC[:, 0]),
+        "as it ran": np.interp(x, own, placebo.gyro_degC[:, 0]),
+        "shifted": np.interp((x + 0.5) % 1.0, own, placebo.gyro_degC[:, 0]),
+    }
+    chosen = list(curves) if kind == "axes swapped" else [kind] * 3
+    T = np.stack([curves[name] for name in chosen], axis=1)
     return replace(run, temperature=TemperatureLog(time_s=time_s, gyro_degC=T))
 
 
@@ -157,9 +182,11 @@ def implanted(log: Log, number: int) -> dict:
     new = [c for c in found.causes if (c.effect, c.target) not in log.left]
     first = new[0] if new else None
     held = [c for c in new if {c.effect, *(r.effect for r in c.rivals)} & set(right)]
+    tied = [c for c in new if c.effect.startswith(THERMAL)]
     wrong = [c for c in new if c.named and c.probability > CONFIDENT and c not in held]
     return {
         "log": log.name,
+        "with": log.placebo,
         "form": form,
         "sigma": size,
         "reached": reached,
@@ -170,7 +197,8 @@ def implanted(log: Log, number: int) -> dict:
         "in_set": any(target in (c.target, *(r.target for r in c.rivals)) for c in held),
         "place": target in {p.channel for p in found.where},
         "wrong_confident": bool(wrong),
-        "placebo": any(c.effect.startswith(THERMAL) and c.probability > 0.5 for c in new),
+        "placebo": any(c.probability > 0.5 for c in tied),
+        "placebo_alone": any(not c.rivals for c in tied),
     }
 
 
@@ -208,6 +236,7 @@ def summary(rows: list[dict]) -> list[str]:
     out = [_line("all", rows)]
     out += [_line(f"{s:g} sigma", [r for r in rows if r["sigma"] == s]) for s in SIZES]
     out += [_line(name, [r for r in rows if r["log"] == name]) for name in LOGS]
+    out += [_line(f"placebo {k}", [r for r in rows if r["with"] == k]) for k in KINDS]
     out += [_line(form, [r for r in rows if r["form"] == form]) for form in FORMS]
     return [line for line in out if "of 0:" not in line]
 
@@ -215,7 +244,15 @@ def summary(rows: list[dict]) -> list[str]:
 def _line(name: str, rows: list[dict]) -> str:
     counts = {
         key: sum(r[key] for r in rows)
-        for key in ("seen", "place", "right", "in_set", "wrong_confident", "placebo")
+        for key in (
+            "seen",
+            "place",
+            "right",
+            "in_set",
+            "wrong_confident",
+            "placebo",
+            "placebo_alone",
+        )
     }
     said = ", ".join(f"{key.replace('_', ' ')} {n}" for key, n in counts.items())
     return f"{name}, of {len(rows)}: {said}"

@@ -32,7 +32,7 @@ from recal.fleet.records import (
     outcome_of,
 )
 from recal.fleet.report import fleet_html
-from recal.service.inputs.unit_inputs import twin_fit_command
+from recal.service.inputs.records import twin_fit_command
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.text import result_text
 from recal.service.store import (

@@ -11,7 +11,6 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import read_twin
 from recal.service.inputs.twin_table import TwinTable, twin_table
-from recal.service.inputs.unit_inputs import table_of_unknown_unit
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -23,8 +22,6 @@ from simreal.inference import diagnosis as core
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.user_level import user_level
 from simreal.plan.record_next import record_next
-from simreal.predict.document import simulator_record
-from simreal.predict.held_out import Believed, predict_runs
 from simreal.predict.records import SimulatorRecord
 from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
@@ -190,6 +187,11 @@ def _predicted(
     found: Diagnosis,
 ) -> SimulatorRecord:
     """What the twin predicts of updates of runs that it was not fitted to."""
+    # with the store and the updates' estimators behind them: half a second of CPU
+    from recal.service.inputs.unit_inputs import table_of_unknown_unit
+    from simreal.predict.document import simulator_record
+    from simreal.predict.held_out import Believed, predict_runs
+
     table = beside.table or table_of_unknown_unit(runs[0], twin)
     believed = Believed(twin, beside.table, beside.sha256)
     return simulator_record(predict_runs(runs, believed, table, settings, found))

@@ -96,6 +96,8 @@ class ChannelNoise:
         if rows < 2:
             return 0.0, 0.0
         C = toeplitz(self._stationary(rows, dt_s, slow=False))
+        if self.flicker:
+            C += self.flicker * toeplitz(_flicker_within(rows, dt_s))
         C = C - C.mean(axis=0) - C.mean(axis=1)[:, None] + C.mean()
         trace, square = float(np.trace(C)), float(np.sum(C * C))
         return trace, (trace**2 / square if square > 0 else 0.0)
@@ -146,6 +148,15 @@ def _flicker_means(n: int, dt_s: float, run_s: float) -> NDArray:
         * np.sinc(f * dt_s) ** 2
     )
     return np.fft.irfft(psd, m)[: n * per : per] / step
+
+
+def _flicker_within(n: int, dt_s: float) -> NDArray:
+    """Autocovariance (n,) of means over dt_s of unit flicker, but for a constant, which a mean over
+    them takes out: that of -ln|t| / pi, twice integrated over the rows, exact at all frequencies.
+    """
+    t = dt_s * np.arange(-1.0, n + 1.0)
+    twice = -(0.5 * t**2 * np.log(np.maximum(np.abs(t), 1e-300)) - 0.75 * t**2) / np.pi
+    return np.asarray((twice[2:] - 2.0 * twice[1:-1] + twice[:-2]) / dt_s**2)
 
 
 def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[ChannelNoise, ...]:

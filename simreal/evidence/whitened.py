@@ -6,6 +6,7 @@ sums of squares over their expected value (`Scatter`), chi-square distributed.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -294,6 +295,16 @@ class Evidence:
         out = np.zeros(self.size, bool)
         for k, run in enumerate(self.runs):
             out[self.rows_of(k)][run.blocks[2]] = True
+        return out
+
+    def alone(self, run: int) -> "Evidence":
+        """One of the runs, whitened as it is here."""
+        out = copy(self)
+        out.__dict__.pop("followed", None)
+        out.views, out.known, out.runs = (self.views[run],), (self.known[run],), [self.runs[run]]
+        out.z = self.runs[run].z
+        out.rows = self.runs[run].rows(0)
+        out.offsets = np.array([0, out.z.size])
         return out
 
     def rows_of(self, run: int) -> slice:

@@ -3,16 +3,24 @@ sigma and usual size.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.generic import FREE_FUNCTIONS, UNKNOWN_MOTION
+from simreal.declared.generic import (
+    FREE_FUNCTIONS,
+    OF_RATE,
+    OF_TEMPERATURE,
+    OF_TIME,
+    UNKNOWN_MOTION,
+)
 from simreal.effects.base import GYROS, Effect
+from simreal.effects.telemetry import Telemetry
 from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
-from simreal.inference.bank import Hypothesis, unit_scale
+from simreal.inference.bank import Bank, Hypothesis, unit_scale
 from simreal.inference.noise_hypotheses import NoiseHypothesis
 from simreal.inference.scoring import Scorer, condition, fit
 
@@ -22,6 +30,9 @@ CREDIBLE = 0.95  # of a set: 19 of 20 hold what is true
 SAME_COSINE = 0.95
 UNLISTED = (UNKNOWN_MOTION, "")  # a cause outside the catalogue
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
+TIME_NODES = (
+    4  # of the free function of time, the coarsest of the bank: what is no smooth drift is left
+)
 # of free functions of motion
 FREE_UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
 # probability below which an answer is not listed, nor worth a recording; chosen: all that is left
@@ -125,6 +136,7 @@ def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], flo
     for hypothesis, p in zip(attribution.hypotheses, slot.posterior):
         key = hypothesis.name, hypothesis.target
         shares[key] = shares.get(key, 0.0) + float(p)
+    shares = shared_with_time(attribution, slot, shares)
     # what it adds to the others: two may cancel
     alien = unlisted(float(np.sqrt(2.0 * max(slot.log_odds, 0.0))))
     shares = {key: (1.0 - alien) * p for key, p in shares.items()}
@@ -320,3 +332,79 @@ def posterior_bars(
     """The most probable answers of a slot."""
     shares = shares_of(attribution, slot)
     return [(name, target, p) for (name, target), p in list(shares.items())[:most]]
+
+
+def shared_with_time(
+    attribution: Attribution, slot: Slot, shares: Mapping[tuple[str, str], float]
+) -> dict[tuple[str, str], float]:
+    """Shares by name and target, those of causes of temperature shared with time where one start
+    shows both.
+
+    Within one rest the temperature is a smooth curve of time, and so is a drift that has nothing to
+    do with it: a temperature of another log, backwards, was named in 5 of 15 real rests
+    (docs/gap_real_noise.md). Where the fitted signature is one of time as well, both keep half of
+    the probability; a second start tells them apart.
+    """
+    out = dict(shares)
+    target = slot.hypothesis.target
+    if not _is_smooth_drift(attribution, slot):
+        return out
+    run = attribution.evidence.views[0].telemetry
+    key = OF_TIME, target
+    for h in {(h.name, h.target): h for h in attribution.bank.hypotheses}.values():
+        own = h.name, h.target
+        if own in out and goes_with_temperature(h.name, h.effect, run, h.target):
+            out[own] *= 0.5
+            out[key] = out.get(key, 0.0) + out[own]
+    return out
+
+
+def goes_with_temperature(name: str, effect: Effect | None, run: Telemetry, target: str) -> bool:
+    """Whether an answer needs a temperature in the log."""
+    if effect is None:
+        return name in (OF_TEMPERATURE, OF_RATE)
+    cold = replace(
+        run,
+        temperature_degC=None,
+        temperature_rate_degC_min=None,
+        accel_degC=None,
+        gradient_degC=None,
+        table_deg_h=None,
+    )
+    return not effect.needs([run], target) and bool(effect.needs([cold], target))
+
+
+def _is_smooth_drift(attribution: Attribution, slot: Slot) -> bool:
+    """Whether the only start shows a cause of temperature that a free function of time is too."""
+    h = slot.hypothesis
+    views = attribution.evidence.views
+    if slot.group is None or len(views) != 1:
+        return False
+    if not goes_with_temperature(h.name, h.effect, views[0].telemetry, h.target):
+        return False
+    bank = attribution.bank
+    times = {
+        int(g.shape["nodes"]): g.columns
+        for other in bank.hypotheses
+        if (other.name, other.target) == (OF_TIME, h.target)
+        for g in other.groups
+    }
+    # a free function of temperature is judged against the one of time that is as free
+    time = times.get(TIME_NODES if h.effect is not None else max(times, default=0))
+    others = columns_of(s for s in attribution.slots if s is not slot)
+    return time is not None and _cosine(bank, slot.columns, time, others) > SAME_COSINE
+
+
+def _cosine(bank: Bank, own: NDArray, span: NDArray, others: NDArray) -> float:
+    """|cos| of the fitted signature of some columns with the span of others, a third set projected
+    out.
+    """
+    gram, score = condition(bank.gram, bank.score[:, None], others)
+    G = gram[np.ix_(own, own)]
+    beta = np.linalg.pinv(G, hermitian=True) @ score[own, 0]
+    norm = float(beta @ G @ beta)
+    if norm <= 0.0:
+        return 0.0
+    cross = gram[np.ix_(span, own)] @ beta
+    within = float(cross @ np.linalg.pinv(gram[np.ix_(span, span)], hermitian=True) @ cross)
+    return float(np.sqrt(np.clip(within / norm, 0.0, 1.0)))

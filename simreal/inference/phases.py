@@ -6,7 +6,7 @@ fitted to the parked rows alone, then come out otherwise.
 """
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank
@@ -33,5 +33,5 @@ def phases_contradict(bank: Bank, evidence: Evidence, columns: np.ndarray) -> bo
     made, left = A @ length[length > 0.0], evidence.z[parked] - A @ length[length > 0.0]
     change, _, rank, _ = np.linalg.lstsq(A, left, rcond=1e-8)
     moved = float(np.sum((A @ change) ** 2))
-    beyond = moved > float(chi2.isf(CONTRADICTION, max(int(rank), 1)))
+    beyond = moved > float(chdtri(max(int(rank), 1), CONTRADICTION))
     return bool(beyond and moved > LEAST_DIFFERENCE**2 * float(made @ made))

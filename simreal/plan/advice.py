@@ -10,6 +10,7 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Site, TwinModel
 from ins.units import DEG
 from simreal.evidence.whitened import Evidence
+from simreal.plan.gram import RunGrams
 from simreal.plan.pairs import Judged, Pair, contender
 from simreal.plan.recordings import RecordingMaker, short_list
 from simreal.plan.study import EQUAL_GAIN, Plan, Planner
@@ -39,7 +40,11 @@ def advice(
     heading_deg = (
         round(float(np.median(last.telemetry.heading_rad[last.telemetry.parked])) / DEG) % 360.0
     )
-    planner = Planner(pairs, _maker(evidence.twin, table, last.run.header.site), evidence.views)
+    planner = Planner(pairs, _maker(evidence.twin, table, last.run.header.site))
+    planner.given = [
+        RunGrams.of_evidence(evidence.alone(k), planner.contenders)
+        for k in range(len(evidence.views))
+    ]
     now = planner.plan((), "now")
     plans = planner.best_next(now, short_list(heading_deg, without))
     return [_sentence(k, now.judged[k], plans) for k in range(len(pairs))]

@@ -91,8 +91,19 @@ class RunGrams:
     """
 
     def __init__(self, view: RunView, twin: TwinModel, contenders: Sequence[Contender]) -> None:
-        self.view, self.telemetry = view, view.telemetry
-        bank = _OpenBank(Evidence([view], twin), contenders)
+        self._of(Evidence([view], twin), contenders)
+
+    @classmethod
+    def of_evidence(cls, evidence: Evidence, contenders: Sequence[Contender]) -> "RunGrams":
+        """Of a run that is whitened already."""
+        made = cls.__new__(cls)
+        made._of(evidence, contenders)
+        return made
+
+    def _of(self, evidence: Evidence, contenders: Sequence[Contender]) -> None:
+        (self.view,) = evidence.views
+        self.telemetry = self.view.telemetry
+        bank = _OpenBank(evidence, contenders)
         # (shapes, p)
         self.columns = {
             key: np.stack([g.columns for g in groups]) for key, groups in bank.found.items()

@@ -6,7 +6,6 @@ from infield.table.thermal_table import ThermalTable
 from simreal.effects.base import SLOW_NAME
 from simreal.inference.causes import LEAST_PROBABILITY, Cause, Rival
 from simreal.inference.diagnosis import Diagnosis
-from simreal.plan.advice import advice
 
 MOST_CAUSES = 3  # each simulates a few recordings
 
@@ -15,6 +14,8 @@ def record_next(diagnosis: Diagnosis, table: ThermalTable | None) -> list[str]:
     """Advice in sentences; empty where every cause stands alone and is seen to repeat."""
     out: list[str] = []
     open_causes = [(c, rivals) for c in diagnosis.causes if c.named and (rivals := _likely(c))]
+    if open_causes:
+        from simreal.plan.advice import advice  # with the simulator: half a second of CPU
     for cause, rivals in open_causes[:MOST_CAUSES]:
         names = [(cause.effect, cause.target), *((r.effect, r.target) for r in rivals)]
         out += advice(names, diagnosis.attribution.plain_evidence, table)

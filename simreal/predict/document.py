@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simreal.predict.held_out import HeldOutRun, Key, Predicted, Simulator
 from simreal.predict.measures import Deviation, Gap, Gone, gap_of, gone_of, nis_gone_of, nis_of
 from simreal.predict.records import (
     EffectOnPredictionRecord,
@@ -19,7 +19,11 @@ from simreal.predict.records import (
     UnpredictedRecord,
 )
 
-Which = Callable[[HeldOutRun], Predicted]
+if TYPE_CHECKING:
+    # with the estimators of updates behind it, which a diagnosis has no need of
+    from simreal.predict.held_out import HeldOutRun, Key, Predicted, Simulator
+
+Which = Callable[["HeldOutRun"], "Predicted"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Quantity:
 
     name: str
     unit: str
-    of: Callable[[Predicted], Deviation | None]
+    of: Callable[["Predicted"], Deviation | None]
     gap: Callable[[Sequence[Deviation]], Gap] = gap_of
     gone: Callable[[Sequence[Deviation], Sequence[Deviation]], Gone] = gone_of
 
@@ -43,7 +47,7 @@ QUANTITIES = (
 )
 
 
-def simulator_record(simulator: Simulator) -> SimulatorRecord:
+def simulator_record(simulator: "Simulator") -> SimulatorRecord:
     """The document of all predictions."""
     keys = dict.fromkeys(key for run in simulator.runs for key in (*run.found, *run.own))
     return SimulatorRecord(
@@ -98,7 +102,7 @@ def share_text(gone: GoneValueRecord) -> str:
     return f"{100 * gone.fraction:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
-def _quantities(runs: Sequence[HeldOutRun]) -> list[QuantityRecord]:
+def _quantities(runs: Sequence["HeldOutRun"]) -> list[QuantityRecord]:
     out = []
     for quantity in QUANTITIES:
         before, after = _deviations(runs, quantity, _before, _after)
@@ -119,11 +123,11 @@ def _quantities(runs: Sequence[HeldOutRun]) -> list[QuantityRecord]:
     return out
 
 
-def _effect(runs: Sequence[HeldOutRun], key: Key) -> EffectOnPredictionRecord:
-    def alone(run: HeldOutRun) -> Predicted:
+def _effect(runs: Sequence["HeldOutRun"], key: "Key") -> EffectOnPredictionRecord:
+    def alone(run: "HeldOutRun") -> "Predicted":
         return run.alone.get(key, run.before)
 
-    def without(run: HeldOutRun) -> Predicted:
+    def without(run: "HeldOutRun") -> "Predicted":
         return run.without.get(key, run.after)
 
     quantities = []
@@ -151,16 +155,16 @@ def _effect(runs: Sequence[HeldOutRun], key: Key) -> EffectOnPredictionRecord:
     )
 
 
-def _before(run: HeldOutRun) -> Predicted:
+def _before(run: "HeldOutRun") -> "Predicted":
     return run.before
 
 
-def _after(run: HeldOutRun) -> Predicted:
+def _after(run: "HeldOutRun") -> "Predicted":
     return run.after
 
 
 def _deviations(
-    runs: Sequence[HeldOutRun], quantity: Quantity, first: Which, second: Which
+    runs: Sequence["HeldOutRun"], quantity: Quantity, first: Which, second: Which
 ) -> tuple[list[Deviation], list[Deviation]]:
     """Those of the runs that show the quantity both times, with as many values."""
     one, other = [], []
@@ -172,7 +176,7 @@ def _deviations(
     return one, other
 
 
-def _run(run: HeldOutRun) -> PredictedRunRecord:
+def _run(run: "HeldOutRun") -> PredictedRunRecord:
     return PredictedRunRecord(
         run_id=run.run_id,
         fitted_to=run.fitted_to,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
-from scipy.stats import ncx2
+from scipy.special import chndtr
 
 from simreal.inference.addback import fieller
 
@@ -87,7 +87,7 @@ def noncentrality(square: float, dof: float) -> tuple[float, float]:
 
     def at_level(level: float) -> float:
         def beyond(centre: float) -> float:
-            return float(ncx2.cdf(square, dof, centre)) - level
+            return float(chndtr(square, dof, centre)) - level
 
         if beyond(0.0) <= 0.0:
             return 0.0

@@ -13,6 +13,7 @@ from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
+from tests.simreal import diagnosed as small
 
 
 def diagnosed(trial, **how) -> Diagnosis:
@@ -97,3 +98,14 @@ def test_a_threshold_from_few_replicates_is_passed_as_often_as_asked():
     thresholds = [tail_quantile(rng.exponential(size=150), 0.005) for _ in range(4000)]
     # the mean over 4,000 thresholds has a sigma of 0.00005
     assert np.mean(np.exp(-np.array(thresholds))) == pytest.approx(0.005, abs=0.0004)
+
+
+def test_one_start_does_not_tell_a_cause_of_temperature_from_a_drift():
+    """Within one warm-up the temperature's rate is a smooth curve of time: both keep a half."""
+    found = small.diagnosed("gyro_thermal_rate", plan="one_cold")
+    cause = next(c for c in found.causes if c.named)
+    # whose signatures are one where there is one ramp
+    assert cause.effect in ("gyro_thermal_rate", "gyro_thermal_lag")
+    assert cause.probability <= 0.5
+    rivals = {(r.effect, r.target) for r in cause.rivals}
+    assert ("unknown_function_of_time", cause.target) in rivals

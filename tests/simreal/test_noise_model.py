@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.fft import dct
+from scipy.linalg import toeplitz
 from scipy.stats import chi2
 
 from ins.records import GyroNoise, TwinModel, VehicleNoise
@@ -163,3 +164,13 @@ def test_added_noise_adds_variances():
     base = ChannelNoise(white=1.0)
     more = base.with_added(AddedNoise("gyro_x", white=2.0), 3.0)
     assert more == replace(base, white=7.0)
+
+
+def test_rows_of_flicker_scatter_as_its_spectrum_says():
+    """Means over 0.1 s of 1 / (2 pi f), two-sided, summed over a fine grid of frequencies."""
+    f = np.geomspace(1e-4, 3e3, 200_000)
+    power = np.gradient(f) * np.sinc(0.1 * f) ** 2 / (2.0 * np.pi * f)
+    r = [2.0 * np.sum(power * np.cos(0.2 * np.pi * f * k)) for k in range(10)]
+    C = toeplitz(r)
+    by_hand = np.trace(C) - C.mean() * 10
+    assert ChannelNoise(flicker=1.0).scatter(10, 0.1)[0] == pytest.approx(by_hand, rel=1e-4)

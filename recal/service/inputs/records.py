@@ -1,5 +1,6 @@
 """Runs, tables and twins as records: given, or read from the path that is given."""
 
+import shlex
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -136,3 +137,9 @@ def table_of(table: AnyTable) -> tuple[ThermalTable, TableDocument]:
 def twin_of(twin: AnyTwin) -> TwinModel:
     """A twin as record."""
     return twin if isinstance(twin, TwinModel) else read_twin(twin)
+
+
+def twin_fit_command(runs: Sequence[AnyRun]) -> str:
+    """The command that measures the noise of a unit from its runs, as a reader may copy it."""
+    named = [shlex.quote(str(run)) for run in runs if not isinstance(run, Run)]
+    return f"recal twin fit {' '.join(named) or 'RUN...'} -o twin.json"

@@ -1,6 +1,5 @@
 """Table and noise model of a unit: given, from the store, or from the technology's defaults."""
 
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -27,7 +26,14 @@ from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
 from ins.verdicts import Reason, because
-from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, table_of, twin_of
+from recal.service.inputs.records import (
+    AnyRun,
+    AnyTable,
+    AnyTwin,
+    table_of,
+    twin_fit_command,
+    twin_of,
+)
 
 
 class NoiseSource(StrEnum):
@@ -74,12 +80,6 @@ class UnitInputs:
             technology=self.table.gyro_technology,
             command=twin_fit_command(runs),
         )
-
-
-def twin_fit_command(runs: Sequence[AnyRun]) -> str:
-    """The command that measures the noise of a unit from its runs, as a reader may copy it."""
-    named = [shlex.quote(str(run)) for run in runs if not isinstance(run, Run)]
-    return f"recal twin fit {' '.join(named) or 'RUN...'} -o twin.json"
 
 
 def given_unit(

@@ -6,9 +6,8 @@ from os import PathLike
 from pathlib import Path
 
 from ins.records import InputError, Run
-from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
+from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_fit_command, twin_of
 from recal.service.inputs.twin_table import twin_table
-from recal.service.inputs.unit_inputs import twin_fit_command
 from recal.service.results.files import program_version
 from recal.service.results.result import Result
 from simreal.report.twin_check_document import summary, twin_check_document

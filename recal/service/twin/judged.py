@@ -3,20 +3,22 @@ say of it in one line. The rest is what they found already; eight minutes of row
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.session.log import find_rest
-from infield.session.results import UpdateResult
 from infield.table.thermal_table import ThermalTable
 from ins.records import Run, TwinModel
-from recal.service.inputs.records import AnyRun
-from recal.service.inputs.unit_inputs import twin_fit_command
+from recal.service.inputs.records import AnyRun, twin_fit_command
 from simreal.report.twin_check_document import agreement_line
 from simreal.twin.fit.agreement import Agreement, agreement
 from simreal.twin.fit.streams import stream_at_rest
 
+if TYPE_CHECKING:
+    from infield.session.results import UpdateResult  # the estimators of updates behind it
 
-def update_agreement(result: UpdateResult) -> Agreement | None:
+
+def update_agreement(result: "UpdateResult") -> Agreement | None:
     """The noise model against the rest that the sessions of an update found; None where that is too
     little.
     """

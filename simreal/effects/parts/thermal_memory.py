@@ -6,6 +6,7 @@ diagnosis give the same result; gaps in the instants are bridged by straight lin
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
 MEMORY_STEP_S = 1.0
 
@@ -16,8 +17,6 @@ def lagged(time_s: NDArray, degC: NDArray, tau_s: float) -> NDArray:
     Exact for a straight line between grid points: the deficit e = T - T_lag becomes a e + s tau (1
     - a) after a step of length h, with the slope s and a = exp(-h / tau).
     """
-    from scipy.signal import lfilter  # brings scipy.stats along, half a second of CPU
-
     span = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
     if span <= 0.0:
         return degC.copy()
@@ -26,5 +25,8 @@ def lagged(time_s: NDArray, degC: NDArray, tau_s: float) -> NDArray:
     )
     values = np.interp(grid, time_s, degC)
     gain = -tau_s * np.expm1(-h / tau_s) / h
-    deficit = lfilter([gain], [1.0, -np.exp(-h / tau_s)], np.diff(values, prepend=values[0]))
+    # e_k - a e_(k-1) = gain (T_k - T_(k-1)), all at once: two diagonals
+    diagonals = np.ones((2, grid.size))
+    diagonals[1] = -np.exp(-h / tau_s)
+    deficit = solve_banded((1, 0), diagonals, gain * np.diff(values, prepend=values[0]))
     return degC - np.interp(time_s, grid, deficit)
