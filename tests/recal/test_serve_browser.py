@@ -12,6 +12,7 @@ pytest.importorskip("fastapi")
 
 from infield.store.table_store import TableStore
 from recal.web import pages
+from recal.web.settings import token_of
 from tests.recal.chromium import chromium, find_chromium
 from tests.recal.serving import TOKEN, put_unit, serving
 
@@ -160,6 +161,26 @@ def test_no_other_site_can_frame_or_send_a_form(browser, served, tmp_path):
     )
     browser.submit("document.getElementById('f').submit()")
     assert "did not come from this page" in browser.evaluate("document.body.innerText")
+
+
+@pytest.mark.slow
+def test_the_login_link_signs_in_once(browser, tmp_path):
+    """A browser that opens the printed link is signed in and stays so; a second click is refused,
+    also by a browser that knows nothing yet.
+    """
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+    link = "/login?ticket=0123456789abcdef-ticket"
+    with serving(url, ticket=token_of("0123456789abcdef-ticket", source="test")) as base:
+        browser.call("Network.clearBrowserCookies")
+        browser.open(base + link)
+        assert browser.evaluate("location.pathname + location.search") == "/"
+        browser.open(base + UNIT)
+        assert "Sign out" in browser.evaluate("document.body.innerText")
+        browser.call("Network.clearBrowserCookies")
+        browser.open(base + link)
+        said = browser.evaluate("document.body.innerText")
+        assert "This link was used already" in said and "Sign out" not in said
 
 
 def test_a_reviewer_decides_by_keyboard_alone(browser, served):
