@@ -50,13 +50,16 @@ class ZoomCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class ZoomFigure:
-    """Lines over time (n,) [s]; spans: stretches (start, end) [s] that are shaded."""
+    """Lines over time (n,), [s] unless `x_name` says otherwise; spans: stretches (start, end) that
+    are shaded.
+    """
 
     title: str
     unit: str
     time_s: NDArray
     curves: Sequence[ZoomCurve]
     spans: Sequence[tuple[float, float]] = ()
+    x_name: str = "time [s]"
 
 
 def zoom_figure(figure: ZoomFigure, caption: str = "") -> Markup:
@@ -89,7 +92,7 @@ def _drawing(figure: ZoomFigure, label: str) -> Markup:
             )
         ax.plot(figure.time_s, curve.values, color=colour, linewidth=1.1, label=curve.name)
     ax.margins(x=0)
-    axis_text(ax, x="time [s]", y=figure.unit)
+    axis_text(ax, x=figure.x_name, y=figure.unit)
     if len(figure.curves) > 1:
         drawn.legend(loc="outside upper center", ncols=min(len(figure.curves), 5))
     return svg_text(drawn, label)
@@ -99,6 +102,7 @@ def _numbers(figure: ZoomFigure) -> str:
     """The numbers as JSON that ends no element."""
     told = {
         "unit": figure.unit,
+        "x_name": figure.x_name,
         "x": _column(figure.time_s),
         "curves": [
             {

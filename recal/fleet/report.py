@@ -6,10 +6,16 @@ from functools import lru_cache
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 
+from infield.reports.zoom import zoom_script
 from recal.fleet import figures
 from recal.fleet.document_records import FleetDocument, StaleRow, UnitRow
 from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
-from recal.service.priors.forecast_page import date_words, trend_drawing, trend_strips
+from recal.service.priors.forecast_page import (
+    closer_drawing,
+    date_words,
+    trend_drawing,
+    trend_strips,
+)
 from recal.service.results.pages import decimals_for, page_environment
 
 SHOWN_UNITS = 25  # rows of the ranking before the rest is folded
@@ -94,6 +100,8 @@ def fleet_html(document: FleetDocument) -> str:
             coverage=figures.coverage_drawing(document),
             tables=figures.tables_drawing(document),
             trend=trend_drawing(document.forecast) if document.forecast else None,
+            closer=closer_drawing(document.forecast) if document.forecast else None,
+            script=zoom_script(),
             trends=trend_strips(document.forecast) if document.forecast else [],
             date_words=date_words,
             progress=figures.progress_drawing(document.timing),

@@ -35,9 +35,11 @@
 
   function digits(value) { return value === null || value === undefined ? "" : String(Number(value.toPrecision(6))); }
 
+  function plain(value) { return String(Number(value.toPrecision(10))); }
+
   function drawn(figure) {
     var told = JSON.parse(figure.querySelector("script").textContent);
-    var data = [told.x], series = [{ label: "time [s]", value: function (u, v) { return v === null ? "" : v.toFixed(1); } }];
+    var data = [told.x], series = [{ label: told.x_name, value: function (u, v) { return v === null ? "" : v.toFixed(1); } }];
     var bands = [];
     told.curves.forEach(function (curve) {
       var ink = curve.colour === "#000000" ? colour("--ink") : curve.colour;
@@ -59,7 +61,7 @@
     var chart = new uPlot({
       width: place.clientWidth, height: 260, series: series, bands: bands, scales: { x: { time: false } },
       cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
-      axes: [Object.assign({ label: "time [s]", labelSize: 20 }, ticks), Object.assign({ label: told.unit, labelSize: 20, size: 62 }, ticks)],
+      axes: [Object.assign({ label: told.x_name, labelSize: 20, values: function (u, at) { return at.map(plain); } }, ticks), Object.assign({ label: told.unit, labelSize: 20, size: 62 }, ticks)],
       hooks: { drawClear: [shaded(told.spans)] }
     }, data, place);
     chart.all = [told.x[0], told.x[told.x.length - 1]];

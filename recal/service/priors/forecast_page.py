@@ -8,6 +8,7 @@ from markupsafe import Markup, escape
 
 from infield.reports.figures import BLUE, GREY, PALE, axis_text, in_style, new_figure, svg_text
 from infield.reports.page import render_page
+from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
 from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 
 UNITS_DRAWN = 6  # units with their trend in the drawing
@@ -29,6 +30,8 @@ def forecast_html(document: ForecastDocument) -> str:
         "forecast.html.j2",
         d=document,
         drawing=trend_drawing(document),
+        closer=closer_drawing(document),
+        script=zoom_script(),
         trends=trend_strips(document),
         shown=ROWS_SHOWN,
         date_words=date_words,
@@ -38,6 +41,31 @@ def forecast_html(document: ForecastDocument) -> str:
 def trend_drawing(document: ForecastDocument) -> Markup | None:
     """The drift of the most urgent units and the limit; None without a unit."""
     return _drawing(document.units[:UNITS_DRAWN], document.limit_nm_h) if document.units else None
+
+
+def closer_drawing(document: ForecastDocument) -> Markup:
+    """The same units over all years of the forecast in one drawing that a reader can zoom; empty
+    without a unit. `zoom_script` is needed once on the page.
+    """
+    if not document.units:
+        return Markup()
+    units = document.units[:UNITS_DRAWN]
+    years = np.array([_year(day) for day in units[0].trend.date_utc])
+    curves = [_curve(unit) for unit in units]
+    limit = np.full(years.size, document.limit_nm_h)
+    figure = ZoomFigure(
+        title="Predicted drift",
+        unit="NM/h",
+        time_s=years,
+        curves=[*curves, ZoomCurve(name="limit", values=limit)],
+        x_name="year",
+    )
+    return zoom_figure(figure, "Lines, medians; bands, to what 5 % exceed.")
+
+
+def _curve(unit: UnitForecast) -> ZoomCurve:
+    median, high = np.array(unit.trend.median_nm_h), np.array(unit.trend.high_nm_h)
+    return ZoomCurve(name=unit.imu_serial, values=median, low=median, high=high)
 
 
 def trend_strips(document: ForecastDocument) -> list[Markup]:
