@@ -1,14 +1,13 @@
 """What a long command is doing, on a terminal; nothing when piped."""
 
 import sys
+from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
-
-    from ins import jit
 
 FIRST_RUN = "first run on this machine: compiling, 5 to 20 s"  # benchmarks/first_run.py
 
@@ -28,7 +27,7 @@ class Progress:
         self._title, self._steps, self._begun = title, steps, 0
         self._bar: Bar | None = None
         self._task: TaskID | None = None
-        self._watch: jit.Stopwatch | None = None
+        self._compiled_s: Callable[[], float] | None = None
         if not quiet and sys.stderr.isatty():
             self._bar = _bar(counted=steps is not None)
 
@@ -48,8 +47,9 @@ class Progress:
         if self._bar is None:
             return
         self._bar.stop()
-        if self._watch is not None and self._watch.seconds > 0.0:
-            self._say(f"compiled in {self._watch.seconds:.0f} s, kept for the next run")
+        compiled_s = 0.0 if self._compiled_s is None else self._compiled_s()
+        if compiled_s > 0.0:
+            self._say(f"compiled in {compiled_s:.0f} s, kept for the next run")
 
     def __call__(self, what: str) -> None:
         if self._bar is not None and self._task is not None:
@@ -61,7 +61,7 @@ class Progress:
             return
         from recal.service.results.compiled import watch_compiling
 
-        self._watch = watch_compiling(lambda: self._say(FIRST_RUN))
+        self._compiled_s = watch_compiling(lambda: self._say(FIRST_RUN))
 
     def _say(self, words: str) -> None:
         if self._bar is not None:
