@@ -6,12 +6,12 @@ from functools import lru_cache
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 
-from infield.reports.zoom import zoom_script
 from recal.fleet import figures
 from recal.fleet.document_records import FleetDocument, StaleRow, UnitRow
 from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
 from recal.service.priors.forecast_page import (
     closer_drawing,
+    closer_script,
     date_words,
     trend_drawing,
     trend_strips,
@@ -101,7 +101,7 @@ def fleet_html(document: FleetDocument) -> str:
             tables=figures.tables_drawing(document),
             trend=trend_drawing(document.forecast) if document.forecast else None,
             closer=closer_drawing(document.forecast) if document.forecast else None,
-            script=zoom_script(),
+            script=closer_script(),
             trends=trend_strips(document.forecast) if document.forecast else [],
             date_words=date_words,
             progress=figures.progress_drawing(document.timing),

@@ -31,7 +31,7 @@ def forecast_html(document: ForecastDocument) -> str:
         d=document,
         drawing=trend_drawing(document),
         closer=closer_drawing(document),
-        script=zoom_script(),
+        script=closer_script(),
         trends=trend_strips(document),
         shown=ROWS_SHOWN,
         date_words=date_words,
@@ -45,7 +45,7 @@ def trend_drawing(document: ForecastDocument) -> Markup | None:
 
 def closer_drawing(document: ForecastDocument) -> Markup:
     """The same units over all years of the forecast in one drawing that a reader can zoom; empty
-    without a unit. `zoom_script` is needed once on the page.
+    without a unit. `closer_script` is needed once on the page.
     """
     if not document.units:
         return Markup()
@@ -61,6 +61,11 @@ def closer_drawing(document: ForecastDocument) -> Markup:
         x_name="year",
     )
     return zoom_figure(figure, "Lines, medians; bands, to what 5 % exceed.")
+
+
+def closer_script() -> Markup:
+    """What makes `closer_drawing` live, for the end of a page."""
+    return zoom_script()
 
 
 def _curve(unit: UnitForecast) -> ZoomCurve:
