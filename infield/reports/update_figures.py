@@ -350,7 +350,7 @@ def _draw_temperature(ax: "Axes", *, temperature: TemperatureDocument) -> None:
 
 def _draw_heading(ax: "Axes", *, velocity: VelocityDocument) -> None:
     """Drawn without a jump at north; the labels are in [0, 360)."""
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
     t, heading = thinned(velocity.time_s, velocity.heading_deg)
     good = np.isfinite(heading)
@@ -360,7 +360,9 @@ def _draw_heading(ax: "Axes", *, velocity: VelocityDocument) -> None:
     low, high = robust_limits(heading)
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
     ax.set_ylim(middle - half, middle + half)
-    if half > 30.0:
+    if half > 90.0:  # parts of a circle: labels that begin anew at 360 stay readable
+        ax.yaxis.set_major_locator(MultipleLocator(90.0 if half <= 270.0 else 180.0))
+    elif half > 30.0:
         ax.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{round(v, 4) % 360.0:g}"))
     axis_text(ax, y="heading [deg]")

@@ -210,7 +210,8 @@ def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
         engine = create_engine(parsed, **options)
     except (exc.NoSuchModuleError, ModuleNotFoundError) as error:
         raise StoreError(
-            f"store {name}: {error}; for PostgreSQL install strapdown-recal[postgres]"
+            f"store {name}: {error}; needed sqlite:///FILE, or postgresql+psycopg://HOST/NAME with"
+            " strapdown-recal[postgres] installed"
         ) from None
     if sqlite:
         event.listen(engine, "connect", _set_pragmas)

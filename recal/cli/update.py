@@ -108,6 +108,7 @@ def command(
             UpdateRequest(
                 runs=runs,
                 store_url=store,
+                store_named=store != DEFAULT_STORE,
                 commit=commit,
                 propose=signed,
                 new_unit=new_unit,

@@ -191,6 +191,7 @@ class UpdateRequest:
     nothing is stored.
 
     priors: `approved` (those of the store), `default`, or a file that `recal fleet learn` wrote.
+    store_named: the user named the store, and is told where it is not there;
     new_store, new_unit: a store that is not there is made, a unit that the store does not hold
     begins with the default of its technology; else either is refused.
 
@@ -203,6 +204,7 @@ class UpdateRequest:
     store_url: str
     commit: bool = False
     propose: tuple[str, str] | None = None
+    store_named: bool = False
     new_store: bool = False
     new_unit: bool = False
     accept_step: bool = False
@@ -391,6 +393,9 @@ class _Try:
                     require_unit(database, key)
             except StoreRefused as error:
                 return self._not_begun(runs, unit, error)
+        if database is None and request.store_named and not request.new_store:
+            name, serial = store_name(request.store_url), unit.table.imu_serial
+            request.told(f"no store at {name}: the update knows no table of {serial}")
         request.step(f"estimating from {_counted(runs)}")
         result, unit, facts = _estimate(runs, unit, database, self.job)
         request.step("drawing the report")

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
+from ins.records import InputError
 from ins.twin_file import default_twin, twin_to_dict
 from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
@@ -54,6 +55,17 @@ def test_a_mistyped_store_is_not_made(folder, asked):
     assert (done.exit_code, document["reason_codes"]) == (4, [code])
     assert "typo.db" in document["reasons"][0] or code != "no_store"
     assert not Path("typo.db").exists()
+
+
+def test_a_mistyped_store_is_named_where_nothing_is_stored(folder, monkeypatch):
+    """An update against no table at all looks like any other: whoever named a store is told."""
+
+    def stop(*_):
+        raise InputError("far enough")
+
+    monkeypatch.setattr("recal.service.update._estimate", stop)
+    assert "no store at sqlite:///typo.db" in update("sqlite:///typo.db").stderr
+    assert "no store" not in update("sqlite:///recal.db").stderr
 
 
 def test_a_server_without_a_store_is_no_store(folder, url):
