@@ -1,9 +1,9 @@
 """Wall time, CPU time and memory of one diagnosis: four runs of an hour at 10 Hz, each with a taxi.
 
-    python -m benchmarks.gap_speed [REPEATS] [--seed 0] [--sigma 12]
+    python -m benchmarks.gap_speed [REPEATS] [--seed 0] [--sigma 12] [--effect NAME] [--command]
 
 Each repeat is a process of its own that reads the runs from files and calls `diagnose`; BLAS may
-use all cores.
+use all cores. --command: the command `recal diagnose` instead, with its imports, advice and pages.
 """
 
 import argparse
@@ -31,13 +31,23 @@ def main() -> None:
     parser.add_argument(
         "--sigma", type=float, default=12.0, help="size of the one effect that is planted"
     )
+    parser.add_argument("--effect", help="to be planted; else one is drawn")
+    parser.add_argument("--command", action="store_true", help="measure the whole command")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
         _one(options.one)
         return
     with tempfile.TemporaryDirectory() as name:
-        write_trial(scaled(draw_trial(options.seed), options.sigma)[0], Path(name))
+        names = [options.effect] if options.effect else None
+        trial = draw_trial(options.seed, names=names)
+        write_trial(scaled(trial, options.sigma)[0], Path(name))
+        if options.command:
+            spent = [_whole(Path(name) / "blind") for _ in range(options.repeats)]
+            wall, cpu, memory = (statistics.median(column) for column in zip(*spent))
+            print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+            print(f"recal diagnose {wall:.1f} s wall, {cpu:.1f} s CPU, {memory:.0f} MB at most")
+            return
         results = [_measured(Path(name) / "blind") for _ in range(options.repeats)]
     reading, wall, cpu, memory = (statistics.median(column) for column in zip(*results))
     print(
@@ -60,6 +70,19 @@ def _measured(folder: Path) -> tuple[float, float, float, float]:
         raise SystemExit("the diagnosis failed")
     reading, wall, cpu = (float(v) for v in said.split())
     return reading, wall, cpu, usage.ru_maxrss / 1024.0
+
+
+def _whole(folder: Path) -> tuple[float, float, float]:
+    """Seconds of the command (wall, CPU), and the largest resident memory in MB."""
+    runs = [str(path) for path in sorted(folder.glob("run-*"))]
+    told = ["--twin", str(folder / "twin.json"), "-o", str(folder / "out"), "--force", "-q"]
+    start = time.perf_counter()
+    child = subprocess.Popen([sys.executable, "-m", "recal", "diagnose", *runs, *told])
+    _, status, usage = os.wait4(child.pid, 0)
+    if os.waitstatus_to_exitcode(status) not in (0, 1):
+        raise SystemExit("the command failed")
+    cpu = usage.ru_utime + usage.ru_stime
+    return time.perf_counter() - start, cpu, usage.ru_maxrss / 1024.0
 
 
 def _one(folder: Path) -> None:
