@@ -7,10 +7,12 @@ from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 from infield.reports.documents.parked import budget_terms
 from infield.session.flown import without_heading
+from infield.session.flown.gates import DOUBTED_SIGMAS
 from infield.session.flown.priors import Further
 from infield.session.reasons import FlightReason
 from ins.records import GnssLog
@@ -124,6 +126,22 @@ def test_a_gyro_that_reads_more_in_flight_is_told():
         FlightReason.EXCESS_RESIDUALS,
         FlightReason.BEYOND_PRIOR,
     }
+
+
+@pytest.mark.slow
+def test_a_gyro_that_hardly_reads_as_at_rest_widens_the_prior_of_it():
+    """75 deg/h in the air: joined, with the size that shows for its prior, a third of it, as the
+    way holds a roll of 100 s without it; sound flights are taken as before.
+    """
+    errors = replace(mems_away.SLOW, gyro_shift_deg_h=(0.0, 75.0, 0.0))
+    evidence = mems_away.taken(simulated(0, errors=errors).run).flight
+    (note,) = evidence.notes
+    assert note.code is FlightReason.SHIFT_WIDENED and note.values["axis"] == "y"
+    assert note.values["size_deg_h"] > DOUBTED_SIGMAS * note.values["sigma_deg_h"]
+    assert evidence.joined is not None and evidence.as_usual is not None
+    wider, usual = (np.diag(e.covariance)[1::3].sum() for e in (evidence.joined, evidence.as_usual))
+    assert wider > usual
+    assert not taken(0).flight.notes
 
 
 def test_few_fixes_leave_the_way_out_before_it_is_navigated(monkeypatch):

@@ -7,6 +7,7 @@ the receiver (`infield.aided`); between the rests a filter about that solution e
 with what the rests said. The rests' own seconds are not used again.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,7 +21,7 @@ from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.flown.about import FIRST_FURTHER, Believed, begun, over
 from infield.session.flown.flight import Flight
-from infield.session.flown.gates import against, carried, uncovered
+from infield.session.flown.gates import against, carried, doubted, uncovered
 from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.steps import steps_between
@@ -93,7 +94,22 @@ def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvide
             left_out,
             reasons=(because(FlightReason.NEVER_LINEAR, limit_deg=LINEAR_HEADING_RAD / DEG),),
         )
-    return _estimated(known, ground, imu, result, stretches, left_out)
+
+    def estimated(known: KnownRun) -> FlightEvidence:
+        return _estimated(known, ground, imu, result, stretches, left_out)
+
+    return _widened(known, estimated(known), estimated)
+
+
+def _widened(
+    known: KnownRun, usual: FlightEvidence, estimated: Callable[[KnownRun], FlightEvidence]
+) -> FlightEvidence:
+    """The flight once more with a wider prior where its gyros hardly read as at rest."""
+    notes = doubted(usual.carried) if usual.joined is not None else ()
+    if not notes:
+        return usual
+    size = max(abs(float(note.values["size_deg_h"])) for note in notes)
+    return replace(estimated(known.with_shift(size)), notes=notes, as_usual=usual.joined)
 
 
 def _between(rests: tuple[Where, ...], start_s: float, end_s: float) -> list[Where]:
