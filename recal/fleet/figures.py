@@ -104,6 +104,7 @@ def coverage_drawing(document: FleetDocument) -> Markup | None:
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
     ax = axes[0, 0]
     ax.bar([b.low_degC + 2.5 for b in bands], [b.units for b in bands], width=4.6, color=GREEN)
+    ax.yaxis.get_major_locator().set_params(integer=True)
     axis_text(ax, title="Units seen at a temperature", x="gyro temperature [°C]", y="units")
     return svg_text(
         figure, "Number of units with merged data in each 5 degC band of gyro temperature"
@@ -129,7 +130,7 @@ def tables_drawing(document: FleetDocument) -> Markup | None:
             ax.plot(
                 age[mask], sigma[mask], mark, color=colour, markersize=4.0, alpha=0.8, label=name
             )
-    ax.set_ylim(0.0, 1.1 * float(sigma.max()))
+    ax.set_ylim(0.0, 1.3 * float(sigma.max()))  # room for the legend above the highest
     ax.legend(loc="best")
     axis_text(
         ax, title="Stored tables: age and sigma", x="days since its newest data", y="sigma [deg/h]"
@@ -147,7 +148,9 @@ def progress_drawing(timing: TimingDocument) -> Markup | None:
     ax = axes[0, 0]
     seconds, runs = thinned(*zip(*curve))
     ax.plot(seconds / 60.0, runs, color=BLUE)
+    ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
+    ax.yaxis.get_major_locator().set_params(integer=True)
     axis_text(ax, title="Runs through in this call", x="minutes", y="runs")
     return svg_text(figure, "Number of runs that are through against time")
 
