@@ -104,7 +104,8 @@ UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 CHANGED, LATEST_STEPS, STEADY_AT_MOST = 16.27, 10.0, 1500.0
 TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
-inner = jit(no_cpython_wrapper=True)  # only kernels call it: less to compile
+# only kernels call it: less to compile, but a call from Python would end the process
+inner = jit(no_cpython_wrapper=True)
 
 
 @inner

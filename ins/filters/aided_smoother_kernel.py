@@ -17,7 +17,8 @@ N, MOTION, UNIT = states.AIDED_STATES, states.AIDED_MOTION, states.AIDED_GYRO.st
 DRIVING = states.AIDED_DRIVING
 SLOW_, SLOW_V_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 LAST_, THETA_ = states.AIDED_SLOW_VEL.stop, states.AIDED_THETA.start
-inner = jit(no_cpython_wrapper=True)  # only kernels call it: less to compile
+# only kernels call it: less to compile, but a call from Python would end the process
+inner = jit(no_cpython_wrapper=True)
 
 
 @inner

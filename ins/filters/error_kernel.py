@@ -42,7 +42,8 @@ BIAS = len(POSITIONS)  # first core state of the bias of the step's bin
 CORE = BIAS + 3
 # core states with process noise: those that move and the accelerometers' biases
 NOISY = MOVE + 2
-inner = jit(no_cpython_wrapper=True)  # only kernels call it: less to compile
+# only kernels call it: less to compile, but a call from Python would end the process
+inner = jit(no_cpython_wrapper=True)
 
 
 @jit

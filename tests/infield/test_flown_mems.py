@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from benchmarks import flight_update as flights
 from infield.reports.documents.parked import budget_terms
 from infield.session.flown import without_heading
 from infield.session.flown.gates import DOUBTED_SIGMAS
 from infield.session.flown.priors import Further
 from infield.session.reasons import FlightReason
+from infield.session.settings import SessionSettings
 from ins.records import GnssLog
 from tests.infield import mems_away
 from tests.infield.mems_away import MISALIGNMENT_MRAD, SCALE_PPM, SETTINGS, bin_errors, simulated
@@ -142,6 +144,21 @@ def test_a_gyro_that_hardly_reads_as_at_rest_widens_the_prior_of_it():
     wider, usual = (np.diag(e.covariance)[1::3].sum() for e in (evidence.joined, evidence.as_usual))
     assert wider > usual
     assert not taken(0).flight.notes
+
+
+@pytest.mark.slow
+def test_noise_of_a_straight_flight_shows_no_scale_factor():
+    """40 min straight ahead: the scale of the roll gyro was 1 % off at 20 sigmas, the flight left
+    out; nothing but noise was rolled.
+    """
+    way = (*flights.UP, flights.cruise(2400.0), *flights.DOWN)
+    drawn = flights.drawn_session(800, "mems", flight=way)
+    evidence = flights.take_run(
+        drawn.simulated.run, drawn.table, drawn.twin, SessionSettings(), False
+    ).flight
+    assert evidence is not None and evidence.joined is not None, evidence.reasons
+    (scale,) = (c for c in evidence.carried if c.state is Further.GYRO_SCALE)
+    assert abs(scale.value[0]) < 0.1 * scale.prior[0] and scale.sigma[0] > 0.98 * scale.prior[0]
 
 
 def test_few_fixes_leave_the_way_out_before_it_is_navigated(monkeypatch):

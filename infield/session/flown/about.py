@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, SWING_SHARE
 from infield.session.flown.gates import FlightEnd
 from infield.session.flown.priors import Further, Layout
-from infield.session.flown.steps import Steps
+from infield.session.flown.steps import Steady, Steps
 from ins.attitude import dcm_from_rotation_vector, skew
 from ins.filters.aided_filter import REJECT_PROBABILITY
 from ins.filters.aided_records import AidedNoise, Antenna
@@ -55,6 +55,9 @@ BEGIN_M, BEGIN_SPEED_M_S, BEGIN_TILT_RAD, BEGIN_HEADING_RAD = 30.0, 5.0, 5.0 * D
 LEVEL_AND_DOWN = 3  # of every measurement: north, east, down
 STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flight
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
+# a body turns where a gyro reads more than so many sigmas of its bias and noise: 6e-5 of noise do
+TURNS_SIGMAS = 4.0
+TILTED = [*range(TILT_ERROR.start, ACCEL_ERROR.stop)]  # what moves the specific force in NED
 # rows of body axes that a gyro's six misalignments read: xy, xz, yx, yz, zx, zy
 READS, OF = np.array(READING_GYRO), np.array(READ_AXIS)
 
@@ -173,13 +176,14 @@ def over(flt: AboutFilter, steps: Steps, believed: Believed) -> None:
     """Take the filter over a stretch, in place."""
     _begin(flt, believed)
     C, v, way = steps.C_nb[0], steps.v_n_m_s[0], np.zeros(3)
+    reading = Reading(believed)
     for k in range(steps.dt_s.size):
         dt, turn, at = steps.dt_s[k], steps.turn_n_rad[k], int(steps.row[k])
         pushed = C @ steps.dv_b_m_s[k]
         before = v
         v = v + pushed - 0.5 * np.cross(turn, pushed) + steps.pull_m_s2[at] * dt
         way = way + 0.5 * (v + before) * dt
-        _predict(flt, steps, k, (C, pushed), believed)
+        _predict(flt, steps, k, reading.of(flt, steps, k, C), believed)
         C = (np.eye(3) - skew(turn)) @ C @ steps.C_bb[k]
         if steps.fix[k] >= 0:
             _take_fix(flt, steps, k, Course(way, v, (v - before) / dt, C), believed)
@@ -193,6 +197,55 @@ def over(flt: AboutFilter, steps: Steps, believed: Believed) -> None:
         v = v - flt.x[SPEED_ERROR]
         C = dcm_from_rotation_vector(-flt.x[TILT_ERROR]) @ C
         flt.x[:MOVING_ERRORS] = 0.0
+
+
+class Read(NamedTuple):
+    """A step as the covariance moves with it, its noise taken off: C_nb at its start, specific
+    force NED and body (3,) [m/s^2], rate in body axes (3,) [rad/s].
+    """
+
+    C_nb: NDArray
+    force_n_m_s2: NDArray
+    force_b_m_s2: NDArray
+    rate_b_rad_s: NDArray
+
+
+@dataclass
+class Reading:
+    """What the sensors of a stretch read but for their noise."""
+
+    believed: Believed
+    force_n: Steady = field(default_factory=Steady)
+    force_b: Steady = field(default_factory=Steady)
+
+    def of(self, flt: AboutFilter, steps: Steps, k: int, C: NDArray) -> Read:
+        """Of the next step; C: its attitude."""
+        dt, force_b = float(steps.dt_s[k]), steps.force_b_m_s2[k]
+        force_n = C @ force_b
+        moves = np.hstack([-skew(force_n), C])
+        unsure = np.diag(moves @ flt.P[TILTED, :][:, TILTED] @ moves.T)
+        white = self.believed.noise.vrw**2 / dt
+        return Read(
+            C,
+            self.force_n.of(force_n, white, unsure),
+            self.force_b.of(force_b, white),
+            self._turns(flt, steps, k),
+        )
+
+    def _turns(self, flt: AboutFilter, steps: Steps, k: int) -> NDArray:
+        """Rate of the body, no rate where bias and noise alone may read as much.
+
+        A gyro's noise turns the attitude once for each unit of it, as a scale error of 1 would:
+        on straight flights a scale is found that is as much of 1 as the noise tells of it. No mean
+        helps, for means of noise sum up to as much.
+        """
+        rate = steps.angle_b_rad[k] / steps.dt_s[k]
+        first = self.believed.first_bin + 3 * int(steps.bin[k])
+        bias = slice(first, first + 3)
+        variance = np.diag(flt.P)[bias] + self.believed.wander_rad_s**2 * FLICKER_SHARES.size
+        variance = variance + self.believed.noise.arw**2 / steps.dt_s[k]
+        turns = np.abs(rate - flt.x[bias]) > TURNS_SIGMAS * np.sqrt(variance)
+        return np.asarray(np.where(turns, rate, 0.0))
 
 
 def _begin(flt: AboutFilter, believed: Believed) -> None:
@@ -218,10 +271,11 @@ def _begin(flt: AboutFilter, believed: Believed) -> None:
 
 
 def _gyro_columns(
-    steps: Steps, k: int, C: NDArray, believed: Believed
+    steps: Steps, k: int, read: Read, believed: Believed
 ) -> tuple[list[int], NDArray]:
     """States that gyros read, and what each turns the attitude by over a step (3, m) per unit."""
-    dt, angle, force = steps.dt_s[k], steps.angle_b_rad[k], steps.force_b_m_s2[k]
+    dt, C, force = steps.dt_s[k], read.C_nb, read.force_b_m_s2
+    angle = read.rate_b_rad_s * dt
     first = believed.first_bin + 3 * int(steps.bin[k])
     states: list[int] = [first, first + 1, first + 2, *range(WANDER.start, WANDER.stop)]
     columns = [C * dt] * (1 + FLICKER_SHARES.size)
@@ -239,12 +293,12 @@ def _gyro_columns(
     return states, np.concatenate(columns, axis=1)
 
 
-def _accel_columns(steps: Steps, k: int, C: NDArray, layout: Layout) -> tuple[list[int], NDArray]:
+def _accel_columns(steps: Steps, k: int, read: Read, layout: Layout) -> tuple[list[int], NDArray]:
     """States that accelerometers read, and what each adds to the velocity over a step (3, m)."""
-    dt = steps.dt_s[k]
+    dt, C = steps.dt_s[k], read.C_nb
     states, columns = list(range(ACCEL_ERROR.start, ACCEL_ERROR.stop)), [C * dt]
     for state, of in (
-        (Further.ACCEL_SCALE, C * (steps.force_b_m_s2[k] * dt)),
+        (Further.ACCEL_SCALE, C * (read.force_b_m_s2 * dt)),
         (Further.ACCEL_SLOPE, C * (steps.warmer_degC[k] * dt)),
     ):
         places = list(layout.indices(state))
@@ -254,20 +308,18 @@ def _accel_columns(steps: Steps, k: int, C: NDArray, layout: Layout) -> tuple[li
     return states, np.concatenate(columns, axis=1)
 
 
-def _predict(
-    flt: AboutFilter, steps: Steps, k: int, at: tuple[NDArray, NDArray], believed: Believed
-) -> None:
-    """Over step k: at: C_nb at its start, and the velocity that specific force adds over it."""
-    (C, pushed), dt, noise = at, float(steps.dt_s[k]), believed.noise
-    gyro, turned = _gyro_columns(steps, k, C, believed)
-    accel, gained = _accel_columns(steps, k, C, believed.layout)
+def _predict(flt: AboutFilter, steps: Steps, k: int, read: Read, believed: Believed) -> None:
+    """Over step k."""
+    dt, noise = float(steps.dt_s[k]), believed.noise
+    gyro, turned = _gyro_columns(steps, k, read, believed)
+    accel, gained = _accel_columns(steps, k, read, believed.layout)
     states = [*range(MOVING_ERRORS), *accel, *gyro]
     of_accel = slice(MOVING_ERRORS, MOVING_ERRORS + len(accel))
     of_gyro = slice(of_accel.stop, len(states))
     Phi = np.zeros((MOVING_ERRORS, len(states)))
     Phi[:, :MOVING_ERRORS] = np.eye(MOVING_ERRORS)
     Phi[PLACE_ERROR, SPEED_ERROR] = dt * np.eye(3)
-    tilted = -skew(pushed)
+    tilted = -skew(read.force_n_m_s2 * dt)
     Phi[SPEED_ERROR, TILT_ERROR], Phi[PLACE_ERROR, TILT_ERROR] = tilted, 0.5 * dt * tilted
     Phi[TILT_ERROR, TILT_ERROR] -= skew(steps.turn_n_rad[k])
     Phi[SPEED_ERROR, of_accel], Phi[PLACE_ERROR, of_accel] = gained, 0.5 * dt * gained

@@ -1,8 +1,8 @@
 """A stretch of an aided solution in steps: rows of the solution, the fixes between them, and what
-the unit turned and gained over each step.
+the unit turned and gained over each step; what stays the same in what it reads.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,13 @@ from ins.increments import joined
 from ins.records import ImuLog, ImuSource
 
 RATE_S = 0.2  # about a fix, to tell its rate: a vehicle takes longer to begin a turn
+# squared sigmas of three components beyond which it has changed: chi-square of 3, 1e-3 of noise
+CHANGED_SQUARES = 16.27
+# steps of the latest mean, which finds slow changes, and of the mean at most; chosen: 5 s and some
+# minutes, as ins.filters.aided_kernel.steady_force
+LATEST_OF_STEPS, MEAN_OF_STEPS = 10.0, 1500.0
+# of squared reading units; far below any sensor's noise, against none at all
+NO_NOISE = 1e-18
 
 
 @dataclass(frozen=True)
@@ -157,3 +164,35 @@ def _within(time_s: NDArray, spans: tuple[Where, ...]) -> NDArray:
     for start, end in spans:
         inside |= (time_s > start) & (time_s <= end)
     return inside
+
+
+@dataclass
+class Steady:
+    """The mean of a reading (3,) while it stays the same, else the reading.
+
+    A filter that moves its covariance by what accelerometers read takes their noise for motion of a
+    known size: fixes do not confirm it, and each step adds to what the filter believes to know of
+    the heading. Its compiled sister is `steady_force` of `ins.filters.aided_kernel`.
+    """
+
+    steps: float = 0.0
+    mean: NDArray = field(default_factory=lambda: np.zeros(3))
+    latest: NDArray = field(default_factory=lambda: np.zeros(3))
+
+    def of(self, read: NDArray, white: float, unsure: NDArray | float = 0.0) -> NDArray:
+        """The next step's. white: variance of its noise; unsure (3,): of what else moves it."""
+        self.latest = self.latest + (read - self.latest) / LATEST_OF_STEPS
+        n = self.steps
+        if n == 0.0 or self._squares(read, white * (1.0 + 1.0 / n) + unsure) > CHANGED_SQUARES:
+            self.steps, self.mean, self.latest = 1.0, read.copy(), read.copy()
+            return read
+        of_latest = white / (2.0 * LATEST_OF_STEPS - 1.0) + white / n + unsure
+        if n > LATEST_OF_STEPS and self._squares(self.latest, of_latest) > CHANGED_SQUARES:
+            self.steps, self.mean = LATEST_OF_STEPS, self.latest.copy()
+            return self.mean
+        self.steps = min(n + 1.0, MEAN_OF_STEPS)
+        self.mean = self.mean + (read - self.mean) / self.steps
+        return self.mean
+
+    def _squares(self, value: NDArray, variance: NDArray | float) -> float:
+        return float(np.sum((value - self.mean) ** 2 / (variance + NO_NOISE)))
