@@ -198,7 +198,7 @@ class GnssAid:
         at = np.flatnonzero((fix >= before) & ((views.kind == ROLLING) | (back == 1)))
         return at, fix[at], views.end_s[at] - measured_s[fix[at]]
 
-    def _arm(self, views: StepViews, at: NDArray, ago_s: NDArray) -> "_Arm":
+    def _arm(self, views: StepViews, at: NDArray, ago_s: NDArray) -> _Arm:
         found = np.array([*self.assumed.antenna_m, 0.0])
         arm_n = views.C_nb[at] @ (np.asarray(self.lever_arm_m, dtype=float) + found)
         rate, off = rate_at(views.start_s, views.end_s, views.turned_n_rad, views.end_s[at] - ago_s)
