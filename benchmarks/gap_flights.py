@@ -28,7 +28,7 @@ from ins.earth import omega_ie_n
 from ins.records import GnssLog, Run, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, STANDARD_GRAVITY
-from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.run_view import view_run
 from simreal.evidence.whitened import Evidence
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.twin.inject import moved_by
@@ -493,40 +493,71 @@ PLANTED = (
 )
 
 
-def views_of(runs: Sequence[Run]) -> list[RunView]:
-    """The runs as the diagnosis sees them."""
-    views = [view_run(run, k, table(), twin()) for k, run in enumerate(runs)]
-    return [v for v in views if not isinstance(v, str)]
+@dataclass(frozen=True)
+class Believed:
+    """What the runs of a trial are diagnosed with."""
+
+    twin: TwinModel
+    table: ThermalTable
+
+    def evidence(self, runs: Sequence[Run]) -> Evidence:
+        """The whitened rows of the runs, as the diagnosis sees them."""
+        views = [view_run(run, k, self.table, self.twin) for k, run in enumerate(runs)]
+        return Evidence([v for v in views if not isinstance(v, str)], self.twin)
+
+    def diagnosed(self, runs: Sequence[Run]) -> tuple[Diagnosis, float]:
+        """The whole diagnosis, and what it took [CPU s]."""
+        start = time.process_time()
+        found = diagnose(runs, self.twin, self.table, DiagnosisSettings())
+        return found, time.process_time() - start
+
+    def at_size(
+        self, lay: Callable[[float], list[Run]], start: float, wanted: float
+    ) -> tuple[list[Run], float]:
+        """The runs with an effect at the wanted size, and the size reached; lay: runs by a size of
+        the effect, 0 for none.
+        """
+        runs = lay(0.0)
+        without, size, reached = self.evidence(runs), start, 0.0
+        for _ in range(6):
+            runs = lay(size)
+            evidence = self.evidence(runs)
+            if evidence.size != without.size:
+                size *= 0.5
+                continue
+            reached = float(np.linalg.norm(evidence.z - without.z))
+            if abs(reached / wanted - 1.0) < CLOSE:
+                break
+            size *= wanted / reached
+        return runs, reached
+
+    def outcome(
+        self, planted: "Laid", sized: tuple[list[Run], float], *, wanted: float, seed: int
+    ) -> Outcome:
+        """What the diagnosis makes of runs of a size."""
+        runs, reached = sized
+        found, cpu_s = self.diagnosed(runs)
+        return outcome_of(planted, found, wanted=wanted, reached=reached, seed=seed, cpu_s=cpu_s)
 
 
-def at_size(planted: Planted, seed: int, wanted: float) -> tuple[list[Run], float]:
-    """The flights with the effect at the wanted size, and the size reached."""
-    bases = flights(seed)
-    without = Evidence(views_of([f.run for f in bases]), twin())
-    size, reached, runs = planted.start, 0.0, [f.run for f in bases]
-    for _ in range(6):
-        runs = [planted.lay(f, size) for f in bases]
-        evidence = Evidence(views_of(runs), twin())
-        if evidence.size != without.size:
-            size *= 0.5
-            continue
-        reached = float(np.linalg.norm(evidence.z - without.z))
-        if abs(reached / wanted - 1.0) < CLOSE:
-            break
-        size *= wanted / reached
-    return runs, reached
+def ring_laser() -> Believed:
+    return Believed(twin(), table())
 
 
 def diagnosed(runs: Sequence[Run]) -> tuple[Diagnosis, float]:
-    """The whole diagnosis, and what it took [CPU s]."""
-    start = time.process_time()
-    return diagnose(runs, twin(), table(), DiagnosisSettings()), time.process_time() - start
+    """The whole diagnosis of flights, and what it took [CPU s]."""
+    return ring_laser().diagnosed(runs)
 
 
 def trial(planted: Planted, seed: int, wanted: float) -> Outcome:
-    runs, reached = at_size(planted, seed, wanted)
-    found, cpu_s = diagnosed(runs)
-    return outcome_of(planted, found, wanted=wanted, reached=reached, seed=seed, cpu_s=cpu_s)
+    """One effect at one size in the flights of a seed, diagnosed."""
+    bases, believed = flights(seed), ring_laser()
+
+    def lay(size: float) -> list[Run]:
+        return [planted.lay(f, size) if size else f.run for f in bases]
+
+    sized = believed.at_size(lay, planted.start, wanted)
+    return believed.outcome(planted, sized, wanted=wanted, seed=seed)
 
 
 class Laid(Protocol):
@@ -577,30 +608,53 @@ def outcome_of(planted: Laid, found: Diagnosis, **of_trial: float) -> Outcome:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_flights", description=__doc__)
+def parser_of(name: str, words: str | None) -> argparse.ArgumentParser:
+    """The options that all whole trials share."""
+    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=words)
     parser.add_argument("--sizes", type=float, nargs="*", default=[8.0, 12.0])
     parser.add_argument("--seeds", default="0:1", help="A:B, B not included")
-    parser.add_argument("--only", nargs="+", choices=[p.name for p in PLANTED])
     parser.add_argument("--nulls", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, help="a JSON object a line, appended")
-    options = parser.parse_args()
+    return parser
+
+
+def seeds_of(options: argparse.Namespace) -> range:
     low, high = (int(v) for v in options.seeds.split(":"))
-    for seed in range(low, low + options.nulls):
-        found, cpu_s = diagnosed([f.run for f in flights(seed)])
+    return range(low, high)
+
+
+def tell_nulls(
+    options: argparse.Namespace, believed: Believed, runs_of: Callable[[int], list[Run]]
+) -> None:
+    """Diagnose runs without an effect, as many as were asked for, a line each."""
+    first = seeds_of(options).start
+    for seed in range(first, first + options.nulls):
+        found, cpu_s = believed.diagnosed(runs_of(seed))
         print(f"null {seed}: {found.verdict} p {found.p_value:.3g} {cpu_s:.1f} s", flush=True)
+
+
+def tell(outcome: Outcome, output: Path | None) -> None:
+    """Print an outcome, and append it to a file where one is named."""
+    line = json.dumps(asdict(outcome))
+    print(line, flush=True)
+    if output:
+        with output.open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+
+def main() -> None:
+    parser = parser_of("gap_flights", __doc__)
+    parser.add_argument("--only", nargs="+", choices=[p.name for p in PLANTED])
+    options = parser.parse_args()
+    tell_nulls(options, ring_laser(), lambda seed: [f.run for f in flights(seed)])
     outcomes = []
-    for seed in range(low, high):
+    for seed in seeds_of(options):
         for planted in PLANTED:
             if options.only and planted.name not in options.only:
                 continue
             for wanted in options.sizes:
                 outcomes.append(trial(planted, seed, wanted))
-                line = json.dumps(asdict(outcomes[-1]))
-                print(line, flush=True)
-                if options.output:
-                    with options.output.open("a", encoding="utf-8") as file:
-                        file.write(line + "\n")
+                tell(outcomes[-1], options.output)
     for word in ("right", "neighbour", "none", "wrong"):
         print(f"{word}: {sum(o.outcome == word for o in outcomes)} of {len(outcomes)}")
     print(f"wrong and sure: {sum(o.sure for o in outcomes)}")

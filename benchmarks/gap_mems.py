@@ -8,25 +8,27 @@ start to start with temperature, can show. Effects are made row by row from the 
 no code of the catalogue is used.
 """
 
-import argparse
-import json
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gap_flights import Outcome, outcome_of, table_of, unit_of
+from benchmarks.gap_flights import (
+    Believed,
+    Outcome,
+    parser_of,
+    seeds_of,
+    table_of,
+    tell,
+    tell_nulls,
+    unit_of,
+)
 from infield.table.thermal_table import ThermalTable
 from ins.records import Run, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
-from simreal.evidence.run_view import view_run
-from simreal.evidence.whitened import Evidence
-from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
@@ -38,7 +40,6 @@ SITE = Site(lat_rad=45.0 * DEG, lon_rad=7.0 * DEG, height_m=250.0)
 STARTS = ("cold", "ambient", "cooling")
 PARKED_S, RATE_HZ = 1200.0, 10.0
 UNIT_SEED = 3
-CLOSE = 0.03  # of the wanted size
 
 
 @dataclass(frozen=True)
@@ -145,55 +146,24 @@ def laid(rest: Rested, number: int, drift: Drift, size: float) -> Run:
     return replace(rest.run, imu=replace(imu, dtheta_rad=dtheta))
 
 
-def evidence_of(runs: Sequence[Run]) -> Evidence:
-    views = [view_run(run, k, table(), twin()) for k, run in enumerate(runs)]
-    return Evidence([v for v in views if not isinstance(v, str)], twin())
-
-
-def at_size(drift: Drift, bases: Sequence[Rested], wanted: float) -> tuple[list[Run], float]:
-    without, size, reached = evidence_of([b.run for b in bases]), 1.0, 0.0
-    runs: list[Run] = []
-    for _ in range(4):
-        runs = [laid(b, k, drift, size) for k, b in enumerate(bases)]
-        now = evidence_of(runs)
-        reached = float(np.linalg.norm(now.z - without.z)) if now.size == without.size else 0.0
-        if reached and abs(reached / wanted - 1.0) < CLOSE:
-            break
-        size *= wanted / reached if reached else 0.5
-    return runs, reached
-
-
-def diagnosed(runs: Sequence[Run]) -> Diagnosis:
-    return diagnose(runs, twin(), table(), DiagnosisSettings())
-
-
 def trial(drift: Drift, seed: int, wanted: float) -> Outcome:
-    runs, reached = at_size(drift, rests(seed), wanted)
-    start = time.process_time()
-    found = diagnosed(runs)
-    spent = time.process_time() - start
-    return outcome_of(drift, found, wanted=wanted, reached=reached, seed=seed, cpu_s=spent)
+    """One drift at one size in the rests of a seed, diagnosed."""
+    bases, believed = rests(seed), Believed(twin(), table())
+
+    def lay_all(size: float) -> list[Run]:
+        return [laid(b, k, drift, size) for k, b in enumerate(bases)]
+
+    sized = believed.at_size(lay_all, 1.0, wanted)
+    return believed.outcome(drift, sized, wanted=wanted, seed=seed)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_mems", description=__doc__)
-    parser.add_argument("--sizes", type=float, nargs="*", default=[8.0, 12.0])
-    parser.add_argument("--seeds", default="0:1", help="A:B, B not included")
-    parser.add_argument("--nulls", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path, help="a JSON object a line, appended")
-    options = parser.parse_args()
-    low, high = (int(v) for v in options.seeds.split(":"))
-    for seed in range(low, low + options.nulls):
-        found = diagnosed([r.run for r in rests(seed)])
-        print(f"null {seed}: {found.verdict} p {found.p_value:.3g}", flush=True)
-    for seed in range(low, high):
+    options = parser_of("gap_mems", __doc__).parse_args()
+    tell_nulls(options, Believed(twin(), table()), lambda seed: [r.run for r in rests(seed)])
+    for seed in seeds_of(options):
         for drift in DRIFTS:
             for wanted in options.sizes:
-                line = json.dumps(asdict(trial(drift, seed, wanted)))
-                print(line, flush=True)
-                if options.output:
-                    with options.output.open("a", encoding="utf-8") as file:
-                        file.write(line + "\n")
+                tell(trial(drift, seed, wanted), options.output)
 
 
 if __name__ == "__main__":

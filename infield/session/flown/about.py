@@ -57,7 +57,7 @@ STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flig
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
 # a body turns where a gyro reads more than so many sigmas of its bias and noise: 6e-5 of noise do
 TURNS_SIGMAS = 4.0
-TILTED = [*range(TILT_ERROR.start, ACCEL_ERROR.stop)]  # what moves the specific force in NED
+TILTED = slice(TILT_ERROR.start, ACCEL_ERROR.stop)  # what moves the specific force in NED
 # rows of body axes that a gyro's six misalignments read: xy, xz, yx, yz, zx, zy
 READS, OF = np.array(READING_GYRO), np.array(READ_AXIS)
 
@@ -223,7 +223,7 @@ class Reading:
         dt, force_b = float(steps.dt_s[k]), steps.force_b_m_s2[k]
         force_n = C @ force_b
         moves = np.hstack([-skew(force_n), C])
-        unsure = np.diag(moves @ flt.P[TILTED, :][:, TILTED] @ moves.T)
+        unsure = np.diag(moves @ flt.P[TILTED, TILTED] @ moves.T)
         white = self.believed.noise.vrw**2 / dt
         return Read(
             C,

@@ -3,10 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from alignment.motion.inertial import Where
-from alignment.motion.stillness import TAKE_OFF_M_S
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
@@ -14,7 +11,7 @@ from infield.session.flown.flight import find_flight
 from infield.session.flown.gates import against_joining, carried, doubted, rested, uncovered
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
 from infield.session.flown.known import KnownRun
-from infield.session.flown.start import begins_in_motion, find_moving_start
+from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
 from infield.session.flown.without_heading import fly_without_heading
 from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
@@ -54,9 +51,7 @@ def fly_in_motion(
     fixes, repeated = usable(run.gnss)
     if parked_after is None or parked_after.solution is None:
         rest, parked_after = None, None
-    before_rest = fixes.time_s < (np.inf if rest is None else rest[0])
-    fast = np.linalg.norm(fixes.v_n_m_s[:, :2], axis=1) > TAKE_OFF_M_S
-    fast &= before_rest
+    fast = fast_before(fixes, rest)
 
     def left_out(start_s: float) -> FlightEvidence:
         before = float("nan") if parked_after is None else parked_after.sigma_heading_rad

@@ -50,14 +50,17 @@ class MovingStart:
     sigma_heading_rad: float
 
 
+def fast_before(log: GnssLog, rest: Where | None) -> NDArray:
+    """Which fixes (n,) are of a vehicle in the air, before a rest where there is one."""
+    fast = np.linalg.norm(log.v_n_m_s[:, :2], axis=1) > TAKE_OFF_M_S
+    return np.asarray(fast if rest is None else fast & (log.time_s < rest[0]))
+
+
 def begins_in_motion(run: Run, rest: Where | None) -> bool:
     """Whether a log flies with a receiver before its first rest, or has none."""
     if run.gnss is None:
         return False
-    fast = np.linalg.norm(run.gnss.v_n_m_s[:, :2], axis=1) > TAKE_OFF_M_S
-    if rest is not None:
-        fast &= run.gnss.time_s < rest[0]
-    times = run.gnss.time_s[fast]
+    times = run.gnss.time_s[fast_before(run.gnss, rest)]
     return bool(times.size and times[-1] - times[0] >= LEAST_FLOWN_S)
 
 
