@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.session.acceptance import judge_merge
-from infield.session.disagreement import SessionEvidence, session_evidence
+from infield.session.disagreement import SessionEvidence
 from infield.session.hysteresis import SessionLikelihood, posterior_with
 from infield.session.joint_update import likelihood_of
 from infield.session.pipeline import update_calibration
-from infield.session.points import session_points
+from infield.session.points import session_evidence, session_points
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior

@@ -15,12 +15,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.estimate import SessionEstimate
-from infield.session.points import mean_rows
 from infield.session.reasons import SessionReason
-from infield.table.merge import SessionPoints
 from infield.table.thermal_table import ThermalTable
-from ins.records import AXES, Run, frozen_array
+from ins.records import AXES, frozen_array
 from ins.verdicts import Reason, because
 
 # of a session's mean bias from the table, to count as off it; 0.3 % of sound sessions
@@ -85,23 +82,6 @@ class Step:
     @property
     def reason(self) -> Reason:
         return because(SessionReason.TABLE_DISAGREES, **vars(self))
-
-
-def session_evidence(
-    run: Run, table: ThermalTable, estimate: SessionEstimate, points: SessionPoints
-) -> SessionEvidence:
-    """The session's mean bias, whatever the table says."""
-    A, bins = mean_rows(estimate), estimate.bins
-    T = bins.duration_s / bins.duration_s.sum() @ bins.temperature_degC
-    return SessionEvidence(
-        run_id=run.header.run_id,
-        run_sha256=run.sha256,
-        start_utc=run.header.start_utc,
-        temperature_degC=T,
-        bias_deg_h=A @ points.bias_deg_h,
-        covariance=A @ (points.covariance + bins.own) @ A.T,
-        bend_deg_h=A @ bins.table_deg_h - [table.bias_deg_h(k, T[k])[0] for k in range(3)],
-    )
 
 
 def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tuple[Step, ...]:

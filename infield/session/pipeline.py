@@ -9,19 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from alignment.reasons import AlignmentVerdict
-from infield.session.disagreement import (
-    SessionEvidence,
-    Step,
-    find_steps,
-    session_evidence,
-    utc,
-    widened_for,
-)
+from infield.session.disagreement import SessionEvidence, Step, find_steps, utc, widened_for
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.marks import UnitMarks
 from infield.session.joint_update import find_flight_terms, with_thermal_terms
 from infield.session.log import applied_table_of, with_applied_table_undone
 from infield.session.one_run import OnRecord, take_run
+from infield.session.points import session_evidence
 from infield.session.reasons import SessionReason, ThermalAction
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import SessionSettings

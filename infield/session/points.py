@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, solve_triangular
 
 from infield.session.bins import SessionBins
+from infield.session.disagreement import SessionEvidence
 from infield.session.estimate import SessionEstimate
 from infield.session.reasons import Advice
 from infield.table.merge import SessionPoints
+from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Run
 from ins.verdicts import Observability, Reason, because
 
@@ -95,6 +97,23 @@ def mean_rows(estimate: SessionEstimate) -> NDArray:
     for axis in range(3):
         rows[axis, axis::3] = weight
     return rows
+
+
+def session_evidence(
+    run: Run, table: ThermalTable, estimate: SessionEstimate, points: SessionPoints
+) -> SessionEvidence:
+    """The session's mean bias, whatever the table says."""
+    A, bins = mean_rows(estimate), estimate.bins
+    T = bins.duration_s / bins.duration_s.sum() @ bins.temperature_degC
+    return SessionEvidence(
+        run_id=run.header.run_id,
+        run_sha256=run.sha256,
+        start_utc=run.header.start_utc,
+        temperature_degC=T,
+        bias_deg_h=A @ points.bias_deg_h,
+        covariance=A @ (points.covariance + bins.own) @ A.T,
+        bend_deg_h=A @ bins.table_deg_h - [table.bias_deg_h(k, T[k])[0] for k in range(3)],
+    )
 
 
 def observability(
