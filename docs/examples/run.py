@@ -2,14 +2,17 @@
 output in.
 
 A page's blocks marked `console` run in order, in one empty folder, where `data` leads to the
-recorded logs, `examples` to the project's own and `recal` is this program. A page that says `<!--
-needs: FILE -->` is skipped where data/FILE is not there. Numbers agree within 2 % or two of their
-last digit; hashes and dates may differ.
+recorded logs, `examples` to the project's own and `recal` is this program. Blocks marked `pycon`
+run after them, as one session of Python in that folder. A page that says `<!-- needs: FILE -->` is
+skipped where data/FILE is not there. Numbers agree within 2 % or two of their last digit; hashes
+and dates may differ.
 
 Example: python docs/examples/run.py docs/examples/ln100.md
 """
 
 import argparse
+import doctest
+import json
 import os
 import re
 import subprocess
@@ -20,8 +23,30 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
-PAGES = ("README.md", "docs/quickstart.md", "docs/guides/*.md", "docs/examples/*.md")
+PAGES = (
+    "README.md",
+    "docs/quickstart.md",
+    "docs/python.md",
+    "docs/guides/*.md",
+    "docs/examples/*.md",
+)
 BLOCK = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
+SESSION = re.compile(r"^```pycon\n(.*?)^```$", re.M | re.S)
+# what a session of Python prints, statement by statement
+TYPED = """
+import contextlib, io, json, sys, traceback
+names = {"__name__": "__main__"}
+said = []
+for source in json.load(sys.stdin):
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        try:
+            exec(compile(source, "page", "single"), names)
+        except Exception as error:
+            print("".join(traceback.format_exception_only(error)), end="")
+    said.append(out.getvalue())
+json.dump(said, sys.stdout)
+"""
 NEEDS = re.compile(r"<!-- needs: (\S+) -->")
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?", re.I)
 PASSING = re.compile(r"\b[0-9a-f]{12,64}\b|\d{4}-\d\d-\d\dT[\d:.]+Z?")
@@ -87,7 +112,32 @@ def outputs(page: Path, data: Path) -> list[tuple[Step, str]]:
         (folder / "data").symlink_to(data)
         (folder / "examples").symlink_to(ROOT / "examples")
         environment = _environment(folder)
-        return [(step, _run(step.command, folder, environment)) for step in steps]
+        ran = [(step, _run(step.command, folder, environment)) for step in steps]
+        return ran + _session(page, folder, environment)
+
+
+def typed(page: Path) -> list[Step]:
+    """The statements of a page's session of Python, and what the page says they print."""
+    blocks = SESSION.findall(page.read_text("utf-8"))
+    examples = [e for block in blocks for e in doctest.DocTestParser().get_examples(block)]
+    return [Step(example.source, example.want) for example in examples]
+
+
+def _session(page: Path, folder: Path, environment: dict[str, str]) -> list[tuple[Step, str]]:
+    steps = typed(page)
+    if not steps:
+        return []
+    done = subprocess.run(
+        [sys.executable, "-c", TYPED],
+        cwd=folder,
+        env=environment,
+        input=json.dumps([step.command for step in steps]),
+        text=True,
+        timeout=LONGEST_S,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return list(zip(steps, json.loads(done.stdout), strict=True))
 
 
 def _environment(folder: Path) -> dict[str, str]:
@@ -134,7 +184,16 @@ def rewritten(page: Path, ran: list[tuple[Step, str]]) -> str:
             ]
         return "```console\n" + "\n".join(lines) + "\n```"
 
-    return BLOCK.sub(block, page.read_text("utf-8"))
+    def session(match: re.Match[str]) -> str:
+        text = ""
+        for _ in doctest.DocTestParser().get_examples(match[1]):
+            step, got = next(rest)
+            first, *more = step.command.rstrip("\n").split("\n")
+            text += "\n".join([f">>> {first}", *(f"... {line}".rstrip() for line in more)]) + "\n"
+            text += got.rstrip() + "\n" if got.strip() else ""
+        return f"```pycon\n{text}```"
+
+    return SESSION.sub(session, BLOCK.sub(block, page.read_text("utf-8")))
 
 
 def main() -> int:

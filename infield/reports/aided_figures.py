@@ -16,6 +16,8 @@ from infield.reports.figures import (
     BLACK,
     GREEN,
     GREY,
+    LETTER,
+    MAX_DOTS,
     NEW,
     OLD,
     SKY,
@@ -302,12 +304,12 @@ def _innovations(aided: AidedResult) -> Markup:
                 history.residual[:, 3 * row + k] / history.sigma[:, 3 * row + k],
             )
             ax.axhspan(-2, 2, color=SKY, alpha=0.18, linewidth=0.0)
-            t, y = thinned(history.fix_time_s[used] / 60.0, over[used])
+            t, y = thinned(history.fix_time_s[used] / 60.0, over[used], most=MAX_DOTS)
             ax.plot(t, y, color=BLACK, marker=".", markersize=2.0, linestyle="none")
             t, y = thinned(history.fix_time_s[rejected] / 60.0, np.clip(over[rejected], -5.6, 5.6))
             ax.plot(t, y, color=OLD, marker="x", markersize=4.0, linestyle="none")
             axis_text(ax, title=f"{kind.capitalize()}, {name}", x=TIME if row else "")
-        axes[row, 0].set_ylabel("innovation / sigma")
+    figure.supylabel("innovation / sigma", fontsize=LETTER)
     axes[0, 0].set_ylim(-6.0, 6.0)
     return svg_text(
         figure, "Innovations over their sigmas; two sigmas shaded, rejected fixes as crosses"
@@ -331,6 +333,7 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResul
         t, off = thinned(
             history.fix_time_s[rows] / 60.0,
             np.linalg.norm(history.residual[rows, 3 * k : 3 * k + 2], axis=1),
+            most=MAX_DOTS,
         )
         dots: LineStyle = {"marker": ".", "markersize": 2.0, "linestyle": "none"}
         ax.plot(t, np.maximum(off, 1e-4), color=GREY, label="GNSS less prediction", **dots)

@@ -24,6 +24,7 @@ FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
 PANEL_WIDTH = 4.3  # inches: one of two or three side by side, one below the other on a phone
 SVG_DPI = 72  # of a drawing as SVG: a unit is a point
 MAX_POINTS = 2000  # of a curve
+MAX_DOTS = 700  # of a cloud: 2 or 3 for each pixel across a panel; each is an element of the page
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
@@ -33,7 +34,9 @@ AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
 AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
 
 LETTER = 9.5  # in points of the drawing
-LEAST_LETTER_PX = 11.1  # on a screen: a drawing that would have smaller ones scrolls in its own box
+LEAST_LETTER_PX = (
+    11.05  # on a screen: a drawing that would have smaller ones scrolls in its own box
+)
 _STYLE: dict[str, float | str | bool | list[str]] = {
     "font.family": ["sans-serif"],
     "font.sans-serif": ["DejaVu Sans"],
@@ -178,17 +181,15 @@ def _slim(svg: str, label: str) -> str:
     return re.sub(r"\n\s*", "\n", head + svg[svg.index(">") + 1 :]).strip()
 
 
-def thinned(*columns: ArrayLike | Sequence[float | None]) -> tuple[NDArray, ...]:
-    """Columns of equal length with at most MAX_POINTS rows kept, evenly, first and last among them;
+def thinned(
+    *columns: ArrayLike | Sequence[float | None], most: int = MAX_POINTS
+) -> tuple[NDArray, ...]:
+    """Columns of equal length with at most so many rows kept, evenly, first and last among them;
     null is NaN.
     """
     arrays = [np.array(c, dtype=float) for c in columns]
     n = len(arrays[0])
-    rows = (
-        np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int))
-        if n
-        else np.arange(0)
-    )
+    rows = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) if n else np.arange(0)
     return tuple(a[rows] for a in arrays)
 
 

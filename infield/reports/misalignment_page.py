@@ -126,5 +126,6 @@ def _couplings(document: MisalignmentDocument) -> Markup | str:
         ax.plot([value], [row], "o", color=BLUE, markersize=5)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
     ax.set_yticks(range(len(seen)), [c.entry for c in reversed(seen)])
+    ax.set_ylim(-0.6, len(seen) - 0.4)
     axis_text(ax, x="arcsec (thick: 1 sigma, thin: 2 sigma)")
     return svg_text(figure, "Couplings with their sigma")

@@ -85,8 +85,9 @@ def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup
         left, title=f"gyro {a.axis}, run {b.run_id}", x="time [min]", y="bias less its mean [deg/h]"
     )
     axis_text(right, title="what each kind of term gives", x="time [min]", y="deg/h")
-    for ax in (left, right):
-        ax.legend(loc="best")
+    # above the curves, not over them
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=3)
     return svg_text(
         figure, f"Bias of gyro {a.axis} over run {b.run_id}: measured, model and parts of the model"
     )
@@ -145,6 +146,5 @@ def _check_drawing(found: RlgHeldOut) -> Markup:
                     label=name,
                 )
         axis_text(ax, title=f"gyro {axis}", x="time [min]", y="bias [deg/h]" if k == 0 else "")
-        if k == 0 and axis in found.means:
-            ax.legend(loc="best")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return svg_text(figure, f"Held-out run {found.run.blocks.run_id} before and after compensation")

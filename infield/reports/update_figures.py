@@ -3,7 +3,7 @@ section 5).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -43,6 +43,7 @@ from infield.reports.figures import (
     svg_text,
     thinned,
 )
+from infield.reports.zoom import BAR_MARK, HOLLOW_MARK, NODE_MARK, ZoomCurve, ZoomFigure, ZoomStrip
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 from ins.verdicts import Observability
@@ -62,6 +63,9 @@ PHASE_COLOURS = {
     "landing": YELLOW,
 }
 MINUTE = 60.0
+TIME_AXIS, TEMPERATURE_AXIS = "time [min]", "gyro temperature [°C]"
+HEADING_UNIT = "heading [deg]"
+WAYS = {1: ("^", "heating"), -1: ("v", "cooling"), 0: ("o", "settled")}  # of a point: mark, word
 
 
 def seen_points(document: UpdateDocument, axis: str) -> list[PointDocument]:
@@ -75,51 +79,76 @@ def seen_points(document: UpdateDocument, axis: str) -> list[PointDocument]:
     ]
 
 
-@in_style
-def bias_drawing(
+def bias_figure(
     document: UpdateDocument, axis: str, before: ThermalTable, after: ThermalTable | None
-) -> Markup:
+) -> ZoomFigure:
     """Bias against temperature of one gyro: the stored table, the new one (None: unchanged), the
     points.
     """
-    figure, axes = new_figure(width=PANEL_WIDTH, height=3.3)
-    ax, points = axes[0, 0], seen_points(document, axis)
-    inner, outer = [], []
-    for table, colour, line in ((before, OLD, "--"), (after, NEW, "-")):
+    points = seen_points(document, axis)
+    curves: list[ZoomCurve] = []
+    inner: list[NDArray] = []
+    outer: list[NDArray] = []
+    for table, name, colour in ((before, "stored table", OLD), (after, "new table", NEW)):
         if table is None:
             continue
         nodes = table.temperature_degC[AXES.index(axis)]
         T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
-        bias, sigma = table.bias_deg_h(axis, T), table.sigma_deg_h(axis, T)
-        ax.fill_between(
-            T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0
+        line = table_curve(
+            name, T, table.bias_deg_h(axis, T), table.sigma_deg_h(axis, T), colour=colour
         )
-        ax.plot(T, bias, line, color=colour)
-        ax.plot(nodes, table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
-        inner.append(bias)
-        outer += [bias - 2 * sigma, bias + 2 * sigma]
-    inner.append(_draw_points(ax, points, document.run_ids))
+        at_nodes = table.bias_deg_h(axis, nodes)
+        curves += [
+            line,
+            ZoomCurve(name="", values=at_nodes, x=nodes, mark=NODE_MARK, colour=colour),
+        ]
+        inner.append(line.values)
+        outer += line.edges
+    marks, seen = _point_curves(points, document.run_ids)
+    inner.append(seen)
     if not points:
         inner += outer  # nothing but the bands to show: all of them
-    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.8))
-    axis_text(
-        ax,
+    return ZoomFigure(
         title=f"Gyro {axis}: bias against temperature",
-        x="gyro temperature [°C]",
-        y="bias [deg/h]",
-    )
-    return svg_text(
-        figure,
-        f"Bias of gyro {axis} against temperature: tables before and after, {len(points)} points",
+        unit="bias [deg/h]",
+        time_s=T,
+        curves=[*curves, *marks],
+        x_name=TEMPERATURE_AXIS,
+        label=(
+            f"Bias of gyro {axis} against temperature: tables before and after,"
+            f" {len(points)} points"
+        ),
+        limits=robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.8),
+        group="tables",
+        panel=True,
     )
 
 
-def _draw_points(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]) -> NDArray:
-    """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled. Returns
-    what must be seen.
+def table_curve(
+    name: str, T: NDArray, bias_deg_h: NDArray, sigma_deg_h: NDArray, *, colour: str
+) -> ZoomCurve:
+    """A table over temperature with its band of 2 sigma to either side; the stored one is
+    dashed.
+    """
+    return ZoomCurve(
+        name=name,
+        values=bias_deg_h,
+        low=bias_deg_h - 2 * sigma_deg_h,
+        high=bias_deg_h + 2 * sigma_deg_h,
+        x=T,
+        colour=colour,
+        dashed=colour == OLD,
+    )
+
+
+def _point_curves(
+    points: Sequence[PointDocument], run_ids: list[str]
+) -> tuple[list[ZoomCurve], NDArray]:
+    """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled; and what
+    must be seen.
     """
     if not points:
-        return np.empty(0)
+        return [], np.empty(0)
     T, bias, sigma = thinned(
         [p.temperature_degC for p in points],
         [p.bias_deg_h for p in points],
@@ -130,44 +159,50 @@ def _draw_points(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]
         [p.temperature_rate_degC_min or 0.0 for p in points],
     )
     way = np.where(np.abs(rate) < HEATING_DEG_C_MIN, 0, np.sign(rate))
-    for number in np.unique(run):
-        colour = SESSION_COLOURS[int(number) % len(SESSION_COLOURS)]
-        for sign, marker in ((1, "^"), (-1, "v"), (0, "o")):
+    curves = []
+    for number in np.unique(run).astype(int):
+        for sign, (mark, word) in WAYS.items():
             rows = (run == number) & (way == sign)
             if rows.any():
-                ax.errorbar(
-                    T[rows],
-                    bias[rows],
-                    sigma[rows],
-                    fmt=marker,
-                    color=colour,
-                    markersize=4,
-                    elinewidth=0.7,
-                )
-    shared = _draw_common(ax, points, run_ids)
+                name = f"run {number + 1}, {word}"
+                curves.append(marked_curve(name, mark, T[rows], bias[rows], sigma[rows], number))
+    shared = _common_curves(points, run_ids)
     sure = sigma <= VAGUE * np.median(sigma)
-    return np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure], shared])
+    ends = [end for curve in shared for end in curve.edges]
+    return [*curves, *shared], np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure], *ends])
 
 
-def _draw_common(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]) -> NDArray:
+def marked_curve(
+    name: str, mark: str, x: NDArray, values: NDArray, sigma: NDArray, number: int
+) -> ZoomCurve:
+    """Points of the run of this number (from 0), with 1 sigma to either side."""
+    return ZoomCurve(
+        name=name,
+        values=values,
+        low=values - sigma,
+        high=values + sigma,
+        x=x,
+        mark=mark,
+        colour=SESSION_COLOURS[number % len(SESSION_COLOURS)],
+    )
+
+
+def _common_curves(points: Sequence[PointDocument], run_ids: list[str]) -> list[ZoomCurve]:
     """A bar at the right of each run's points: what they share, 1 sigma to either side of their
-    median. Returns its ends.
+    median.
     """
-    warmest, ends = max(p.temperature_degC for p in points), []
+    warmest = max(p.temperature_degC for p in points)
     width = max(warmest - min(p.temperature_degC for p in points), 1.0)
-    drawn = 0
+    bars: list[ZoomCurve] = []
     for number, run_id in enumerate(run_ids or [""]):
         mine = [p for p in points if p.run_id in (run_id, None)]
         if not mine or not mine[0].sigma_common_deg_h:
             continue
-        drawn += 1
-        middle, shared = float(np.median([p.bias_deg_h for p in mine])), mine[0].sigma_common_deg_h
-        colour = SESSION_COLOURS[number % len(SESSION_COLOURS)]
-        at = warmest + (0.03 + 0.02 * drawn) * width
-        low, high = middle - shared, middle + shared
-        ax.plot([at, at], [low, high], color=colour, alpha=0.55, linewidth=4.0)
-        ends += [low, high]
-    return np.array(ends)
+        at = np.array([warmest + (0.05 + 0.02 * len(bars)) * width])
+        middle = np.array([np.median([p.bias_deg_h for p in mine])])
+        shared = np.array([mine[0].sigma_common_deg_h])
+        bars.append(marked_curve("", BAR_MARK, at, middle, shared, number))
+    return bars
 
 
 @dataclass(frozen=True)
@@ -353,9 +388,7 @@ def _draw_heading(ax: "Axes", *, velocity: VelocityDocument) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
     t, heading = thinned(velocity.time_s, velocity.heading_deg)
-    good = np.isfinite(heading)
-    heading[good] = np.unwrap(heading[good], period=360.0)
-    heading -= 360.0 * np.round(np.mean(heading[good]) / 360.0) if good.any() else 0.0
+    heading = _without_jumps(heading)
     ax.plot(t / MINUTE, heading, color=BLACK, linewidth=1.3)
     low, high = robust_limits(heading)
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
@@ -366,6 +399,15 @@ def _draw_heading(ax: "Axes", *, velocity: VelocityDocument) -> None:
         ax.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{round(v, 4) % 360.0:g}"))
     axis_text(ax, y="heading [deg]")
+
+
+def _without_jumps(heading_deg: NDArray) -> NDArray:
+    """A heading that goes on beyond north, its mean within half a turn of it."""
+    heading, good = heading_deg.copy(), np.isfinite(heading_deg)
+    if good.any():
+        heading[good] = np.unwrap(heading[good], period=360.0)
+        heading -= 360.0 * np.round(np.mean(heading[good]) / 360.0)
+    return heading
 
 
 def _draw_velocity(ax: "Axes", *, velocity: VelocityDocument) -> None:
@@ -381,8 +423,74 @@ def _legend_beside(ax: "Axes") -> None:
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.8, borderaxespad=0.3)
 
 
-@in_style
-def residual_drawing(session: SessionDocument, axis: str) -> Markup | None:
+def timeline_figures(session: SessionDocument, spans: Sequence[SpanDocument]) -> list[ZoomFigure]:
+    """What `timeline_drawing` shows as figures that a reader can zoom: phases are strips, excluded
+    spans are shaded.
+    """
+    shaded = [(span.start_s / MINUTE, span.end_s / MINUTE) for span in spans]
+    phases = session.phases if isinstance(session, EstimatedDocument) else ()
+    strips = [
+        ZoomStrip(
+            p.start_s / MINUTE,
+            p.end_s / MINUTE,
+            _plain(p.phase).replace("_", " "),
+            PHASE_COLOURS.get(p.phase, GREY),
+        )
+        for p in phases
+    ]
+    figures = []
+    for unit, time_s, columns in _time_series(session):
+        t, *values = thinned(time_s, *(column for _, column, _ in columns))
+        curves = [
+            ZoomCurve(name=name, values=value, colour=colour)
+            for (name, _, colour), value in zip(columns, values)
+        ]
+        circle = unit == HEADING_UNIT
+        if circle:
+            curves = [replace(curve, values=_without_jumps(curve.values)) for curve in curves]
+        figures.append(
+            ZoomFigure(
+                title=unit,
+                unit=unit,
+                time_s=t / MINUTE,
+                curves=curves,
+                spans=shaded,
+                strips=strips,
+                x_name=TIME_AXIS,
+                circle=circle,
+                group=session.run_id,
+            )
+        )
+    return figures
+
+
+_Column = tuple[str, Sequence[float | None], str]  # name, values, colour
+
+
+def _time_series(session: SessionDocument) -> list[tuple[str, Sequence[float], list[_Column]]]:
+    """Unit, time [s] and columns of each quantity that the run holds over time."""
+    found: list[tuple[str, Sequence[float], list[_Column]]] = []
+    temperature = session.temperature
+    if temperature:
+        rows = temperature.gyro_degC
+        gyros: list[_Column] = [
+            (f"gyro {axis}", [row[k] for row in rows], AXIS_COLOURS[axis])
+            for k, axis in enumerate(AXES)
+        ]
+        found.append(("temperature [°C]", temperature.time_s, gyros))
+    velocity = session.velocity if isinstance(session, EstimatedDocument) else None
+    if velocity:
+        heading: _Column = ("heading", velocity.heading_deg, BLACK)
+        ways: list[_Column] = [
+            ("north", velocity.north_m_s, BLACK),
+            ("east", velocity.east_m_s, ORANGE),
+        ]
+        found.append((HEADING_UNIT, velocity.time_s, [heading]))
+        found.append(("velocity [m/s]", velocity.time_s, ways))
+    return found
+
+
+def residual_figure(session: SessionDocument, axis: str) -> ZoomFigure | None:
     """Points of one run less the table before and after, over time, with the points' own sigma;
     None without points.
     """
@@ -398,17 +506,28 @@ def residual_drawing(session: SessionDocument, axis: str) -> Markup | None:
         [r.after_deg_h for r in rows],
         [r.sigma_deg_h for r in rows],
     )
-    figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
-    ax = axes[0, 0]
-    ax.axhline(0.0, color=GREY, linewidth=0.9)
-    ax.errorbar(t / MINUTE, new, sigma, fmt="o", color=NEW, markersize=4, elinewidth=0.7)
-    ax.plot(t / MINUTE, old, "o", color=OLD, markersize=4.5, markerfacecolor="none")
-    sure = sigma <= VAGUE * np.median(sigma)
-    ax.set_ylim(
-        *robust_limits(np.concatenate([(new - sigma)[sure], (new + sigma)[sure], old[sure], [0.0]]))
+    after = ZoomCurve(
+        name="after", values=new, low=new - sigma, high=new + sigma, mark="o", colour=NEW
     )
-    axis_text(ax, title=f"Gyro {axis}: points less the table", x="time [min]", y="residual [deg/h]")
-    return svg_text(figure, f"Residuals of gyro {axis} over time to the table before and after")
+    before = ZoomCurve(name="before", values=old, mark=HOLLOW_MARK, colour=OLD)
+    sure = sigma <= VAGUE * np.median(sigma)
+    shown = [(new - sigma)[sure], (new + sigma)[sure], old[sure], [0.0]]
+    return ZoomFigure(
+        title=f"Gyro {axis}: points less the table",
+        unit="residual [deg/h]",
+        time_s=t / MINUTE,
+        curves=[_zero(t), after, before],
+        x_name=TIME_AXIS,
+        label=f"Residuals of gyro {axis} over time to the table before and after",
+        limits=robust_limits(np.concatenate(shown)),
+        group=session.run_id,
+        panel=True,
+    )
+
+
+def _zero(time_s: NDArray) -> ZoomCurve:
+    """The line of no difference."""
+    return ZoomCurve(name="", values=np.zeros(time_s.size), colour=GREY)
 
 
 @in_style
@@ -440,8 +559,7 @@ def coverage_drawing(session: SessionDocument) -> Markup | None:
     )
 
 
-@in_style
-def chain_drawing(session: SessionDocument, direction: str) -> Markup | None:
+def chain_figure(session: SessionDocument, direction: str) -> ZoomFigure | None:
     """The patent's chain beside the filter along `north` or `east` of the parked heading; None
     without points.
     """
@@ -449,34 +567,28 @@ def chain_drawing(session: SessionDocument, direction: str) -> Markup | None:
     if not chain or not chain.points:
         return None
     known = direction == "north" or chain.heading_error_mrad is not None
-    curves = _north if direction == "north" else partial(_east, known=known)
+    rows = _north if direction == "north" else partial(_east, known=known)
     t, value, sigma, by_filter, from_alignment, bracket = thinned(
-        *zip(*(curves(row) for row in chain.points))
+        *zip(*(rows(row) for row in chain.points))
     )
-    figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
-    ax = axes[0, 0]
-    ax.axhline(0.0, color=GREY, linewidth=0.9)
-    ax.plot(t / MINUTE, bracket + value - from_alignment, "x", color=GREY, markersize=5)
-    ax.errorbar(
-        t / MINUTE,
-        value,
-        sigma,
-        fmt="s",
-        color=GREEN,
-        markersize=4,
-        elinewidth=0.7,
-        markerfacecolor=GREEN if known else "none",
+    low, high = value - sigma, value + sigma
+    windows = ZoomCurve(
+        name="by windows", values=bracket + value - from_alignment, mark="x", colour=GREY
     )
-    ax.plot(t / MINUTE, by_filter, "-", color=NEW)
-    ax.set_ylim(*robust_limits(np.concatenate([value - sigma, value + sigma, by_filter, [0.0]])))
+    smoothed = ZoomCurve(name="chain", values=value, low=low, high=high, mark="s", colour=GREEN)
+    filtered = ZoomCurve(name="filter", values=by_filter, colour=NEW)
     name = "East" if known else "East, relative"
-    axis_text(
-        ax,
+    return ZoomFigure(
         title=f"{name if direction == 'east' else 'North'}: bias beyond the stored table",
-        x="time [min]",
-        y="bias [deg/h]",
+        unit="bias [deg/h]",
+        time_s=t / MINUTE,
+        curves=[_zero(t), windows, smoothed, filtered],
+        x_name=TIME_AXIS,
+        label=f"Claim chain beside the filter, {direction}",
+        limits=robust_limits(np.concatenate([low, high, by_filter, [0.0]])),
+        group=session.run_id,
+        panel=True,
     )
-    return svg_text(figure, f"Claim chain beside the filter, {direction}")
 
 
 def _north(row: ChainRow) -> tuple[float | None, ...]:

@@ -33,6 +33,7 @@ from infield.reports.documents.update_records import (
 from infield.reports.page import decimals_for, number, render_page
 from infield.reports.table_known import TableKnown, table_known
 from infield.reports.words.session import VARIANCE_SOURCES
+from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script, zoomed
 from infield.session.reasons import HeadingSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
@@ -210,6 +211,7 @@ def update_html(document: UpdateDocument) -> str:
         band=_band,
         temperature_words=_temperature_words,
         hysteresis_words=_hysteresis_words,
+        script=zoom_script(),
     )
 
 
@@ -350,7 +352,7 @@ def _bias_drawings(
     return [
         (
             axis,
-            figures.bias_drawing(document, axis, before, new),
+            zoom_figure(figures.bias_figure(document, axis, before, new)),
             bool(figures.seen_points(document, axis)),
         )
         for axis in AXES
@@ -366,8 +368,8 @@ def _shape_drawings(
     if before is None or all(s.zero_rate is None for s in estimated_of(document)):
         return []
     new = after if _changed(document) else None
-    drawn = [zero_rate_figures.shape_drawing(document, axis, before, new) for axis in AXES]
-    return [d for d in drawn if d]
+    found = [zero_rate_figures.shape_figure(document, axis, before, new) for axis in AXES]
+    return [zoom_figure(figure) for figure in found if figure]
 
 
 def _run_key(document: UpdateDocument) -> list[tuple[int, str, str]]:
@@ -386,17 +388,30 @@ def _session(document: UpdateDocument, k: int) -> SessionView:
     reasons: dict[str, list[float]] = {}
     for span in spans:
         reasons.setdefault(span.reason, []).append(span.end_s - span.start_s)
-    chains = [figures.chain_drawing(session, way) for way in ("north", "east")]
+    chains = [figures.chain_figure(session, way) for way in ("north", "east")]
+    residuals = [(axis, figures.residual_figure(session, axis)) for axis in AXES]
     return SessionView(
         run=session,
         number=k + 1,
         spans=spans,
         span_totals=[(reason, len(lengths), sum(lengths)) for reason, lengths in reasons.items()],
-        timeline=figures.timeline_drawing(session, spans),
-        residual_drawings=[(axis, figures.residual_drawing(session, axis)) for axis in AXES],
+        timeline=_timeline(session, spans),
+        residual_drawings=[(axis, _zoomed(figure)) for axis, figure in residuals],
         coverage_drawing=figures.coverage_drawing(session),
-        chain_drawings=[d for d in chains if d],
+        chain_drawings=[zoom_figure(figure) for figure in chains if figure],
     )
+
+
+def _zoomed(figure: ZoomFigure | None) -> Markup | None:
+    return None if figure is None else zoom_figure(figure)
+
+
+def _timeline(session: SessionDocument, spans: Sequence[SpanDocument]) -> Markup | None:
+    drawing = figures.timeline_drawing(session, spans)
+    if drawing is None:
+        return None
+    caption = "Grey: excluded." if spans else ""
+    return zoomed(drawing, figures.timeline_figures(session, spans), caption)
 
 
 def _spans(document: UpdateDocument, k: int) -> list[SpanDocument]:

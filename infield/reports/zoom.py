@@ -7,10 +7,11 @@ licence, `scripts/uPlot.LICENSE`) stands in the page.
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from itertools import cycle
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from markupsafe import Markup
@@ -19,9 +20,11 @@ from numpy.typing import NDArray
 from infield.reports.figures import (
     BLACK,
     BLUE,
+    FIGURE_WIDTH,
     GREEN,
     GREY,
     ORANGE,
+    PANEL_WIDTH,
     PURPLE,
     SKY,
     VERMILLION,
@@ -31,27 +34,63 @@ from infield.reports.figures import (
     svg_text,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 DIGITS = 6  # significant ones of a number in the page: a pixel of a drawing is a thousandth of it
 CURVE_COLOURS = (BLACK, GREEN, PURPLE, BLUE, VERMILLION, SKY, ORANGE, GREY)
 DRAWN_HEIGHT = 2.5  # inches
+PANEL_HEIGHT = 3.0  # inches: a panel is narrow, and its bands want room
+BAND_ALPHA = 0.18  # of a band: two that overlap are still told apart
+BAR_MARK, HOLLOW_MARK, NODE_MARK = "|", "O", "n"
+POINT_MARKS = {"^": "^", "v": "v", "o": "o", "x": "x", "s": "s", NODE_MARK: "s", HOLLOW_MARK: "o"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ZoomCurve:
     """One line: its name, values (n,), and the least and greatest of the rows behind each value
     (n,) where there are such.
+
+    x: (n,) where it differs from the figure's; mark: points (a key of `POINT_MARKS`) with
+    bars from low to high, or BAR_MARK, the bars alone; no line then. A curve of an empty name is
+    not in the legend.
     """
 
     name: str
     values: NDArray
     low: NDArray | None = None
     high: NDArray | None = None
+    x: NDArray | None = None
+    mark: str = ""
+    colour: str = ""
+    dashed: bool = False
+
+    @property
+    def edges(self) -> tuple[NDArray, NDArray]:
+        """Least and greatest (n,), the values themselves where there are none."""
+        low = self.values if self.low is None else self.low
+        high = self.values if self.high is None else self.high
+        return low, high
+
+
+@dataclass(frozen=True)
+class ZoomStrip:
+    """A named stretch of time, as a coloured strip along the top of a drawing that is live."""
+
+    start: float
+    end: float
+    name: str
+    colour: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class ZoomFigure:
     """Lines over time (n,), [s] unless `x_name` says otherwise; spans: stretches (start, end) that
     are shaded.
+
+    limits: least and greatest value that the y axis shows; circle: values are degrees, labelled in
+    [0, 360); group: drawings of one group and one x axis zoom together; panel: one of several side
+    by side, with its title.
     """
 
     title: str
@@ -59,16 +98,34 @@ class ZoomFigure:
     time_s: NDArray
     curves: Sequence[ZoomCurve]
     spans: Sequence[tuple[float, float]] = ()
+    strips: Sequence[ZoomStrip] = ()
     x_name: str = "time [s]"
+    label: str = ""
+    limits: tuple[float, float] | None = None
+    circle: bool = False
+    group: str = ""
+    panel: bool = False
 
 
 def zoom_figure(figure: ZoomFigure, caption: str = "") -> Markup:
     """The figure as an element of a page; `zoom_script` is needed once on the page."""
-    label = f"{figure.title} over time"
+    drawing = _drawing(figure, figure.label or f"{figure.title} over time")
+    return zoomed(drawing, [figure], caption, wide=not figure.panel)
+
+
+def zoomed(
+    drawing: Markup, figures: Sequence[ZoomFigure], caption: str = "", *, wide: bool = True
+) -> Markup:
+    """A drawing that was made elsewhere, with the figures that take its place where there is
+    JavaScript.
+    """
+    numbers = (
+        Markup('<script type="application/json">{}</script>').format(Markup(_numbers(figure)))
+        for figure in figures
+    )
     return Markup(
-        '<figure class="wide zoom"><div class="drawing">{}</div>'
-        '<script type="application/json">{}</script><figcaption>{}</figcaption></figure>'
-    ).format(_drawing(figure, label), Markup(_numbers(figure)), caption)
+        '<figure class="{}zoom"><div class="drawing">{}</div>{}<figcaption>{}</figcaption></figure>'
+    ).format("wide " if wide else "", drawing, Markup("").join(numbers), caption)
 
 
 @lru_cache(maxsize=1)
@@ -81,16 +138,26 @@ def zoom_script() -> Markup:
 
 @in_style
 def _drawing(figure: ZoomFigure, label: str) -> Markup:
-    drawn, grid = new_figure(height=DRAWN_HEIGHT)
+    width, height = (PANEL_WIDTH, PANEL_HEIGHT) if figure.panel else (FIGURE_WIDTH, DRAWN_HEIGHT)
+    drawn, grid = new_figure(width=width, height=height)
     ax = grid[0, 0]
     for start_s, end_s in figure.spans:
         ax.axvspan(start_s, end_s, color="#E3E8ED", linewidth=0)
     for curve, colour in _coloured(figure):
+        x = figure.time_s if curve.x is None else curve.x
+        if curve.mark:
+            _draw_marks(ax, x, curve, colour)
+            continue
         if curve.low is not None and curve.high is not None:
-            ax.fill_between(
-                figure.time_s, curve.low, curve.high, color=colour, alpha=0.2, linewidth=0
-            )
-        ax.plot(figure.time_s, curve.values, color=colour, linewidth=1.1, label=curve.name)
+            ax.fill_between(x, curve.low, curve.high, color=colour, alpha=BAND_ALPHA, linewidth=0)
+        line = "--" if curve.dashed else "-"
+        width = 1.5 if figure.panel else 1.1
+        ax.plot(x, curve.values, line, color=colour, linewidth=width, label=curve.name)
+    if figure.limits is not None:
+        ax.set_ylim(*figure.limits)
+    if figure.panel:
+        axis_text(ax, title=figure.title, x=figure.x_name, y=figure.unit)
+        return svg_text(drawn, label)
     ax.margins(x=0)
     axis_text(ax, x=figure.x_name, y=figure.unit)
     if len(figure.curves) > 1:
@@ -98,30 +165,71 @@ def _drawing(figure: ZoomFigure, label: str) -> Markup:
     return svg_text(drawn, label)
 
 
+def _draw_marks(ax: "Axes", x: NDArray, curve: ZoomCurve, colour: str) -> None:
+    """Points with their bars; a bar alone where that is the mark."""
+    low, high = curve.edges
+    if curve.mark == BAR_MARK:
+        ax.vlines(x, low, high, color=colour, alpha=0.55, linewidth=4.0)
+        return
+    if curve.low is not None:
+        ax.vlines(x, low, high, color=colour, linewidth=0.7)
+    ax.plot(
+        x,
+        curve.values,
+        POINT_MARKS[curve.mark],
+        color=colour,
+        markersize=2.8 if curve.mark == NODE_MARK else 4.0,
+        markerfacecolor="none" if curve.mark == HOLLOW_MARK else colour,
+    )
+
+
 def _numbers(figure: ZoomFigure) -> str:
-    """The numbers as JSON that ends no element."""
+    """The numbers as JSON that ends no element; what is as usual is left out."""
     told = {
         "unit": figure.unit,
         "x_name": figure.x_name,
+        "group": figure.group,
+        "title": figure.title if figure.panel else "",
+        "circle": figure.circle,
+        "limits": figure.limits,
         "x": _column(figure.time_s),
-        "curves": [
-            {
-                "name": curve.name,
-                "colour": colour,
-                "values": _column(curve.values),
-                **({} if curve.low is None else {"low": _column(curve.low)}),
-                **({} if curve.high is None else {"high": _column(curve.high)}),
-            }
-            for curve, colour in _coloured(figure)
-        ],
+        "curves": [_curve_numbers(curve, colour) for curve, colour in _coloured(figure)],
         "spans": [{"start": start_s, "end": end_s} for start_s, end_s in figure.spans],
+        "strips": [asdict(strip) for strip in figure.strips],
     }
     text = json.dumps(told, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("&", "\\u0026")
 
 
+class _CurveNumbers(TypedDict, total=False):
+    """A curve as the script of the page reads it."""
+
+    name: str
+    colour: str
+    mark: str
+    dashed: bool
+    x: list[float | None]
+    values: list[float | None]
+    low: list[float | None]
+    high: list[float | None]
+
+
+def _curve_numbers(curve: ZoomCurve, colour: str) -> _CurveNumbers:
+    found = _CurveNumbers(name=curve.name, colour=colour, values=_column(curve.values))
+    if curve.mark:
+        found["mark"] = curve.mark
+    if curve.dashed:
+        found["dashed"] = True
+    if curve.x is not None:
+        found["x"] = _column(curve.x)
+    if curve.low is not None and curve.high is not None:
+        found["low"], found["high"] = _column(curve.low), _column(curve.high)
+    return found
+
+
 def _coloured(figure: ZoomFigure) -> Iterator[tuple[ZoomCurve, str]]:
-    return zip(figure.curves, cycle(CURVE_COLOURS))
+    for curve, colour in zip(figure.curves, cycle(CURVE_COLOURS)):
+        yield curve, curve.colour or colour
 
 
 def _column(values: NDArray) -> list[float | None]:

@@ -96,7 +96,7 @@ def command(
         flights=flights,
     )
     with Progress("planning", quiet=quiet, steps=plan_steps(request)) as told:
-        planned = plan(runs or [], request, told=told)
+        planned = plan(runs or [], request, told=told, first_answer=told.say)
     written = planned.write(output)
     answer(
         planned.document,

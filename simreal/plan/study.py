@@ -19,7 +19,7 @@ from simreal.inference.bank import Bank, Group
 from simreal.inference.scoring import Scorer
 from simreal.plan.gram import Contender, RunGrams
 from simreal.plan.pairs import Judged, Pair, judge, special_case
-from simreal.plan.recordings import Recording, RecordingMaker, candidates
+from simreal.plan.recordings import Recording, RecordingMaker, candidates, tried_first
 
 # log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four
 # (simreal.inference.attribute)
@@ -52,7 +52,6 @@ COMPARED: dict[str, tuple[Recording, ...]] = {
         Recording(start="hot_restart", heading_deg=270.0),
     ),
 }
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -173,6 +172,12 @@ class Planner:
             steps.append(now)
         return steps, first or self.best_next(now, among)
 
+    def best_of(self, among: Sequence[Recording], most: int) -> tuple[Plan, list[Plan], list[Plan]]:
+        """The smallest set found among these, the plan after each step, all first choices."""
+        self.learn_special_cases(among)
+        steps, first = self.choose(among, most)
+        return self.thinned(steps[-1]) if steps else self.plan((), "no recording"), steps, first
+
     def thinned(self, plan: Plan) -> Plan:
         """Without recordings that a later choice has made needless."""
         for recording in plan.recordings[:-1]:
@@ -193,6 +198,16 @@ class PlanSettings:
     most: int = 6
 
 
+@dataclass(frozen=True, kw_only=True)
+class Listener:
+    """Who hears of a study while it is made. progress: what is being done; first_answer: the plan
+    from the few recordings that are tried first, long before the others have been.
+    """
+
+    progress: Callable[[str], None] = lambda _: None
+    first_answer: Callable[[Plan], None] = lambda _: None
+
+
 def study(
     pairs: Sequence[Pair],
     twin: TwinModel,
@@ -201,20 +216,21 @@ def study(
     settings: PlanSettings,
     *,
     given: Sequence[RunView] = (),
-    progress: Progress = lambda _: None,
+    listener: Listener = Listener(),
 ) -> Study:
     """Everything a plan says. given: views of runs at hand."""
     maker = RecordingMaker(twin, table, site, settings.seed, settings.without)
     planner = Planner(pairs, maker, given)
     among = candidates(settings.without)
-    for number, recording in enumerate(among):
-        progress(f"recording {number + 1} of {len(among)}")
+    few = tried_first(among)
+    for number, recording in enumerate([*few, *(r for r in among if r not in few)], start=1):
+        listener.progress(f"recording {number} of {len(among)}")
         planner.gram(recording)
-    progress("choosing")
-    planner.learn_special_cases(among)
-    steps, first = planner.choose(among, settings.most)
-    chosen = planner.thinned(steps[-1]) if steps else planner.plan((), "no recording")
-    progress("comparing")
+        if number == len(few):
+            listener.first_answer(planner.best_of(few, settings.most)[0])
+    listener.progress("choosing")
+    chosen, steps, first = planner.best_of(among, settings.most)
+    listener.progress("comparing")
     compared = (
         ()
         if given

@@ -87,6 +87,15 @@ def with_flights(document: PlanRecord, study: FlightStudy) -> PlanRecord:
     return replace(document, flights=tuple(flights))
 
 
+def first_words(plan: Plan, of: int) -> list[str]:
+    """The plan from the few recordings that are tried first, in lines for people."""
+    lines = [
+        f"first answer, while all {of} recordings are tried:"
+        f" {plan.separated} of {len(plan.judged)} pairs separated by"
+    ]
+    return lines + [f"  {k}. {r.words}" for k, r in enumerate(plan.recordings, start=1)]
+
+
 def summary(document: PlanRecord) -> list[str]:
     """The plan in a few lines for people."""
     best, given, lines = document.recommended, document.given, []

@@ -129,3 +129,19 @@ def test_pages_print_what_they_say(runner, page):
         d for step, got in runner.outputs(page, DATA) for d in runner.differences(step.output, got)
     ]
     assert wrong == []
+
+
+def test_the_session_of_the_front_door_names_what_is_there(runner):
+    """Each job of the page is done, by functions that exist; the next test runs them."""
+    import recal
+
+    code = "\n".join(step.command for step in runner.typed(ROOT / "docs/python.md"))
+    named = set(re.findall(r"\brecal\.(\w+)", code)) - {"db"}
+    wanted = {"read_run", "align", "update", "open_store", "replay", "diagnose", "fit_twin"}
+    assert wanted <= named <= set(recal.__all__)
+
+
+@pytest.mark.slow
+def test_the_session_of_the_front_door_prints_what_the_page_says(runner):
+    ran = runner.outputs(ROOT / "docs/python.md", DATA)
+    assert [d for step, got in ran for d in runner.differences(step.output, got)] == []

@@ -7,6 +7,7 @@ inconsistent.
 
 import copy
 import html
+import json
 import math
 import re
 import subprocess
@@ -31,10 +32,12 @@ from infield.reports.figures import (
     svg_text,
     thinned,
 )
+from infield.reports.zoom import zoom_figure, zoom_script
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.records import TwinModel
 from ins.verdicts import plain
+from tests.recal.chromium import chromium
 from tests.undrawn import figures_left_out
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.segments import Park
@@ -281,27 +284,48 @@ def test_an_unobservable_gyro_is_said_in_words_and_its_points_are_not_drawn(docu
     ):
         assert words in text
     table = table_from_dict(d["table_before"], name="table")
-    marks = {a: _markers(update_figures.bias_drawing(update_of(d), a, table, None)) for a in "xy"}
-    assert marks["x"] - marks["y"] == sum(p["axis"] == "x" for p in d["points"])
+    drawn = {a: update_figures.bias_figure(update_of(d), a, table, None) for a in "xy"}
+    mine = sum(p["axis"] == "x" for p in d["points"])
+    marks = {a: _marks(zoom_figure(drawn[a])) for a in "xy"}
+    assert marks["x"] - marks["y"] == mine
+    live = {
+        a: sum(c.values.size for c in drawn[a].curves if c.mark in "^vo" if c.mark) for a in "xy"
+    }
+    assert live == {"x": mine, "y": 0}
 
 
-def _markers(svg):
+def _marks(element):
     """Marks in a drawing: table nodes and points; ticks are the uses with a line width of 0.8."""
-    return len(re.findall(r"<use (?![^>]*stroke-width: 0\.8)", svg))
+    return len(re.findall(r"<use (?![^>]*stroke-width: 0\.8)", element))
+
+
+def _unscripted(page):
+    """A page without the library that it carries and without the numbers of its figures, each of
+    which is JSON that ends no element.
+    """
+    assert page.count(zoom_script()) == 1
+    rest, numbers = (
+        page.replace(zoom_script(), ""),
+        '<script type="application/json">(.*?)</script>',
+    )
+    for text in re.findall(numbers, rest):
+        assert "<" not in text and {"x", "curves"} <= set(json.loads(text))
+    return re.sub(numbers, "", rest)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_page_is_self_contained_small_and_sound(pages, kind):
-    page = Page(pages[kind])
+    unscripted = _unscripted(pages[kind])
+    page = Page(unscripted)
     assert not re.search(
-        r"https?:|//[a-z]|@import|javascript:", re.sub(r"sqlite:///", "", pages[kind])
+        r"https?:|//[a-z]|@import|javascript:", re.sub(r"sqlite:///", "", unscripted)
     )
     assert not {"script", "link", "img", "iframe", "object", "embed"} & set(page.tags)
     assert not [a for a in page.attributes if a[1].startswith("on") or a[1] in ("src", "srcset")]
     ids = Counter(value for _, name, value in page.attributes if name == "id")
     assert max(ids.values()) == 1
     links = [value for _, name, value in page.attributes if name == "href"]
-    links += ["#" + target for target in re.findall(r"url\(#([^)]*)\)", pages[kind])]
+    links += ["#" + target for target in re.findall(r"url\(#([^)]*)\)", unscripted)]
     assert links and all(link[1:] in ids for link in links)
     assert len(pages[kind].encode()) < PAGE_LIMIT_BYTES
     assert "None" not in page.text and "nan" not in page.text.split()
@@ -330,14 +354,14 @@ def test_hostile_texts_from_files_change_no_tag(documents, pages, kind):
         for span in part:
             span |= {k: HOSTILE for k in ("reason", "phase") if k in span}
     poisoned["reasons"] = [HOSTILE for _ in d["reasons"]]
-    page = update_html(poisoned)
+    page = _unscripted(update_html(poisoned))
     assert html.escape("<script>alert(1)", quote=False) in page
     assert "<script" not in page and "<img" not in page
     harmless = _poisoned(d, set())
     for part in (harmless["excluded"], *(s.get("phases", []) for s in harmless["sessions"])):
         for span in part:
             span |= {k: "one" for k in ("reason", "phase") if k in span}
-    assert Page(page).tags == Page(update_html(harmless)).tags
+    assert Page(page).tags == Page(_unscripted(update_html(harmless))).tags
     assert HOSTILE.split("{{")[0] in "".join(Page(page).words)
 
 
@@ -373,6 +397,8 @@ def test_no_curve_has_more_points_than_allowed(documents):
     drawing = update_figures.timeline_drawing(update_of(d).sessions[0], []) or ""
     vertices = [len(re.findall(r"[ML] ", path)) for path in re.findall(r' d="([^"]*)"', drawing)]
     assert 0.5 * MAX_POINTS < max(vertices) <= MAX_POINTS
+    for figure in update_figures.timeline_figures(update_of(d).sessions[0], []):
+        assert all(curve.values.size <= MAX_POINTS for curve in figure.curves)
 
 
 def test_thinning_keeps_both_ends_and_null_becomes_nan():
@@ -440,3 +466,21 @@ def test_commands_are_quoted_for_the_shell(documents):
 def test_importing_the_report_does_not_load_matplotlib():
     code = "import infield.reports.update_page, sys; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_curves_are_live_in_a_browser(pages, tmp_path):
+    """Of two runs the second is closed: its drawings are made when a reader opens it."""
+    page = tmp_path / "update.html"
+    page.write_text(pages["committed"])
+    count = "document.querySelectorAll('figure.zoom.live canvas').length"
+    closer = "[...document.querySelectorAll('.zoomer button')].forEach(b => b.click())"
+    with chromium(tmp_path / "profile") as browser:
+        browser.size(1280)
+        browser.open(page.as_uri())
+        first = browser.evaluate(count)
+        browser.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+        browser.evaluate(closer)
+        both = browser.evaluate(count)
+        assert not [e for e in browser.events if e["method"] == "Runtime.exceptionThrown"]
+        # three tables; of a run temperature, heading, velocity, three residuals, two of the chain
+        assert (first, both) == (3 + 8, 3 + 16)

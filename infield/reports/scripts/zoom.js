@@ -1,35 +1,96 @@
-// Time series that a reader can zoom. Each figure.zoom holds a drawing, which stays where there is no JavaScript, and the
-// numbers behind it as JSON. A drag across the drawing zooms all drawings of the page to that time; a double click shows all.
+// Figures that a reader can zoom. Each figure.zoom holds a drawing, which stays where there is no JavaScript and on paper, and
+// the numbers behind it as JSON. A drag across a drawing zooms all drawings of its group to that stretch; a double click shows
+// all. A drawing in a closed <details> is made when that is opened.
 (function () {
   "use strict";
   var figures = document.querySelectorAll("figure.zoom");
   if (!figures.length || typeof uPlot !== "function") return;
-  var charts = [];
+  var groups = {};
   var style = getComputedStyle(document.documentElement);
+  var INKS = { "#000000": "--ink", "#D55E00": "--old", "#0072B2": "--new", "#59636E": "--soft" };
+  var STRIP = 8; // pixels: a phase along the top
 
   function colour(name) { return style.getPropertyValue(name).trim() || "#59636e"; }
 
-  function setTime(low, high) { charts.forEach(function (chart) { chart.setScale("x", { min: low, max: high }); }); }
+  function inkOf(curve) { return INKS[curve.colour] ? colour(INKS[curve.colour]) : curve.colour; }
 
-  function showAll() { charts.forEach(function (chart) { setRange(chart, chart.all[0], chart.all[1]); }); }
+  function setRange(charts, low, high) { charts.forEach(function (chart) { chart.setScale("x", { min: low, max: high }); }); }
 
-  function setRange(chart, low, high) { chart.setScale("x", { min: low, max: high }); }
+  function showAll(charts) { charts.forEach(function (chart) { setRange([chart], chart.all[0], chart.all[1]); }); }
 
-  function move(chart, about, by) {
-    var x = chart.scales.x, span = x.max - x.min, middle = (x.max + x.min) / 2 + by * span;
-    setTime(middle - span * about / 2, middle + span * about / 2);
+  function move(charts, about, by) {
+    var x = charts[0].scales.x, span = x.max - x.min, middle = (x.max + x.min) / 2 + by * span;
+    setRange(charts, middle - span * about / 2, middle + span * about / 2);
   }
 
-  function shaded(spans) {
+  function edges(chart, from, to) {
+    var left = chart.valToPos(Math.max(from, chart.scales.x.min), "x", true);
+    return [left, chart.valToPos(Math.min(to, chart.scales.x.max), "x", true) - left];
+  }
+
+  function shaded(told) {
     return function (chart) {
-      chart.ctx.save();
-      chart.ctx.fillStyle = colour("--shade");
-      spans.forEach(function (span) {
-        var left = chart.valToPos(Math.max(span.start, chart.scales.x.min), "x", true);
-        var right = chart.valToPos(Math.min(span.end, chart.scales.x.max), "x", true);
-        if (right > left) chart.ctx.fillRect(left, chart.bbox.top, right - left, chart.bbox.height);
+      var ctx = chart.ctx;
+      ctx.save();
+      ctx.fillStyle = colour("--shade");
+      told.spans.forEach(function (span) {
+        var at = edges(chart, span.start, span.end);
+        if (at[1] > 0) ctx.fillRect(at[0], chart.bbox.top, at[1], chart.bbox.height);
       });
-      chart.ctx.restore();
+      told.strips.forEach(function (strip) {
+        var at = edges(chart, strip.start, strip.end);
+        ctx.fillStyle = strip.colour;
+        if (at[1] > 0) ctx.fillRect(at[0], chart.bbox.top, at[1], STRIP * devicePixelRatio);
+      });
+      ctx.restore();
+    };
+  }
+
+  var SHAPES = {
+    "^": [[0, -1], [1, 0.8], [-1, 0.8]], "v": [[0, 1], [1, -0.8], [-1, -0.8]],
+    "s": [[-1, -1], [1, -1], [1, 1], [-1, 1]], "n": [[-0.6, -0.6], [0.6, -0.6], [0.6, 0.6], [-0.6, 0.6]]
+  };
+
+  function shape(ctx, mark, x, y, size) {
+    ctx.beginPath();
+    if (mark === "x") {
+      ctx.moveTo(x - size, y - size); ctx.lineTo(x + size, y + size); ctx.moveTo(x - size, y + size); ctx.lineTo(x + size, y - size);
+      ctx.stroke();
+    } else if (SHAPES[mark]) {
+      SHAPES[mark].forEach(function (p) { ctx.lineTo(x + p[0] * size, y + p[1] * size); });
+      ctx.fill();
+    } else {
+      ctx.arc(x, y, size * 0.9, 0, 2 * Math.PI);
+      if (mark === "O") ctx.stroke(); else ctx.fill();
+    }
+  }
+
+  function marked(told) {
+    return function (chart) {
+      var ctx = chart.ctx, box = chart.bbox, pixel = devicePixelRatio;
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(box.left, box.top, box.width, box.height);
+      ctx.clip();
+      told.curves.forEach(function (curve) {
+        if (!curve.mark || !chart.series[curve.at].show) return;
+        ctx.strokeStyle = ctx.fillStyle = inkOf(curve);
+        (curve.x || told.x).forEach(function (value, k) {
+          if (curve.values[k] === null) return;
+          var x = chart.valToPos(value, "x", true), y = chart.valToPos(curve.values[k], "y", true);
+          ctx.lineWidth = (curve.mark === "|" ? 4 : 1) * pixel;
+          ctx.globalAlpha = curve.mark === "|" ? 0.55 : 1;
+          if (curve.low) {
+            ctx.beginPath();
+            ctx.moveTo(x, chart.valToPos(curve.low[k], "y", true));
+            ctx.lineTo(x, chart.valToPos(curve.high[k], "y", true));
+            ctx.stroke();
+          }
+          ctx.lineWidth = 1.4 * pixel;
+          if (curve.mark !== "|") shape(ctx, curve.mark, x, y, 3.6 * pixel);
+        });
+      });
+      ctx.restore();
     };
   }
 
@@ -37,60 +98,129 @@
 
   function plain(value) { return String(Number(value.toPrecision(10))); }
 
-  function drawn(figure) {
-    var told = JSON.parse(figure.querySelector("script").textContent);
-    var data = [told.x], series = [{ label: told.x_name, value: function (u, v) { return v === null ? "" : v.toFixed(1); } }];
-    var bands = [];
-    told.curves.forEach(function (curve) {
-      var ink = curve.colour === "#000000" ? colour("--ink") : curve.colour;
-      series.push({ label: curve.name, stroke: ink, width: 1.4, points: { show: false },
-        value: function (u, v) { return digits(v); } });
-      data.push(curve.values);
-      if (!curve.low) return;
-      ["high", "low"].forEach(function (edge) {
-        series.push({ label: edge, class: "edge", stroke: "transparent", width: 0, points: { show: false }, value: function () { return ""; } });
-        data.push(curve[edge]);
-      });
-      bands.push({ series: [series.length - 2, series.length - 1], fill: ink + "33" });
+  function turned(value) { return value === null || value === undefined ? "" : plain(((value % 360) + 360) % 360); }
+
+  // columns on one x axis: [data, first column of each curve]
+  function columns(told) {
+    var shared = [told.x], own = [], at = 1;
+    var order = told.curves.filter(function (c) { return !c.x; }).concat(told.curves.filter(function (c) { return c.x; }));
+    order.forEach(function (curve) {
+      var table = curve.x ? [curve.x] : shared;
+      table.push(curve.values);
+      curve.at = at++;
+      if (curve.low) { table.push(curve.high, curve.low); at += 2; }
+      if (curve.x) own.push(table);
     });
-    var place = document.createElement("div");
-    place.className = "chart";
-    figure.insertBefore(place, figure.firstChild);
-    var ticks = { stroke: colour("--ink"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1 },
-      font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
-    var chart = new uPlot({
-      width: place.clientWidth, height: 260, series: series, bands: bands, scales: { x: { time: false } },
-      cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
-      axes: [Object.assign({ label: told.x_name, labelSize: 20, values: function (u, at) { return at.map(plain); } }, ticks), Object.assign({ label: told.unit, labelSize: 20, size: 62 }, ticks)],
-      hooks: { drawClear: [shaded(told.spans)] }
-    }, data, place);
-    chart.all = [told.x[0], told.x[told.x.length - 1]];
-    place.addEventListener("dblclick", showAll);
-    place.addEventListener("mouseup", function () {
-      setTimeout(function () { setTime(chart.scales.x.min, chart.scales.x.max); }, 0);
-    });
-    var row = document.createElement("p");
-    row.className = "zoomer";
-    [["earlier", 1, -0.5], ["later", 1, 0.5], ["closer", 0.5, 0], ["wider", 2, 0]].forEach(function (one) {
-      var button = document.createElement("button");
-      button.type = "button";
-      button.textContent = one[0];
-      button.addEventListener("click", function () { move(chart, one[1], one[2]); });
-      row.appendChild(button);
-    });
-    var all = document.createElement("button");
-    all.type = "button";
-    all.textContent = "all";
-    all.addEventListener("click", showAll);
-    row.appendChild(all);
-    place.appendChild(row);
-    figure.classList.add("live");
-    charts.push(chart);
-    return { chart: chart, place: place };
+    told.curves = order;
+    var tables = shared.length > 1 ? [shared].concat(own) : own;
+    return tables.length > 1 ? uPlot.join(tables) : tables[0];
   }
 
-  var live = Array.prototype.map.call(figures, drawn);
-  window.addEventListener("resize", function () {
-    live.forEach(function (one) { one.chart.setSize({ width: one.place.clientWidth, height: 260 }); });
-  });
+  function within(limits, strips) {
+    return function (chart, low, high) {
+      if (low === null || low === high) return limits || [(low || 0) - 1, (high || 0) + 1];
+      var pad = 0.06 * (high - low), top = strips.length ? 2.5 * pad : pad; // a strip hides nothing
+      return limits ? [Math.max(low - pad, limits[0]), Math.min(high + top, limits[1])] : [low - pad, high + top];
+    };
+  }
+
+  function chartOf(told, place, height) {
+    var data = columns(told);
+    var series = [{ label: told.x_name, value: function (u, v) { return v === null ? "" : v.toFixed(1); } }];
+    var bands = [];
+    var shown = told.circle ? turned : digits;
+    told.curves.forEach(function (curve) {
+      var ink = inkOf(curve);
+      series.push({ label: curve.name || "-", class: curve.name ? "named" : "edge", stroke: ink, width: curve.mark ? 0 : 1.4,
+        dash: curve.dashed ? [6, 4] : undefined, paths: curve.mark ? function () { return null; } : undefined,
+        points: { show: false }, value: function (u, v) { return shown(v); } });
+      if (!curve.low) return;
+      ["high", "low"].forEach(function (edge) {
+        series.push({ label: edge, class: "edge", stroke: "transparent", width: 0, points: { show: false },
+          paths: curve.mark ? function () { return null; } : undefined, value: function () { return ""; } });
+      });
+      if (!curve.mark) bands.push({ series: [series.length - 2, series.length - 1], fill: ink + "33" });
+    });
+    var ticks = { stroke: colour("--ink"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1 },
+      font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
+    var key = told.x_name + " " + told.group;
+    var charts = groups[key] = groups[key] || [];
+    var chart = new uPlot({
+      title: told.title || undefined, width: place.clientWidth, height: height, series: series, bands: bands,
+      scales: { x: { time: false }, y: { range: within(told.limits, told.strips) } },
+      cursor: { sync: { key: key }, drag: { x: true, y: false } },
+      axes: [Object.assign({ label: told.x_name, labelSize: 20, size: 34, values: function (u, at) { return at.map(plain); } }, ticks),
+        Object.assign({ label: told.unit, labelSize: 20, size: 62 }, told.circle ? { incrs: [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360], values: function (u, at) { return at.map(turned); } } : {}, ticks)],
+      hooks: { drawClear: [shaded(told)], draw: [marked(told)] }
+    }, data, place);
+    chart.all = [chart.scales.x.min, chart.scales.x.max];
+    place.addEventListener("dblclick", function () { showAll(charts); });
+    place.addEventListener("mouseup", function () {
+      setTimeout(function () { setRange(charts, chart.scales.x.min, chart.scales.x.max); }, 0);
+    });
+    window.addEventListener("resize", function () { if (place.clientWidth) chart.setSize({ width: place.clientWidth, height: height }); });
+    charts.push(chart);
+    return charts;
+  }
+
+  function buttons(charts) {
+    var row = document.createElement("p");
+    row.className = "zoomer";
+    function add(text, act) {
+      var button = document.createElement("button");
+      button.type = "button";
+      button.textContent = text;
+      button.addEventListener("click", act);
+      row.appendChild(button);
+    }
+    [["earlier", 1, -0.5], ["later", 1, 0.5], ["closer", 0.5, 0], ["wider", 2, 0]].forEach(function (one) {
+      add(one[0], function () { move(charts, one[1], one[2]); });
+    });
+    add("all", function () { showAll(charts); });
+    return row;
+  }
+
+  function stripKey(strips) {
+    var list = document.createElement("ul"), seen = {};
+    list.className = "key chart-key";
+    strips.forEach(function (strip) {
+      if (seen[strip.name]) return;
+      seen[strip.name] = true;
+      var item = document.createElement("li"), swatch = document.createElement("span");
+      swatch.className = "swatch";
+      swatch.style.background = strip.colour;
+      item.append(swatch, strip.name);
+      list.appendChild(item);
+    });
+    return list;
+  }
+
+  function live(figure) {
+    var first = figure.firstChild, charts, strips = [], told;
+    figure.querySelectorAll("script").forEach(function (script) {
+      told = JSON.parse(script.textContent);
+      var place = document.createElement("div");
+      place.className = "chart";
+      figure.insertBefore(place, first);
+      charts = chartOf(told, place, told.strips.length ? 200 : 260);
+      strips = strips.concat(told.strips);
+    });
+    if (!charts) return;
+    if (strips.length) figure.insertBefore(stripKey(strips), figure.firstChild);
+    figure.classList.add("live");
+    var panels = figure.closest(".panels");
+    if (!panels) figure.insertBefore(buttons(charts), first);
+    else if (!panels.dataset.live) {
+      panels.dataset.live = "yes";
+      panels.after(buttons(charts));
+    }
+  }
+
+  function whenSeen(figure) {
+    var closed = figure.closest("details:not([open])");
+    if (!closed) { live(figure); return; }
+    closed.addEventListener("toggle", function () { whenSeen(figure); }, { once: true });
+  }
+
+  Array.prototype.forEach.call(figures, whenSeen);
 })();

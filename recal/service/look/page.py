@@ -25,14 +25,18 @@ USES = {
     Use.REPLAY: "Replay: navigation",
     Use.DIAGNOSIS: "Diagnosis: simulator against log",
 }
+MEANS = (
+    "A line joins means of many rows. The shading in its colour reaches from the least to the"
+    " greatest of these rows."
+)
 CAPTIONS = {
-    "temperature": "Every thermometer that reads anything.",
-    "rate": "Means, and shaded in the colour of each axis the least and greatest row behind them.",
-    "force": "Means, and shaded in the colour of each axis the least and greatest row behind them.",
+    "temperature": "All thermometers that the log holds values of.",
+    "rate": MEANS,
+    "force": MEANS,
     "velocity": "North, east and down, as the receiver gives them.",
-    "height": "Height above the ellipsoid, as far as the log knows it: where a log gives height"
-    " above mean sea level, it stands here as it is (no geoid model is used).",
-    "odometer": "Along the vehicle.",
+    "height": "Height above the ellipsoid. A log that gives heights above mean sea level is drawn"
+    " with those: no geoid model is used.",
+    "odometer": "Speed along the vehicle.",
 }
 
 

@@ -12,7 +12,8 @@ from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
 from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 
 UNITS_DRAWN = 6  # units with their trend in the drawing
-DRAWN_AT = 1.97  # times the limit: where a drawing up to twice the limit shows what is above it
+DRAWN_AT = 0.985  # of the height of a drawing: where it shows what is above its frame
+ABOVE_MEDIAN = 1.15  # of the greatest median of a drawing: a little room above the line
 ROWS_SHOWN = 100  # rows of the list
 STRIP_YEARS = 5.0  # of the 12 forecast: that a row's trend shows, as the drawing does
 
@@ -104,20 +105,23 @@ def _strip(unit: UnitForecast, limit_nm_h: float) -> Markup:
 def _drawing(units: Sequence[UnitForecast], limit_nm_h: float) -> Markup:
     columns = min(len(units), 3)
     rows = -(-len(units) // columns)
-    figure, grid = new_figure(rows, columns, height=1.0 + 1.9 * rows, sharey=True)
+    figure, grid = new_figure(rows, columns, height=1.0 + 1.9 * rows)
     for ax in grid.ravel()[len(units) :]:
         ax.set_visible(False)
     for unit, ax in zip(units, grid.ravel(), strict=False):
         years = [_year(day) for day in unit.trend.date_utc]
+        drawn = np.array(years) <= years[0] + STRIP_YEARS
+        medians = np.array(unit.trend.median_nm_h)
+        # a unit far above the limit gets room for its median, so that it is no line along the edge
+        top = max(2.0 * limit_nm_h, ABOVE_MEDIAN * float(medians[drawn].max()))
         median, high = (
-            np.minimum(values, DRAWN_AT * limit_nm_h)
-            for values in (unit.trend.median_nm_h, unit.trend.high_nm_h)
+            np.minimum(values, DRAWN_AT * top) for values in (medians, unit.trend.high_nm_h)
         )
         ax.fill_between(years, median, high, color=PALE)
         ax.plot(years, median, color=BLUE)
         ax.axhline(limit_nm_h, color=GREY, linestyle="--", linewidth=1.0)
         ax.set_xlim(years[0], years[0] + STRIP_YEARS)
-        ax.set_ylim(0.0, 2.0 * limit_nm_h)
+        ax.set_ylim(0.0, top)
         axis_text(ax, title=unit.imu_serial, x="year", y="NM/h" if ax in grid[:, 0] else "")
         ax.xaxis.set_major_formatter("{x:.0f}")
     return svg_text(figure, "Predicted drift of the most urgent units against the limit")
