@@ -6,13 +6,15 @@ simulation (at the rows of the log) hand this record to the same effect, so that
 written once.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 PARKED, ROLLING, AIRBORNE = 0, 1, 2  # kinds of a second, 0 to 2
+# traces that are summed together; chosen: of an hour, three axes each, 5 MB, what a core caches
+TRACES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +31,9 @@ class Telemetry:
     (n, 3), block_degC,
         ambient_degC (n,) : None where not logged.
     vibration_m2_s4, swing_rad2_s2 (n, 3) : variance of the specific force and of the rate within
-    each second beyond that of the parked rows. above_m (n,) : height over the site, by GNSS; None
-    where none is logged.
+    each second beyond that of the parked rows. at_range (n, 6) : share of each second's rows at the
+    end of the sensor's range (gyros, accelerometers; below 0 at the lower end). above_m (n,) :
+    height over the site, by GNSS; None where none is logged.
     table_deg_h (n, 3) : the twin's table at these temperatures. heading_known : False where nothing
     shows north.
     """
@@ -55,6 +58,7 @@ class Telemetry:
     ambient_degC: NDArray | None = None
     vibration_m2_s4: NDArray | None = None
     swing_rad2_s2: NDArray | None = None
+    at_range: NDArray | None = None
     above_m: NDArray | None = None
     table_deg_h: NDArray | None = None
     heading_known: bool = True
@@ -124,6 +128,17 @@ def total(traces: Iterable[Trace]) -> Trace:
             if value is not None:
                 out = replace(out, **{f.name: value if held is None else held + value})
     return out
+
+
+def stacked(traces: Sequence[Trace], name: str, rows: slice) -> Iterator[tuple[NDArray, NDArray]]:
+    """Numbers (k,) of the traces that hold a channel, and their series (rows, ..., k),
+    TRACES_AT_ONCE of them at a time.
+    """
+    held = [k for k, trace in enumerate(traces) if getattr(trace, name) is not None]
+    for first in range(0, len(held), TRACES_AT_ONCE):
+        part = held[first : first + TRACES_AT_ONCE]
+        series = np.stack([getattr(traces[k], name)[rows] for k in part], axis=-1)
+        yield np.array(part), series
 
 
 def on_axis(values: NDArray, axis: int) -> NDArray:

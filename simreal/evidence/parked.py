@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 from ins.attitude import skew
 from ins.earth import gravity_magnitude, omega_ie_n
 from ins.records import TwinModel
-from simreal.effects.telemetry import Trace
+from simreal.effects.telemetry import Trace, stacked
 from simreal.evidence.noise_model import ChannelNoise, channel_noises
 from simreal.evidence.run_view import RunView
 
@@ -108,13 +108,10 @@ class ParkedBlock:
     def of_traces(self, traces: list[Trace]) -> NDArray:
         """Ten-second means (6, bins, m) of what effects add."""
         out = np.zeros((6, self.bins, len(traces)))
-        for k, trace in enumerate(traces):
-            for offset, values in ((0, trace.gyro_rad_s), (3, trace.accel_m_s2)):
-                if values is not None:
-                    binned = (
-                        values[self.seconds].reshape(self.bins, int(PARKED_MEAN_S), 3).mean(axis=1)
-                    )
-                    out[offset : offset + 3, :, k] = binned.T
+        for offset, name in ((0, "gyro_rad_s"), (3, "accel_m_s2")):
+            for held, series in stacked(traces, name, self.seconds):
+                means = series.reshape(self.bins, int(PARKED_MEAN_S), 3, -1).mean(axis=1)
+                out[offset : offset + 3, :, held] = means.transpose(1, 0, 2)
         return out * self.live[:, None, None]
 
     def whiten(self, residual: NDArray) -> tuple[NDArray, Handoff]:

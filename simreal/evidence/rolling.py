@@ -12,7 +12,7 @@ e: state that the effect makes less what the filter makes of it; u: sensor error
 the effect's own part in the measurement.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,10 +37,10 @@ from alignment.navigation_filter import (
 )
 from infield.session.navigated.taxi_heading import LATERAL_FLOOR_M, GnssAid, LateralAid, OdometerAid
 from ins.filters import error_model as em
-from ins.filters.program import ADD, ADVANCE, MEASURE, FilterProgram, Steps
+from ins.filters.program import ADD, ADVANCE, MEASURE, Compiled, FilterProgram, Steps
 from ins.records import TwinModel
 from ins.units import ARCSEC, DEG_PER_HOUR, MILLIRADIAN, PPM
-from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Trace
+from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Trace, stacked
 from simreal.evidence.noise_model import oscillator
 from simreal.evidence.parked import Handoff
 from simreal.evidence.parked_fixes import ParkedFixes
@@ -95,26 +95,41 @@ class RollingBlock:
 
     def _work_out(self) -> None:
         """Transition and gains of every step, once: the covariance does not depend on data."""
-        c, P, steps = self.compiled, self._P0.copy(), self.program.steps
-        self._steps: list[tuple[NDArray, NDArray]] = []
-        self._rows: list[tuple[NDArray, NDArray, float]] = []
-        labels, now = [], 0
+        c, steps, now = self.compiled, self.program.steps, 0
+        made = {
+            int(op[1]): _transition(steps, int(op[1]), self._noise)
+            for op in c.ops
+            if op[0] == ADVANCE
+        }
+        # states that nothing moves, starts or reads are left out: half of them
+        self._at = _taking_part(made.values(), c, self._P0, self._x0)
+        at = np.ix_(self._at, self._at)
+        self._place = np.full(ROLLING_STATES, -1)
+        self._place[self._at] = np.arange(self._at.size)
+        P, walk = self._P0[at].copy(), self._walk[self._at]
+        self._steps: dict[int, tuple[NDArray, NDArray]] = {}
+        self._rows: list[tuple[NDArray, NDArray, NDArray, float]] = []
+        labels = []
+        diagonal = np.diag_indices(self._at.size)
         for number, (kind, which, first, count) in enumerate(c.ops):
+            own = int(self._place[which]) if kind not in (ADVANCE, MEASURE) else -1
             if kind == ADVANCE:
                 now = int(which)
-                Phi, Gamma, Q = _transition(steps, now, self._noise)
-                P = Phi @ P @ Phi.T + Q
-                P[np.diag_indices(ROLLING_STATES)] += self._walk * steps.dt_s[now]
-                self._steps.append((Phi, Gamma))
+                Phi, Gamma, Q = made[now]
+                entering = self._entering(Phi, Gamma, now)
+                Phi = np.ascontiguousarray(Phi[at])
+                P = Phi @ P @ Phi.T + Q[at]
+                P[diagonal] += walk * steps.dt_s[now]
+                self._steps[now] = Phi, entering
             elif kind == ADD:
-                P[which, which] += c.variance[first]
+                P[own, own] += c.variance[first]
             elif kind == MEASURE:
                 for r in range(first, first + count):
-                    h = _row(c.index[r], c.value[r])
-                    v = P @ h
-                    root = float(np.sqrt(h @ v + c.variance[r]))
+                    index, value = self._read(r)
+                    v = P[:, index] @ value
+                    root = float(np.sqrt(value @ v[index] + c.variance[r]))
                     P -= np.outer(v, v / root**2)
-                    self._rows.append((h, v / root, root))
+                    self._rows.append((index, value, v / root, root))
                     labels.append(
                         (
                             steps.end_s[now],
@@ -124,19 +139,38 @@ class RollingBlock:
                         )
                     )
             else:
-                M = np.eye(ROLLING_STATES)
-                M[which] = _row(c.index[first], c.value[first])
+                M = np.eye(self._at.size)
+                M[own] = self._combined(first)
                 P = M @ P @ M.T
-                P[which, which] += c.variance[first]
+                P[own, own] += c.variance[first]
         time_s, channel, kinds, variance = zip(*labels) if labels else ((), (), (), ())
         self.labels = RollingRows(
             np.array(time_s), np.array(channel, dtype=object), np.array(kinds), np.array(variance)
         )
 
+    def _entering(self, Phi: NDArray, Gamma: NDArray, now: int) -> NDArray:
+        """What a unit of each sensor's error over a step does to the states (6, states)."""
+        out = np.zeros((6, ROLLING_STATES))
+        out[:3] = Gamma.T
+        out[3:5] = Phi[:, em.ACCEL].T
+        out[3:5, em.ACCEL] -= np.eye(2)
+        steps = self.program.steps
+        out[5, em.W] = steps.C_nb[now][:2, 2] * steps.dt_s[now]
+        return np.ascontiguousarray(out[:, self._at])
+
+    def _read(self, row: int) -> tuple[NDArray, NDArray]:
+        """Places and factors of the states that a row of the program reads."""
+        read = self.compiled.value[row] != 0.0
+        return self._place[self.compiled.index[row][read]], self.compiled.value[row][read]
+
+    def _combined(self, row: int) -> NDArray:
+        """A row of the program as a combination of the states that take part."""
+        return _row(self.compiled.index[row], self.compiled.value[row])[self._at]
+
     def whiten_data(self) -> NDArray:
         """Innovations of the run itself over their sigmas (rows,)."""
         c = self.compiled
-        return self._replay(-self._x0[:, None], None, None, lambda r, _: c.z[r])[:, 0]
+        return self._replay(-self._x0[:, None], None, lambda r, _: c.z[r])[:, 0]
 
     def whiten(self, traces: list[Trace], start: Handoff, site_m: NDArray) -> NDArray:
         """What effects add to the innovations (rows, m); start, site_m (2, m): what the parked
@@ -146,20 +180,19 @@ class RollingBlock:
         imu = np.zeros((len(self.seconds), 6, m))
         # lateral, odometer, GNSS north, east, velocity north, east
         own = np.zeros((len(self.seconds), 6, m))
-        for k, trace in enumerate(traces):
-            for array, at, values in (
-                (imu, slice(0, 3), trace.gyro_rad_s),
-                (imu, slice(3, 6), trace.accel_m_s2),
-                (own, slice(0, 1), trace.lateral_m_s),
-                (own, slice(1, 2), trace.odometer_m_s),
-                (own, slice(2, 4), trace.gnss_position_m),
-                (own, slice(4, 6), trace.gnss_velocity_m_s),
-            ):
-                if values is not None:
-                    width = at.stop - at.start
-                    # read at the end of a step, the others over it
-                    fixes = array is own and at.start >= 2
-                    array[:, at, k] = self._ends(values) if fixes else self._means(values, width)
+        for array, at, name in (
+            (imu, slice(0, 3), "gyro_rad_s"),
+            (imu, slice(3, 6), "accel_m_s2"),
+            (own, slice(0, 1), "lateral_m_s"),
+            (own, slice(1, 2), "odometer_m_s"),
+            (own, slice(2, 4), "gnss_position_m"),
+            (own, slice(4, 6), "gnss_velocity_m_s"),
+        ):
+            # read at the end of a step, the others over it
+            fixes = array is own and at.start >= 2
+            follows = slice(None) if fixes else slice(int(self.seconds[0, 0]), None)
+            for held, series in stacked(traces, name, follows):
+                array[:, at, held] = self._ends(series) if fixes else self._means(series, at)
         e = np.zeros((ROLLING_STATES, m))
         _set_start(e, -start.mean)
         e[em.POS] = -site_m
@@ -183,7 +216,7 @@ class RollingBlock:
                 ]
             return np.zeros(m)
 
-        return self._replay(e, imu[:, :3], imu[:, 3:], measured)
+        return self._replay(e, imu, measured)
 
     def _name_of_row(self) -> NDArray:
         c = self.compiled
@@ -193,51 +226,48 @@ class RollingBlock:
         return out
 
     def _replay(
-        self,
-        e: NDArray,
-        gyro: NDArray | None,
-        accel: NDArray | None,
-        measured: Callable[[int, int], NDArray | float],
+        self, e: NDArray, imu: NDArray | None, measured: Callable[[int, int], NDArray | float]
     ) -> NDArray:
-        c, steps = self.compiled, self.program.steps
+        c, place = self.compiled, self._place
         out = np.zeros((len(self._rows), e.shape[1]))
         row, now = 0, 0
-        E = np.ascontiguousarray(e.T)  # a row a column: the updates below then run along memory
+        # a row a column: the updates below then run along memory
+        E = np.ascontiguousarray(e[self._at].T)
         for kind, which, first, count in c.ops:
             if kind == ADVANCE:
                 now = int(which)
-                Phi, Gamma = self._steps[now]
+                Phi, entering = self._steps[now]
                 E = E @ Phi.T
-                if gyro is not None and accel is not None:
-                    level = accel[now, :2].T
-                    E += gyro[now].T @ Gamma.T + level @ Phi[:, em.ACCEL].T
-                    E[:, em.ACCEL] -= level
-                    E[:, em.W] += np.outer(accel[now, 2], steps.C_nb[now][:2, 2] * steps.dt_s[now])
+                if imu is not None:
+                    E += imu[now].T @ entering
             elif kind == MEASURE:
                 for r in range(first, first + count):
-                    _, gain, root = self._rows[row]
-                    nu = (E[:, c.index[r]] @ c.value[r] + measured(r, now)) / root
+                    index, value, gain, root = self._rows[row]
+                    nu = (E[:, index] @ value + measured(r, now)) / root
                     dger(-1.0, gain, nu, a=E.T, overwrite_a=1)  # E -= outer(nu, gain), in place
                     out[row] = nu
                     row += 1
             elif kind != ADD:
-                E[:, which] = E @ _row(c.index[first], c.value[first])
+                E[:, place[which]] = E @ self._combined(first)
         return out
 
-    def _means(self, values: NDArray, width: int) -> NDArray:
-        """Means of the first columns of a trace over the steps (K, width)."""
-        columns = np.reshape(values, (len(values), -1))[self.seconds[0, 0] :, :width]
-        sums = np.vstack([np.zeros((1, width)), np.cumsum(columns, axis=0)])
+    def _means(self, series: NDArray, at: slice) -> NDArray:
+        """Means of traces (rows, ..., k), from the first step's row on, over the steps
+        (K, width, k).
+        """
+        width, count = at.stop - at.start, series.shape[-1]
+        columns = series.reshape(len(series), -1, count)[:, :width]
+        sums = np.concatenate([np.zeros((1, width, count)), np.cumsum(columns, axis=0)])
         first, last = self.seconds.T - self.seconds[0, 0]
-        return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
+        return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None, None])
 
-    def _ends(self, values: NDArray) -> NDArray:
-        """North and east of a trace at the ends of the steps (K, 2): between the middles of the
-        seconds.
+    def _ends(self, series: NDArray) -> NDArray:
+        """North and east of traces (rows, 3, k) at the ends of the steps (K, 2, k): between the
+        middles of the seconds.
         """
         last = self.seconds[:, 1]
-        after = np.minimum(last, len(values) - 1)
-        return np.asarray(0.5 * (values[np.maximum(last - 1, 0), :2] + values[after, :2]))
+        after = np.minimum(last, len(series) - 1)
+        return np.asarray(0.5 * (series[np.maximum(last - 1, 0), :2] + series[after, :2]))
 
 
 KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}
@@ -360,6 +390,25 @@ def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, 
     full[em.W, ACCEL_Z] = steps.C_nb[k][:2, 2] * steps.dt_s[k]
     noise_full[: em.BASE, : em.BASE] = Q
     return full, full[:, GYRO_STATES] * (np.arange(ROLLING_STATES) < em.BASE)[:, None], noise_full
+
+
+def _taking_part(
+    made: Iterable[tuple[NDArray, NDArray, NDArray]], compiled: Compiled, P0: NDArray, x0: NDArray
+) -> NDArray:
+    """Numbers of the states that a step moves, a row of the program reads or the start knows of."""
+    seen = (np.diag(P0) != 0.0) | (x0 != 0.0)
+    for Phi, Gamma, _ in made:
+        moves = Phi != np.eye(ROLLING_STATES)
+        seen |= moves.any(axis=0) | moves.any(axis=1) | Gamma.any(axis=1)
+    for index, value in zip(compiled.index, compiled.value):
+        seen[index[value != 0.0]] = True
+    for kind, which, *_ in compiled.ops:
+        if kind not in (ADVANCE, MEASURE):
+            seen[which] = True
+    seen[[*_start_states(), *range(em.W.start, em.W.stop), *range(em.POS.start, em.POS.stop)]] = (
+        True
+    )
+    return np.flatnonzero(seen)
 
 
 def _row(index: NDArray, value: NDArray) -> NDArray:

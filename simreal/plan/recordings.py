@@ -142,6 +142,20 @@ def tried_first(among: Sequence[Recording]) -> list[Recording]:
     return [r for r in [*starts, *taxis[-1:]] if r in among]
 
 
+def _quiet(twin: TwinModel) -> TwinModel:
+    """The twin without effects, and without the slow noise and the sway of what it simulates: of a
+    recording only its motion and temperatures count, and half of the time to make one went into
+    noise that no signature looks at.
+    """
+    return replace(
+        twin,
+        effects=(),
+        gyro=replace(twin.gyro, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0),
+        accel=replace(twin.accel, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0),
+        vehicle=replace(twin.vehicle, sway_m_s=0.0),
+    )
+
+
 @dataclass
 class RecordingMaker:
     """Simulates recordings of one twin at one site and views them; each is made once."""
@@ -179,7 +193,7 @@ class RecordingMaker:
         return replace(view, C_nb=level)
 
     def _simulate(self, recording: Recording) -> Run:
-        twin = replace(self.twin, effects=())
+        twin = _quiet(self.twin)
         rng = np.random.default_rng([self.seed, recording.variant])
         thermal = (
             HOT_RESTART
