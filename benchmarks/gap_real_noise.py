@@ -1,17 +1,22 @@
-"""Effects implanted into real recordings at rest, and a placebo: what the diagnosis says on real
-noise.
+"""Effects laid over real recordings: found, and named by what is really logged?
 
-    python -m benchmarks.gap_real_noise [--data ../shared/data] [--each 40]
-        [--placebo KIND ...] [--until HH:MM] [-o FILE]
+    python -m benchmarks.gap_real_noise [--data ../shared/data] [--each 40] [--placebo KIND ...]
+        [--sealed] [--first 0] [--until HH:MM] [-o ROWS.json]
 
-Of each log of `benchmarks.real_logs` that rests: its noise by `recal twin fit`, and what the log
-itself shows under that noise taken into the twin (all causes found on the log as it is). Then an
+Each log of the data that rests long enough gets a twin of its own noise (`recal twin fit`), with
+what the log shows as it is taken in (an implant must not be judged by what was there before: of the
+first ones without that, half rested on the log as it is). Then an
 effect is laid over a gyro, of forms that the catalogue does not use (a step that takes seconds, a
 drift that bends, a triangle wave, uniform noise), 5 to 40 sigma of that log. Every log is given a
-placebo for a temperature, that of the copter's third IMU stretched over the log: backwards, as it
-ran, or with a different curve on each axis (backwards, as it ran, and shifted by half). A named
-cause that rests on it with a probability above a half is a hit of the placebo; it is said which of
+placebo. Of a temperature: that of the copter's third IMU stretched over the log, backwards, as it
+ran, or with a different curve on each axis (backwards, as it ran, and shifted by half). Of a
+heading: the log is cut into starts of equal length, and each is told a heading drawn by lot, by
+which effects of the magnetic field, of Earth rate and of the site would show. A named cause that
+rests on the placebo with a probability above a half is a hit of the placebo; it is said which of
 them stand alone, without any rival.
+
+--sealed: what is found on the first half of an implanted log is written into a twin file, and that
+file is judged by the second half, which nothing was fitted to: nats of its gap before and after.
 """
 
 import argparse
@@ -20,27 +25,52 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.real_logs import convert_all
+from benchmarks.real_logs import ROOT, convert_all
+from ins.attitude import dcm_from_euler
+from ins.earth import omega_ie_n
+from ins.json_file import read_toml
 from ins.records import Run, TemperatureLog, TwinModel
-from ins.twin_file import twin_from_dict
+from ins.twin_file import read_twin, twin_from_dict
+from recal.service.results.text import result_text
 from recal.service.twin.fit import fit_twin
+from simreal.declared.twin_effects import parse_effects, twin_extra_noise, twin_traces
+from simreal.effects.telemetry import Telemetry
+from simreal.evidence import run_view
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import Evidence
+from simreal.inference import diagnosis
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
+from simreal.inference.locate import cells_of, measure_cells
+from simreal.inference.noise_hypotheses import Squares
 from simreal.twin.write_back import twin_with_causes
+from trajectories.readers.conversion import convert_log
+from trajectories.runs.cut import cut_run
 
-LOGS = ("ln100", "apm", "copter-imu1", "copter-imu2", "copter-imu3")
+LOGS = ("ln100", "calgary", "apm", "copter-imu1", "copter-imu2", "copter-imu3")
 PLACEBO = "copter-imu3"
 SIZES = (5.0, 10.0, 20.0, 40.0)
 REPLICATES = 100
 CONFIDENT = 0.9
-KINDS = ("backwards", "as it ran", "axes swapped")
+HEADINGS = "headings shuffled"
+KINDS = ("backwards", "as it ran", "axes swapped", HEADINGS)
 THERMAL = ("gyro_thermal", "unknown_function_of_temperature", "accel_thermal", "gyro_noise_thermal")
+# what a heading tells from a bias of a start
+OF_HEADING = (
+    "gyro_magnetic_sensitivity",
+    "gyro_misalignment",
+    "gyro_scale_factor",
+    "site_latitude_error",
+    "vertical_deflection",
+)
+SHORTEST_START_S = 70.0  # of a log cut into starts: a rest of a minute, with ten seconds to spare
+MOST_STARTS = 4
 Form = Callable[[NDArray, np.random.Generator], NDArray]
 
 
@@ -70,7 +100,7 @@ FORMS: dict[str, tuple[Form, tuple[str, ...]]] = {
     "triangle wave": (_triangle, ("unknown_function_of_time", "slow_variation", "gyro_mode_hop")),
     "uniform noise": (
         _uniform,
-        ("gyro_angle_random_walk", "gyro_quantization", "timestamp_jitter", "gyro_noise_thermal"),
+        ("gyro_angle_random_walk", "gyro_quantization", "timestamp_jitter", "gyro_noise_of_time"),
     ),
 }
 
@@ -79,14 +109,39 @@ FORMS: dict[str, tuple[Form, tuple[str, ...]]] = {
 class Log:
     """A real log with its placebo, its twin, what is found on it as it is, and what still is with
     all of that in the twin: an implant is judged by what it adds to this.
+
+    rest : where it rests [s of its clock]. starts : into how many it is cut.
     """
 
     name: str
     placebo: str
     run: Run
     twin: TwinModel
-    causes: tuple[str, ...]
-    left: frozenset[tuple[str, str]]
+    rest: tuple[float, float]
+    starts: int = 1
+    causes: tuple[str, ...] = ()
+    left: frozenset[tuple[str, str]] = frozenset()
+
+    def runs(self, whole: Run) -> list[Run]:
+        """The log, or an implanted one, as what is diagnosed."""
+        if self.starts == 1:
+            return [whole]
+        edges = np.linspace(*self.rest, self.starts + 1)
+        return [cut_run(whole, float(a), float(b)) for a, b in pairwise(edges)]
+
+    def diagnosed(self, whole: Run, twin: TwinModel) -> Diagnosis:
+        told = diagnosis.view_run
+        if self.placebo == HEADINGS:
+            diagnosis.view_run = _with_drawn_heading
+        try:
+            return diagnose(self.runs(whole), twin, None, DiagnosisSettings(replicates=REPLICATES))
+        finally:
+            diagnosis.view_run = told
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """How the names begin that rest on the placebo."""
+        return OF_HEADING if self.placebo == HEADINGS else THERMAL
 
 
 def main() -> None:
@@ -94,13 +149,19 @@ def main() -> None:
         prog="python -m benchmarks.gap_real_noise", description=__doc__
     )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--each", type=int, default=40, help="implants a log")
+    parser.add_argument("--each", type=int, default=40, help="implants a log and placebo")
+    parser.add_argument("--first", type=int, default=0, help="number of the first implant")
     parser.add_argument("--placebo", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--logs", nargs="+", choices=LOGS, default=list(LOGS))
+    parser.add_argument(
+        "--sealed", action="store_true", help="found on one half, judged by the other"
+    )
     parser.add_argument("--until", default="", help="UTC, HH:MM: begin no implant later")
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
     rows, notes = [], []
-    logs = prepared_logs(options.data, options.placebo)
+    made = sealed if options.sealed else implanted
+    logs = prepared_logs(options.data, options.placebo, options.logs)
     for log in logs:
         left = ", ".join(f"{effect} on {target}" for effect, target in sorted(log.left))
         shown = ", ".join(log.causes)
@@ -109,45 +170,63 @@ def main() -> None:
             f" {shown or 'nothing'}; with that in the twin: {left or 'nothing'}"
         )
         print(notes[-1], flush=True)
-    for k in range(options.each):
+    for k in range(options.first, options.first + options.each):
         for log in logs:
             if options.until and datetime.now(UTC).strftime("%H:%M") >= options.until:
                 continue
-            row = implanted(log, k)
+            row = made(log, k)
             if row["reached"] > 0.0:
                 rows.append(row)
                 print(json.dumps(row), flush=True)
-    for line in summary(rows):
+    told = sealed_summary(rows) if options.sealed else summary(rows)
+    for line in told:
         print(line)
     if options.output:
-        text = json.dumps({"rows": rows, "summary": summary(rows), "logs": notes}, indent=1)
+        text = json.dumps({"rows": rows, "summary": told, "logs": notes}, indent=1)
         options.output.write_text(text + "\n", encoding="utf-8")
 
 
-def prepared_logs(data: Path, kinds: Sequence[str] = KINDS) -> list[Log]:
+def prepared_logs(
+    data: Path, kinds: Sequence[str] = KINDS, names: Sequence[str] = LOGS
+) -> list[Log]:
     """All logs that rest, each under a twin of its own."""
     out = []
     with tempfile.TemporaryDirectory() as folder:
         runs = convert_all(data, Path(folder))
+        calgary = read_toml(ROOT / "examples" / "maps" / "calgary_project_data.toml")
+        runs["calgary"] = convert_log(data / "calgary_project_data.BIN", calgary, {}).run
         placebo = runs[PLACEBO].temperature
         assert placebo is not None
-        for name in LOGS:
+        for name in names:
             twin = fit_twin(runs[name]).twin
-            if twin is None or isinstance(view_run(runs[name], 0, None, twin), str):
+            view = "" if twin is None else view_run(runs[name], 0, None, twin)
+            if twin is None or isinstance(view, str):
                 print(f"{name}: no rest for a fit of its noise, left out", flush=True)
                 continue
+            rest = view.start_s, view.end_s
             for kind in kinds:
-                out.append(_prepared(name, kind, with_placebo(runs[name], placebo, kind), twin))
+                run, starts = runs[name], 1
+                if kind == HEADINGS:
+                    starts = min(MOST_STARTS, int((rest[1] - rest[0]) // SHORTEST_START_S))
+                else:
+                    run = with_placebo(run, placebo, kind)
+                out.append(_prepared(Log(name, kind, run, twin, rest, starts)))
     return out
 
 
-def _prepared(name: str, kind: str, run: Run, twin: TwinModel) -> Log:
-    found = diagnosed(run, twin)
-    more = twin_with_causes(twin, found.causes, [run.header.run_id], with_table=False)
-    again = twin_from_dict(json.loads(json.dumps(more)), source="twin", name="twin")
+def _prepared(log: Log) -> Log:
+    """The log with what it shows as it is in its twin."""
+    found = log.diagnosed(log.run, log.twin)
+    names = [run.header.run_id for run in log.runs(log.run)]
+    again = _twin_with(log.twin, found, names)
     said = tuple(f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes)
-    left = frozenset((c.effect, c.target) for c in diagnosed(run, again).causes)
-    return Log(name, kind, run, again, said, left)
+    left = frozenset((c.effect, c.target) for c in log.diagnosed(log.run, again).causes)
+    return replace(log, twin=again, causes=said, left=left)
+
+
+def _twin_with(twin: TwinModel, found: Diagnosis, run_ids: Sequence[str]) -> TwinModel:
+    more = twin_with_causes(twin, found.causes, run_ids, with_table=False)
+    return twin_from_dict(json.loads(json.dumps(more)), source="twin", name="twin")
 
 
 def with_placebo(run: Run, placebo: TemperatureLog, kind: str) -> Run:
@@ -166,29 +245,64 @@ def with_placebo(run: Run, placebo: TemperatureLog, kind: str) -> Run:
     return replace(run, temperature=TemperatureLog(time_s=time_s, gyro_degC=T))
 
 
-def diagnosed(run: Run, twin: TwinModel) -> Diagnosis:
-    return diagnose([run], twin, None, DiagnosisSettings(replicates=REPLICATES))
+def _with_drawn_heading(run: Run, *args: Any, **kwargs: Any) -> RunView | str:
+    """`view_run`, whose telemetry is told a heading by lot, known, and Earth rate to go with it."""
+    view = run_view.view_run(run, *args, **kwargs)
+    if isinstance(view, str):
+        return view
+    rng = np.random.default_rng([int(run.imu.start_s), 33])
+    return replace(view, telemetry=_turned(view.telemetry, float(rng.uniform(0.0, 2.0 * np.pi))))
+
+
+def _turned(telemetry: Telemetry, by_rad: float) -> Telemetry:
+    earth_n = omega_ie_n(telemetry.lat_rad)
+    C_nb = np.einsum("ij,njk->nik", dcm_from_euler(0.0, 0.0, by_rad), telemetry.C_nb)
+    moved = np.einsum("nij,i->nj", C_nb - telemetry.C_nb, earth_n)
+    return replace(
+        telemetry, C_nb=C_nb, rate_rad_s=telemetry.rate_rad_s + moved, heading_known=True
+    )
+
+
+@dataclass(frozen=True)
+class Implant:
+    """What is laid over a log: by number, so that each is its own."""
+
+    number: int
+
+    @property
+    def form(self) -> str:
+        return list(FORMS)[self.number % len(FORMS)]
+
+    @property
+    def sigma(self) -> float:
+        return SIZES[self.number // len(FORMS) % len(SIZES)]
+
+    @property
+    def axis(self) -> int:
+        return int(np.random.default_rng([self.number, 31]).integers(3))
 
 
 def implanted(log: Log, number: int) -> dict:
     """One implant and what was said of it."""
-    rng = np.random.default_rng([number, 31])
-    form = list(FORMS)[number % len(FORMS)]
-    size = SIZES[number // len(FORMS) % len(SIZES)]
-    axis = int(rng.integers(3))
-    run, reached = sized(log, FORMS[form][0], axis, size, number)
-    found = diagnosed(run, log.twin)
-    target, right = f"gyro_{'xyz'[axis]}", FORMS[form][1]
+    laid = Implant(number)
+    run, reached = sized(log, laid)
+    if reached == 0.0:
+        return {"reached": 0.0}
+    found = log.diagnosed(run, log.twin)
+    target, right = f"gyro_{'xyz'[laid.axis]}", FORMS[laid.form][1]
+    if log.starts > 1:  # a drift is a bias of each start there
+        right = (*right, "gyro_turn_on_bias", "unknown_function_of_run")
     new = [c for c in found.causes if (c.effect, c.target) not in log.left]
     first = new[0] if new else None
     held = [c for c in new if {c.effect, *(r.effect for r in c.rivals)} & set(right)]
-    tied = [c for c in new if c.effect.startswith(THERMAL)]
+    tied = [c for c in new if c.effect.startswith(log.tied)]
     wrong = [c for c in new if c.named and c.probability > CONFIDENT and c not in held]
     return {
         "log": log.name,
         "with": log.placebo,
-        "form": form,
-        "sigma": size,
+        "number": number,
+        "form": laid.form,
+        "sigma": laid.sigma,
         "reached": reached,
         "target": target,
         "found": [f"{c.effect} on {c.target} {c.probability:.2f}" for c in new],
@@ -198,16 +312,67 @@ def implanted(log: Log, number: int) -> dict:
         "place": target in {p.channel for p in found.where},
         "wrong_confident": bool(wrong),
         "placebo": any(c.probability > 0.5 for c in tied),
+        "placebo_named": any(c.named and c.probability > 0.5 for c in tied),
         "placebo_alone": any(not c.rivals for c in tied),
     }
 
 
-def sized(log: Log, form: Form, axis: int, wanted: float, number: int) -> tuple[Run, float]:
-    """The log with a form of the wanted whitened size on a gyro, and the size reached."""
+def sealed(log: Log, number: int) -> dict:
+    """An implant found on the first half of the log, the twin with it written to a file, and the
+    gap of the second half under the file and without.
+    """
+    laid = Implant(number)
+    run, reached = sized(log, laid)
+    if reached == 0.0:
+        return {"reached": 0.0}
+    middle = 0.5 * sum(log.rest)
+    first, second = cut_run(run, log.rest[0], middle), cut_run(run, middle, log.rest[1])
+    found = diagnose([first], log.twin, None, DiagnosisSettings(replicates=REPLICATES))
+    names = [first.header.run_id]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "twin.json"
+        made = twin_with_causes(log.twin, found.causes, names, with_table=False)
+        path.write_text(result_text(made), encoding="utf-8")
+        kept = read_twin(path)
+    return {
+        "log": log.name,
+        "with": log.placebo,
+        "number": number,
+        "form": laid.form,
+        "sigma": laid.sigma,
+        "reached": reached,
+        "target": f"gyro_{'xyz'[laid.axis]}",
+        "found": [f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes],
+        "named": any(c.named for c in found.causes),
+        "first_before": gap_nats(first, log.twin),
+        "first_after": gap_nats(first, kept),
+        "second_before": gap_nats(second, log.twin),
+        "second_after": gap_nats(second, kept),
+        # what the recording shows without the implant
+        "second_without": gap_nats(cut_run(log.run, middle, log.rest[1]), log.twin),
+    }
+
+
+def gap_nats(run: Run, twin: TwinModel) -> float:
+    """The gap of a run under a twin, all cells together [nats]; about 0 where the twin is right."""
+    view = view_run(run, 0, None, twin)
+    assert isinstance(view, RunView)
+    listed = parse_effects(twin)
+    known = twin_traces(listed, view.telemetry, view.name) if listed else None
+    always = twin_extra_noise([item for item in listed if item.run_id in ("", view.name)])
+    evidence = Evidence([view], twin, always, [known])
+    squares = Squares(evidence)
+    ratio = squares.ratio(evidence.z[:, None])
+    return float(measure_cells(cells_of(evidence, squares), squares.dof, ratio)[2].sum())
+
+
+def sized(log: Log, laid: Implant) -> tuple[Run, float]:
+    """The log with an implant of its whitened size, and the size reached."""
+    wanted, form = laid.sigma, FORMS[laid.form][0]
     plain = _whitened(log, log.run)
     reached, amplitude, run = 0.0, 1e-5, log.run
     for _ in range(6):
-        run = _laid_over(log.run, form, axis, amplitude, number)
+        run = _laid_over(log.run, form, laid.axis, amplitude, laid.number)
         more = _whitened(log, run)
         if more is None or plain is None or more.shape != plain.shape:
             return log.run, 0.0  # it no longer rests
@@ -218,17 +383,18 @@ def sized(log: Log, form: Form, axis: int, wanted: float, number: int) -> tuple[
     return run, reached
 
 
+def _whitened(log: Log, run: Run) -> NDArray | None:
+    views = [view_run(part, k, None, log.twin) for k, part in enumerate(log.runs(run))]
+    seen = [view for view in views if isinstance(view, RunView)]
+    return Evidence(seen, log.twin).z if len(seen) == len(views) else None
+
+
 def _laid_over(run: Run, form: Form, axis: int, amplitude: float, number: int) -> Run:
     imu = run.imu.whole()
     x = (imu.time_s - imu.time_s[0]) / (imu.time_s[-1] - imu.time_s[0])
     dtheta = imu.dtheta_rad.copy()
     dtheta[:, axis] += amplitude * form(x, np.random.default_rng([number, 32])) * imu.dt_s
     return replace(run, imu=replace(imu, dtheta_rad=dtheta))
-
-
-def _whitened(log: Log, run: Run) -> NDArray | None:
-    view = view_run(run, 0, None, log.twin)
-    return Evidence([view], log.twin).z if isinstance(view, RunView) else None
 
 
 def summary(rows: list[dict]) -> list[str]:
@@ -241,6 +407,32 @@ def summary(rows: list[dict]) -> list[str]:
     return [line for line in out if "of 0:" not in line]
 
 
+def sealed_summary(rows: list[dict]) -> list[str]:
+    """How much of the second half's gap goes with what was found on the first: of all, by size, by
+    form, and of what was named.
+    """
+    out = [_sealed_line("all", rows)]
+    out += [_sealed_line(f"{s:g} sigma", [r for r in rows if r["sigma"] == s]) for s in SIZES]
+    out += [_sealed_line(name, [r for r in rows if r["log"] == name]) for name in LOGS]
+    out += [_sealed_line(form, [r for r in rows if r["form"] == form]) for form in FORMS]
+    out.append(_sealed_line("with a named cause", [r for r in rows if r["named"]]))
+    return [line for line in out if "of 0:" not in line]
+
+
+def _sealed_line(name: str, rows: list[dict]) -> str:
+    found = [r for r in rows if r["found"]]
+    before, after, without = (
+        sum(r[f"second_{when}"] for r in found) for when in ("before", "after", "without")
+    )
+    own = sum(r["first_before"] for r in found), sum(r["first_after"] for r in found)
+    less = sum(r["second_after"] < r["second_before"] for r in found)
+    return (
+        f"{name}, of {len(rows)}: found on the first half {len(found)}, less gap on the second"
+        f" {less}; nats of the first {own[0]:.0f} -> {own[1]:.0f}, of the second"
+        f" {before:.0f} -> {after:.0f}, {without:.0f} without the implant"
+    )
+
+
 def _line(name: str, rows: list[dict]) -> str:
     counts = {
         key: sum(r[key] for r in rows)
@@ -251,6 +443,7 @@ def _line(name: str, rows: list[dict]) -> str:
             "in_set",
             "wrong_confident",
             "placebo",
+            "placebo_named",
             "placebo_alone",
         )
     }

@@ -15,11 +15,13 @@ from scipy.stats import beta
 
 from simreal.declared.generic import FREE_FUNCTIONS
 from simreal.effects.base import SLOW_NAME
+from simreal.effects.gyro_noise import NOISE_OF_TIME
 from simreal.inference.verdict import GapVerdict
 
 Record = dict[str, Any]
 CONFIDENT = 0.9
-GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW_NAME}
+# descriptions, not causes
+GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW_NAME, NOISE_OF_TIME}
 # of the planted energy: such a channel is a right place of an effect that sits on no channel
 WHERE_SHARE = 0.2
 BODIES = ("vehicle", "site")  # targets that are no channel of their own

@@ -1,4 +1,4 @@
-"""Noise of gyros beyond what the twin declares (effects.md G21 to G26), in the twin's units;
+"""Noise of gyros beyond what the twin declares (effects.md G21 to G26, G29), in the twin's units;
 variances add.
 
 Slow processes are `slow_variation` in reports (formats.md, section 5); their ids, and the rivals of
@@ -17,6 +17,7 @@ from simreal.effects.parts.gyro_needs import gyro_degC_min, lacks_temperature_ra
 from simreal.effects.telemetry import Telemetry
 
 WARMTH_degC = 20.0  # over which noise that grows with temperature grows e-fold in variance
+NOISE_OF_TIME = "gyro_noise_of_time"
 
 
 def quantization(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
@@ -55,6 +56,21 @@ def thermal_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise
     return (
         AddedNoise(target, white=DEG_PER_SQRT_HOUR**2, profile=(1.0 - share) * warm + share * ramp),
     )
+
+
+def noise_of_time(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """1 deg/sqrt(h) in the mean over the parked stretch, of variance exp(slope u + bend (3 u^2 -
+    1) / 2): u goes from -1 to 1 over that stretch.
+
+    A ramp of noise and its bend, up to 400 times from end to end: what a temperature does that goes
+    one way, or there and back.
+    """
+    inside = run.time_s[run.parked] if run.parked.any() else run.time_s
+    half = max(0.5 * float(inside[-1] - inside[0]), run.dt_s)
+    u = np.clip((run.time_s - inside[0]) / half - 1.0, -1.0, 1.0)
+    grows = np.exp(shape["slope"] * u + shape["bend"] * 0.5 * (3.0 * u**2 - 1.0))
+    mean = float(grows[run.parked].mean()) if run.parked.any() else float(grows.mean())
+    return (AddedNoise(target, white=DEG_PER_SQRT_HOUR**2, profile=grows / mean),)
 
 
 def lacks_ten_minutes(runs: Sequence[Telemetry], target: str) -> str:
@@ -100,6 +116,7 @@ GYRO_NOISE: tuple[Effect, ...] = (
         rivals=(
             "gyro_quantization",
             "gyro_noise_thermal",
+            NOISE_OF_TIME,
             "platform_sway",
             "timestamp_jitter",
             "saturation_or_rounding",
@@ -144,7 +161,19 @@ GYRO_NOISE: tuple[Effect, ...] = (
         shape=(ShapeParameter("rate_share", "", 0.0, 1.0, 3, "linear"),),
         noise_formula=thermal_noise,
         need=lacks_temperature_rate,
-        rivals=("gyro_angle_random_walk",),
+        rivals=("gyro_angle_random_walk", NOISE_OF_TIME),
         source="effects.md G26",
+    ),
+    gyro_effect(
+        NOISE_OF_TIME,
+        repeats="S",
+        coefficients=one("deg/sqrt(h)", 5e-4, 3e-3, signed=False),
+        shape=(
+            ShapeParameter("slope", "", -3.0, 3.0, 4, "linear"),
+            ShapeParameter("bend", "", -2.0, 2.0, 3, "linear"),
+        ),
+        noise_formula=noise_of_time,
+        rivals=("gyro_noise_thermal", "gyro_angle_random_walk"),
+        source="effects.md G29",
     ),
 )

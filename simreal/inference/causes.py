@@ -2,7 +2,7 @@
 sigma and usual size.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,11 +17,12 @@ from simreal.declared.generic import (
     UNKNOWN_MOTION,
 )
 from simreal.effects.base import GYROS, Effect
+from simreal.effects.gyro_noise import NOISE_OF_TIME
 from simreal.effects.telemetry import Telemetry
 from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
 from simreal.inference.bank import Bank, Hypothesis, unit_scale
-from simreal.inference.noise_hypotheses import NoiseHypothesis
+from simreal.inference.noise_hypotheses import NoiseHypothesis, Term, log_bf, term_of
 from simreal.inference.scoring import Scorer, condition, fit
 
 CREDIBLE = 0.95  # of a set: 19 of 20 hold what is true
@@ -33,6 +34,9 @@ OUTSIDE, ROOM_SIGMA = 0.15, 25.0
 TIME_NODES = (
     4  # of the free function of time, the coarsest of the bank: what is no smooth drift is left
 )
+# of noise that changes with time, lowest, highest and count: the square of a temperature's rate
+# falls by e^-6 over three time constants of a warm-up; twice that
+SLOPES, BENDS = (-6.0, 6.0, 13), (-4.0, 4.0, 9)
 # of free functions of motion
 FREE_UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
 # probability below which an answer is not listed, nor worth a recording; chosen: all that is left
@@ -343,15 +347,19 @@ def shared_with_time(
     Within one rest the temperature is a smooth curve of time, and so is a drift that has nothing to
     do with it: a temperature of another log, backwards, was named in 5 of 15 real rests
     (docs/gap_real_noise.md). Where the fitted signature is one of time as well, both keep half of
-    the probability; a second start tells them apart.
+    the probability; a second start tells them apart. So it is with noise that changes.
     """
     out = dict(shares)
     target = slot.hypothesis.target
-    if not _is_smooth_drift(attribution, slot):
+    if slot.group is None:
+        shared, rival = _is_smooth_noise(attribution, slot), NOISE_OF_TIME
+    else:
+        shared, rival = _is_smooth_drift(attribution, slot), OF_TIME
+    if not shared:
         return out
     run = attribution.evidence.views[0].telemetry
-    key = OF_TIME, target
-    for h in {(h.name, h.target): h for h in attribution.bank.hypotheses}.values():
+    key = rival, target
+    for h in {(h.name, h.target): h for h in attribution.hypotheses}.values():
         own = h.name, h.target
         if own in out and goes_with_temperature(h.name, h.effect, run, h.target):
             out[own] *= 0.5
@@ -393,6 +401,46 @@ def _is_smooth_drift(attribution: Attribution, slot: Slot) -> bool:
     time = times.get(TIME_NODES if h.effect is not None else max(times, default=0))
     others = columns_of(s for s in attribution.slots if s is not slot)
     return time is not None and _cosine(bank, slot.columns, time, others) > SAME_COSINE
+
+
+def _is_smooth_noise(attribution: Attribution, slot: Slot) -> bool:
+    """Whether the only start shows a noise of temperature that changes with time as smoothly.
+
+    As for a drift, time must say at least SAME_COSINE^2 of what the temperature does: of the log
+    likelihood ratio here, each at the best of its profiles.
+    """
+    h, views = slot.hypothesis, attribution.evidence.views
+    if not isinstance(h, NoiseHypothesis) or len(views) != 1:
+        return False
+    if not goes_with_temperature(h.name, h.effect, views[0].telemetry, h.target):
+        return False
+    noises = [n for n in attribution.hypotheses if isinstance(n, NoiseHypothesis)]
+    time = next((n for n in noises if (n.name, n.target) == (NOISE_OF_TIME, h.target)), None)
+    if time is None:
+        return False
+    squares, z = attribution.plain_squares, attribution.plain_residual[:, None]
+    ratio = squares.ratio(z)
+    own, other = (
+        float(log_bf(replace(n, terms=_plain_terms(attribution, n, s)), squares, ratio, z)[0].max())
+        for n, s in ((h, h.shapes), (time, _smooth_profiles()))
+    )
+    return other > SAME_COSINE**2 * own
+
+
+def _smooth_profiles() -> list[dict[str, float]]:
+    """Ramps of noise and their bends, closer together than the scan has them, and steeper."""
+    slopes, bends = np.linspace(*SLOPES), np.linspace(*BENDS)
+    return [{"slope": float(a), "bend": float(b)} for a in slopes for b in bends]
+
+
+def _plain_terms(
+    attribution: Attribution, noise: NoiseHypothesis, shapes: Sequence[dict[str, float]]
+) -> list[Term]:
+    """Where a noise shows under the twin's own noise: that of a slot may be in the whitening."""
+    evidence, squares = attribution.plain_evidence, attribution.plain_squares
+    return [
+        term_of(evidence, squares, noise.effect, noise.target, shape, noise.run) for shape in shapes
+    ]
 
 
 def _cosine(bank: Bank, own: NDArray, span: NDArray, others: NDArray) -> float:

@@ -11,6 +11,7 @@ from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
+from simreal.inference.causes import shares_of
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
 from tests.simreal import diagnosed as small
@@ -109,3 +110,28 @@ def test_one_start_does_not_tell_a_cause_of_temperature_from_a_drift():
     assert cause.probability <= 0.5
     rivals = {(r.effect, r.target) for r in cause.rivals}
     assert ("unknown_function_of_time", cause.target) in rivals
+
+
+NOISES = ("gyro_noise_thermal", "gyro_noise_of_time", "gyro_angle_random_walk")
+
+
+def noise_shares(plan):
+    """Probabilities of the noises of a gyro that is noisier while it warms up."""
+    drawn = draw_trial(7, names=["gyro_noise_thermal"], plan=plan, parked_s=1800.0)
+    trial = scaled(drawn, 20.0)[0]
+    effects = [e for e in catalogue() if e.name in NOISES]
+    found = diagnosed(trial, effects=effects)
+    assert found.causes
+    slot = found.attribution.slots[0]
+    shares = shares_of(found.attribution, slot)
+    return {name: p for (name, target), p in shares.items() if target == trial.truth[0].target}
+
+
+def test_one_start_does_not_tell_noise_of_a_temperature_from_noise_of_time():
+    """Noise that falls through one rest, beside a ramp that falls as well: the temperature keeps no
+    more than a half; four starts tell.
+    """
+    one, four = noise_shares("one_cold"), noise_shares("four_parked")
+    assert one["gyro_noise_of_time"] >= one["gyro_noise_thermal"]
+    assert one["gyro_noise_thermal"] <= 0.5
+    assert four["gyro_noise_thermal"] > 0.7
