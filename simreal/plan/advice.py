@@ -72,7 +72,9 @@ def _maker(twin: TwinModel, table: ThermalTable | None, site: Site) -> Recording
 
 def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
     pair = now.pair
-    names = f"{pair.a.effect.name} from {pair.b.effect.name} (on {pair.a.target})"
+    names = f"{pair.a.label} from {pair.b.label}"
+    if pair.a.target == pair.b.target:
+        names = f"{pair.a.effect.name} from {pair.b.effect.name} (on {pair.a.target})"
     if not plans:
         return f"No recording of the short list tells {names}."
     top = max(p.judged[k].score for p in plans)

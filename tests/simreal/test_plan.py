@@ -258,6 +258,15 @@ def test_advice_is_a_sentence_for_each_rival(maker):
     assert advice(credible[2:3], evidence) == [] == advice(credible[:1], evidence)
 
 
+def test_rivals_are_named_each_with_the_sensor_it_can_be_on(maker):
+    """A bias of a gyro and one of an accelerometer: neither is on the other's sensor."""
+    evidence = Evidence([maker.view(COLD)], TWIN)
+    credible = [("gyro_rate_ramp", "gyro_y"), ("accel_misalignment", "accel_x")]
+    (said,) = advice(credible, evidence)
+    assert "gyro_rate_ramp on gyro_y from accel_misalignment on accel_x" in said
+    assert "(on gyro_y)" not in said
+
+
 def test_what_recordings_lack_is_said_in_words(maker):
     pair = read_pair("gyro_misalignment,gyro_magnetic_sensitivity")
     one = judge(grams(maker, (COLD,), pair.a, pair.b), pair)
