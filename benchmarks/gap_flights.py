@@ -369,7 +369,49 @@ def plumb_line_turns(f: Flown, size: float) -> Run:
     return _added(f.run, accel=np.einsum("nij,ni->nj", ideal.C_nb, lean_n))
 
 
+# an implant of size 1 has its range so much below the largest value; chosen: a tenth of that, a
+# manoeuvre of one in ten beyond it; what is lost goes with the square of the depth
+DEPTH = 0.1
+DEEPEST = 81.0  # nine tenths of the largest value
+
+
+def gyro_clips(f: Flown, size: float) -> Run:
+    """A converter that ends below the largest rate of the flight about z."""
+    return _clipped(f.run, gyro=True, axis=2, size=size)
+
+
+def accel_clips(f: Flown, size: float) -> Run:
+    """The same for the accelerometer along z: turns press on it, and it shakes."""
+    return _clipped(f.run, gyro=False, axis=2, size=size)
+
+
+def _clipped(run: Run, *, gyro: bool, axis: int, size: float) -> Run:
+    imu = run.imu.whole()
+    name = "dtheta_rad" if gyro else "dv_m_s"
+    values = getattr(imu, name).copy()
+    rate = values[:, axis] / imu.dt_s
+    limit = (1.0 - DEPTH * np.sqrt(min(size, DEEPEST))) * float(np.abs(rate).max())
+    values[:, axis] = np.clip(rate, -limit, limit) * imu.dt_s
+    return replace(run, imu=replace(imu, **{name: values}))
+
+
 PLANTED = (
+    Planted(
+        "gyro at the end of its range",
+        "gyro_z",
+        gyro_clips,
+        0.001,
+        ("gyro_saturation",),
+        ("gyro_scale_asymmetry", "gyro_scale_factor"),
+    ),
+    Planted(
+        "accelerometer at the end of its range",
+        "accel_z",
+        accel_clips,
+        0.05,
+        ("accel_saturation",),
+        ("accel_scale_asymmetry", "accel_scale_factor"),
+    ),
     Planted(
         "accel vibration rectification",
         "accel_x",

@@ -117,6 +117,7 @@ DATA_EFFECTS = (
         repeats="S",
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"),
         source="effects.md D07",
-        need="the raw rows: stairs and clipped values do not show in means over a second",
+        need="the raw rows: stairs of rounding do not show in means over a second (clipped rows:"
+        " gyro_saturation, accel_saturation)",
     ),
 )

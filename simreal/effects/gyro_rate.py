@@ -141,7 +141,7 @@ GYRO_RATE: tuple[Effect, ...] = (
         coefficients=one("ppm", 1.0, 10.0),
         formula=scale_asymmetry,
         need=lacks_left_and_right_turns,
-        rivals=("gyro_scale_factor",),
+        rivals=("gyro_scale_factor", "gyro_saturation"),
         source="IEEE Std 647-2006: scale factor asymmetry",
     ),
     gyro_effect(

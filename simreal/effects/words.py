@@ -191,6 +191,13 @@ WORDS: Mapping[str, EffectWords] = {
         size="Ten to fifty percent of the noise on a plateau.",
         remedy="Align on a plateau, or give early minutes less weight.",
     ),
+    "gyro_noise_of_time": EffectWords(
+        what="The gyro's noise changes smoothly through the run, tied to nothing logged. It is a "
+        "description, not a cause.",
+        brought_on_by="Unknown; a temperature that was not logged, or vibration nearby.",
+        size="Ten to fifty percent of the noise of the quieter part.",
+        remedy="Record a second start: noise of a temperature comes again with it.",
+    ),
     "slow_variation": EffectWords(
         what="A slow drift tied to nothing logged: flicker, random walk or a process with a "
         "correlation time. It is a description, not a cause.",
@@ -420,6 +427,18 @@ WORDS: Mapping[str, EffectWords] = {
         remedy="Choose the wider range; store 64-bit numbers.",
     ),
     # flight
+    "gyro_saturation": EffectWords(
+        what="The gyro is turned faster than it can read: its rows stand at the end of its range.",
+        brought_on_by="Quick turns, hard landings, strong angular vibration.",
+        size="The angle that is lost is gone for good: 0.01 deg/s over 10 s is 1.7 mrad.",
+        remedy="Use a range that holds the manoeuvre, or a mount that swings less.",
+    ),
+    "accel_saturation": EffectWords(
+        what="The accelerometer is driven past its range: its rows stand at the end of it.",
+        brought_on_by="Hard landings, gusts, strong vibration.",
+        size="The speed that is lost is gone for good: 0.01 g over 1 s is 0.1 m/s.",
+        remedy="Use a range that holds the manoeuvre, or a softer mount.",
+    ),
     "accel_vibration_rectification": EffectWords(
         what="A second-order term of the accelerometer turns vibration into a bias.",
         brought_on_by="Engines and turbulence: it changes with thrust and speed.",

@@ -42,6 +42,7 @@ from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, Twi
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
+from simreal.evidence.at_range import share_at_range
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled
 from simreal.evidence.seconds import Seconds, seconds_of
 
@@ -365,6 +366,7 @@ def _telemetry(
         has_odometer=run.odometer is not None,
         vibration_m2_s4=_beyond_parked(seconds, kind, slice(3, 6)),
         swing_rad2_s2=_beyond_parked(seconds, kind, slice(0, 3)),
+        at_range=share_at_range(run.imu, seconds.end_s, kind != PARKED),
         above_m=_above(run, t),
     )
 

@@ -90,6 +90,7 @@ def telemetry_of_simulated(
         # the true motion is smooth within a second
         vibration_m2_s4=np.zeros((t.size, 3)),
         swing_rad2_s2=np.zeros((t.size, 3)),
+        at_range=np.zeros((t.size, 6)),  # and within every range
         above_m=truth.height_m - site.height_m,
         **_thermal(thermal, table, t),
     )

@@ -126,7 +126,7 @@ def test_the_citations_are_found_at_all():
         ("physics.md 9.9", ["physics.md 9.9"]),
         ("physics.md 6.3, 6.44: its case", ["physics.md 6.44"]),
         ("formats.md section\n    7", ["formats.md 7"]),
-        ("effects.md G29", ["effects.md G29"]),
+        ("effects.md G30", ["effects.md G30"]),
         ("physics.md (6.2-9)", ["physics.md 6.2-9"]),
         ("gap.md section 3.6", ["gap.md"]),
         ("requirements R30", ["R30"]),

@@ -106,7 +106,7 @@ def test_schemas():
 def test_catalogue():
     """Every effect has a row, under its name or, of a slow variation, under its process."""
     rows = re.findall(r"^\| ([GAPOFD]\d\d) \| `(\w+)` \|", EFFECTS, re.M)
-    assert len(rows) == len({number for number, _ in rows}) == 73
+    assert len(rows) == len({number for number, _ in rows}) == 76
     listed = {name for _, name in rows}
     effects = catalogue()
     named = {e.name for e in effects} - {"slow_variation"}

@@ -71,7 +71,7 @@ def turning(rate_rad_s, n=10):
 def test_the_gyro_half_is_complete():
     named = {e.name for e in EFFECTS.values()}
     # three slow processes share one name; two faults of the compensation
-    assert len(named) == 28 - 3 + 1 + 2
+    assert len(named) == 29 - 3 + 1 + 2
     assert all(isinstance(e, Effect) for e in EFFECTS.values())
     assert len(EFFECTS) == len(GYRO_EVENTS + GYRO_THERMAL + GYRO_RATE + GYRO_NOISE + COMPENSATION)
     assert {e.repeats for e in EFFECTS.values()} == {"R", "E", "S", "P"}
@@ -377,6 +377,23 @@ def test_noise_profiles():
     np.testing.assert_allclose(profile(run, 0.0), np.e)
     np.testing.assert_allclose(profile(run, 1.0), 4.0)
     np.testing.assert_allclose(profile(run, 0.5), 0.5 * np.e + 2.0)
+
+
+def test_noise_of_time_is_a_ramp_with_a_bend_over_the_rest():
+    """Of mean 1, exp(2 slope) from end to end, whatever the run."""
+    run = parked_run(101)
+
+    def profile(slope, bend):
+        shape = {"slope": slope, "bend": bend}
+        return EFFECTS["gyro_noise_of_time"].noise(run, "gyro_x", shape)[0].profile
+
+    for slope, bend in ((2.0, 0.0), (0.0, -2.0), (-1.0, 2.0)):
+        assert profile(slope, bend).mean() == pytest.approx(1.0)
+        assert profile(slope, bend)[-1] / profile(slope, bend)[0] == pytest.approx(
+            np.exp(2.0 * slope)
+        )
+    assert profile(0.0, -2.0)[50] / profile(0.0, -2.0)[0] == pytest.approx(np.exp(3.0))
+    assert EFFECTS["gyro_noise_of_time"].needs([run], "gyro_x") == ""
 
 
 def test_markov_time_scans_50_to_1000_s():

@@ -1,4 +1,4 @@
-"""Effects of flight (effects.md 2c, F01 and F06 to F13): what vibration, height, load and way over
+"""Effects of flight (effects.md 2c, F01 and F06 to F15): what vibration, height, load and way over
 ground do to the sensors and to the receiver.
 
 They need a flight with GNSS; on the ground they are a constant, or nothing.
@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from ins.records import InputError
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, PPM, STANDARD_GRAVITY
 from simreal.effects.accelerometer import on_accel
-from simreal.effects.base import ACCELS, AXIS, Coefficient, Shape, ShapeParameter
+from simreal.effects.base import ACCELS, AXIS, GYROS, Coefficient, Shape, ShapeParameter
 from simreal.effects.parts.formula import FormulaEffect, with_parts
 from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one, several
 from simreal.effects.parts.recordings import flies, has_gnss, lacking, over, span
@@ -27,6 +28,9 @@ SHAKES_M_S2 = 0.1
 # of angular vibration, likewise; chosen: a tenth of what a hard mount swings by in flight
 SWINGS_RAD_S = 0.05 * DEG
 CLIMBS_M = 300.0  # 35 hPa: a hundredth of what 0.3 deg/h needs at the usual 0.0001 deg/h per hPa
+# shares of a second's rows between which a normal law tells how far beyond the rest they go: a row
+# in a thousand, and all but one in fifty
+LEAST_CUT_OFF, MOST_CUT_OFF = 1e-3, 0.98
 FAR_M = 2e4  # of way: a fifth of HUNDRED_KM
 
 
@@ -82,6 +86,47 @@ def gyro_pressure(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...
 
 def accel_pressure(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     return on_accel(run, target, MICRO_G * pressure_change_hpa(run))
+
+
+def gyro_saturation(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """What rows at the end of the range lack: 1 deg/s of a manoeuvre that goes beyond it while all
+    rows of a second stand there, and what swings about it lose."""
+    share = _at_range(run)[:, AXIS[target]]
+    swings = DEG * np.sqrt(swing_deg2_s2(run)[:, AXIS[target]])
+    return on_gyro(target, -DEG * share, -swings * cut_off(share))
+
+
+def accel_saturation(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """The same for an accelerometer: 1 g, and what vibration loses."""
+    share = _at_range(run)[:, 3 + AXIS[target]]
+    shakes = STANDARD_GRAVITY * np.sqrt(vibration_g2(run)[:, AXIS[target]])
+    beyond = on_accel(run, target, -STANDARD_GRAVITY * share)
+    return (*beyond, *on_accel(run, target, -shakes * cut_off(share)))
+
+
+def cut_off(share: NDArray) -> NDArray:
+    """Mean that normal rows of unit spread lose where a share of them (n,) is cut off at one end;
+    with the share's sign.
+
+    phi(a) - a p for the share p beyond a: 0.40 of a half, 0.002 of a hundredth.
+    """
+    p = np.minimum(np.abs(share), MOST_CUT_OFF)
+    a = -ndtri(np.maximum(p, LEAST_CUT_OFF))
+    lost = np.exp(-0.5 * a**2) / np.sqrt(2.0 * np.pi) - a * p
+    return np.asarray(np.where(p > 0.0, np.sign(share) * lost, 0.0))
+
+
+def _at_range(run: Telemetry) -> NDArray:
+    if run.at_range is None:
+        raise InputError(f"run {run.run_index}: no rows of the sensors, needed by this effect")
+    return run.at_range
+
+
+def lacks_clipped_rows(runs: Sequence[Telemetry], target: str) -> str:
+    """For saturation: rows at the end of the sensor's own range."""
+    column = (*GYROS, *ACCELS).index(target)
+    clipped = (run.at_range is not None and run.at_range[:, column].any() for run in runs)
+    return lacking((any(clipped), "rows at the end of the sensor's range, in motion"))
 
 
 def accel_asymmetry(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -227,7 +272,7 @@ FLIGHT_EFFECTS = (
         "accel_scale_asymmetry",
         ("accel_x", "accel_y"),  # what flies does not turn the force along z round
         one("ppm", 10.0, 200.0),
-        rivals=("accel_scale_factor", "accel_g2_sensitivity"),
+        rivals=("accel_scale_factor", "accel_g2_sensitivity", "accel_saturation"),
         source="effects.md F10",
         formula=accel_asymmetry,
         need=flight_with_gnss,
@@ -253,6 +298,30 @@ FLIGHT_EFFECTS = (
         source="effects.md F12",
         formula=slow_error,
         need=flight_with_gnss,
+    ),
+    gyro_effect(
+        "gyro_saturation",
+        coefficients=(
+            Coefficient("beyond", "deg/s", 1e-3, 10.0, signed=False),
+            Coefficient("of_swings", "1", 0.3, 3.0, signed=False),
+        ),
+        rivals=("gyro_scale_asymmetry",),
+        source="effects.md F14",
+        formula=gyro_saturation,
+        need=lacks_clipped_rows,
+    ),
+    FormulaEffect(
+        "accel_saturation",
+        "accel_saturation",
+        ACCELS,
+        (
+            Coefficient("beyond", "g", 1e-4, 1.0, signed=False),
+            Coefficient("of_vibration", "1", 0.3, 3.0, signed=False),
+        ),
+        rivals=("accel_scale_asymmetry",),
+        source="effects.md F15",
+        formula=accel_saturation,
+        need=lacks_clipped_rows,
     ),
     *with_parts(
         FormulaEffect(
