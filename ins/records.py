@@ -892,7 +892,9 @@ class FitDocument(TypedDict, total=False):
     covariance; identified: whether the runs tell it; seconds: at rest behind it; needed_s: parked
     in one recording that would tell it, null where none of 128 h does; needed_runs: for the
     turn-on; not_identified: why, by name; lines: of dither and engines, left out of the noise;
-    axes: of channels whose triad is unlike, variances over the twin's; runs: hashes; method: how.
+    axes: of channels whose triad is unlike, variances over the twin's; read_below_hz: of a triad
+    ("gyro", "accel") whose rows a filter has smoothed, how far up they are the twin's; runs:
+    hashes; method: how.
     """
 
     parameters: list[str]
@@ -907,6 +909,7 @@ class FitDocument(TypedDict, total=False):
     not_identified: dict[str, str]
     lines: list[dict[str, float | str]]
     axes: list[dict[str, float | str]]
+    read_below_hz: dict[str, float]
     runs: list[str]
     method: str
 

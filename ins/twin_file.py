@@ -99,6 +99,9 @@ class _Fit(StrictModel):
     not_identified: dict[str, str] = Field(default_factory=dict)
     lines: list[dict[str, float | str]] = Field(default_factory=list)
     axes: list[dict[str, float | str]] = Field(default_factory=list)
+    read_below_hz: dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]] = Field(
+        default_factory=dict
+    )
     runs: list[str] = Field(default_factory=list)
     method: str = ""
 

@@ -25,6 +25,14 @@ CONTRADICTED = (
     "the data contradict any model of the {triad} noise by far: filtered by the logger, shaken by"
     " what the model does not know, or a rest too short; its numbers stay what they were"
 )
+FILTERED = (
+    "a filter takes noise out of the {triad} rows at high frequencies; their white noise is read"
+    " below {hz:.3g} Hz, where it takes out next to nothing"
+)
+FLICKER_FOR_MARKOV = (
+    "the twin knows no Gauss-Markov process; its {triad} flicker is set to {size:.3g} {unit}, which"
+    " covers the process that was found"
+)
 DIFFERENT = (
     "the white noise of the {triad} axes differs ({sizes}); the twin has their root mean square"
 )
@@ -71,6 +79,7 @@ def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> Twin
         axes_alike_p=dict(found.differ),
         vehicle_share={SIX_CHANNELS[k]: float(found.shared[k]) for k in range(3)},
         windows_left_out=dict(found.left_out),
+        read_below_hz=dict(found.read_below_hz),
         notes=_notes(found),
         found=found,
     )
@@ -127,6 +136,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
             {"channel": channel, "white": white, "quantization": counts}
             for channel, (white, counts) in found.axes.items()
         ],
+        "read_below_hz": dict(found.read_below_hz),
         "runs": [r.sha256 for r in found.runs],
         "method": FIT_METHOD,
     }
@@ -189,8 +199,17 @@ def _finite(value: float) -> float | None:
 
 
 def _notes(found: TwinFit) -> list[str]:
-    against = {p.name.split(".")[0] for p in found.parameters if p.why is Why.CONTRADICTED}
+    parts = {p.name.split(".")[0] for p in found.parameters if p.why is Why.CONTRADICTED}
+    against = parts - {"vehicle"}
     notes = [CONTRADICTED.format(triad=triad) for triad in sorted(against)]
+    notes += [FILTERED.format(triad=k, hz=hz) for k, hz in found.read_below_hz.items()]
+    told = {p.name for p in found.parameters if p.identified}
+    if "gyro.gauss_markov_deg_h" in told:
+        size = found.twin.gyro.bias_instability_deg_h
+        notes.append(FLICKER_FOR_MARKOV.format(triad="gyro", size=size, unit="deg/h"))
+    if "accel.gauss_markov_ug" in told:
+        size = found.twin.accel.bias_instability_ug
+        notes.append(FLICKER_FOR_MARKOV.format(triad="accelerometer", size=size, unit="ug"))
     for triad, p in found.differ.items():
         if p < AXES_DIFFER_P and triad not in against:
             own = {k: v for k, v in found.axis_white.items() if k.startswith(triad)}

@@ -95,6 +95,7 @@ class TwinFitRecord:
     axes_alike_p: Mapping[str, float]
     vehicle_share: Mapping[str, float]
     windows_left_out: Mapping[str, float]
+    read_below_hz: Mapping[str, float] = field(default_factory=dict)
     notes: Sequence[str]
     found: TwinFit | None = field(default=None, metadata=UNWRITTEN)
     twin: str | None = field(default=None, metadata=OMIT_NONE)

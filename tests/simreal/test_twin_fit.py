@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter, sosfilt
 from typer.testing import CliRunner
 
 import recal
@@ -13,7 +14,7 @@ from alignment.motion.kinds import DISTURBED, Cause
 from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
-from ins.units import DEG_PER_SQRT_HOUR, HOUR
+from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
 from recal.cli.app import app
 from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
@@ -212,6 +213,80 @@ def test_no_number_is_told_of_a_model_that_the_data_contradict():
     flicker = told["gyro.bias_instability_deg_h"]
     assert not flicker.identified or abs(flicker.value - 0.002) < 4.0 * flicker.sigma
     assert found.twin.gyro.arw_deg_sqrt_h == pytest.approx(0.002, rel=0.5)
+
+
+def filtered(simulated, filter_of):
+    """The run with each channel of its rows through a filter."""
+    imu = simulated.run.imu.whole()
+    angle, velocity = (
+        filter_of(rows - rows[:50].mean(axis=0)) + rows[:50].mean(axis=0)
+        for rows in (imu.dtheta_rad, imu.dv_m_s)
+    )
+    return replace(simulated.run, imu=replace(imu, dtheta_rad=angle, dv_m_s=velocity))
+
+
+def one_pole(tau_s):
+    kept = np.exp(-0.05 / tau_s)
+    return lambda rows: lfilter([1.0 - kept], [1.0, -kept], rows, axis=0)
+
+
+@pytest.mark.parametrize(
+    "filter_of",
+    [
+        pytest.param(one_pole(0.03), id="one pole, 5 Hz"),
+        pytest.param(
+            lambda rows: sosfilt(butter(4, 4.0, fs=20.0, output="sos"), rows, axis=0),
+            id="four poles, 4 Hz",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_white_noise_is_read_below_the_band_of_a_filter(filter_of):
+    """Units and loggers smooth their rows: what such a log shows of the noise below the filter's
+    band is told, and the twin fits the log.
+    """
+    simulated, _ = fitted()
+    run = filtered(simulated, filter_of)
+    found = recal.fit_twin(run)
+    assert found.record.read_below_hz.keys() == {"gyro", "accel"}
+    assert all(hz < 4.0 for hz in found.record.read_below_hz.values())
+    told = {p.name: p for p in found.parameters}
+    for name, truth in (
+        ("gyro.arw_deg_sqrt_h", simulated.twin.gyro.arw_deg_sqrt_h),
+        ("accel.vrw_ug_sqrt_hz", simulated.twin.accel.vrw_ug_sqrt_hz),
+    ):
+        assert told[name].identified and told[name].sigma < 0.03 * truth
+        assert abs(told[name].value - truth) < 2.5 * told[name].sigma
+    assert any("a filter takes noise out of the gyro rows" in note for note in found.record.notes)
+    assert check_twin(run, found.twin).verdict == "ok"
+
+
+def test_no_number_is_told_of_rows_filtered_below_the_seconds():
+    """Smoothed over half a second: 1.6e-5 deg/sqrt(h) +- 0.3 % were told once, 125 times too
+    little, with a Markov process that stood for the noise.
+    """
+    simulated, _ = fitted()
+    found = recal.fit_twin(filtered(simulated, one_pole(0.5)))
+    assert found.twin.gyro == replace(
+        default_twin("rlg").gyro, turn_on_deg_h=found.twin.gyro.turn_on_deg_h
+    )
+    assert any("contradict any model of the gyro noise" in note for note in found.record.notes)
+
+
+@pytest.mark.slow
+def test_flicker_covers_a_markov_process_that_a_twin_has_no_key_for():
+    simulated, _ = fitted()
+    imu = simulated.run.imu.whole()
+    kept, sigma = np.exp(-0.05 / 60.0), 0.1 * DEG_PER_HOUR
+    drive = sigma * np.sqrt(1.0 - kept**2) * np.random.default_rng(3).standard_normal((imu.rows, 3))
+    slow = 0.05 * lfilter([1.0], [1.0, -kept], drive, axis=0)
+    found = recal.fit_twin(
+        replace(simulated.run, imu=replace(imu, dtheta_rad=imu.dtheta_rad + slow))
+    )
+    process = next(p for p in found.parameters if p.name == "gyro.gauss_markov_deg_h")
+    assert process.identified and abs(process.value - 0.1) < 4.0 * process.sigma
+    assert 0.07 < found.twin.gyro.bias_instability_deg_h < 0.12
+    assert any("Gauss-Markov" in note for note in found.record.notes)
 
 
 def test_a_spectrum_that_falls_gently_is_no_swinging_vehicle():

@@ -28,7 +28,7 @@ from simreal.twin.fit.evidence import without_comb
 from simreal.twin.fit.model import ABSENT, Model, band_model
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import SlowData, slow_data
-from simreal.twin.fit.spectra import UPRIGHT, Bands, few_spectra
+from simreal.twin.fit.spectra import UPRIGHT, Bands, below_hz, few_spectra
 from simreal.twin.fit.streams import Stream
 from simreal.twin.fit.terms import Shape, Term
 
@@ -165,6 +165,7 @@ def _parts(stream: Stream, twin: TwinModel) -> list[tuple[Part, Of]]:
     for bands in rows.bands:
         if bands.channel in live:
             counted = replace(bands, rounding=counts.get(bands.channel))
+            counted = below_hz(counted, read_below_hz(twin, bands.channel))
             of_rows += _between(counted, models[3 * (bands.channel // 3)], share, ROW_EDGES_HZ)
     for bands in seconds.bands:
         if bands.channel in live:
@@ -247,6 +248,14 @@ def declared_model(twin: TwinModel, *, gyro: bool) -> Model:
         if (channel < 3) is gyro:
             ratios |= {(Term.WHITE, channel): white, (Term.QUANTIZATION, channel): counts}
     return Model(tuple(sizes), logs, shape, np.ones(logs.size), ratios)
+
+
+def read_below_hz(twin: TwinModel, channel: int) -> float:
+    """Up to which frequency a twin speaks of the rows of a channel: above, a filter has smoothed
+    those that it was fitted to.
+    """
+    triad = SIX_CHANNELS[channel].split("_")[0]
+    return float((twin.fit or {}).get("read_below_hz", {}).get(triad, np.inf))
 
 
 def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[float]) -> list[Part]:

@@ -1,7 +1,7 @@
 """Which terms of a triad's noise the data show, how well, and what recording would show the
 rest."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from simreal.twin.fit.model import (
     rounding_power,
 )
 from simreal.twin.fit.rounding import SIGMA_OF_GRID
-from simreal.twin.fit.spectra import Bands
+from simreal.twin.fit.spectra import Bands, below_hz
 from simreal.twin.fit.terms import Term, sampled_psd, sway_folded
 
 # of a log variance, 0.25 of the size: beyond, normal limits hold the truth in less than 92 %
@@ -42,6 +42,18 @@ LITTLE = 1e-3  # of the flicker
 ONE_GRID = 1e-4
 # of the errors of neighbouring rows: beyond, 4 quanta in 22 row sigmas, they are no normal noise
 COMB_ALIKE = 0.5
+# Markov processes of gyros are no faster than 50 s (docs/reference/effects.md, G25), filters of
+# rows no slower than a second
+FILTERED_S = 5.0
+# chosen: a filter below takes more than a tenth out of the means of seconds (0.8 of one pole at
+# 1 Hz is left at 0.5 Hz), which no narrower band of rows would mend
+LOWEST_BAND_HZ = 1.0
+# of its power, from a band to its half; what a filter takes out of a band goes with the square of
+# its width, so that a third of it is still missing: 1.7 % of a random walk
+WHITE_STAYS = 0.1
+# of the expected power in the upper half of the rows' band: a pole at twice the highest frequency
+# leaves 0.87 there, one at the highest 0.65
+FALLS = 0.8
 COMB = 0.1  # of a band's power: what a comb may leave there is 10 % off at worst, of 10 %
 # times the power expected of a comb, whose bands scatter more than noise; of rows rounded one by
 # one less than 0.5 is there (tests/simreal/test_twin_rounding.py)
@@ -87,7 +99,8 @@ class Told:
 @dataclass(frozen=True)
 class TriadFit:
     """The terms of a triad, its best model, and the fit behind it; differ: p-value that its axes
-    are alike; axes: of each axis, fitted alone.
+    are alike; axes: of each axis, fitted alone; band_hz: up to which the rows were read, where a
+    filter takes noise out of them above; contradicted: by the data, by far.
     """
 
     told: tuple[Told, ...]
@@ -95,13 +108,53 @@ class TriadFit:
     differ_p: float
     axes: Mapping[int, Fitted]
     used_s: float
+    band_hz: float | None = None
+    contradicted: bool = False
 
     def of(self, term: Term) -> Told | None:
         return next((t for t in self.told if t.term is term), None)
 
 
-def fit_triad(evidence: Evidence, model: Model, dt_s: float, used_s: float) -> TriadFit:
-    """The noise of a triad. dt_s: of its rows; used_s: parked seconds, all runs."""
+def fit_triad(
+    evidence: Evidence,
+    model: Model,
+    dt_s: float,
+    used_s: float,
+    contradicted: Callable[[Fitted], bool],
+) -> TriadFit:
+    """The noise of a triad. dt_s: of its rows; used_s: parked seconds, all runs; contradicted:
+    whether the data contradict a fit by far. No term of such a fit is asked for: its numbers would
+    say nothing.
+    """
+    best, used, differ_p, axes = _best(evidence, model)
+    band_hz = None
+    falls = _falls_below(evidence, model, 0.25 * _top_hz(evidence))
+    if not best.model.hidden and (falls or contradicted(best) or _like_a_filter(best)):
+        band_hz = _unfiltered_band(evidence, model)
+        if band_hz is not None:
+            best, used, differ_p, axes = _best(below(evidence, band_hz), model)
+        if band_hz is None or contradicted(best) or _like_a_filter(best):
+            unsaid = tuple(_unsaid(best, term) for term in best.model.terms)
+            return TriadFit(unsaid, best, differ_p, axes, used_s, contradicted=True)
+    evidence = used
+    count = max(sum(s.y.size for _, s in evidence.slow), 8)
+    channels = len({b.channel for _, b in evidence.bands}) or 1
+    told = []
+    for term in best.model.terms:
+        told.append(_tell(evidence, best, term, 0.5 * float(np.log(count))))
+    kept = {t.term for t in told if t.identified}
+    last = _last_model(best.model, kept)
+    final = climb(evidence, last, _carried(best, last))
+    told = [_final(t, final, dt_s=dt_s, used_s=used_s, channels=channels) for t in told]
+    if band_hz is not None:
+        told = [_beside_filter(t) if t.term is Term.WHITE else t for t in told]
+    return TriadFit(tuple(told), final, differ_p, axes, used_s, band_hz)
+
+
+def _best(evidence: Evidence, model: Model) -> tuple[Fitted, Evidence, float, Mapping[int, Fitted]]:
+    """The best model with all terms, what it was fitted to, the p-value that the axes are alike,
+    and each axis alone.
+    """
     first = climb(evidence, model)
     if Term.SWAY in model.terms:
         evidence = _counted_once(evidence, first)
@@ -114,16 +167,66 @@ def fit_triad(evidence: Evidence, model: Model, dt_s: float, used_s: float) -> T
         if Term.CREEP in told_apart.terms:
             told_apart = told_apart.without(Term.CREEP)
         best = climb(evidence, told_apart)
-    count = max(sum(s.y.size for _, s in evidence.slow), 8)
-    channels = len({b.channel for _, b in evidence.bands}) or 1
-    told = []
-    for term in best.model.terms:
-        told.append(_tell(evidence, best, term, 0.5 * float(np.log(count))))
-    kept = {t.term for t in told if t.identified}
-    last = _last_model(best.model, kept)
-    final = climb(evidence, last, _carried(best, last))
-    told = [_final(t, final, dt_s=dt_s, used_s=used_s, channels=channels) for t in told]
-    return TriadFit(tuple(told), final, differ_p, axes, used_s)
+    return best, evidence, differ_p, axes
+
+
+def _like_a_filter(best: Fitted) -> bool:
+    """Whether a Markov process stands for noise that was white before a filter."""
+    if Term.MARKOV not in best.model.terms:
+        return False
+    tau_s = best.model.shape_at(best.x).tau_s
+    plateau = best.log_variance(Term.MARKOV) + np.log(2.0 * tau_s)
+    return bool(tau_s < FILTERED_S and plateau > best.log_variance(Term.WHITE))
+
+
+def _unfiltered_band(evidence: Evidence, model: Model) -> float | None:
+    """The frequency up to which the rows show white noise where a filter takes it away above, by
+    halves of the whole band; None where nothing falls below what the rest of the data explain.
+    """
+    top_hz = _top_hz(evidence)
+    if top_hz < 4.0 * LOWEST_BAND_HZ or not _falls_below(evidence, model, LOWEST_BAND_HZ):
+        return None
+    white, band_hz = -np.inf, 0.5 * top_hz
+    while band_hz >= LOWEST_BAND_HZ:
+        found = climb(below(evidence, band_hz), model).log_variance(Term.WHITE)
+        if found - white < np.log(1.0 + WHITE_STAYS):
+            return band_hz
+        white, band_hz = found, 0.5 * band_hz
+    return None
+
+
+def _top_hz(evidence: Evidence) -> float:
+    """The highest frequency of the rows."""
+    return max((float(b.hz.max()) for _, b in evidence.bands), default=0.0)
+
+
+def _falls_below(evidence: Evidence, model: Model, hz: float) -> bool:
+    """Whether most channels show less noise in the upper half of the rows' band than a fit to what
+    lies below a frequency leads one to expect.
+    """
+    fitted = climb(below(evidence, hz), model)
+    ratios: dict[int, list[tuple[float, float]]] = {}
+    for k, b in evidence.bands:
+        upper = (b.centre_hz > 0.5 * b.hz.max()) & (b.dof > 0) & (b.dt_s < 1.0)
+        if upper.any():
+            S, _ = band_model(fitted.model, fitted.x, (), b, evidence.share[k])
+            freedom = float(b.dof[upper].sum())
+            ratio = float(b.dof[upper] @ (b.power[upper] / S[upper])) / freedom
+            ratios.setdefault(b.channel, []).append((ratio, freedom))
+    falls = [np.average([r for r, _ in of], weights=[n for _, n in of]) for of in ratios.values()]
+    return bool(falls) and float(np.median(falls)) < FALLS
+
+
+def _beside_filter(white: Told) -> Told:
+    """White noise with what a filter may still take out of the band that was read."""
+    sigma = float(np.hypot(white.sigma, WHITE_STAYS / 3.0))
+    wider = 1.96 * (sigma - white.sigma)
+    return replace(white, sigma=sigma, low=white.low - wider, high=white.high + wider)
+
+
+def below(evidence: Evidence, hz: float) -> Evidence:
+    """The evidence less the bands above a frequency."""
+    return replace(evidence, bands=tuple((k, below_hz(b, hz)) for k, b in evidence.bands))
 
 
 def _counted_once(evidence: Evidence, fitted: Fitted) -> Evidence:
@@ -333,6 +436,22 @@ def _axes(
         level = float(np.mean(np.exp(list(known.values()))))
         ratios |= {(term, c): float(np.exp(v)) / level for c, v in known.items()}
     return p, alone, ratios
+
+
+def _unsaid(best: Fitted, term: Term) -> Told:
+    """A term of a fit that the data contradict."""
+    value, sigma = best.log_variance(term), best.sigma(term)
+    return Told(
+        term=term,
+        value=value,
+        sigma=sigma,
+        low=-np.inf,
+        high=value + 1.96 * sigma,
+        nats=0.0,
+        identified=False,
+        upper=value + 1.96 * sigma,
+        needed_s=NEVER_S,
+    )
 
 
 def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:

@@ -4,15 +4,16 @@ Streams at rest -> spectra and slow means -> one likelihood a triad -> what can 
 term, with the other sensors and the spread between runs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S
-from ins.noise import accel_densities, gyro_densities
+from ins.noise import FLICKER_FLOOR, accel_densities, gyro_densities
 from ins.records import InputError, Run, RunHeader, TwinModel
 from ins.robust import chi2
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
@@ -32,9 +33,10 @@ from simreal.twin.fit.evidence import (
     IDENTIFIED_SIGMA,
     Told,
     TriadFit,
+    below,
     fit_triad,
 )
-from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Model
+from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
 from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
 from simreal.twin.fit.rounding import roundings
@@ -88,15 +90,24 @@ def fit_twin(
     evidence, lines, left_out, shared = _evidence(streams)
     rate_hz = float(np.median([s.run.imu.rate_hz for s in streams]))
     seconds = float(sum(s.still_s for s in streams))
-    gyro = fit_triad(
-        evidence.of(GYRO_TRIAD), _gyro_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
-    )
-    accel = fit_triad(
-        evidence.of(ACCEL_TRIAD), _accel_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
-    )
+
+    def fit_of(channels: Sequence[int], model: Model) -> TriadFit:
+        of = evidence.of(channels)
+
+        def hopeless(fitted: Fitted) -> bool:
+            return any(contradicted(c) for c in curves_of(streams, of, (fitted, fitted)))
+
+        return fit_triad(of, model, 1.0 / rate_hz, seconds, hopeless)
+
+    gyro = fit_of(GYRO_TRIAD, _gyro_model(believed, 1.0 / rate_hz))
+    accel = fit_of(ACCEL_TRIAD, _accel_model(believed, 1.0 / rate_hz))
     told("reading the other sensors")
-    curves = curves_of(streams, evidence, (gyro.fitted, accel.fitted))
+    fits = {GYRO_TRIAD: gyro, ACCEL_TRIAD: accel}
+    read = [below(evidence.of(c), fit.band_hz or np.inf).bands for c, fit in fits.items()]
+    drawn = replace(evidence, bands=tuple(chain(*read)))
+    curves = curves_of(streams, drawn, (gyro.fitted, accel.fitted))
     against = {curve.channel.split("_")[0] for curve in curves if contradicted(curve)}
+    against |= {name for name, fit in (("gyro", gyro), ("accel", accel)) if fit.contradicted}
     parameters = _gyro_parameters(gyro, believed, seconds)
     parameters += _accel_parameters(accel, believed, seconds)
     against -= {_triad(p) for p in parameters if p.why is Why.ROUNDED}  # which is why, and known
@@ -125,6 +136,11 @@ def fit_twin(
         shared=shared,
         left_out=left_out,
         seconds=seconds,
+        read_below_hz={
+            name: fit.band_hz
+            for name, fit in (("gyro", gyro), ("accel", accel))
+            if fit.band_hz is not None
+        },
     )
 
 
@@ -276,6 +292,13 @@ ACCEL_TERMS = {
     Term.MARKOV: ("accel.gauss_markov_ug", MICRO_G),
     Term.SWAY: ("vehicle.sway_m_s", 1.0),
 }
+COVERED = {
+    "gyro": ("gyro.gauss_markov_deg_h", "bias_instability_deg_h"),
+    "accel": ("accel.gauss_markov_ug", "bias_instability_ug"),
+}
+# of flicker to the sigma of a Markov process, whose Allan deviation is 0.617 sigma at its highest
+# (IEEE Std 952-1997, annex C)
+MARKOV_AS_FLICKER = 0.617 / FLICKER_FLOOR
 # what the fit finds and a twin has no key for; it stands in the twin's `fit`
 BESIDE_TWIN = (
     "gyro.gauss_markov_deg_h",
@@ -291,7 +314,19 @@ def believed_value(twin: TwinModel, name: str) -> float:
     return float(getattr(getattr(twin, section), key, 0.0))
 
 
+def _contradicted(
+    terms: Mapping[Term, tuple[str, float]], twin: TwinModel, seconds: float
+) -> list[Parameter]:
+    """The parameters of a triad, all as they were believed to be."""
+    keys = [name for name, _ in terms.values() if name not in BESIDE_TWIN]
+    if Term.SWAY in terms:
+        keys += ["vehicle.sway_hz", "vehicle.sway_damping"]
+    return [_kept(key, twin, Why.CONTRADICTED, seconds) for key in keys]
+
+
 def _gyro_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
+    if fit.contradicted:
+        return _contradicted(GYRO_TERMS, twin, seconds)
     found = [
         _parameter(name, told, unit, believed_value(twin, name), seconds)
         for term, (name, unit) in GYRO_TERMS.items()
@@ -304,6 +339,8 @@ def _gyro_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Par
 
 
 def _accel_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
+    if fit.contradicted:
+        return _contradicted(ACCEL_TERMS, twin, seconds)
     found = [
         _parameter(name, told, unit, believed_value(twin, name), seconds)
         for term, (name, unit) in ACCEL_TERMS.items()
@@ -520,6 +557,19 @@ def _twin_of(believed: TwinModel, parameters: Sequence[Parameter], serial: str) 
         section, key = p.name.split(".")
         record = replace(getattr(twin, section), **{key: p.value})
         twin = replace(twin, **{section: record})
+    return _covering(twin, parameters)
+
+
+def _covering(twin: TwinModel, parameters: Sequence[Parameter]) -> TwinModel:
+    """The twin with flicker that covers the Markov processes that were told: it has no key for
+    them, and an estimate that knew nothing of them would be too sure.
+    """
+    told = {p.name: p.value for p in parameters if p.identified}
+    for section, (markov, flicker) in COVERED.items():
+        if markov in told:
+            record = getattr(twin, section)
+            size = float(np.hypot(getattr(record, flicker), MARKOV_AS_FLICKER * told[markov]))
+            twin = replace(twin, **{section: replace(record, **{flicker: size})})
     return twin
 
 

@@ -96,7 +96,8 @@ class TwinFit:
     covariance: of the parameters `names`; differ: per triad the p-value that its axes are alike and
     the white noise of each; axes: of each channel the variances of its white noise and of its
     quantisation over those of the twin, where its triad's differ; shared (3,): largest share of a
-    band of a gyro that the vehicle made.
+    band of a gyro that the vehicle made; read_below_hz: of each triad whose rows a filter has
+    smoothed, the frequency up to which they were read.
     """
 
     twin: TwinModel
@@ -112,6 +113,7 @@ class TwinFit:
     shared: NDArray
     left_out: Mapping[str, float]
     seconds: float
+    read_below_hz: Mapping[str, float]
 
     def of(self, name: str) -> Parameter:
         """The parameter of a name."""

@@ -93,6 +93,11 @@ class Bands:
         return found
 
 
+def below_hz(bands: Bands, hz: float) -> Bands:
+    """The bands with those above a frequency counting for nothing."""
+    return replace(bands, dof=np.where(bands.centre_hz > hz, 0.0, bands.dof))
+
+
 @dataclass(frozen=True)
 class Spectra:
     """All bands of a stream; left_out: share of the windows that were wild, by layer name; shared
