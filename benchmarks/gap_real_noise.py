@@ -327,6 +327,9 @@ def sealed(log: Log, number: int) -> dict:
         return {"reached": 0.0}
     middle = 0.5 * sum(log.rest)
     first, second = cut_run(run, log.rest[0], middle), cut_run(run, middle, log.rest[1])
+    halves = (view_run(half, 0, None, log.twin) for half in (first, second))
+    if not all(isinstance(view, RunView) for view in halves):
+        return {"reached": 0.0}  # a half that no longer rests
     found = diagnose([first], log.twin, None, DiagnosisSettings(replicates=REPLICATES))
     names = [first.header.run_id]
     with tempfile.TemporaryDirectory() as folder:
