@@ -188,7 +188,7 @@ def table_path(twin: TwinModel, folder: Path) -> Path | None:
     ------
     InputError
         Where the table lies outside the folder: a twin comes from somebody else, and shall open
-        nothing but its own table.
+        nothing but its own table. Where it is not there.
     """
     if twin.table is None:
         return None
@@ -197,6 +197,11 @@ def table_path(twin: TwinModel, folder: Path) -> Path | None:
         raise InputError(
             f"{twin.source}: table: {twin.table[:100]!r} leaves the folder of the twin, needed a"
             " path within it"
+        )
+    if not path.exists():
+        raise InputError(
+            f"{twin.source}: table: {twin.table[:100]!r} is not there, needed the table of the unit"
+            " beside the twin, or a twin without the key table"
         )
     return path
 

@@ -172,7 +172,9 @@ def read_revision(c: Connection, row: Any, number: int) -> Revision:
     )
     stored = found.one_or_none()
     if stored is None:
-        raise InputError(f"{key_of(row)}: no revision {number}, needed 1 to {last_number(c, row)}")
+        last = last_number(c, row)
+        needed = f"1 to {last}" if last > 1 else "1, the only one"
+        raise InputError(f"{key_of(row)}: no revision {number}, needed {needed}")
     values = dict(stored._mapping)
     record = values.pop("record_sha256")
     content_intact = text_sha256(values["table_json"]) == values["sha256"]

@@ -368,6 +368,10 @@ class TableStore(ProposalStore, PriorsStore):
                 )
             names = {"factory": tag_number(c, row, "factory"), "previous": active - 1}
             number = names.get(to, 0) if isinstance(to, str) else to
+            if to == "previous" and not number:
+                raise InputError(
+                    f"{key_of(row)}: revision {active} is active, there is none before it"
+                )
             if number == active:
                 raise InputError(
                     f"{key_of(row)}: revision {number} is the active one, nothing to roll back"

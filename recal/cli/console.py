@@ -102,15 +102,15 @@ ThermalModelPath = Annotated[
         " gradients is taken out of the log first.",
     ),
 ]
-OutputPath = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FOLDER",
-        help=f"The folder to write to, made if need be. Default: {FOLDER}.",
-    ),
-]
+
+
+def folder_option(default: str) -> Any:
+    """-o, with the folder that is written to without it."""
+    said = f"The folder to write to, made if need be. Default: {default}."
+    return typer.Option("-o", "--output", metavar="FOLDER", help=said)
+
+
+OutputPath = Annotated[Path | None, folder_option(FOLDER)]
 Force = Annotated[
     bool,
     typer.Option(

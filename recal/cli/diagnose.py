@@ -49,7 +49,7 @@ def command(
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
-    seed: Seed = None,
+    seed: Seed = 0,
 ) -> None:
     """The gap between simulator and logs: where it lies, which effect causes it, how far it shrinks
     with the effect.

@@ -10,6 +10,7 @@ import typer
 from recal.cli.console import (
     DEFAULT_STORE,
     Command,
+    Force,
     JsonFlag,
     NewStore,
     NewUnit,
@@ -22,6 +23,7 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
+    folder_option,
     login_name,
     say,
 )
@@ -100,7 +102,10 @@ def update(
     ] = "",
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="Settings file (TOML) with the sections session and ageing."),
+        typer.Option(
+            "--config",
+            help="Settings (TOML) with the sections session, flight and ageing. Default: none.",
+        ),
     ] = None,
     pages: Annotated[
         Pages,
@@ -206,7 +211,8 @@ def learn(
         ),
     ] = None,
     note: Annotated[str, typer.Option("--note", help="A note kept with the priors.")] = "",
-    output: OutputPath = None,
+    output: Annotated[Path | None, folder_option("recal-fleet-learn")] = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -220,8 +226,11 @@ def learn(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.priors.learn import LEARN_STEPS, LearnRequest, learn_priors
+    from recal.service.results.overwrite import need_free_report
 
     require_technology(technology)
+    folder = output or Path("recal-fleet-learn")
+    need_free_report(folder, "priors.json", "recal.priors/1", ("priors.html",), force=force)
     keep = None if dry_run else (login_name() if by is None else by, note)
     request = LearnRequest(
         store_url=store,
@@ -239,7 +248,7 @@ def learn(
         as_json=as_json,
         quiet=quiet,
         verbose=verbose,
-        report=(output or Path("recal-fleet-learn")) / "priors.html",
+        report=folder / "priors.html",
     )
     finish(result.verdict)
 
@@ -255,7 +264,8 @@ def forecast(
         typer.Option("--technology", help="Only units of rlg, fog or mems. Default: all."),
     ] = None,
     priors: PriorsChoice = "approved",
-    output: OutputPath = None,
+    output: Annotated[Path | None, folder_option("recal-fleet-forecast")] = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -268,20 +278,22 @@ def forecast(
     """
     from recal.service.priors.forecast import ForecastRequest
     from recal.service.priors.forecast import forecast as forecast_units
+    from recal.service.results.overwrite import need_free_report
 
     require_technology(technology)
-    result = forecast_units(
-        ForecastRequest(
-            store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
-        )
+    folder = output or Path("recal-fleet-forecast")
+    need_free_report(folder, "forecast.json", "recal.forecast/1", ("forecast.html",), force=force)
+    request = ForecastRequest(
+        store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
     )
+    result = forecast_units(request)
     answer(
         result.document,
         result.lines(verbose=verbose),
         as_json=as_json,
         quiet=quiet,
         verbose=verbose,
-        report=(output or Path("recal-fleet-forecast")) / "forecast.html",
+        report=folder / "forecast.html",
     )
     finish(result.verdict)
 

@@ -72,7 +72,7 @@ def command(
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
-    seed: Seed = None,
+    seed: Seed = 0,
 ) -> None:
     """Which recordings would separate rival effects, and from which size each effect is seen and
     told from its rival.

@@ -1,6 +1,7 @@
 """`recal replay`: navigate a log with the stored table and with the one before it."""
 
 import math
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
     from recal.service.replay import Aided
 
 REPLAY_STEPS = 5  # reading, two tables, satellite fixes, the report
+
+
+class Vehicle(StrEnum):
+    """What carries the unit."""
+
+    CAR = "car"
+    FIND = "find"
+    OTHER = "other"
 
 
 def command(
@@ -57,14 +66,13 @@ def command(
         ),
     ] = False,
     vehicle: Annotated[
-        str,
+        Vehicle,
         typer.Option(
             "--vehicle",
-            metavar="car|find|other",
             help="car: also held by its wheels (it goes where it points, at the odometer's speed);"
             " find: where the log shows a car.",
         ),
-    ] = "other",
+    ] = Vehicle.OTHER,
     kml: Annotated[
         bool,
         typer.Option("--kml", rich_help_panel=OUTPUT, help="Also write track.kml for a globe."),
@@ -117,12 +125,16 @@ def command(
     finish(flown.verdict)
 
 
-def _asked(outages: list[str], *, aided: bool, smooth: bool, vehicle: str) -> "bool | Aided":
+def _asked(outages: list[str], *, aided: bool, smooth: bool, vehicle: Vehicle) -> "bool | Aided":
     """What is asked of the aided flight; else whether there is one."""
     from ins.records import InputError
     from recal.service.replay import Aided
 
-    options = {"--outage": bool(outages), "--smooth": smooth, "--vehicle": vehicle != "other"}
+    options = {
+        "--outage": bool(outages),
+        "--smooth": smooth,
+        "--vehicle": vehicle is not Vehicle.OTHER,
+    }
     given = [name for name, asked in options.items() if asked]
     if not given:
         return aided

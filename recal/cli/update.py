@@ -72,7 +72,10 @@ def command(
     twin: TwinPath = None,
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="Settings file (TOML) with the sections session and ageing."),
+        typer.Option(
+            "--config",
+            help="Settings (TOML) with the sections session, flight and ageing. Default: none.",
+        ),
     ] = None,
     priors: PriorsChoice = "approved",
     thermal_model: ThermalModelPath = None,

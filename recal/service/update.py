@@ -144,7 +144,7 @@ def update(
         that the table holds already; give it where the result is to be committed to a store that
         knows the unit.
     config : path, optional
-        Settings (TOML), sections session and ageing.
+        Settings (TOML), sections session, flight and ageing.
     thermal_model : path, optional
         A fitted thermal_rlg.json or thermal_fog.json, taken out of the log first.
     accept_step : bool

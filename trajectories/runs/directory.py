@@ -35,6 +35,7 @@ from trajectories.runs.stream_files import HELD_ROWS, STREAM_ENDINGS, StreamFile
 from trajectories.runs.streams import RunStreams
 
 FORMATS = ("parquet", "csv", "csv.gz")
+MOST_STRANGERS = 10  # chosen: named one by one; a folder with 10 other files is hardly a run
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -319,7 +320,9 @@ def _run_files() -> set[str]:
 
 def _warn_of_strangers(path: Path, findings: Findings) -> None:
     strangers = sorted(p.name for p in path.iterdir() if p.name not in _run_files())
-    findings.warn(*(f"{name}: not part of a run, not read" for name in strangers))
+    findings.warn(*(f"{name}: not part of a run, not read" for name in strangers[:MOST_STRANGERS]))
+    if len(strangers) > MOST_STRANGERS:
+        findings.warn(f"{len(strangers) - MOST_STRANGERS} more files are not part of a run")
 
 
 def _refuse_foreign(path: Path) -> None:

@@ -17,8 +17,8 @@ from ins.units import ARCSEC, DEG
 def _missing(*, missing_deg: Sequence[float], rank: int) -> str:
     at = ", ".join(f"{place:.0f}" for place in missing_deg)
     return (
-        f"{4 - len(missing_deg)} azimuth(s) of the four, needed stops 90 deg apart: none near {at}"
-        f" deg; rank {rank} of 3"
+        f"stops on {4 - len(missing_deg)} of the four azimuths, needed all, 90 deg apart: none near"
+        f" {at} deg; rank {rank} of 3"
     )
 
 

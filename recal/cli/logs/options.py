@@ -17,7 +17,8 @@ MapFile = Annotated[
         "--map",
         metavar="FILE",
         rich_help_panel=INPUT,
-        help="Column map (TOML) of a table: its columns, units, axes and rate.",
+        help="Column map (TOML) of a table: its columns, units, axes and rate. Default: none, the"
+        " format is known by its content.",
     ),
 ]
 GnssFile = Annotated[
@@ -26,36 +27,56 @@ GnssFile = Annotated[
         "--gnss",
         metavar="FILE",
         rich_help_panel=INPUT,
-        help="Satellite fixes that are in a file of their own.",
+        help="Satellite fixes that are in a file of their own. Default: those in the log.",
     ),
 ]
 WhichImu = Annotated[
     int | None,
     typer.Option(
-        "--imu", min=1, rich_help_panel=INPUT, help="Which IMU of a log that has several."
+        "--imu",
+        min=1,
+        rich_help_panel=INPUT,
+        help="Which IMU of a log that has several. Default: the first.",
     ),
 ]
 LogFormat = Annotated[
     str | None, typer.Option("--format", help="Format of the log. Default: known by its content.")
 ]
-OfSerial = Annotated[str | None, typer.Option("--serial", help="Serial number of the unit.")]
+OfSerial = Annotated[
+    str | None, typer.Option("--serial", help="Serial number of the unit. Default: the log's.")
+]
 OfTechnology = Annotated[
     str | None,
-    typer.Option("--technology", metavar="rlg|fog|mems", help="Technology of the unit's gyros."),
+    typer.Option(
+        "--technology",
+        metavar="rlg|fog|mems",
+        help="Technology of the unit's gyros. Default: the log's.",
+    ),
 ]
 Latitude = Annotated[
     float | None,
     typer.Option("--lat-deg", help="Latitude where the run starts [deg]. Default: the log's."),
 ]
-Longitude = Annotated[float | None, typer.Option("--lon-deg", help="Its longitude [deg].")]
+Longitude = Annotated[
+    float | None,
+    typer.Option("--lon-deg", help="Longitude where the run starts [deg]. Default: the log's."),
+]
 Height = Annotated[
-    float | None, typer.Option("--height-m", help="Its height above the ellipsoid [m].")
+    float | None,
+    typer.Option(
+        "--height-m",
+        help="Height above the ellipsoid where the run starts [m]. Default: the log's.",
+    ),
 ]
 From = Annotated[
-    float | None, typer.Option("--from-s", help="Where to begin, by the log's own clock [s].")
+    float | None,
+    typer.Option(
+        "--from-s", help="Where to begin, by the log's own clock [s]. Default: its start."
+    ),
 ]
 To = Annotated[
-    float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")
+    float | None,
+    typer.Option("--to-s", help="Where to end, by the log's own clock [s]. Default: its end."),
 ]
 
 AcceptedScale = Annotated[

@@ -14,10 +14,15 @@ SerialOption = Annotated[
 ]
 TechnologyOption = Annotated[
     str | None,
-    typer.Option("--technology", metavar="rlg|fog|mems", help="Technology of the unit's gyros."),
+    typer.Option(
+        "--technology",
+        metavar="rlg|fog|mems",
+        help="Technology of the unit's gyros. Needed where neither store nor file tells it.",
+    ),
 ]
 ModeOption = Annotated[
-    str | None, typer.Option("--mode", help="Gyro mode of the unit, where it has several.")
+    str | None,
+    typer.Option("--mode", help="Gyro mode of the unit. Needed where the unit has several."),
 ]
 NoteOption = Annotated[str, typer.Option("--note", help="A note kept with the revision.")]
 RevisionOption = Annotated[

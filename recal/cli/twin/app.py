@@ -58,7 +58,11 @@ def fit(
     runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit, parked.")],
     start: Annotated[
         Path | None,
-        typer.Option("--start", help="Twin to begin with: kept where the runs tell nothing."),
+        typer.Option(
+            "--start",
+            help="Twin to begin with. Its numbers are kept where the runs tell nothing. Default:"
+            " that of the technology.",
+        ),
     ] = None,
     output: OutputPath = None,
     force: Force = False,

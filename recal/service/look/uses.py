@@ -45,18 +45,19 @@ USE_WORDS: Mapping[UseReason, str] = {
     UseReason.LEVEL_ONLY: "Roll and pitch are found, heading is not: {why}.",
     UseReason.NOT_ALIGNED: "No attitude is found: {why}.",
     UseReason.NOISE_TOLD: (
-        "{told} of {of} numbers of the noise model are told by {rest_min:.1f} min at rest."
+        "{rest_min:.1f} min at rest show {told} of the {of} numbers of the noise model."
     ),
     UseReason.NO_REST: "The unit never rests for a minute, so its own noise cannot be seen.",
     UseReason.NEVER_PARKED: (
         "The unit never stands parked for a minute, so no bias can be read against temperature."
     ),
     UseReason.TEMPERATURES: (
-        "The gyros rest at {low_degC:.1f} to {high_degC:.1f} degC: the table is renewed there."
+        "The unit rests with its gyros at {low_degC:.1f} to {high_degC:.1f} degC. The table can be"
+        " renewed over these temperatures."
     ),
     UseReason.NARROW: (
-        "The gyros rest at {low_degC:.1f} to {high_degC:.1f} degC only: the table is renewed in"
-        " that narrow range."
+        "The unit rests with its gyros at {low_degC:.1f} to {high_degC:.1f} degC only. The table"
+        " can be renewed in this narrow range."
     ),
     UseReason.NO_TEMPERATURE: (
         "The log holds no gyro temperature, and a bias without its temperature has no place in a"
@@ -64,12 +65,13 @@ USE_WORDS: Mapping[UseReason, str] = {
     ),
     UseReason.FIXES: "{fixes} satellite fixes aid the navigation and judge it.",
     UseReason.NO_FIXES: (
-        "There are fewer than {needed} satellite fixes: only the free-inertial drift can be shown."
+        "There are fewer than {needed} satellite fixes, so a replay shows the free-inertial drift"
+        " alone."
     ),
     UseReason.NO_START: "Without fixes the navigation needs a heading to start from.",
     UseReason.TWIN_FIRST: (
-        "The log is compared with a noise model; the first command makes one. Make it from another"
-        " log of the unit where you have one: a log always fits itself."
+        "The log is compared with a noise model, which the first command makes. If you have another"
+        " log of the unit, make the model from that one: a log always fits its own model."
     ),
 }
 
