@@ -16,7 +16,6 @@ from infield.reports.figures import (
     BLACK,
     GREEN,
     GREY,
-    LETTER,
     MAX_DOTS,
     NEW,
     OLD,
@@ -309,7 +308,7 @@ def _innovations(aided: AidedResult) -> Markup:
             t, y = thinned(history.fix_time_s[rejected] / 60.0, np.clip(over[rejected], -5.6, 5.6))
             ax.plot(t, y, color=OLD, marker="x", markersize=4.0, linestyle="none")
             axis_text(ax, title=f"{kind.capitalize()}, {name}", x=TIME if row else "")
-    figure.supylabel("innovation / sigma", fontsize=LETTER)
+        axes[row, 0].set_ylabel("over sigma")
     axes[0, 0].set_ylim(-6.0, 6.0)
     return svg_text(
         figure, "Innovations over their sigmas; two sigmas shaded, rejected fixes as crosses"
