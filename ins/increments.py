@@ -229,11 +229,11 @@ def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray]:
     """
     ends = np.asarray(ends, dtype=np.int64)
     starts = np.concatenate([[0], ends[:-1]])
-    turns, pushes = dcm_from_rotation_vector(rotation_vectors(imu)), velocity_increments(imu)
+    angles, pushes = rotation_vectors(imu), velocity_increments(imu)
     C, dv = np.tile(np.eye(3), (ends.size, 1, 1)), np.zeros((ends.size, 3))
     for k in range(int((ends - starts).max(initial=0))):
         of = np.flatnonzero(starts + k < ends)
         row = starts[of] + k
         dv[of] += np.einsum("kij,kj->ki", C[of], pushes[row])
-        C[of] = C[of] @ turns[row]
+        C[of] = C[of] @ dcm_from_rotation_vector(angles[row])
     return C, dv

@@ -30,6 +30,26 @@ from ins.verdicts import Reason
 HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
+# of flights of a part of the log that are kept; chosen: 79 models of two hours of fixes once a
+# second are 27 MB
+TRIED_BYTES = 64_000_000
+# arrays of a history: what its fixes say, and what such a flight does not keep
+OF_FIXES = ("nis", "used", "loglik")
+OF_ROWS = (
+    "time_s",
+    "lat_rad",
+    "lon_rad",
+    "height_m",
+    "v_n_m_s",
+    "C_nb",
+    "gyro_bias_rad_s",
+    "accel_bias_m_s2",
+    "variance",
+    "phi_covariance",
+    "covariance",
+    "residual",
+    "sigma",
+)
 # of log under way before a start by matching, which needs 60 s of it at most and tries every 20 s;
 # beyond it the heading is sought from the beginning on
 LATE_S = 75.0
@@ -90,7 +110,9 @@ class Beginning:
 
 @dataclass(frozen=True)
 class Flights:
-    """Flies the log as often as it is asked to; a start is looked for once for each antenna."""
+    """Flies the log as often as it is asked to; a start is looked for once for each antenna, and a
+    part of the log flown once for each model: of such a flight what the fixes say is kept alone.
+    """
 
     imu: ImuSource
     fixes: Fixes
@@ -103,6 +125,7 @@ class Flights:
     usual: UsualMotion | None = None
     starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
     held: list[ImuLog] = field(default_factory=list)
+    tried: dict[bytes, AidedHistory] = field(default_factory=dict, init=False)
 
     @property
     def rows_of_receiver(self) -> NDArray:
@@ -121,7 +144,14 @@ class Flights:
         found = self.start(model.antenna)
         if isinstance(found, Reason):
             return None
-        return self.from_start(found, model, whole=whole)
+        if whole:
+            return self.from_start(found, model, whole=True)
+        key = _key(model)
+        if key not in self.tried:
+            self.tried[key] = _of_fixes(self.from_start(found, model, whole=False))
+            while len(self.tried) > 1 and sum(map(_bytes, self.tried.values())) > TRIED_BYTES:
+                del self.tried[next(iter(self.tried))]
+        return self.tried[key]
 
     def from_start(self, found: FoundStart, model: Model, *, whole: bool) -> AidedHistory:
         """A flight from a start."""
@@ -180,6 +210,25 @@ class Flights:
 def _base_s(model: Model) -> float:
     """The delay that positions and velocities have in common [s]."""
     return min(model.antenna.delay_s, model.antenna.velocity_delay_s)
+
+
+def _key(model: Model) -> bytes:
+    """What a flight hangs on, to the last bit."""
+    antenna, scales = model.antenna, model.scales
+    values = [*vars(scales).values(), antenna.delay_s, antenna.velocity_delay_s, antenna.estimated]
+    return np.concatenate([values, antenna.lever_arm_m, antenna.covariance.ravel()]).tobytes()
+
+
+def _of_fixes(history: AidedHistory) -> AidedHistory:
+    """The history without its rows: what its fixes say of the model, and where it ends."""
+    without = {name: getattr(history, name)[:0].copy() for name in OF_ROWS}
+    of_fixes = {name: getattr(history, name).copy() for name in OF_FIXES}
+    return replace(history, **without, **of_fixes)
+
+
+def _bytes(history: AidedHistory) -> int:
+    """What a kept flight holds."""
+    return sum(getattr(history, name).nbytes for name in OF_FIXES)
 
 
 def _comes_late(found: FoundStart, fixes: Fixes, stands: tuple[Where, ...]) -> bool:

@@ -211,14 +211,13 @@ def moving_start(
     does.
     """
     best: float | None = None
+    windows_s = np.arange(FIRST_WINDOW_S, LONGEST_MATCH_S + 1.0, FIRST_WINDOW_S)
     for first_s in _candidates(imu, fixes):
+        tried_s = [w for w in windows_s if _worth_a_try(imu, fixes, first_s, first_s + w)]
+        if not tried_s:  # a rest is read where a window is tried alone: a log may be in its file
+            continue
         gyro = bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
-        for window_s in np.arange(FIRST_WINDOW_S, LONGEST_MATCH_S + 1.0, FIRST_WINDOW_S):
-            if (
-                first_s + window_s + LEAST_LEFT_S > imu.end_s
-                or level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S
-            ):
-                continue
+        for window_s in tried_s:
             log = imu.between(first_s, first_s + window_s)
             found = match_velocity(
                 log,
@@ -261,15 +260,26 @@ def _candidates(imu: ImuSource, fixes: Fixes) -> list[float]:
     ]
 
 
+def _worth_a_try(imu: ImuSource, fixes: Fixes, start_s: float, end_s: float) -> bool:
+    """Whether a window is followed by log, and its velocities change."""
+    if end_s + LEAST_LEFT_S > imu.end_s:
+        return False
+    return level_change(fixes, start_s, end_s) >= LEAST_CHANGE_M_S
+
+
 def level_change(fixes: Fixes, start_s: float, end_s: float) -> float:
     """The largest change of level satellite velocity within a span, less four sigmas of it
     [m/s].
     """
-    rows = (fixes.time_s >= start_s) & (fixes.time_s <= end_s) & np.isfinite(fixes.v_n_m_s[:, 0])
-    if rows.sum() < 2:
+    first = np.searchsorted(fixes.time_s, start_s, side="left")
+    inside = slice(first, np.searchsorted(fixes.time_s, end_s, side="right"))
+    v_n = fixes.v_n_m_s[inside]
+    measured = np.isfinite(v_n[:, 0])
+    if measured.sum() < 2:
         return 0.0
-    change = float(np.linalg.norm(np.ptp(fixes.v_n_m_s[rows, :2], axis=0)))
-    return max(change - 4.0 * float(np.median(fixes.sigma_velocity_m_s[rows, 0])), 0.0)
+    change = float(np.linalg.norm(np.ptp(v_n[measured, :2], axis=0)))
+    sigma = fixes.sigma_velocity_m_s[inside][measured, 0]
+    return max(change - 4.0 * float(np.median(sigma)), 0.0)
 
 
 def bias_before(

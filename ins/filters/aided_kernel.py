@@ -251,32 +251,37 @@ def put_scales(Phi, row, force, dt):
 
 
 @inner
-def predict(P, Phi, dt, noise, leapt, M, driving):
-    """P to Phi P Phi' + Q in place; M (38, 38) is room to work in.
+def predict(P, Phi, dt, noise, leapt, seen, moved):
+    """P to Phi P Phi' + Q in place; seen (27, 38), moved (9, 38): room to work in.
 
-    Phi is of the first 27; `driving` of them are states, 15 without scales. Biases and scales stand
-    still, so its rows 9-26 are unit, and so are those of the antenna; slow errors fade, and so does
-    what leaps of the positions add to their variance, leapt (3,).
+    Phi is of the first 27; its columns of scales are zero where they are no states. Biases and
+    scales stand still, so its rows 9-26 are unit, and so are those of the antenna; slow errors
+    fade, and so does what leaps of the positions add to their variance, leapt (3,).
+
+    The sums run over a number of states that the compiler knows, rows of them beside each other:
+    so it adds four at a time, in the order that each sum has by itself.
     """
-    for i in range(N):
-        for j in range(N):
-            M[i, j] = P[i, j]
+    for k in range(DRIVING):
+        for i in range(G_, N):
+            seen[k, i] = P[i, k]
     for i in range(G_):
         for j in range(N):
             total = 0.0
-            for k in range(driving):
+            for k in range(DRIVING):
                 total += Phi[i, k] * P[k, j]
-            M[i, j] = total
-    for i in range(N):
-        for j in range(i + 1):
-            if j < G_:
-                total = 0.0
-                for k in range(driving):
-                    total += M[i, k] * Phi[j, k]
-            else:
-                total = M[i, j]
-            P[i, j] = total
-            P[j, i] = total
+            moved[i, j] = total
+    for k in range(DRIVING):
+        for i in range(G_):
+            seen[k, i] = moved[i, k]
+    for j in range(G_):
+        for i in range(N):
+            total = 0.0
+            for k in range(DRIVING):
+                total += seen[k, i] * Phi[j, k]
+            moved[j, i] = total
+    for j in range(G_):
+        for i in range(j, N):
+            P[i, j] = P[j, i] = moved[j, i]
     for i in range(B_, L_):
         fades = exp(-dt / (noise[SLOW_S] if i < W_ else noise[SLOW_V_S]))
         sigma = noise[SLOW_V] if i >= W_ else noise[SLOW_DOWN] if i == W_ - 1 else noise[SLOW_LEVEL]
@@ -313,9 +318,10 @@ def update(x, P, H, z, variance, room, first):
         K = room[m]
         K[:N] = 0.0
         for j in range(N):
-            if H[m, j] != 0.0:
+            h = H[m, j]
+            if h != 0.0:
                 for i in range(N):
-                    K[i] += P[j, i] * H[m, j]
+                    K[i] += P[j, i] * h
         for i in range(N):
             s += H[m, i] * K[i]
             y -= H[m, i] * x[i]
@@ -323,10 +329,13 @@ def update(x, P, H, z, variance, room, first):
         nis += y * y / s
         loglik -= 0.5 * (log(s) + y * y / s)
         for i in range(N):
+            gain = K[i]
             if i < first:
-                x[i] += K[i] * y / s
+                x[i] += gain * y / s
             for j in range(min(i + 1, first)):
-                P[i, j] -= K[i] * K[j] / s
+                P[i, j] -= gain * K[j] / s
+        for i in range(N):
+            for j in range(min(i + 1, first)):
                 P[j, i] = P[i, j]
     return nis, loglik
 
@@ -542,7 +551,8 @@ def take_fix(
                 if H[a + i, j] != 0.0:
                     y -= H[a + i, j] * x[j]
                     for k in range(N):
-                        s += H[a + i, j] * P[j, k] * H[a + i, k]
+                        if H[a + i, k] != 0.0:
+                            s += H[a + i, j] * P[j, k] * H[a + i, k]
             out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
@@ -790,9 +800,9 @@ def run(
     roll_out : ndarray of int64, shape (m,)
         What became of each; written.
     """
-    Phi, M, H = np.zeros((DRIVING, DRIVING)), np.zeros((N, N)), np.zeros((6, N))
+    Phi, H = np.zeros((DRIVING, DRIVING)), np.zeros((6, N))
+    seen, moved = np.zeros((DRIVING, N)), np.zeros((G_, N))
     scaled = settings[HAS_SCALES] > 0.0
-    driving = DRIVING if scaled else MOTION
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
     flat, steady, unsure = np.zeros(dt.size), np.zeros(3), np.zeros(3)
@@ -835,7 +845,7 @@ def run(
         step_s = carry[DT]
         steady_force(P, out[0], step_s, noise[VRW], carry, steady, unsure)
         transition(out[0], steady, step_s, Phi, scaled)
-        predict(P, Phi, step_s, noise, carry[LEAPT:CARRY], M, driving)
+        predict(P, Phi, step_s, noise, carry[LEAPT:CARRY], seen, moved)
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
