@@ -34,8 +34,8 @@ FIT_S = 1800.0
 # second are 27 MB
 TRIED_BYTES = 64_000_000
 # arrays of a history: what its fixes say, and what such a flight does not keep
-OF_FIXES = ("nis", "used", "loglik")
-OF_ROWS = (
+KEPT_ARRAYS = ("nis", "used", "loglik")
+LEFT_ARRAYS = (
     "time_s",
     "lat_rad",
     "lon_rad",
@@ -221,14 +221,14 @@ def _key(model: Model) -> bytes:
 
 def _of_fixes(history: AidedHistory) -> AidedHistory:
     """The history without its rows: what its fixes say of the model, and where it ends."""
-    without = {name: getattr(history, name)[:0].copy() for name in OF_ROWS}
-    of_fixes = {name: getattr(history, name).copy() for name in OF_FIXES}
+    without = {name: getattr(history, name)[:0].copy() for name in LEFT_ARRAYS}
+    of_fixes = {name: getattr(history, name).copy() for name in KEPT_ARRAYS}
     return replace(history, **without, **of_fixes)
 
 
 def _bytes(history: AidedHistory) -> int:
     """What a kept flight holds."""
-    return sum(getattr(history, name).nbytes for name in OF_FIXES)
+    return sum(getattr(history, name).nbytes for name in KEPT_ARRAYS)
 
 
 def _comes_late(found: FoundStart, fixes: Fixes, stands: tuple[Where, ...]) -> bool:
