@@ -100,7 +100,9 @@ def allan_figure(document: TwinFitRecord) -> "Figure":
 
 @in_style
 def spectra_figure(document: TwinFitRecord) -> "Figure":
-    """Spectra: data in bands, model; a cross is a band that the vehicle's own motion fills."""
+    """Spectra: data in bands, model; a cross is a band that is left out, for the
+    vehicle's own motion fills it or a filter empties it.
+    """
     figure, axes = new_figure(2, 3, height=5.4)
     for k, channel in enumerate(document.channels):
         ax = axes.flat[_place(channel, k)]
@@ -125,7 +127,7 @@ def spectra_figure(document: TwinFitRecord) -> "Figure":
                 linestyle="none",
                 marker="x",
                 markersize=3,
-                label="the vehicle's",
+                label="left out: the vehicle's, or above a filter's band",
             )
         ax.plot(f, scale * np.sqrt(np.asarray(channel.power_model)), color=BLUE, label="model")
         ax.set_xscale("log")
