@@ -36,6 +36,9 @@ HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
 OTHER_SCALE_degC = 12.0
 # of a log: by then a unit that came in cold has warmed up; of an hour, the last 15 min
 LAST_SHARE = 0.25
+# of the readings of the air that are its coldest; chosen: spikes are fewer, and a unit cools within
+# a twentieth of a log to the air of a cruise that is no longer
+COLDEST_SHARE = 0.05
 # a guessed scale that brings them so near is named: less than half of the 12 above
 SAME_SCALE_degC = 5.0
 ALIVE_SHARE = 0.2  # of rows that change: a fine thermometer flickers; chosen: every 5th row
@@ -495,18 +498,21 @@ def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDA
 
 
 def _colder_than_ambient(judge: _Judge, gyros: list[str]) -> None:
-    """A powered unit heats itself: at the end of a log it is not colder than the air around it."""
+    """A powered unit heats itself: at the end of a log it is not colder than the coldest air that
+    it was in. After a cruise it is colder than the air at the ground for an hour.
+    """
     name = "ambient_degC"
     if name not in judge.columns or not judge.valid[name].any() or not gyros:
         return
     late = judge.t >= judge.t[-1] - LAST_SHARE * (judge.t[-1] - judge.t[0])
-    air = judge.columns[name][judge.valid[name] & late]
+    air = judge.columns[name][judge.valid[name]]
     inside = [judge.columns[g][judge.valid[g] & late] for g in gyros]
     if not air.size or not all(v.size for v in inside):
         return
-    colder = float(np.median(air) - max(np.median(v) for v in inside))
+    coldest = float(np.quantile(air, COLDEST_SHARE))
+    colder = coldest - float(max(np.median(v) for v in inside))
     if colder <= OTHER_SCALE_degC:
         return
     for g in gyros:
-        text = f"is {colder:.0f} degC colder than the ambient air at the end of the log"
+        text = f"is {colder:.0f} degC colder at the end of the log than the coldest ambient air"
         judge.drop(g, FaultKind.SCALE, judge.rows(g), f"{text}: wrong offset?")

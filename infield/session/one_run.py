@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from alignment.linearised import NothingStands
 from alignment.motion.inertial import Where
 from alignment.motion.speeds import speed_disagreement, steady_roll
 from infield.session import acceptance
@@ -189,6 +190,14 @@ def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEsti
         return acceptance.refuse(found) if isinstance(found, Reason) else found
     try:
         return estimate_session(*of_run, rest=rest, end_s=end_s)
+    except NothingStands as moves:
+        return acceptance.refuse(
+            because(
+                SessionReason.REST_MOVES,
+                **moves.reason.values,
+                needed_s=acceptance.MIN_MERGED_REST_S,
+            )
+        )
     except ArithmeticError as lost:
         return acceptance.refuse(because(SessionReason.FILTER_LOST, fault=str(lost)))
 

@@ -95,6 +95,7 @@ class SessionReason(StrEnum):
     LEVEL_REMOVED = "level_removed"
     TEMPERATURE_UNCOVERED = "temperature_uncovered"
     FILTER_LOST = "filter_lost"
+    REST_MOVES = "rest_moves"
     SHORT_REST = "short_rest"
     EXCESS_RESIDUALS = "excess_residuals"
     RATES_CHANGE = "rates_change"

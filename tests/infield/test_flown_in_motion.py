@@ -13,7 +13,7 @@ from infield.reports.documents.session import session_document
 from infield.reports.words.sentences import sentences
 from infield.session.flown import start
 from infield.session.one_run import take_run
-from infield.session.reasons import FlightReason
+from infield.session.reasons import FlightReason, SessionReason
 from ins.units import MILLIRADIAN
 from ins.verdicts import Outcome
 from tests.infield.flown_cases import bin_errors, flown
@@ -122,3 +122,13 @@ def test_a_heading_that_stays_wide_is_refused_with_what_was_needed(monkeypatch):
     assert why.code is FlightReason.HEADING_UNSEEN
     assert why.values["sigma_rad"] > why.values["limit_rad"] == 1e-5
     assert "first 10 min show the heading within" in sentences([why])[0]
+
+
+def test_a_smooth_cruise_without_receiver_is_refused():
+    """Ten minutes of it, which read like a rest: an error of the filter ended the update once."""
+    cruise = cut_run(flown(1).run, 1200.0, 1800.0)
+    result = taken(replace(cruise, gnss=None))
+    assert result.verdict.outcome is Outcome.REFUSED
+    assert [why.code for why in result.verdict.reasons] == [SessionReason.REST_MOVES]
+    (said,) = sentences(result.verdict.reasons)
+    assert "a smooth cruise reads like that" in said and "needed 300 s" in said

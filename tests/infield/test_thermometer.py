@@ -167,3 +167,16 @@ def test_gyros_colder_than_the_air_at_the_end_are_not_believed():
     """The unit settles at 34 degC in air of -5 degC: 55 degC too low is colder than the air."""
     assert gyro_temperature(with_others(-55.0, ambient_degC=True)).unusable == ("x", "y", "z")
     assert gyro_temperature(with_others(-20.0, ambient_degC=True)).unusable == ()
+
+
+def test_a_unit_that_comes_from_a_cold_cruise_is_believed_on_warm_ground():
+    """Air of -40 degC aloft and 20 degC after landing: the unit, at 2 degC, still warms up. All its
+    thermometers were dropped once.
+    """
+    landed = np.clip((HOUR - HOUR[-1] + 900.0) / 300.0, 0.0, 1.0)
+    log = TemperatureLog(
+        time_s=HOUR,
+        gyro_degC=np.stack([-8.0 + 10.0 * landed + 0.1 * k for k in range(3)], axis=1),
+        ambient_degC=-40.0 + 60.0 * landed,
+    )
+    assert gyro_temperature(log).unusable == ()
