@@ -211,8 +211,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ),
     SessionReason.FILTER_LOST: "the filter cannot follow this log: {fault}",
     SessionReason.REST_MOVES: (
-        "the log reads like a rest for {rest_s:.0f} s, but its own solution stands still for no step"
-        " of the filter there, needed {needed_s:g} s: a smooth cruise reads like that, and a"
+        "the log reads like a rest for {rest_s:.0f} s, but its own solution stands still for no"
+        " step of the filter there, needed {needed_s:g} s: a smooth cruise reads like that, and a"
         " unit much noisier than its noise model ({source}). With a satellite receiver a log is"
         " taken from the air on; without one it must begin parked, for 5 to 15 min"
     ),
