@@ -21,6 +21,7 @@ from infield.aided.noise import (
     COARSE_FACTOR,
     FINE_FACTOR,
     SLOW_PARTS,
+    STEADY_PARTS,
     Flown,
     Fly,
     Model,
@@ -39,6 +40,10 @@ FREED_GAIN_NATS = 7.0  # for each thing that is freed
 PASSES = 4  # of a free flight, each begun where the last one ended
 SETTLED_S, SETTLED_M = 0.003, 0.1  # 0.003 s at 30 m/s is 0.09 m, as much as the other
 LEAST_DELAY_S = 0.01  # 1 m at 100 m/s, within the noise of a fix
+# four sigmas of the prior: receivers are a quarter of a second late, filters of velocities half a
+# second; what fits at 6 s fits a receiver that tells nothing of the motion
+MOST_DELAY_S = 4.0 * PRIOR_DELAY_S
+MOST_ARM_M = 4.0 * PRIOR_ARM_M  # likewise; 33 m were found on a copter
 ARM_FLOOR, LEAST_ARM_M = 0.3, 0.03  # of the sigma of a position; of structures that bend
 # where velocities are older than positions, a filter made them so, and a filter is no pure delay
 FILTERED_M_S = 1.5
@@ -51,6 +56,9 @@ WIDE = NoiseScales(
 # sensors on a running airframe: between the two lies a valley of likelihood, 84 nats deep at walks
 # of 4 on a copter whose walks of 16 bring 2,100
 SHAKEN = NoiseScales(white=8.0, walk=32.0, accel_white=8.0, accel_walk=32.0)
+# whose accelerometers clip and rectify where the vehicle shakes
+STIRRED_UNITS = ("mems",)
+SHAKING_CHANGES = 2.0  # chosen: least to most in a log; of white noise, known to 7 %, it is 1.3
 ARM, DELAYS = slice(0, 3), slice(3, 5)
 
 
@@ -151,7 +159,30 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
     )
     assert low is not None
     better = wide if wide is not None and wide.over(low) > 0.0 else low
-    return raised_noise(better, fly, steps=(FINE_FACTOR,))
+    steady = raised_noise(better, fly, steps=(FINE_FACTOR,))
+    return _stirred(fly, first, steady)
+
+
+def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
+    """The likeliest factors with biases of the accelerometers that move with the shaking, where
+    they are likelier than without; looked for from noise as declared and from what was found
+    without. Noise that nobody believes is not taken for noise that one may.
+    """
+    least, most = steady.history.shaking
+    if fly.technology not in STIRRED_UNITS or most < SHAKING_CHANGES * least:
+        return steady
+    best, lead = steady, CHANGE_GAIN_NATS
+    for scales in (NoiseScales(), steady.model.scales):
+        at = flown(replace(first, scales=replace(scales, stirred=1.0)), fly)
+        if at is None:
+            continue
+        other = raised_noise(at, fly, (*STEADY_PARTS, "stirred"))
+        doubted = other.model.scales.beyond(fly.technology)
+        if doubted and not steady.model.scales.beyond(fly.technology):
+            continue
+        if (gain := other.over(steady)) > lead:
+            best, lead = other, gain
+    return best
 
 
 def choose(
@@ -169,7 +200,7 @@ def choose(
     seen = None if every is None else _floored(every, sigma_position_m, BOTH)
     best, taken, lead = none, NOTHING_FREED, 0.0
     for freed, flight in flights.items():
-        if flight is None or not _material(flight, base.antenna, freed, sigma_position_m):
+        if flight is None or not material(flight, base.antenna, freed, sigma_position_m):
             continue
         gain = flight.over(none) - FREED_GAIN_NATS * sum(freed)
         if gain > lead:
@@ -225,7 +256,7 @@ def _floor_m(flight: Flown, sigma_position_m: float) -> float:
     )
 
 
-def _material(flight: Flown, declared: Antenna, freed: Freed, sigma_position_m: float) -> bool:
+def material(flight: Flown, declared: Antenna, freed: Freed, sigma_position_m: float) -> bool:
     """Whether what was freed is off what was declared by more than its sigma and what does not
     matter.
     """
@@ -233,11 +264,13 @@ def _material(flight: Flown, declared: Antenna, freed: Freed, sigma_position_m: 
     late_s = max(
         abs(end.delay_s - declared.delay_s), abs(end.velocity_delay_s - declared.velocity_delay_s)
     )
-    if freed.delay and late_s < LEAST_DELAY_S:
+    if freed.delay and not LEAST_DELAY_S <= late_s <= MOST_DELAY_S:
         return False
     if not freed.arm:
         return True
     off = end.lever_arm_m - declared.lever_arm_m
+    if np.abs(off).max() > MOST_ARM_M:
+        return False
     P = end.covariance[ARM, ARM] + _floor_m(flight, sigma_position_m) ** 2 * np.eye(3)
     return bool(off @ np.linalg.solve(P, off) > chi2.isf(ARM_PROBABILITY, 3))
 

@@ -1,8 +1,10 @@
-"""What a log of fixes says against itself or its header: fixes that repeat, a site elsewhere, a
-unit that looks sideways.
+"""What a log of fixes says against itself or its header: fixes that repeat, velocities that are not
+the way of the positions, a site elsewhere, a unit that looks sideways.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from alignment.motion.inertial import Where
 from infield.aided.reasons import AidedNote
 from infield.aided.start import SOON_S
 from ins.attitude import euler_from_dcm, wrap_pi
-from ins.earth import ecef_from_geodetic
+from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.filters.aided_records import AidedHistory, Fixes
 from ins.records import Site
 from ins.units import DEG
@@ -25,6 +27,20 @@ ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
 # chosen: mountings are within a degree or two, so 5 deg are no mounting; a scatter beyond 20 deg
 # is wind or slip, not a turned unit. It is a note and changes nothing
 OFF_TRACK_RAD, SPREAD_RAD = 5.0 * DEG, 20.0 * DEG
+# spans over which the way of positions is set beside that of velocities [s]; chosen: errors that
+# are the same for longer are the receiver's slow ones, which have states
+WAY_SPANS_S = (1.0, 2.0, 3.0, 5.0, 10.0)
+# sigmas of that difference, its velocities' errors taken as one for the whole span: of 25 public
+# logs 19 stay below 2.7
+CONTRADICTS_SIGMAS = 4.0
+# chosen: what receivers without corrections are good to, whatever is declared
+LEAST_PLACE_M, LEAST_SPEED_M_S = 1.0, 0.3
+AGE_S = 0.3  # by which positions may be older than velocities, as infield.aided.antenna
+# chosen: of the difference over a span, in its 2 largest steps from fix to fix: a leap is in 1, a
+# wild fix in 2
+LEAP_SHARE = 0.7
+MOST_MISSING_S = 3.0  # between two fixes of a span; chosen: of 1 fix a second 2 may be lost
+FEWEST_WAYS = 10  # chosen: fixes, as many as a flight needs (10)
 SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0  # 5 sigmas: 6e-7 of Gaussian errors lie beyond
 
 
@@ -47,6 +63,99 @@ def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[Reason, ...]]:
         speed_m_s=float(np.median(speed[rows])),
     )
     return replace(fixes, r_e_m=r_e + hole, v_n_m_s=fixes.v_n_m_s + hole), (note,)
+
+
+class Widened(StrEnum):
+    """Whose sigmas are widened where positions and velocities contradict each other."""
+
+    POSITION, VELOCITY, BOTH = "position", "velocity", "both"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contradicted:
+    """Fixes whose velocities are not the way of their positions.
+
+    place_m, speed_m_s (n, 3): sigmas, NED, that explain it by either, 0 where nothing is to be
+    explained; sigmas: the largest difference over its sigma.
+    """
+
+    place_m: NDArray
+    speed_m_s: NDArray
+    sigmas: float
+
+    @property
+    def rows(self) -> NDArray:
+        """Which fixes (n,)."""
+        return np.asarray((self.place_m > 0.0).any(axis=1))
+
+    @property
+    def components(self) -> str:
+        """Of which components."""
+        names = zip(("north", "east", "down"), self.place_m.T, strict=True)
+        return ", ".join(name for name, of in names if (of > 0.0).any())
+
+    def widened(self, fixes: Fixes) -> Mapping[Widened, Fixes]:
+        """The fixes with either explanation, and with both."""
+        place = np.hypot(fixes.sigma_position_m, self.place_m)
+        speed = np.hypot(fixes.sigma_velocity_m_s, self.speed_m_s)
+        positions = replace(fixes, sigma_position_m=place)
+        return {
+            Widened.POSITION: positions,
+            Widened.VELOCITY: replace(fixes, sigma_velocity_m_s=speed),
+            Widened.BOTH: replace(positions, sigma_velocity_m_s=speed),
+        }
+
+
+def contradicted(fixes: Fixes) -> Contradicted | None:
+    """Where the positions go another way than the velocities over spans of 1 to 10 s; None where
+    nowhere.
+
+    The velocities' errors count as one error over a span, and the difference in age of the two as
+    AGE_S, so that only what no honest receiver does is found. A leap of the positions, or a wild
+    fix, is none of it: the filter has its own way with these.
+    """
+    whole = np.isfinite(fixes.r_e_m).all(axis=1) & np.isfinite(fixes.v_n_m_s).all(axis=1)
+    seen = np.flatnonzero(whole)
+    if seen.size < FEWEST_WAYS:
+        return None
+    t, v, r_e = fixes.time_s[seen], fixes.v_n_m_s[seen], fixes.r_e_m[seen]
+    lat, lon, _ = geodetic_from_ecef(r_e[:1])
+    dt = np.diff(t)[:, None]
+    off = (r_e - r_e[0]) @ dcm_en(lat, lon)[0] - _summed(0.5 * (v[1:] + v[:-1]) * dt)
+    place = np.maximum(fixes.sigma_position_m[seen], LEAST_PLACE_M)
+    speed = np.maximum(fixes.sigma_velocity_m_s[seen], LEAST_SPEED_M_S)
+    way = _summed(0.5 * (speed[1:] + speed[:-1]) * dt)
+    between = _summed((0.25 * np.diff(v, axis=0) * dt) ** 2)  # of a straight line between two
+    piece = np.concatenate([[0], np.cumsum(np.diff(t) > MOST_MISSING_S)])
+    place_m, speed_m_s, most = np.zeros(v.shape), np.zeros(v.shape), 0.0
+    for span_s in WAY_SPANS_S:
+        last = np.searchsorted(t, t + span_s - 1e-6)
+        a = np.flatnonzero(last < t.size)
+        a = a[piece[last[a]] == piece[a]]
+        b = last[a]
+        apart = np.abs(off[b] - off[a])
+        variance = place[a] ** 2 + place[b] ** 2 + (way[b] - way[a]) ** 2
+        variance += (AGE_S * (v[b] - v[a])) ** 2 + between[b] - between[a]
+        over = apart / np.sqrt(variance)
+        for k, axis in zip(*np.nonzero(over > CONTRADICTS_SIGMAS), strict=True):
+            of = slice(a[k], b[k] + 1)
+            steps = np.sort(np.abs(np.diff(off[of, axis])))
+            if steps[-2:].sum() > LEAP_SHARE * apart[k, axis]:
+                continue
+            most = max(most, float(over[k, axis]))
+            seconds = t[b[k]] - t[a[k]]
+            place_m[of, axis] = np.maximum(place_m[of, axis], apart[k, axis] / np.sqrt(2.0))
+            speed_m_s[of, axis] = np.maximum(speed_m_s[of, axis], apart[k, axis] / seconds)
+    if most == 0.0:
+        return None
+    every = np.zeros((2, *fixes.v_n_m_s.shape))
+    every[:, seen] = place_m, speed_m_s
+    return Contradicted(place_m=every[0], speed_m_s=every[1], sigmas=most)
+
+
+def _summed(steps: NDArray) -> NDArray:
+    """Sums (n, 3) of steps (n - 1, 3), from zero on."""
+    return np.vstack([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
 def site_note(

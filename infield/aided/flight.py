@@ -20,7 +20,7 @@ from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
 from infield.aided.antenna import Fitted, SeenAntenna, fit_model
-from infield.aided.checks import mounting_note, site_note, without_repeats
+from infield.aided.checks import Widened, contradicted, mounting_note, site_note, without_repeats
 from infield.aided.flights import Beginning, Flights, options_of
 from infield.aided.grade import Weak, graded
 from infield.aided.headings import HeadingOpen, Sky
@@ -32,13 +32,21 @@ from infield.aided.left_out import (
     usual_motion,
     without,
 )
-from infield.aided.noise import MATERIAL, Flown, Model, NoiseScales, capped_nis
+from infield.aided.noise import (
+    CHANGE_GAIN_NATS,
+    MATERIAL,
+    Flown,
+    Model,
+    NoiseScales,
+    capped_nis,
+    flown,
+)
 from infield.aided.open_heading import fly_open
 from infield.aided.reasons import AidedGrade, AidedNote, AidedReason, AidedVerdict, StartMethod
 from infield.aided.smoothing import smooth_all_headings, smooth_flight
 from infield.aided.start import FoundStart
 from infield.aided.taken import antenna_notes, noise_notes, unbelieved
-from infield.aided.wheels import WheelsFound, seen_wheels
+from infield.aided.wheels import Mounting, WheelsFound, seen_wheels
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
 from ins.noise import (
@@ -88,7 +96,7 @@ class AidedResult:
     (`capped_nis`); flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter
     follows it. every: fixes, those that were left out
     among them. smooth: gives the solution that all fixes make; smoothed: that solution, and
-    smoothed_scores: its outages.
+    smoothed_scores: its outages. mounting: of a unit whose vehicle is held by its wheels.
     """
 
     verdict: AidedVerdict
@@ -111,6 +119,7 @@ class AidedResult:
     smooth: Callable[[], AidedHistory] | None = None
     smoothed: AidedHistory | None = None
     smoothed_scores: tuple[OutageScore, ...] = ()
+    mounting: Mounting | None = None
 
     def with_smoothed(self, left_out: tuple[Where, ...] = ()) -> "AidedResult":
         """The result with the smoothed solution, scored where fixes were left out."""
@@ -248,19 +257,21 @@ def navigate_aided(
         return replace(_refused(why, role), fixes=fixes, stands=stands)
     found = flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
+    fitted, flights, contradicts, widened = _less_contradicted(flights, fitted)
     fitted, flights, without_fixes = _as_usual(flights, fitted)
     open_heading: tuple[Reason, ...] = ()
     if found.method is StartMethod.ALL_HEADINGS:
         fitted, why = _from_all_headings(flights, fitted)
         open_heading = (because(AidedNote.HEADING_OPEN, reason=why),)
-    fitted, flights, rolling = _on_wheels(flights, fitted, run, aiding, found)
+    fitted, flights, rolling, mounting = _on_wheels(flights, fitted, run, aiding, found)
     history, scales = fitted.history, fitted.model.scales
-    reasons = judged(history) + unbelieved(scales, header.gyro_technology)
+    reasons = judged(history) + contradicts + unbelieved(scales, header.gyro_technology)
     notes = (
         open_heading
         + rolling
         + without_fixes
         + repeats
+        + widened
         + site_note(fixes, stands, header.site, imu.start_s)
     )
     notes += mounting_note(history)
@@ -288,7 +299,43 @@ def navigate_aided(
         flicker=(gyro_densities(twin.gyro).instability, accel_densities(twin.accel).instability),
         smooth=lambda: _smoothed(flights, found, fitted.model),
         every=every,
+        mounting=mounting,
     )
+
+
+def _less_contradicted(
+    flights: Flights, fitted: Fitted
+) -> tuple[Fitted, Flights, tuple[Reason, ...], tuple[Reason, ...]]:
+    """The flight with wider sigmas where velocities are not the way of the positions: of that which
+    the sensors contradict, or of both; reasons against the log, and notes.
+
+    With the noise as found; as it is where that is likelier: the gate leaves out what is wild for a
+    moment.
+    """
+    seen = contradicted(flights.fixes)
+    plain = None if seen is None else flown(fitted.model, flights)
+    if seen is None or plain is None:
+        return fitted, flights, (), ()
+    best, lead, whose = flights, CHANGE_GAIN_NATS, None
+    for kind, fixes in seen.widened(flights.fixes).items():
+        other = replace(flights, fixes=fixes)
+        trial = flown(fitted.model, other)
+        if trial is not None and (gain := trial.over(plain)) > lead:
+            best, lead, whose = other, gain + CHANGE_GAIN_NATS, kind
+    history = None if whose is None else best(fitted.model, whole=True)
+    if whose is None or history is None:
+        return fitted, flights, (), ()
+    rows = np.flatnonzero(seen.rows)
+    count = int(np.isfinite(flights.fixes.r_e_m[:, 0]).sum())
+    told = {"count": rows.size, "components": seen.components, "sigmas": seen.sigmas}
+    time_s = flights.fixes.time_s[rows]
+    note = because(
+        AidedNote.FIXES_WIDENED, first_s=time_s[0], last_s=time_s[-1], whose=whose, **told
+    )
+    against: tuple[Reason, ...] = ()
+    if whose is Widened.BOTH and rows.size > MOST_REJECTED * count:
+        against = (because(AidedReason.RECEIVER_CONTRADICTS, seen=count, **told),)
+    return replace(fitted, history=history), best, against, (note,)
 
 
 def _as_usual(flights: Flights, fitted: Fitted) -> tuple[Fitted, Flights, tuple[Reason, ...]]:
@@ -308,12 +355,14 @@ def _as_usual(flights: Flights, fitted: Fitted) -> tuple[Fitted, Flights, tuple[
 
 def _on_wheels(
     flights: Flights, fitted: Fitted, run: Run, aiding: "Aiding", found: FoundStart
-) -> tuple[Fitted, Flights, tuple[Reason, ...]]:
-    """The flight held by its wheels where the vehicle is a car, and what there is to say of it."""
+) -> tuple[Fitted, Flights, tuple[Reason, ...], Mounting | None]:
+    """The flight held by its wheels where the vehicle is a car, what there is to say of it, and how
+    the unit is mounted.
+    """
     if aiding.vehicle not in (Vehicle.CAR, Vehicle.FIND) or (
         found.method is StartMethod.ALL_HEADINGS
     ):
-        return fitted, flights, ()
+        return fitted, flights, (), None
     arm_m = np.asarray(run.header.wheel_reference_m, dtype=float)
     declared = aiding.vehicle is Vehicle.CAR
     seen = seen_wheels(fitted.history, run.odometer, arm_m, aiding.left_out, declared=declared)
@@ -322,13 +371,14 @@ def _on_wheels(
         held = replace(flights, wheels=seen.wheels)
         history = held(fitted.model, whole=True)
     if history is None or seen.mounting is None:
-        return fitted, flights, (because(AidedNote.NO_WHEELS, why=seen.found),)
+        return fitted, flights, (because(AidedNote.NO_WHEELS, why=seen.found),), None
     slips = history.rolled[1] > MOST_REJECTED * sum(history.rolled)
     if (
         slips
         or Flown(fitted.model, history).over(Flown(fitted.model, fitted.history)) < -WORSE_NATS
     ):
-        return fitted, flights, (because(AidedNote.NO_WHEELS, why=WheelsFound.CONTRADICTED),)
+        note = because(AidedNote.NO_WHEELS, why=WheelsFound.CONTRADICTED)
+        return fitted, flights, (note,), None
     note = because(
         AidedNote.WHEELS_TAKEN,
         side_m_s=seen.slip_m_s[0],
@@ -338,7 +388,7 @@ def _on_wheels(
         used=history.rolled[0],
         rejected=history.rolled[1],
     )
-    return replace(fitted, history=history), held, (note,)
+    return replace(fitted, history=history), held, (note,), seen.mounting
 
 
 def _smoothed(flights: Flights, found: FoundStart, model: Model) -> AidedHistory:

@@ -1,10 +1,11 @@
 """How much larger than declared the noise of a log is, by the aided filter's own innovations.
 
 The declared noise stands wherever the innovations fit it. Where they do not, factors are raised,
-never lowered: white noise of the sensors, walks of their biases, sigmas of the satellite positions
-and of the velocities, all by the likelihood of the innovations, with the antenna free
-(`infield.aided.antenna`), so that no lever arm or delay passes for noise. A slow error of
-the positions, which hides in innovations that fit, is tried in any case. NIS is then near one by
+never lowered: white noise of the sensors, walks of their biases, how far the accelerometers' biases
+go with the shaking of the vehicle (a copter that takes off: 2 to 3 m/s^2 where they clip), sigmas
+of the satellite positions and of the velocities, all by the likelihood of the innovations, with the
+antenna free (`infield.aided.antenna`), so that no lever arm or delay passes for noise. A slow error
+of the positions, which hides in innovations that fit, is tried in any case. NIS is then near one by
 construction and tests nothing any more; the document says so and keeps the first.
 """
 
@@ -28,6 +29,7 @@ LARGEST_FACTORS = {
     "walk": 1024.0,
     "accel_white": 4096.0,
     "accel_walk": 1024.0,
+    "stirred": 4.0,
     "slow": 64.0,
     "slow_s": 800.0,
     "slow_velocity": 64.0,
@@ -38,13 +40,17 @@ LEAST_FACTORS = {
     "walk": 1.0,
     "accel_white": 1.0,
     "accel_walk": 1.0,
+    "stirred": 0.0625,
     "slow": 0.5,
     "slow_s": 100.0,
     "slow_velocity": 0.5,
     "slow_velocity_s": 0.75,
 }
+ARISE = ("stirred", "slow", "slow_velocity")  # are none at first
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
 SENSOR_PARTS = ("white", "walk", "accel_white", "accel_walk")  # gyros, then accelerometers
+# all but "stirred", which is looked for by itself
+STEADY_PARTS = tuple(name for name in LARGEST_FACTORS if name != "stirred")
 SLOW_PARTS = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
 # factors on sensors from which on no noise explains a log; white noise of MEMS accelerometers
 # stands out: 60 m/s^2 of vibration, beyond which autopilots warn, sampled at 50 Hz are 8 000 times
@@ -60,13 +66,14 @@ MAX_OUTLIERS = 0.1
 @dataclass(frozen=True, kw_only=True)
 class NoiseScales:
     """Factors on declared sigmas; slow, slow_velocity: on those of a position and a velocity, for
-    slow errors of time constants slow_s, slow_velocity_s [s].
+    slow errors of time constants slow_s, slow_velocity_s [s]. stirred: as in `AidedNoise`.
     """
 
     white: float = 1.0
     walk: float = 1.0
     accel_white: float = 1.0
     accel_walk: float = 1.0
+    stirred: float = 0.0
     position: float = 1.0
     velocity: float = 1.0
     slow: float = 0.0
@@ -77,6 +84,12 @@ class NoiseScales:
     @property
     def fitted(self) -> bool:
         return self != replace(NOTHING, slow_s=self.slow_s, slow_velocity_s=self.slow_velocity_s)
+
+    def beyond(self, technology: str) -> tuple[str, ...]:
+        """Names of the sensors' factors that no noise of a technology explains."""
+        return tuple(
+            name for name in SENSOR_PARTS if getattr(self, name) >= believed(name, technology)
+        )
 
     @property
     def capped(self) -> tuple[str, ...]:
@@ -97,6 +110,7 @@ class NoiseScales:
             vrw=self.accel_white * noise.vrw,
             gyro_walk=self.walk * noise.gyro_walk,
             accel_walk=self.accel_walk * noise.accel_walk,
+            stirred=self.stirred,
             slow_level_m=self.slow * level_m,
             slow_down_m=self.slow * down_m,
             slow_s=self.slow_s,
@@ -109,7 +123,7 @@ class NoiseScales:
         and goes below LEAST_FACTORS.
         """
         value = step * getattr(self, name)
-        if name in OF_WHAT.values() and value < LEAST_FACTORS[name]:
+        if name in ARISE and value < LEAST_FACTORS[name]:
             value = float(getattr(self, name) == 0.0 and step > 1.0)
         else:
             value = float(np.clip(value, LEAST_FACTORS[name], LARGEST_FACTORS[name]))
@@ -123,6 +137,12 @@ class NoiseScales:
 NOTHING = NoiseScales()
 
 
+def believed(name: str, technology: str) -> float:
+    """The factor on a sensor from which on no noise explains a log."""
+    of = BELIEVED_ACCEL_WHITE if name == "accel_white" else BELIEVED
+    return of[technology]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """What a log is flown with beside its declared noise."""
@@ -133,8 +153,11 @@ class Model:
 
 class Fly(Protocol):
     """Navigates a log from its start, the whole of it or the part that models are fitted on; None
-    where no start is found.
+    where no start is found. technology: of the log's unit.
     """
+
+    @property
+    def technology(self) -> str: ...
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
 
@@ -161,7 +184,7 @@ def flown(model: Model, fly: Fly) -> Flown | None:
 def raised_noise(
     start: Flown,
     fly: Fly,
-    names: tuple[str, ...] = tuple(LARGEST_FACTORS),
+    names: tuple[str, ...] = STEADY_PARTS,
     *,
     steps: tuple[float, ...] = (COARSE_FACTOR, FINE_FACTOR),
 ) -> Flown:

@@ -56,6 +56,7 @@ class AidedReason(StrEnum):
     NIS_HIGH = "nis_high"
     MANY_REJECTED = "many_rejected"
     NOISE_UNBELIEVED = "noise_unbelieved"
+    RECEIVER_CONTRADICTS = "receiver_contradicts"
 
 
 class AidedNote(StrEnum):
@@ -66,6 +67,7 @@ class AidedNote(StrEnum):
     NO_WHEELS = "no_wheels"
     USUAL_MOTION = "usual_motion"
     REPEATED_FIXES = "repeated_fixes"
+    FIXES_WIDENED = "fixes_widened"
     SITE_ELSEWHERE = "site_elsewhere"
     OFF_THE_TRACK = "off_the_track"
     LEVER_ARM_TAKEN = "lever_arm_taken"

@@ -5,7 +5,7 @@ believed.
 import numpy as np
 
 from infield.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.aided.noise import BELIEVED, BELIEVED_ACCEL_WHITE, SENSOR_PARTS, NoiseScales
+from infield.aided.noise import SENSOR_PARTS, NoiseScales, believed
 from infield.aided.reasons import AidedNote, AidedReason
 from ins.filters.aided_records import Antenna
 from ins.records import TwinModel
@@ -61,6 +61,7 @@ def noise_notes(scales: NoiseScales, twin: TwinModel) -> tuple[Reason, ...]:
     note = because(
         AidedNote.NOISE_TAKEN,
         factors=factors,
+        stirred=scales.stirred,
         slow=slow,
         slow_velocity=slow_velocity,
         capped=bool(scales.capped),
@@ -71,16 +72,13 @@ def noise_notes(scales: NoiseScales, twin: TwinModel) -> tuple[Reason, ...]:
 
 def unbelieved(scales: NoiseScales, technology: str) -> tuple[Reason, ...]:
     """Factors on the sensors that no noise explains."""
-    limits = dict.fromkeys(SENSOR_PARTS, BELIEVED[technology])
-    limits["accel_white"] = BELIEVED_ACCEL_WHITE[technology]
     return tuple(
         because(
             AidedReason.NOISE_UNBELIEVED,
             factor=name,
             value=getattr(scales, name),
-            most=most,
+            most=believed(name, technology),
             technology=technology,
         )
-        for name, most in limits.items()
-        if getattr(scales, name) >= most
+        for name in scales.beyond(technology)
     )

@@ -282,6 +282,7 @@ class AidedNavigator:
             ),
             scales=self._bias[k.B_SCALE : k.B_SLOW].copy(),
             scales_covariance=self._P[OF_SCALES, OF_SCALES].copy(),
+            shaking=(float(self._carry[k.SHAKEN_LEAST]), float(self._carry[k.SHAKEN_MOST])),
         )
 
 
@@ -316,7 +317,8 @@ def _noise_values(noise: AidedNoise) -> NDArray:
     """The noise in the order of the kernel."""
     densities = noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk
     slow_positions = noise.slow_level_m, noise.slow_down_m, noise.slow_s
-    return np.array([*densities, *slow_positions, noise.slow_velocity_m_s, noise.slow_velocity_s])
+    slow_velocities = noise.slow_velocity_m_s, noise.slow_velocity_s
+    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred])
 
 
 def _settings(options: AidedOptions, antenna: Antenna, *, scaled: bool) -> NDArray:

@@ -68,17 +68,24 @@ ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
 # of the noise: sigmas and time constant of the slow error of positions
 SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
+# of the noise: how far the accelerometers' biases go with the shaking, m/s^2 a m/s^2
+STIRRED = 9
 # of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
 # states, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER, HAS_SCALES = 0, 1, 2, 3, 4, 5
-# what a step carries over the end of a piece, at places 0 to 14: NIS and count of the standing
+# what a step carries over the end of a piece, at places 0 to 29: NIS and count of the standing
 # updates so far; seconds and steps so far; variance that leaps of the positions add to their slow
 # error, fading with it (NED)
 DT, V_BEFORE, RATE, REJECTED_SINCE = 0, 1, 4, 7
 STAND_NIS, STOOD, CLOCK, STEPS, LEAPT = 8, 9, 10, 11, 12
 # and of the specific force, NED: its mean while it stays the same, of how many steps, its latest
 # mean
-STEADY, STEADY_STEPS, LATEST, CARRY = 15, 18, 19, 22
+STEADY, STEADY_STEPS, LATEST = 15, 18, 19
+# and of the shaking, at 22 to 28: the last row's specific force, body axes, the mean square of its
+# changes from row to row, the root of that at the last step's end, its least and its most; at 29
+# the rows of the step
+FORCE_BEFORE, SHAKING, SHAKEN_BEFORE, SHAKEN_LEAST, SHAKEN_MOST = 22, 25, 26, 27, 28
+STEP_ROWS, CARRY = 29, 30
 # of what is taken off: biases of gyros and accelerometers, scales and misalignments, slow errors,
 # lever arm, delays
 B_SCALE, B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 18, 24, 27, 28, 29
@@ -102,6 +109,9 @@ UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 # squared sigmas of the specific force of a step, three components, beyond which it has changed:
 # chi-square of 3, 1e-3 of noise; and the steps that its latest mean is of, and its mean at most
 CHANGED, LATEST_STEPS, STEADY_AT_MOST = 16.27, 10.0, 1500.0
+# squared sigmas of a gyro's bias and noise beyond which a step has a turn in it: 6e-5 of noise do
+TURNS = 16.0
+SHAKEN_S = 2.0  # chosen: of 100 rows at 50 Hz the shaking is known to 7 %
 TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
 # only kernels call it: less to compile, but a call from Python would end the process
@@ -177,11 +187,26 @@ def steady_force(P, row, dt, vrw, carry, force, unsure):
 
 
 @inner
-def transition(row, steady, dt, Phi, scaled):
+def turns(P, row, dt, arw, angle):
+    """The angles of a step (3,), none where bias and noise of a gyro may read as much.
+
+    A gyro's noise turns the attitude once for each unit of it, as a scale error of 1 would: on
+    straight ways a scale is found that is as much of 1 as the noise tells of it.
+    """
+    for i in range(3):
+        angle[i] = row[SUMS + 9 + i]
+        variance = (P[G_ + i, G_ + i] * dt + arw * arw) * dt
+        if angle[i] * angle[i] <= TURNS * variance:
+            angle[i] = 0.0
+
+
+@inner
+def transition(row, steady, angle, dt, Phi, scaled):
     """Phi (27, 27) of a step of dt.
 
     row (36,): the strapdown output at its end, with what the step added up. steady (3,): specific
-    force with less noise. scaled: whether scales and misalignments are states.
+    force with less noise, angle (3,): what is no noise of the angles turned. scaled: whether scales
+    and misalignments are states.
     """
     lat, height, v = row[0], row[2], row[V_N_AT : V_N_AT + 3]
     radius = SEMI_MAJOR_AXIS_M + height
@@ -214,7 +239,7 @@ def transition(row, steady, dt, Phi, scaled):
             Phi[P_ + i, A_ + j] = 0.5 * dt * C_dt
     turned_to(Phi, AT_G, AT_A, dt)
     if scaled:
-        put_scales(Phi, row, force, dt)
+        put_scales(Phi, row, force, angle, dt)
     for i in range(DRIVING):
         Phi[i, i] += 1.0
 
@@ -230,11 +255,10 @@ def turned_to(Phi, first, last, dt):
 
 
 @inner
-def put_scales(Phi, row, force, dt):
+def put_scales(Phi, row, force, angle, dt):
     """Columns of scales and misalignments: the angles and the specific force of the step, along
     the mean of the body axes over it.
     """
-    angle = row[SUMS + 9 : SUMS + 12]
     for j in range(3):
         along = 0.0
         for k in range(3):
@@ -251,7 +275,37 @@ def put_scales(Phi, row, force, dt):
 
 
 @inner
-def predict(P, Phi, dt, noise, leapt, seen, moved):
+def shake(carry, dv, dt):
+    """The mean square of what the specific force changes by from row to row, with this row's.
+
+    It forgets within SHAKEN_S; a third of the squares of three components, half of it each row's.
+    """
+    total, before = 0.0, 0.0
+    for i in range(3):
+        force = dv[i] / dt
+        total += (force - carry[FORCE_BEFORE + i]) ** 2 / 6.0
+        before += carry[FORCE_BEFORE + i] ** 2
+        carry[FORCE_BEFORE + i] = force
+    if before == 0.0:
+        return  # the first row
+    share = min(dt / SHAKEN_S, 1.0) if carry[SHAKING] > 0.0 else 1.0
+    carry[SHAKING] += share * (total - carry[SHAKING])
+
+
+@inner
+def shaken_by(carry):
+    """By how much the shaking has changed over the step that ends now [m/s^2]."""
+    shaken, before, so_far_s = sqrt(carry[SHAKING]), carry[SHAKEN_BEFORE], carry[CLOCK]
+    carry[SHAKEN_BEFORE] = shaken
+    if so_far_s > 2.0 * SHAKEN_S:
+        carry[SHAKEN_MOST] = max(carry[SHAKEN_MOST], shaken)
+        least = carry[SHAKEN_LEAST]
+        carry[SHAKEN_LEAST] = min(least, shaken) if least > 0.0 else shaken
+    return shaken - before if before > 0.0 else 0.0
+
+
+@inner
+def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
     """P to Phi P Phi' + Q in place; seen (27, 38), moved (9, 38): room to work in.
 
     Phi is of the first 27; its columns of scales are zero where they are no states. Biases and
@@ -293,7 +347,7 @@ def predict(P, Phi, dt, noise, leapt, seen, moved):
         if i < W_:
             P[i, i] += leapt[i - B_] * (1.0 - fades * fades)
             leapt[i - B_] *= fades * fades
-    vrw2 = noise[VRW] ** 2
+    vrw2 = vrw**2
     for i in range(3):
         P[P_ + i, P_ + i] += vrw2 * dt**3 / 3.0
         P[P_ + i, V_ + i] += vrw2 * dt**2 / 2.0
@@ -301,7 +355,7 @@ def predict(P, Phi, dt, noise, leapt, seen, moved):
         P[V_ + i, V_ + i] += vrw2 * dt
         P[T_ + i, T_ + i] += noise[ARW] ** 2 * dt
         P[G_ + i, G_ + i] += noise[GYRO_WALK] ** 2 * dt
-        P[A_ + i, A_ + i] += noise[ACCEL_WALK] ** 2 * dt
+        P[A_ + i, A_ + i] += noise[ACCEL_WALK] ** 2 * dt + (noise[STIRRED] * stirred) ** 2
 
 
 @jit
@@ -536,7 +590,7 @@ def take_fix(
             if off <= settings[GATE]:
                 anew = JUMPED
         if anew == JUMPED:
-            jump(P, seen, carry[LEAPT:CARRY])
+            jump(P, seen, carry[LEAPT:STEADY])
         else:
             restart(P, seen)
             write_restart(tape, taped)
@@ -805,7 +859,7 @@ def run(
     scaled = settings[HAS_SCALES] > 0.0
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
-    flat, steady, unsure = np.zeros(dt.size), np.zeros(3), np.zeros(3)
+    flat, steady, unsure, angle = (np.zeros(dt.size), np.zeros(3), np.zeros(3), np.zeros(3))
     gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
     first, written = 0, 0
     for k in range(ends.size + 1):
@@ -814,6 +868,7 @@ def run(
             break
         for l in range(first, last):
             carry[DT] += dt[l]
+            carry[STEP_ROWS] += 1.0
             for i in range(3):
                 turned[l, i] = dtheta[l, i] - bias[i] * dt[l]
                 pushed[l, i] = dv[l, i] - bias[3 + i] * dt[l]
@@ -821,6 +876,7 @@ def run(
                 take_scales_off(bias, dtheta[l], dv[l], turned[l], pushed[l])
             for i in range(3):
                 carry[RATE + i] = turned[l, i] / dt[l]
+            shake(carry, dv[l], dt[l])
         for i in range(HISTORY_COLUMNS):
             out[0, i], out[1, i] = opened[i], 0.0
         end[0] = last - first
@@ -843,9 +899,15 @@ def run(
             break
         opened[:] = 0.0
         step_s = carry[DT]
-        steady_force(P, out[0], step_s, noise[VRW], carry, steady, unsure)
-        transition(out[0], steady, step_s, Phi, scaled)
-        predict(P, Phi, step_s, noise, carry[LEAPT:CARRY], seen, moved)
+        vrw = noise[VRW]
+        if noise[STIRRED] > 0.0:  # what the rows of the step shook by is white
+            vrw = sqrt(vrw * vrw + carry[SHAKING] * step_s / carry[STEP_ROWS])
+        steady_force(P, out[0], step_s, vrw, carry, steady, unsure)
+        if scaled:
+            turns(P, out[0], step_s, noise[ARW], angle)
+        transition(out[0], steady, angle, step_s, Phi, scaled)
+        stirred = shaken_by(carry)
+        predict(P, Phi, step_s, noise, vrw, carry[LEAPT:STEADY], stirred, seen, moved)
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
@@ -909,6 +971,6 @@ def run(
             carry[V_BEFORE + i] = (
                 C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
             )
-        carry[DT] = 0.0
+        carry[DT] = carry[STEP_ROWS] = 0.0
         if carry[REJECTED_SINCE] > 0.0 or (j >= 0 and fix_out[j, F_USED] == REJECTED):
             carry[REJECTED_SINCE] += step_s

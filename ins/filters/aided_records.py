@@ -28,6 +28,11 @@ class AidedNoise:
     gyro_scale, misalignment_rad, accel_scale : float
         Sigmas of what stands still: scale errors and misalignments of the gyros, scale errors of
         the accelerometers; all zero: no states of the filter.
+    stirred : float
+        How far the accelerometers' biases go with the shaking: times what the root mean square of
+        the changes of the specific force from row to row (of white noise: its sigma) changes by
+        over a step. Where it is above 0, that root mean square is white noise of the
+        accelerometers beside vrw. 0: neither.
     """
 
     arw: float
@@ -42,6 +47,7 @@ class AidedNoise:
     gyro_scale: float = 0.0
     misalignment_rad: float = 0.0
     accel_scale: float = 0.0
+    stirred: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,6 +272,9 @@ class AidedHistory:
     scales : ndarray, shape (12,)
         Scale errors and misalignments that are taken off at the end (`ins.filters.states`).
     scales_covariance : ndarray, shape (12, 12)
+    shaking : (float, float)
+        Least and most of the root mean square of the changes of the specific force from row to row
+        (of white noise: its sigma) [m/s^2].
     """
 
     time_s: NDArray
@@ -291,6 +300,7 @@ class AidedHistory:
     rolled: tuple[int, int] = (0, 0)
     scales: NDArray = field(default_factory=lambda: np.zeros(12))
     scales_covariance: NDArray = field(default_factory=lambda: np.zeros((12, 12)))
+    shaking: tuple[float, float] = (0.0, 0.0)
 
 
 def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m_s: float) -> Fixes:

@@ -3,14 +3,18 @@
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from infield.aided.antenna import NOTHING_FREED, antenna_sigmas
+from infield.aided.antenna import BOTH, NOTHING_FREED, Freed, antenna_sigmas, material
+from infield.aided.checks import contradicted
 from infield.aided.flight import navigate_aided
+from infield.aided.noise import Flown, Model
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
+from ins.filters.aided_records import Antenna, fixes_of
 from ins.records import Run, Site
 from ins.units import MICRO_G
 from tests.infield.aided_cases import (
@@ -138,6 +142,96 @@ def test_shaken_accelerometers_make_no_delay():
     found = fly(replace(made.run, imu=replace(imu, dv_m_s=dv), header=header), "mems")
     assert found.antenna.freed == NOTHING_FREED
     assert (normalised(made, found.history, 60) < 4.0).all()
+
+
+def fixes(run: Run):
+    noise = twin_of("mems").gnss
+    assert run.gnss is not None
+    return fixes_of(
+        run.gnss,
+        horizontal_m=noise.sigma_horizontal_m,
+        vertical_m=noise.sigma_vertical_m,
+        velocity_m_s=noise.sigma_velocity_m_s,
+    )
+
+
+def falling(run: Run, speed_m_s: float) -> Run:
+    """A receiver that tells a speed downward for 40 s which its positions do not go."""
+    gnss = run.gnss
+    told = (gnss.time_s > 400.0) & (gnss.time_s <= 440.0)
+    v_n = gnss.v_n_m_s + np.where(told, speed_m_s, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    return replace(run, gnss=replace(gnss, v_n_m_s=v_n))
+
+
+def test_velocities_that_are_not_the_way_of_the_positions_are_found():
+    """10 m/s downward for 40 s, of that component alone; nothing of sound flights, of a leap, of a
+    wild position and of a wild velocity.
+    """
+    for seed in range(4):
+        assert contradicted(fixes(flown(ideal(PARK_S), twin_of("mems"), seed).run)) is None
+    sound = flown(ideal(PARK_S), twin_of("mems"), 1).run
+    seen = contradicted(fixes(falling(sound, 10.0)))
+    assert seen is not None and seen.components == "down"
+    rows = seen.rows
+    assert rows.sum() == pytest.approx(50, abs=12) and not rows[sound.gnss.time_s < 388.0].any()
+    gnss, after = sound.gnss, sound.gnss.time_s > 400.0
+    leapt = gnss.lat_rad + np.where(after, 300.0 / 6.37e6, 0.0)
+    wild = gnss.lat_rad + np.where(np.arange(after.size) == 400, 200.0 / 6.37e6, 0.0)
+    fast = gnss.v_n_m_s + np.where(np.arange(after.size) == 400, 50.0, 0.0)[:, None]
+    for other in (
+        replace(gnss, lat_rad=leapt),
+        replace(gnss, lat_rad=wild),
+        replace(gnss, v_n_m_s=fast),
+    ):
+        assert contradicted(fixes(replace(sound, gnss=other))) is None
+
+
+@pytest.mark.slow
+def test_contradicting_velocities_lose_their_weight():
+    """The velocities of that component are widened, for the sensors and the positions contradict
+    them; the solution is within its sigmas, and the page says it.
+    """
+    made = flown(ideal(PARK_S), twin_of("mems"), 1)
+    found = fly(falling(made.run, 10.0), "mems")
+    assert found.verdict == "aided"
+    told = [note for note in sentences(found.notes) if "not the way of their positions" in note]
+    assert len(told) == 1 and "down" in told[0] and "their velocities are taken" in told[0]
+    assert (normalised(made, found.history, 60) < 2.0).all()
+
+
+def test_delays_that_no_receiver_has_are_not_taken():
+    """A public copter whose receiver tells nothing of the motion was flown with positions that come
+    5.9 s before their time, and was 7.6 sigmas off.
+    """
+    late = Antenna(lever_arm_m=np.zeros(3), delay_s=-5.9, velocity_delay_s=-2.2)
+    far = Antenna(lever_arm_m=np.array([-15.0, 12.0, -33.0]))
+    usual = Antenna(lever_arm_m=np.array([0.0, 0.0, -6.0]), delay_s=0.4, velocity_delay_s=0.4)
+    taken = []
+    for end, freed in (
+        (late, Freed(arm=False, delay=True)),
+        (far, Freed(arm=True, delay=False)),
+        (usual, BOTH),
+    ):
+        flight = Flown(Model(antenna=end), SimpleNamespace(antenna=end))
+        taken.append(material(flight, Antenna(lever_arm_m=np.zeros(3)), freed, 0.5))
+    assert taken == [False, False, True]
+
+
+@pytest.mark.slow
+def test_accelerometers_that_move_with_the_shaking_are_followed():
+    """From 300 s on the airframe shakes with 3 m/s^2, and the vertical accelerometer reads 2 m/s^2
+    less: no noise of the sensors explains it, the shaking does; errors are within the sigmas.
+    """
+    made = flown(ideal(PARK_S), twin_of("mems"), 3)
+    imu = made.run.imu
+    shakes = np.where((imu.time_s > 300.0) & (imu.time_s < 500.0), 1.0, 0.0)[:, None]
+    noise = 3.0 * np.random.default_rng([3, 62]).standard_normal(imu.dv_m_s.shape)
+    dv = imu.dv_m_s + imu.dt_s[:, None] * shakes * (noise + np.array([0.0, 0.0, 2.0]))
+    header = replace(made.run.header, gyro_technology="mems")
+    found = fly(replace(made.run, imu=replace(imu, dv_m_s=dv), header=header), "mems")
+    assert found.verdict == "aided" and found.scales.stirred > 0.0
+    assert any("move with the shaking" in note for note in sentences(found.notes))
+    assert (normalised(made, found.history, 60) < 3.0).all()
 
 
 def test_unit_turned_about_the_vertical_is_told():

@@ -221,19 +221,72 @@ def test_nees_over_many_seeds(technology):
         assert low < value < high
 
 
-def test_same_bits_however_the_log_is_cut():
-    twin = twin_of("mems")
-    made = flown(ideal(), twin, 3)
+def test_biases_of_accelerometers_move_with_the_shaking():
+    """An airframe that begins to shake with 3 m/s^2: the sigmas of the biases grow to about as much
+    within seconds, and not before.
+    """
+    twin, made = twin_of("mems"), flown(ideal(), twin_of("mems"), 3)
+    imu = made.run.imu
+    shakes = 3.0 * np.random.default_rng(5).standard_normal(imu.dv_m_s.shape)
+    shakes *= (imu.time_s > 200.0)[:, None]
+    dv = imu.dv_m_s + imu.dt_s[:, None] * shakes
+    made = replace(made, run=replace(made.run, imu=replace(imu, dv_m_s=dv)))
     start = AidedStart(
         state=truth_at(made),
         gyro_bias_rad_s=np.zeros(3),
         accel_bias_m_s2=np.zeros(3),
         covariance=np.diag(prior(twin) ** 2),
     )
-    whole = navigated(made, start, aided_noise(twin), fixes_from(made, twin), stands=[(0.0, 50.0)])
+    none = fixes_from(made, twin)
+    none = replace(none, r_e_m=none.r_e_m * np.nan, v_n_m_s=none.v_n_m_s * np.nan)
+    still, stirred = (
+        navigated(made, start, replace(aided_noise(twin), stirred=by), none) for by in (0.0, 1.0)
+    )
+    more = np.sqrt(stirred.variance[:, ACCEL] - still.variance[:, ACCEL]).max(axis=1)
+    before, after = (np.searchsorted(still.time_s, t) for t in (199.0, 215.0))
+    assert more[before] < 0.2 and 1.0 < more[after] < 4.5
+    assert stirred.shaking[0] < 0.1 and stirred.shaking[1] == pytest.approx(3.0, rel=0.5)
+
+
+def test_gyro_noise_tells_no_scale():
+    """Eight minutes of rest and straight ways with gyros 64 times as noisy: scales that nothing
+    turned keep their prior, where noise that is taken for turns tells them to a third of it.
+    """
+    twin = twin_of("mems", flicker=False)
+    gyro = replace(twin.gyro, arw_deg_sqrt_h=64.0 * twin.gyro.arw_deg_sqrt_h)
+    twin = replace(twin, gyro=gyro)
+    straight = (
+        TakeOff(lift_off_speed_m_s=40.0),
+        Climb(height_m=300.0, rate_m_s=5.0, speed_m_s=60.0),
+        Cruise(duration_s=360.0),
+    )
+    made = flown(ideal(60.0, straight), twin, 2, "mems")
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
+    noise = aided_noise(twin, "mems")
+    history = navigated(made, start, noise, fixes_from(made, twin))
+    sigma = np.sqrt(np.diag(history.scales_covariance))[[0, 2]]  # roll and yaw: none is flown
+    assert sigma == pytest.approx(noise.gyro_scale, rel=1e-3)
+
+
+def test_same_bits_however_the_log_is_cut():
+    twin = twin_of("mems")
+    made = flown(ideal(), twin, 3)
+    noise = replace(aided_noise(twin), stirred=1.0)
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
+    whole = navigated(made, start, noise, fixes_from(made, twin), stands=[(0.0, 50.0)])
     navigator = AidedNavigator(
         start,
-        aided_noise(twin),
+        noise,
         fixes_from(made, twin),
         antenna=ANTENNA,
         options=AidedOptions(stands=[(0.0, 50.0)]),

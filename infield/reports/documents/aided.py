@@ -25,7 +25,8 @@ sigma) and delay_s of the solution, what of them was taken from the fixes, and
                           flown
 smoothed                  with --smooth: sigmas of the solution that all fixes make beside the
 filter's (first row, median, largest), its outage_scores and scoring_only
-wheels                    with --vehicle: measurements used and rejected
+wheels                    with --vehicle: measurements used and rejected, how the vehicle stands in
+the unit's axes
 scoring_only              against the run's reference: RMS errors, and squared error over variance
 """
 
@@ -140,6 +141,7 @@ class NoiseDocument:
     walk_factor: float
     accel_white_factor: float
     accel_walk_factor: float
+    shaken_factor: float
     position_factor: float
     velocity_factor: float
     slow_factor: float
@@ -202,10 +204,16 @@ class SmoothedDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class WheelsDocument:
-    """Measurements of wheels (`recal replay --vehicle`) that were used, and rejected as slips."""
+    """Measurements of wheels (`recal replay --vehicle`) that were used, and rejected as slips; the
+    way that the vehicle goes, in the unit's axes: to the right of body x, and above it.
+    """
 
     used: int
     rejected: int
+    mounted_yaw_deg: float
+    sigma_mounted_yaw_deg: float
+    mounted_pitch_deg: float
+    sigma_mounted_pitch_deg: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,9 +286,22 @@ def aided_document(
         antenna=_antenna(result.antenna),
         scoring_only=None if reference is None else _scores(result, reference),
         smoothed=_smoothed(result, reference),
-        wheels=WheelsDocument(used=history.rolled[0], rejected=history.rolled[1])
-        if any(history.rolled)
-        else None,
+        wheels=_wheels(result, history),
+    )
+
+
+def _wheels(result: AidedResult, history: AidedHistory) -> WheelsDocument | None:
+    """None where no wheels were taken."""
+    if result.mounting is None:
+        return None
+    yaw, pitch = (sigma / DEG for sigma in result.mounting.sigma_rad)
+    return WheelsDocument(
+        used=history.rolled[0],
+        rejected=history.rolled[1],
+        mounted_yaw_deg=result.mounting.yaw_rad / DEG,
+        sigma_mounted_yaw_deg=yaw,
+        mounted_pitch_deg=result.mounting.pitch_rad / DEG,
+        sigma_mounted_pitch_deg=pitch,
     )
 
 
@@ -382,6 +403,7 @@ def _noise(result: AidedResult) -> NoiseDocument:
         walk_factor=s.walk,
         accel_white_factor=s.accel_white,
         accel_walk_factor=s.accel_walk,
+        shaken_factor=s.stirred,
         position_factor=s.position,
         velocity_factor=s.velocity,
         slow_factor=s.slow,

@@ -5,6 +5,7 @@ declared, what of it is not to be believed, and why there is none.
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
+from infield.aided.checks import Widened
 from infield.aided.reasons import AidedNote, AidedReason, AidedWeakness
 from infield.aided.wheels import Mounting, WheelsFound
 from infield.reports.words.sentences import Template
@@ -45,6 +46,24 @@ def _unbelieved(*, factor: str, value: float, most: float, technology: str) -> s
     )
 
 
+def _contradicts(*, count: int, seen: int, components: str, sigmas: float) -> str:
+    return (
+        f"velocities of {count} of {seen} fixes are not the way of their positions ({components},"
+        f" up to {sigmas:.1f} sigmas), and neither can be told right"
+    )
+
+
+def _fixes_widened(
+    *, count: int, first_s: float, last_s: float, components: str, sigmas: float, whose: Widened
+) -> str:
+    told = "positions and velocities" if whose is Widened.BOTH else PLURAL[whose]
+    return (
+        f"{count} fixes from {first_s:.1f} to {last_s:.1f} s have velocities that are not the way"
+        f" of their positions ({components}, up to {sigmas:.1f} sigmas): their {told} are taken for"
+        " as far off as that (1 sigma)"
+    )
+
+
 def _off_the_track(*, mean_rad: float, spread_rad: float) -> str:
     return (
         f"body x points {mean_rad / DEG:+.0f} deg off the track (median; half of the rows within"
@@ -80,6 +99,7 @@ def _delay(*, late: Late, gain_nats: float) -> str:
 def _noise(
     *,
     factors: Mapping[str, float],
+    stirred: float,
     slow: Mapping[str, float] | None,
     slow_velocity: Mapping[str, float] | None,
     capped: bool,
@@ -91,6 +111,11 @@ def _noise(
         if _factor(value) != "1"
     ]
     told = "taken " + ", ".join(parts) + " as large" if parts else "noise as declared"
+    if stirred:
+        told += (
+            ", biases of the accelerometers that move with the shaking, by"
+            f" {_factor(stirred)} m/s^2 where it changes by 1 m/s^2"
+        )
     if slow:
         told += (
             f", a slow error of the positions of {slow['level_m']:.2g} m level,"
@@ -156,6 +181,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
     AidedReason.NIS_HIGH: "satellite {kind}: {excess}",
     AidedReason.MANY_REJECTED: _many_rejected,
     AidedReason.NOISE_UNBELIEVED: _unbelieved,
+    AidedReason.RECEIVER_CONTRADICTS: _contradicts,
+    AidedNote.FIXES_WIDENED: _fixes_widened,
     AidedNote.HEADING_OPEN: (
         "{reason}. The solution is that of flights from headings all round, weighed by what they"
         " explain: its heading is worth what its sigma says"
