@@ -148,7 +148,8 @@ def compared(source: Source, path: Path) -> list[str]:
         other = level_rms_m(found, trajectory, (score.start_s, score.end_s))
         lines.append(
             f"| `{source.path}` | {score.end_s - score.start_s:.0f} s | {found.verdict} |"
-            f" {score.rms_level_m:.1f} | {other:.1f} | {late.rms_level_m:.1f} |"
+            f" {score.rms_level_m:.1f} ({score.error_over_sigma:.2f}) | {other:.1f} |"
+            f" {late.rms_level_m:.1f} |"
         )
     return lines
 
@@ -159,7 +160,8 @@ def main() -> None:
     parser.add_argument("--clones", type=Path)
     given = parser.parse_args()
     warnings.filterwarnings("ignore")
-    print("| log | outage | verdict | recal, level RMS, m | pyins | recal, smoothed |")
+    head = "recal, level RMS, m (error/sigma) | pyins | recal, smoothed"
+    print(f"| log | outage | verdict | {head} |")
     print("|---|---|---|---|---|---|")
     for source in sources():
         for line in compared(source, source.fetched(given.logs, given.clones)):
