@@ -354,7 +354,12 @@ def test_a_twin_opens_nothing_but_its_own_table(tmp_path, name):
     twin = TwinModel(imu_serial="SN-1", table=name, source="twin.json")
     with pytest.raises(InputError, match=r"twin\.json: table: .* leaves the folder of the twin"):
         table_path(twin, folder)
-    assert table_path(TwinModel(table="tables/t.json"), folder) == folder / "tables/t.json"
+    own = TwinModel(table="tables/t.json")
+    with pytest.raises(InputError, match=r"'tables/t\.json' is not there, needed the table"):
+        table_path(own, folder)
+    (folder / "tables").mkdir()
+    (folder / "tables" / "t.json").touch()
+    assert table_path(own, folder) == folder / "tables/t.json"
     (folder / "twin.json").write_text(json.dumps(twin_to_dict(twin)))
     app = typer.Typer()
     app.command()(diagnose_command)
