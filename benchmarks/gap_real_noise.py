@@ -282,6 +282,18 @@ class Implant:
         return int(np.random.default_rng([self.number, 31]).integers(3))
 
 
+def _asked(log: Log, laid: Implant, number: int, reached: float) -> dict:
+    """What was implanted in which log."""
+    return {
+        "log": log.name,
+        "with": log.placebo,
+        "number": number,
+        "form": laid.form,
+        "sigma": laid.sigma,
+        "reached": reached,
+    }
+
+
 def implanted(log: Log, number: int) -> dict:
     """One implant and what was said of it."""
     laid = Implant(number)
@@ -298,12 +310,7 @@ def implanted(log: Log, number: int) -> dict:
     tied = [c for c in new if c.effect.startswith(log.tied)]
     wrong = [c for c in new if c.named and c.probability > CONFIDENT and c not in held]
     return {
-        "log": log.name,
-        "with": log.placebo,
-        "number": number,
-        "form": laid.form,
-        "sigma": laid.sigma,
-        "reached": reached,
+        **_asked(log, laid, number, reached),
         "target": target,
         "found": [f"{c.effect} on {c.target} {c.probability:.2f}" for c in new],
         "seen": bool(new),
@@ -338,12 +345,7 @@ def sealed(log: Log, number: int) -> dict:
         path.write_text(result_text(made), encoding="utf-8")
         kept = read_twin(path)
     return {
-        "log": log.name,
-        "with": log.placebo,
-        "number": number,
-        "form": laid.form,
-        "sigma": laid.sigma,
-        "reached": reached,
+        **_asked(log, laid, number, reached),
         "target": f"gyro_{'xyz'[laid.axis]}",
         "found": [f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes],
         "named": any(c.named for c in found.causes),

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 TECHNOLOGIES = ("rlg", "fog", "mems")
 NOTES_SHOWN = 3  # kinds of notes on the terminal; all are in fleet.json
+# written to without -o
+LEARN_FOLDER, FORECAST_FOLDER = "recal-fleet-learn", "recal-fleet-forecast"
 
 app = typer.Typer(
     rich_markup_mode=None, no_args_is_help=True, help="Many runs of many units in one call."
@@ -211,7 +213,7 @@ def learn(
         ),
     ] = None,
     note: Annotated[str, typer.Option("--note", help="A note kept with the priors.")] = "",
-    output: Annotated[Path | None, folder_option("recal-fleet-learn")] = None,
+    output: Annotated[Path | None, folder_option(LEARN_FOLDER)] = None,
     force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -229,7 +231,7 @@ def learn(
     from recal.service.results.overwrite import need_free_report
 
     require_technology(technology)
-    folder = output or Path("recal-fleet-learn")
+    folder = output or Path(LEARN_FOLDER)
     need_free_report(folder, "priors.json", "recal.priors/1", ("priors.html",), force=force)
     keep = None if dry_run else (login_name() if by is None else by, note)
     request = LearnRequest(
@@ -264,7 +266,7 @@ def forecast(
         typer.Option("--technology", help="Only units of rlg, fog or mems. Default: all."),
     ] = None,
     priors: PriorsChoice = "approved",
-    output: Annotated[Path | None, folder_option("recal-fleet-forecast")] = None,
+    output: Annotated[Path | None, folder_option(FORECAST_FOLDER)] = None,
     force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -281,7 +283,7 @@ def forecast(
     from recal.service.results.overwrite import need_free_report
 
     require_technology(technology)
-    folder = output or Path("recal-fleet-forecast")
+    folder = output or Path(FORECAST_FOLDER)
     need_free_report(folder, "forecast.json", "recal.forecast/1", ("forecast.html",), force=force)
     request = ForecastRequest(
         store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output

@@ -128,8 +128,11 @@ def fit_triad(
     """
     best, used, differ_p, axes = _best(evidence, model)
     band_hz = None
-    falls = _falls_below(evidence, model, 0.25 * _top_hz(evidence))
-    if not best.model.hidden and (falls or contradicted(best) or _like_a_filter(best)):
+    if not best.model.hidden and (
+        _like_a_filter(best)
+        or contradicted(best)
+        or _falls_below(evidence, model, 0.25 * _top_hz(evidence))
+    ):
         band_hz = _unfiltered_band(evidence, model)
         if band_hz is not None:
             best, used, differ_p, axes = _best(below(evidence, band_hz), model)
