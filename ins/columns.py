@@ -30,6 +30,7 @@ GRADIENT_DEGC = _triple("gradient_{}_degC")
 POSITION = ("lat_deg", "lon_deg", "height_m")
 VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
 FIX_SIGMA_COLUMNS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s")
+FIX_TYPE_COLUMN = "fix_type"
 ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
 
 

@@ -5,6 +5,7 @@ Times are seconds from the run's start; SI units and radians unless the name say
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from enum import IntEnum
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict
 
@@ -392,6 +393,19 @@ class TemperatureLog(Stream):
         }
 
 
+class FixType(IntEnum):
+    """How a satellite fix was computed, by the numbers of MAVLink's GPS_FIX_TYPE.
+
+    SINGLE: by codes alone; DIFFERENTIAL: with corrections; FLOAT: by carrier phases; FIXED: with
+    their whole numbers known.
+    """
+
+    SINGLE = 3
+    DIFFERENTIAL = 4
+    FLOAT = 5
+    FIXED = 6
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GnssLog(Stream):
     """Satellite fixes; sigmas are None where the file has none.
@@ -404,6 +418,8 @@ class GnssLog(Stream):
         Velocity, NED.
     sigma_horizontal_m, sigma_vertical_m, sigma_velocity_m_s : ndarray, shape (n,), optional
         As the receiver states them, one component each.
+    fix_type : ndarray, shape (n,), optional
+        `FixType` of each fix; NaN where it is unknown.
     """
 
     time_s: NDArray
@@ -414,13 +430,14 @@ class GnssLog(Stream):
     sigma_horizontal_m: NDArray | None = None
     sigma_vertical_m: NDArray | None = None
     sigma_velocity_m_s: NDArray | None = None
+    fix_type: NDArray | None = None
 
     def __post_init__(self) -> None:
         one = dict.fromkeys((f.name for f in fields(self)), (None,))
         _freeze(self, {**one, "v_n_m_s": (None, 3)})
 
     def columns(self) -> dict[str, NDArray]:
-        """The fixes as columns of a gnss file; sigmas where the log has them.
+        """The fixes as columns of a gnss file; sigmas and types where the log has them.
 
         Returns
         -------
@@ -430,6 +447,7 @@ class GnssLog(Stream):
             "time_s": self.time_s,
             **place(self.lat_rad, self.lon_rad, self.height_m, self.v_n_m_s),
             **given(**{name: getattr(self, name) for name in FIX_SIGMA_COLUMNS}),
+            **given(fix_type=self.fix_type),
         }
 
 

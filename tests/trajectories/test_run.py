@@ -4,6 +4,7 @@ apart.
 
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS, degrees_exact
-from ins.records import InputError, Phase, Run
+from ins.records import FixType, InputError, Phase, Run
 from ins.units import DEG
 from tests.trajectories.run_cases import (
     F_B,
@@ -39,6 +40,27 @@ def same(a, b) -> bool:
     """Equal to the last bit, field by field."""
     pairs = zip(vars(a).values(), vars(b).values())
     return all(np.array_equal(x, y) if isinstance(x, np.ndarray) else x == y for x, y in pairs)
+
+
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_types_of_fixes_come_back_and_need_not_be_known(tmp_path, fmt):
+    run = full_run()
+    types = np.resize([FixType.SINGLE, np.nan, FixType.FIXED], run.gnss.time_s.size)
+    write_run(tmp_path / "run", replace(run, gnss=replace(run.gnss, fix_type=types)), fmt=fmt)
+    read = read_run(tmp_path / "run").gnss
+    np.testing.assert_array_equal(read.fix_type, types)
+    assert read.time_s.size == run.gnss.time_s.size
+
+
+def test_a_type_that_no_fix_has_is_refused_by_its_row(tmp_path):
+    run = full_run()
+    types = np.full(run.gnss.time_s.size, float(FixType.FLOAT))
+    write_run(tmp_path / "run", replace(run, gnss=replace(run.gnss, fix_type=types)), fmt="csv")
+    set_cell(tmp_path / "run" / "gnss.csv", row=4, column="fix_type", value="2")
+    with pytest.raises(
+        InputError, match=r"row 4 \(line 5\): column fix_type: got 2, needed 3 \(single\)"
+    ):
+        read_run(tmp_path / "run")
 
 
 @pytest.mark.parametrize("fmt", FORMATS)

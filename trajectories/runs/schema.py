@@ -26,6 +26,7 @@ from ins.columns import (
     ACCEL_DEGC,
     ATTITUDE,
     FIX_SIGMA_COLUMNS,
+    FIX_TYPE_COLUMN,
     GRADIENT_DEGC,
     GYRO_DEGC,
     INCREMENT_COLUMNS,
@@ -52,7 +53,7 @@ REQUIRED: dict[str, tuple[str, ...]] = {
 }
 OPTIONAL: dict[str, tuple[str, ...]] = {
     "temperature": (*ACCEL_DEGC, "block_degC", *GRADIENT_DEGC, "ambient_degC"),
-    "gnss": FIX_SIGMA_COLUMNS,
+    "gnss": (*FIX_SIGMA_COLUMNS, FIX_TYPE_COLUMN),
 }
 STREAMS = ("imu", *REQUIRED)
 WHOLE_TRIPLES = (ACCEL_DEGC, GRADIENT_DEGC)  # all three axes or none

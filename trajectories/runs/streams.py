@@ -17,12 +17,14 @@ from ins.columns import (
     ACCEL_DEGC,
     ATTITUDE,
     FIX_SIGMA_COLUMNS,
+    FIX_TYPE_COLUMN,
     GRADIENT_DEGC,
     GYRO_DEGC,
     VELOCITY,
     Stream,
 )
 from ins.records import (
+    FixType,
     GnssLog,
     ImuSource,
     InputError,
@@ -89,15 +91,15 @@ def load_temperature(stream: StreamFile, findings: Findings, *, constant: bool =
 
 
 def load_gnss(stream: StreamFile, findings: Findings) -> Loaded:
-    """Fixes with anything but a sigma missing, and those at 0 N 0 E exactly (no fix), are dropped
-    and listed.
+    """Fixes with anything but a sigma or a type missing, and those at 0 N 0 E exactly (no fix), are
+    dropped and listed.
 
     A sigma that is missing stays NaN (the declared one is taken then); a column of nothing else
     counts as absent.
     """
     kept, faults = _columns(
         stream,
-        [name for name in stream.names if name not in FIX_SIGMA_COLUMNS],
+        [name for name in stream.names if name not in (*FIX_SIGMA_COLUMNS, FIX_TYPE_COLUMN)],
         findings,
         no_fix=True,
     )
@@ -113,7 +115,19 @@ def load_gnss(stream: StreamFile, findings: Findings) -> Loaded:
             k = int(np.argmax(wrong))
             findings.error(f"{kept.row(k)}: column {name}: got {values[k]:g}, needed more than 0")
             return None, faults
-    return GnssLog(**_place_records(kept.columns), **sigmas), faults
+    types = kept.columns.get(FIX_TYPE_COLUMN)
+    if types is not None and np.isnan(types).all():
+        findings.warn(f"{stream.label}: column {FIX_TYPE_COLUMN} has no value: taken as absent")
+        types = None
+    if types is not None:
+        wrong = np.isfinite(types) & ~np.isin(types, list(FixType))
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            known = ", ".join(f"{kind:d} ({kind.name.lower()})" for kind in FixType)
+            told = f"column {FIX_TYPE_COLUMN}: got {types[k]:g}, needed {known} or none"
+            findings.error(f"{kept.row(k)}: {told}")
+            return None, faults
+    return GnssLog(**_place_records(kept.columns), **sigmas, fix_type=types), faults
 
 
 def load_odometer(stream: StreamFile, findings: Findings) -> Loaded:

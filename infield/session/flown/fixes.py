@@ -86,6 +86,7 @@ def only(log: GnssLog, kept: NDArray) -> GnssLog:
         sigma_horizontal_m=of(log.sigma_horizontal_m),
         sigma_vertical_m=of(log.sigma_vertical_m),
         sigma_velocity_m_s=of(log.sigma_velocity_m_s),
+        fix_type=of(log.fix_type),
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from ins.units import DEG
 from tests.trajectories.readers import ardupilot_logs as logs
 from tests.trajectories.run_cases import F_B
@@ -48,6 +48,7 @@ def check_parked(run, *, w=logs.W, decimals: float = 1e-6):
         run.gnss.v_n_m_s, np.tile([0.0, 2.0, -0.5], (run.gnss.time_s.size, 1)), atol=1e-12
     )
     assert run.gnss.time_s[1] - run.gnss.time_s[0] == pytest.approx(0.2, abs=1e-6)
+    assert set(run.gnss.fix_type) <= {FixType.SINGLE, FixType.DIFFERENTIAL}
 
 
 def test_dataflash_of_old_firmware(old):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from tests.trajectories.readers.known_motion import (
     GIVEN,
     HEIGHT_M,
@@ -182,6 +182,7 @@ def test_vectornav_parked(tmp_path, style, kind):
     np.testing.assert_allclose(gnss.v_n_m_s, np.tile([1.0, 2.0, -0.5], (45, 1)))
     np.testing.assert_allclose(gnss.sigma_horizontal_m, 0.5 / np.sqrt(2))
     np.testing.assert_allclose(gnss.sigma_velocity_m_s, 0.05)
+    np.testing.assert_array_equal(gnss.fix_type, FixType.SINGLE)
     assert made.run.header.site.height_m == pytest.approx(HEIGHT_M)
     assert made.run.header.gyro_technology == "mems"
 

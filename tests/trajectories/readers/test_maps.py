@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from tests.trajectories.readers.known_motion import GIVEN, LAT_DEG, LON_DEG, check_parked, parked
 from trajectories.readers.containers import mat_hdf5
 from trajectories.readers.conversion import convert_log
@@ -381,12 +381,29 @@ def test_fixes_and_temperatures_among_the_rows(tmp_path):
     assert run.temperature.time_s.size == 30
     np.testing.assert_allclose(run.odometer.speed_m_s, 10.0)
     assert run.odometer.time_s.size == 600
+    assert run.gnss.fix_type is None
     for name, values in FIXES.items():
         columns[name] = np.repeat(values, 100)
     (tmp_path / "held.csv").write_text(csv_text(columns))
     check_fixes(
         convert(tmp_path / "held.csv", MAP | {"gnss": GNSS}).run.gnss, np.arange(60) * 1.0 + 0.01
     )
+
+
+@pytest.mark.parametrize(
+    ("scale", "numbers"),
+    [("autopilot", [3, 4, 5, 6]), ("rtklib", [5, 4, 2, 1]), ("nmea", [1, 2, 5, 4])],
+)
+def test_numbers_of_quality_are_types_of_fixes(tmp_path, scale, numbers):
+    """A number that the scale does not have tells no type, and the fix stays."""
+    columns = rate_table()
+    for name, values in (FIXES | {"q": np.resize([*numbers, 9], 60)}).items():
+        columns[name] = np.repeat(values, 100)
+    (tmp_path / "log.csv").write_text(csv_text(columns))
+    fix = {"column": "q", "at_least": 1, "scale": scale}
+    found = convert(tmp_path / "log.csv", MAP | {"gnss": GNSS | {"fix": fix}}).run.gnss
+    types = [FixType.SINGLE, FixType.DIFFERENTIAL, FixType.FLOAT, FixType.FIXED, np.nan]
+    np.testing.assert_array_equal(found.fix_type, np.resize(types, 60))
 
 
 def check_fixes(gnss, time_s):

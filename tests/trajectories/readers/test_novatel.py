@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from tests.trajectories.readers.known_motion import (
     GIVEN,
     HEADING_DEG,
@@ -361,6 +361,7 @@ def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
     np.testing.assert_allclose(gnss.sigma_horizontal_m, 0.5 / np.sqrt(2))
     np.testing.assert_allclose(gnss.sigma_vertical_m, 0.9)
     assert gnss.sigma_velocity_m_s is None
+    np.testing.assert_array_equal(gnss.fix_type, FixType.SINGLE)
     assert made.run.header.site.height_m == pytest.approx(HEIGHT_M)
 
 

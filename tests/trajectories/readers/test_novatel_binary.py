@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from tests.trajectories.readers import test_novatel as ascii_logs
 from tests.trajectories.readers.known_motion import (
     GIVEN,
@@ -136,7 +136,11 @@ def test_fixes_of_the_first_antenna(tmp_path):
     frames = raw_frames()
     for k in range(4, 10):
         t = SECONDS + k
-        frames += [position(t, k), velocity(t, 2.0), position(t, k + 500, antenna=1)]
+        frames += [
+            position(t, k, kind=16 if k < 7 else 50),
+            velocity(t, 2.0),
+            position(t, k + 500, antenna=1),
+        ]
         frames += [solution(t, 3 if k > 5 else 1), position(t, k, number=42, kind=53)]
     made = convert(tmp_path, frames, given=PLACELESS)
     gnss = made.run.gnss
@@ -146,6 +150,7 @@ def test_fixes_of_the_first_antenna(tmp_path):
     expected = [2.0 * np.cos(np.radians(30.0)), 2.0 * np.sin(np.radians(30.0)), -0.5]
     np.testing.assert_allclose(gnss.v_n_m_s[2], expected, atol=1e-6)
     np.testing.assert_allclose(gnss.sigma_vertical_m, 0.9, atol=1e-6)
+    np.testing.assert_array_equal(gnss.fix_type, [FixType.SINGLE] * 3 + [FixType.FIXED] * 3)
     assert made.run.header.site.height_m == pytest.approx(HEIGHT_M, abs=1e-5)
     assert made.reference.time_s.size == 4
     np.testing.assert_allclose(made.reference.height_m, HEIGHT_M, atol=1e-5)

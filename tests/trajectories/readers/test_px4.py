@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from ins.units import DEG
 from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.ulog_file import read_ulog
@@ -232,6 +232,7 @@ def test_raw_topics_come_first(tmp_path):
     assert header.site.lat_rad == pytest.approx(47.5 * DEG) and header.site.height_m == 447.5
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [1.0, 2.0, -0.5])
     np.testing.assert_allclose(made.run.gnss.sigma_vertical_m, 1.2, rtol=1e-6)
+    np.testing.assert_array_equal(made.run.gnss.fix_type, FixType.SINGLE)
     assert any("nearest sensor_accel row, 2.0 ms apart" in n for n in made.record.notes)
     T = made.run.temperature
     np.testing.assert_allclose(T.gyro_degC[:, 1], 30.0 + (T.time_s - 0.01) * 0.1, atol=1e-4)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ins.attitude import dcm_from_euler
-from ins.records import InputError
+from ins.records import FixType, InputError
 from ins.units import DEG
 from trajectories.readers.containers import unpacking
 from trajectories.readers.conversion import convert_log
@@ -65,6 +65,7 @@ def test_axes_units_and_time(tmp_path, form):
     )
     np.testing.assert_allclose(run.gnss.sigma_horizontal_m, np.sqrt(2.0))
     np.testing.assert_allclose(run.gnss.sigma_vertical_m, 3.0)
+    np.testing.assert_array_equal(run.gnss.fix_type, FixType.SINGLE)
     np.testing.assert_allclose(run.gnss.sigma_velocity_m_s, np.sqrt(0.14 / 3))
     assert run.gnss.time_s[0] == pytest.approx(6 * DT_S, abs=1e-7)
     np.testing.assert_allclose(

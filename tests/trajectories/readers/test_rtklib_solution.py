@@ -7,7 +7,7 @@ import datetime
 import numpy as np
 import pytest
 
-from ins.records import InputError
+from ins.records import FixType, InputError
 from tests.trajectories.readers.known_motion import GIVEN, HEIGHT_M, LAT_DEG, LON_DEG, parked
 from tests.trajectories.readers.test_kfgins import SOW, write_imu
 from trajectories.readers.conversion import convert_log
@@ -61,6 +61,8 @@ def test_fixes_beside_a_log_of_seconds_of_the_week(tmp_path, clock, stamp, betwe
     assert gnss.v_n_m_s[:, 2] == pytest.approx(-0.5)
     assert gnss.sigma_horizontal_m == pytest.approx(np.hypot(0.03, 0.05) / np.sqrt(2.0))
     assert gnss.sigma_velocity_m_s == pytest.approx(0.04)
+    even = np.round(since).astype(int) % 2 == 0
+    np.testing.assert_array_equal(gnss.fix_type, np.where(even, FixType.FIXED, FixType.FLOAT))
     utc = EPOCH + datetime.timedelta(weeks=WEEK, seconds=made.record.time_shift_s - LEAP_S)
     told = datetime.datetime.fromisoformat(made.run.header.start_utc.replace("Z", ""))
     assert abs((told - utc).total_seconds()) < 1e-3

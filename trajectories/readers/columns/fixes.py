@@ -32,7 +32,7 @@ class RawFixes:
     """What a log says of its fixes, shape (n,) each, on its own clock; v_n_m_s (n, 3).
 
     is_3d: has a position; unix_s: UTC, NaN where unknown; sigmas (3, n): horizontal, vertical [m],
-    velocity [m/s].
+    velocity [m/s]; fix_type (n,): `FixType`, NaN where unknown.
     """
 
     log_s: NDArray
@@ -43,6 +43,7 @@ class RawFixes:
     v_n_m_s: NDArray
     unix_s: NDArray
     sigmas: NDArray | None = None
+    fix_type: NDArray | None = None
 
 
 class StartKeys(TypedDict, total=False):
@@ -95,6 +96,7 @@ def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
         v_n_m_s=raw.v_n_m_s[rows],
         unix_s=raw.unix_s[rows],
         sigmas=None if raw.sigmas is None else raw.sigmas[:, rows],
+        fix_type=None if raw.fix_type is None else raw.fix_type[rows],
     )
 
 
@@ -136,6 +138,7 @@ def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
         height_m=raw.height_m[rows],
         v_n_m_s=raw.v_n_m_s[rows],
         **sigmas,
+        fix_type=_types(raw.fix_type, rows),
     )
     with np.errstate(invalid="ignore"):
         dated = rows[(raw.unix_s[rows] > UNIX_S[0]) & (raw.unix_s[rows] < UNIX_S[1])]
@@ -181,6 +184,13 @@ def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
         "time or position jumps and comes back": rows[~near],
         "time repeats or goes back": placed[~later],
     }
+
+
+def _types(types: NDArray | None, rows: NDArray) -> NDArray | None:
+    """The types of some fixes; None where none is known."""
+    if types is None or not np.isfinite(types[rows]).any():
+        return None
+    return types[rows]
 
 
 def _jump(values: NDArray) -> NDArray:

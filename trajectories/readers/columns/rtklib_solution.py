@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.readers.columns.fix_types import RTKLIB, fix_types
 from trajectories.readers.columns.fixes import RawFixes
 from trajectories.readers.columns.text_columns import HEADER_BYTES, text_columns
 from trajectories.readers.rows.column_map import LayoutKeys
@@ -223,4 +224,7 @@ def _fixes(columns: Mapping[str, NDArray], unix_s: NDArray) -> RawFixes:
         sigmas=np.stack(
             [np.sqrt(0.5 * (north**2 + east**2)), up, np.sqrt(np.mean(speed**2, axis=0))]
         ),
+        fix_type=fix_types(columns[SOLUTION_QUALITY], RTKLIB)
+        if SOLUTION_QUALITY in columns
+        else None,
     )

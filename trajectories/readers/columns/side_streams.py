@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ins.json_file import StrictModel
 from ins.records import InputError, OdometerLog, ReferenceLog
+from trajectories.readers.columns.fix_types import BY_NAME, fix_types
 from trajectories.readers.columns.fix_velocity import with_velocities
 from trajectories.readers.columns.fixes import (
     MAX_SPEED_M_S,
@@ -174,6 +175,9 @@ def _fixes(columns: Columns, part: GnssKeys, keys: ColumnMap, label: str) -> Raw
     is_3d = (
         columns[part.fix.column] >= part.fix.at_least if part.fix else np.ones(lat.size, dtype=bool)
     )
+    types = None
+    if part.fix is not None and part.fix.scale is not None:
+        types = fix_types(columns[part.fix.column], BY_NAME[part.fix.scale])
     factor = ANGLES_DEG[place.unit]
     return RawFixes(
         log_s=_clock(columns, part, keys),
@@ -184,6 +188,7 @@ def _fixes(columns: Columns, part: GnssKeys, keys: ColumnMap, label: str) -> Raw
         v_n_m_s=v_n,
         unix_s=np.full(lat.size, np.nan),
         sigmas=_sigmas(columns, part),
+        fix_type=types,
     )
 
 

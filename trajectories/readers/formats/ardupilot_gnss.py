@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.units import DEG
+from trajectories.readers.columns.fix_types import AUTOPILOT, fix_types
 from trajectories.readers.columns.fixes import MATCH_S, Fixes, RawFixes, good_fixes
 from trajectories.readers.rows.clocks import going_on
 from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds
@@ -53,6 +54,7 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
             v_n_m_s=v_n,
             unix_s=_unix(table),
             sigmas=_sigmas(tables, clock),
+            fix_type=fix_types(table["Status"], AUTOPILOT),
         )
     found, notes = good_fixes(raw, label=label)
     notes = [*told, *notes]

@@ -56,6 +56,7 @@ def fixes(
                     np.full(gps_s.size, np.nan),
                 ]
             ),
+            fix_type=found["fix_type"],
         ),
         notes,
     )

@@ -1,7 +1,8 @@
 """What a NovAtel log holds, as tables that are the same of lines (ASCII) and of frames (binary).
 
 Every table has `week` and `seconds`; a raw log of the IMU its counts, and with the extended ones
-`info` and `type`; positions and velocities `computed` (a solution) and `inertial` (of the filter);
+`info` and `type`; positions and velocities `computed` (a solution), `inertial` (of the filter) and
+`fix_type`;
 solutions of the filter `good`, with the height above the ellipsoid. Source: OEM7 documentation, the
 page of each log; tables "Solution Status", "Position or Velocity Type", "Inertial Solution Status";
 INSCONFIG.
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.readers.columns.fix_types import NOVATEL, NOVATEL_NAMES, fix_types
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.novatel_frames import CONFIG, Frames, has_frame, read_frames
 from trajectories.readers.containers.novatel_lines import (
@@ -135,6 +137,7 @@ def _of_frames(name: str, bodies: NDArray) -> Table:
     elif "status" in out:
         out["computed"] = bodies["status"] == COMPUTED[1]
         out["inertial"] = np.isin(bodies["type"], INERTIAL_TYPES)
+        out["fix_type"] = fix_types(bodies["type"], NOVATEL)
     return _above_ellipsoid(name, out)
 
 
@@ -162,6 +165,8 @@ def _of_lines(name: str, rows: Sequence[Row], label: str) -> Table:
     elif "status" in out:
         out["computed"] = out["status"] == COMPUTED[0]
         out["inertial"] = np.char.startswith(out["type"].astype(str), INERTIAL)
+        numbers = np.array([NOVATEL_NAMES.get(word, 0) for word in out["type"].astype(str)])
+        out["fix_type"] = fix_types(numbers, NOVATEL)
     return _above_ellipsoid(name, out)
 
 

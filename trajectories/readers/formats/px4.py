@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ins.records import AXES, InputError, TemperatureLog
+from trajectories.readers.columns.fix_types import AUTOPILOT, fix_types
 from trajectories.readers.columns.fixes import Fixes, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import converted, plausible_degC, second_means
 from trajectories.readers.containers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
@@ -292,6 +293,7 @@ def _fixes(tables: UlogTables, label: str) -> tuple[Fixes | None, list[str]]:
             v_n_m_s=np.stack([gps[f"vel_{a}_m_s"] for a in "ned"], axis=1),
             unix_s=np.where(utc > 0, utc * US, np.nan),
             sigmas=None if any(s is None for s in sigmas) else np.stack(sigmas),  # type: ignore[arg-type]
+            fix_type=fix_types(gps["fix_type"], AUTOPILOT),
         ),
         label=label,
     )

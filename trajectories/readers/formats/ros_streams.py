@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError, TemperatureLog
+from trajectories.readers.columns.fix_types import ROS, fix_types
 from trajectories.readers.columns.fixes import MATCH_S, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import PLAUSIBLE_DEGC, second_means
 from trajectories.readers.columns.side_streams import with_fixes
@@ -88,6 +89,7 @@ def with_gnss(
         v_n_m_s=v_n,
         unix_s=clock(fix) + base_s,
         sigmas=np.stack([*np.where(known, sigmas, np.nan), sigma_v]),
+        fix_type=fix_types(status, ROS),
     )
     log = with_fixes(log, raw, label=f"{label}: {fix.name}")
     if log.gnss is not None:

@@ -137,10 +137,13 @@ class VelocityKeys(StrictModel):
 
 
 class FixKeys(StrictModel):
-    """A column that says how good a fix is: rows below `at_least` have none."""
+    """A column that says how good a fix is: rows below `at_least` have none; scale: whose numbers
+    they are, so that they tell the type of the fix too.
+    """
 
     column: str
     at_least: float = 3.0
+    scale: Literal["autopilot", "rtklib", "nmea"] | None = None
 
 
 class GnssKeys(FileKeys):

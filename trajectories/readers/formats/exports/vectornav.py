@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ins.records import AXES, InputError
 from ins.units import DEG
+from trajectories.readers.columns.fix_types import VECTORNAV, fix_types
 from trajectories.readers.columns.fixes import RawFixes, chosen
 from trajectories.readers.columns.headings import heading
 from trajectories.readers.columns.imu_columns import converted
@@ -226,6 +227,7 @@ def _fixes(columns: Columns) -> RawFixes:
         v_n_m_s=v_n,
         unix_s=unix_s,
         sigmas=_sigmas(columns, log_s.size),
+        fix_type=fix_types(columns["fix"], VECTORNAV) if "fix" in columns else None,
     )
     same = np.column_stack([raw.lat_deg, raw.lon_deg, raw.height_m, np.nan_to_num(v_n)])
     new = np.concatenate([[True], np.any(same[1:] != same[:-1], axis=1)])[: log_s.size]
