@@ -18,6 +18,7 @@ alone, as a diagnosis at the default level has it. Noise effects are no part of 
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,7 +80,7 @@ def unit(seed: int, draws: int) -> list[dict]:
     """Answers on one set of four runs, a row a size."""
     bank = bank_of(seed)
     rng = np.random.default_rng([seed, 18])
-    found = candidates(bank)
+    found = candidates(bank, SIZES)
     names = sorted({c.key for c in found})
     scorer = Scorer(bank)
     root = half(bank.gram)
@@ -128,18 +129,20 @@ def bank_of(seed: int) -> Bank:
     return Bank(Evidence(views, trial.twin), catalogue())
 
 
-def candidates(bank: Bank) -> list[Candidate]:
-    """All grid points of named effects that leave a trace in these runs."""
+def candidates(bank: Bank, sizes: Sequence[float]) -> list[Candidate]:
+    """All grid points of named effects that leave a trace in these runs; points between them, which
+    a diagnosis may have entered, are none.
+    """
     found = []
     for h in bank.hypotheses:
-        for group in h.groups if h.effect is not None else ():
-            made = candidate(bank, h, group)
+        for group in h.groups[: h.coarse] if h.effect is not None else ():
+            made = candidate(bank, h, group, sizes)
             if made is not None:
                 found.append(made)
     return found
 
 
-def candidate(bank: Bank, h: Hypothesis, group: Group) -> Candidate | None:
+def candidate(bank: Bank, h: Hypothesis, group: Group, sizes: Sequence[float]) -> Candidate | None:
     c = group.columns
     scaled = bank.gram[np.ix_(c, c)] * np.outer(group.scale, group.scale)
     values, vectors = np.linalg.eigh(scaled)
@@ -151,7 +154,7 @@ def candidate(bank: Bank, h: Hypothesis, group: Group) -> Candidate | None:
     roots = (vectors[:, live] / root).T * group.scale
     back = group.scale[:, None] * vectors[:, live] / root
     low, high = usual_range(h)
-    size = np.array(SIZES) / np.sqrt(top)
+    size = np.array(sizes) / np.sqrt(top)
     beyond = np.maximum(size / high, 1.0)
     weight = -0.5 * np.log(beyond) - 3.0 * (beyond > REACH) - 1.0 * (size < low / 30.0)
     return Candidate((h.name, h.target), c, roots, back, weight + h.log_prior + group.log_weight)

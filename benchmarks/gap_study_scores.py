@@ -69,6 +69,17 @@ def on_top(record: Record) -> bool:
     return cause is not None and answers_to(record["planted"][0], cause["effect"], cause["target"])
 
 
+def oracle_on_top(record: Record) -> bool | None:
+    """Whether the oracle raises an alarm and names the planted effect on its target; None where it
+    was not asked (noise effects, records of earlier commits).
+    """
+    oracle = record.get("oracle")
+    if oracle is None:
+        return None
+    named = answers_to(record["planted"][0], oracle["effect"], oracle["target"])
+    return bool(oracle["alarm"]) and named
+
+
 def in_set(record: Record, *, confounded: bool = False) -> bool:
     """As `on_top`, for a cause or one of its rivals; confounded: what cannot be told from it counts
     as well.

@@ -161,6 +161,7 @@ def answer(question: Question, records: Sequence[Record]) -> dict[str, Any] | No
     return {
         "cell": question.cell,
         "words": question.words,
+        "oracle": _oracle(question, records),
         "k": k,
         "n": n,
         "interval_95": (low, high),
@@ -169,6 +170,21 @@ def answer(question: Question, records: Sequence[Record]) -> dict[str, Any] | No
         "met": met,
         "shown": shown,
     }
+
+
+def _oracle(question: Question, records: Sequence[Record]) -> dict[str, int] | None:
+    """On the trials of this question that the oracle judged too: how often it is right, and how
+    often the diagnosis is; None where it judged none, or of another question.
+    """
+    if question.score is not scores.on_top:
+        return None
+    own = [r for r in records if r["cell"] == question.cell]
+    judged = [r for r in own if scores.oracle_on_top(r) is not None]
+    if not judged:
+        return None
+    right = [r for r in judged if scores.oracle_on_top(r)]
+    ours = [r for r in judged if scores.on_top(r)]
+    return {"right": len(right), "ours": len(ours), "trials": len(judged)}
 
 
 def misses(record: Record) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gap_size import scaled, views_of
+from benchmarks.gap_study_oracle import oracle_of
 from benchmarks.gap_study_shrink import true_shrink
 from benchmarks.gap_trials.other_forms import OTHER_FORMS
 from benchmarks.gap_trials.trial import Planted, Trial, draw_noise_trial, draw_trial
@@ -100,7 +101,10 @@ def record_of(
         "cpu_s": round(time.process_time() - start, 2),
         "wall_s": round(time.perf_counter() - wall, 2),
     }
-    return {**record, **spent, **said(found), **_against_truth(trial, found)}
+    answers = {**record, **spent, **said(found), **_against_truth(trial, found)}
+    if cell.wanted and effects is None and len(reached) == 1:
+        answers["oracle"] = oracle_of(trial, reached[0], found.attribution, alpha=cell.alpha)
+    return answers
 
 
 def said(found: Diagnosis) -> Record:

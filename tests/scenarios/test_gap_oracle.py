@@ -1,15 +1,16 @@
 """The ceiling of the gap study, and effects in other forms, as far as no trial is needed."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.gap_oracle import over_sphere
-from benchmarks.gap_study_document import ON_TOP, ORACLE, oracle_shares
-from benchmarks.gap_study_summary import QUESTIONS
+from benchmarks.gap_oracle import SIZES, Candidate, Oracle, over_sphere
 from benchmarks.gap_trials.effects import EFFECTS, FORMS, effect_named, possible
 from simreal.effects.catalogue import catalogue
+
+PAGE = Path(__file__).parents[2] / "docs" / "gap_oracle.json"
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4])
@@ -24,13 +25,27 @@ def test_the_likelihood_of_any_direction_is_the_mean_over_the_sphere(k):
         )
 
 
-def test_the_ceilings_rise_with_the_size_and_stand_beside_a_question_of_the_study():
-    shares = oracle_shares()
-    assert list(shares) == ["3", "5", "8", "12"]
-    assert sorted(shares.values()) == list(shares.values())
-    assert {q.cell for q in QUESTIONS if q.words == ON_TOP} >= {"5", "8", "12"}
-    rows = json.loads(ORACLE.read_text())["rows"]
+def test_the_ceilings_of_the_page_rise_with_the_size():
+    rows = json.loads(PAGE.read_text())["rows"]
     assert all(r["oracle_right_and_alarm"] <= r["oracle_right"] <= r["draws"] for r in rows)
+    right = {s: sum(r["oracle_right_and_alarm"] for r in rows if r["sigma"] == s) for s in SIZES}
+    assert sorted(right.values()) == list(right.values())
+
+
+def test_the_oracle_names_the_nearer_of_two_signatures_and_the_more_usual_of_two_alike():
+    def point(name, column, log_prior=0.0):
+        one = np.ones((1, 1))
+        return Candidate((name, "gyro_x"), np.array([column]), one, one, np.array([log_prior]))
+
+    names = [("first", "gyro_x"), ("second", "gyro_x")]
+    score = np.array([[8.0], [6.0]])  # products of the data with two unit columns
+    apart = Oracle([point("first", 0), point("second", 1)], names, np.zeros(2), 8.0)
+    said = apart.by_name(score)[:, 0]
+    # two directions of one line, of which the data take the nearer: 8 (8 - 6) nats between them
+    assert said[0] - said[1] == pytest.approx(16.0, abs=1e-6)
+    alike = Oracle([point("first", 0), point("second", 0)], names, np.log([0.2, 0.8]), 8.0)
+    said = alike.by_name(score)[:, 0]
+    assert said[1] - said[0] == pytest.approx(np.log(4.0))
 
 
 def test_other_forms_are_planted_by_name_only_and_answered_by_the_catalogue():

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from benchmarks import gap_study, gap_study_scores, gap_study_summary
+from benchmarks import gap_study, gap_study_document, gap_study_scores, gap_study_summary
 
 TRUTH = {
     "effect": "gyro_thermal_rate",
@@ -230,3 +230,24 @@ def test_the_questions_ask_only_of_cells_that_exist():
     from benchmarks.gap_study_trial import CELLS
 
     assert {q.cell for q in gap_study_summary.QUESTIONS} <= set(CELLS) == set(TITLES)
+
+
+def test_the_oracle_is_right_where_it_alarms_and_names_the_planted_effect():
+    right = {"effect": "gyro_thermal_rate", "target": "gyro_x", "probability": 0.9, "alarm": True}
+    quiet = {**right, "alarm": False}
+    other = {**right, "target": "gyro_y"}
+    assert gap_study_scores.oracle_on_top(record(RIGHT, oracle=right)) is True
+    assert gap_study_scores.oracle_on_top(record(RIGHT, oracle=quiet)) is False
+    assert gap_study_scores.oracle_on_top(record(RIGHT, oracle=other)) is False
+    assert gap_study_scores.oracle_on_top(record(RIGHT, oracle=None)) is None
+    assert gap_study_scores.oracle_on_top(record(RIGHT)) is None
+
+
+def test_the_page_sets_oracle_and_diagnosis_side_by_side_on_the_same_trials():
+    right = {"effect": "gyro_thermal_rate", "target": "gyro_x", "probability": 0.9, "alarm": True}
+    records = [record(RIGHT, oracle=right), record(WRONG, oracle=right), record(RIGHT)]
+    summary = gap_study_summary.summarise(records)
+    seen = [a["oracle"] for a in summary["answers"] if a["oracle"]]
+    assert seen == [{"right": 2, "ours": 1, "trials": 2}]
+    text = gap_study_document.page({**summary, "earlier": [], "speed": ""})
+    assert "| 2; 1 of 2 |" in text
