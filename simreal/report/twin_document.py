@@ -18,6 +18,7 @@ from simreal.report.twin_records import (
 from simreal.report.twin_words import PARAMETER_NAMES, YAW_NOTE, needs_words, size_words, why_words
 from simreal.twin.fit.evidence import AXES_DIFFER_P
 from simreal.twin.fit.fit import NoRest
+from simreal.twin.fit.gear import GEAR_BELOW_HZ
 from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
 from simreal.twin.fit.streams import STILL_AT_LEAST_S
 
@@ -28,6 +29,10 @@ CONTRADICTED = (
 FILTERED = (
     "a filter takes noise out of the {triad} rows at high frequencies; their white noise is read"
     " below {hz:.3g} Hz, where it takes out next to nothing"
+)
+ROCKED = (
+    "people or wind move the vehicle on its gear: of {channels} only the rows' noise above {hz:g}"
+    " Hz is read; the rest rests on the other channels"
 )
 FLICKER_FOR_MARKOV = (
     "the twin knows no Gauss-Markov process; its {triad} flicker is set to {size:.3g} {unit}, which"
@@ -80,6 +85,7 @@ def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> Twin
         vehicle_share={SIX_CHANNELS[k]: float(found.shared[k]) for k in range(3)},
         windows_left_out=dict(found.left_out),
         read_below_hz=dict(found.read_below_hz),
+        read_above_hz=dict.fromkeys(found.rocked, GEAR_BELOW_HZ),
         notes=_notes(found),
         found=found,
     )
@@ -203,6 +209,9 @@ def _notes(found: TwinFit) -> list[str]:
     against = parts - {"vehicle"}
     notes = [CONTRADICTED.format(triad=triad) for triad in sorted(against)]
     notes += [FILTERED.format(triad=k, hz=hz) for k, hz in found.read_below_hz.items()]
+    moved = [name for name in found.rocked if name.split("_")[0] not in against]
+    if moved:
+        notes.append(ROCKED.format(channels=", ".join(moved), hz=GEAR_BELOW_HZ))
     told = {p.name for p in found.parameters if p.identified}
     if "gyro.gauss_markov_deg_h" in told:
         size = found.twin.gyro.bias_instability_deg_h

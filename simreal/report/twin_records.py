@@ -96,6 +96,7 @@ class TwinFitRecord:
     vehicle_share: Mapping[str, float]
     windows_left_out: Mapping[str, float]
     read_below_hz: Mapping[str, float] = field(default_factory=dict)
+    read_above_hz: Mapping[str, float] = field(default_factory=dict)
     notes: Sequence[str]
     found: TwinFit | None = field(default=None, metadata=UNWRITTEN)
     twin: str | None = field(default=None, metadata=OMIT_NONE)

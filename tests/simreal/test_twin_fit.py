@@ -21,7 +21,9 @@ from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.agreement import Part, swings
 from simreal.twin.fit.constants import spread_between
 from simreal.twin.fit.evidence import needed_s
-from simreal.twin.fit.model import PRIOR_SIGMA, Fitted, Model
+from simreal.twin.fit.fit import believed_value
+from simreal.twin.fit.gear import GEAR_BELOW_HZ, flat_above, rocked, without_gear
+from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model, climb
 from simreal.twin.fit.other_sensors import resolution
 from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
@@ -212,7 +214,58 @@ def test_no_number_is_told_of_a_model_that_the_data_contradict():
     told = {p.name: p for p in found.parameters}
     flicker = told["gyro.bias_instability_deg_h"]
     assert not flicker.identified or abs(flicker.value - 0.002) < 4.0 * flicker.sigma
-    assert found.twin.gyro.arw_deg_sqrt_h == pytest.approx(0.002, rel=0.5)
+    assert found.record.read_above_hz == {"gyro_x": GEAR_BELOW_HZ, "gyro_y": GEAR_BELOW_HZ}
+    for name, true in (("gyro.arw_deg_sqrt_h", 0.002), ("vehicle.yaw_creep_arcsec_sqrt_h", 3.0)):
+        assert told[name].identified
+        assert abs(told[name].value - true) < 4.0 * told[name].sigma
+
+
+def bands_at(hz, power, channel=0):
+    """Bands of rows of 50 Hz, known to 1 %."""
+    dof = np.full(hz.size, 1e4)
+    nothing = np.zeros(hz.size, bool)
+    return Bands(channel, 0.02, 0.05, hz, np.arange(hz.size), power, dof, nothing)
+
+
+def evidence_of(*bands):
+    return Evidence(tuple((0, b) for b in bands), (), (np.ones(6),))
+
+
+WHITE_ALONE = Model((Term.WHITE,), np.zeros(1), Shape(), np.full(1, PRIOR_SIGMA))
+
+
+def test_a_channel_that_a_vehicle_rocks_is_read_above_the_gear_alone():
+    hz = np.geomspace(0.5, 24.0, 60)
+    hump = 3.0 * np.exp(-(np.log(hz / 1.2) ** 2))
+    evidence = evidence_of(bands_at(hz, 1.0 + hump, 0), bands_at(hz, np.ones(60), 1))
+    gear = rocked(evidence, climb(evidence, WHITE_ALONE))
+    assert gear == {(0, 0)}
+    kept = without_gear(evidence, gear)
+    assert climb(kept, WHITE_ALONE).log_variance(Term.WHITE) == pytest.approx(0.0, abs=0.01)
+    assert not (kept.bands[0][1].dof > 0)[hz < GEAR_BELOW_HZ].any()
+    assert (kept.bands[1][1].dof > 0).all()
+
+
+def test_what_a_filter_leaves_above_the_gear_is_no_white_noise():
+    hz = np.geomspace(0.5, 24.0, 60)
+    flat, filtered = np.ones(60), 1.0 / (1.0 + (hz / 20.0) ** 2)
+    for power, is_flat in ((flat, True), (filtered, False)):
+        evidence = evidence_of(bands_at(hz, power))
+        assert flat_above(without_gear(evidence, frozenset({(0, 0)}))) == is_flat
+    assert not flat_above(without_gear(evidence_of(bands_at(hz[hz < 10], flat[hz < 10])), {(0, 0)}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ["boarding", "gusty:2", "maintenance"])
+@pytest.mark.parametrize("scenario", ["mems_warm_up", "parked_only"])
+def test_numbers_of_a_rocked_unit_are_right_to_their_sigmas(scenario, environment):
+    """A MEMS unit in gusts was told 262 +- 6 ug/sqrt(Hz) where 100 are true."""
+    simulated = recal.simulate(scenario, seed=31, rate_hz=50, environments=[environment])
+    found = recal.fit_twin(simulated.run).record.found
+    for name in ("gyro.arw_deg_sqrt_h", "accel.vrw_ug_sqrt_hz"):
+        told = found.of(name)
+        if told.identified:
+            assert abs(told.value - believed_value(simulated.twin, name)) < 4.0 * told.sigma
 
 
 def filtered(simulated, filter_of):

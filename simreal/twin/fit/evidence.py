@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ins.robust import chi2
 from ins.units import HOUR
+from simreal.twin.fit.gear import GEAR_BELOW_HZ, Gear, flat_above, rocked, without_gear
 from simreal.twin.fit.model import (
     PRIOR_SIGMA,
     ROUGHLY,
@@ -100,7 +101,8 @@ class Told:
 class TriadFit:
     """The terms of a triad, its best model, and the fit behind it; differ: p-value that its axes
     are alike; axes: of each axis, fitted alone; band_hz: up to which the rows were read, where a
-    filter takes noise out of them above; contradicted: by the data, by far.
+    filter takes noise out of them above; gear: the channels of which nothing below
+    GEAR_BELOW_HZ was read, for the vehicle moved on its gear; contradicted: by the data, by far.
     """
 
     told: tuple[Told, ...]
@@ -109,10 +111,15 @@ class TriadFit:
     axes: Mapping[int, Fitted]
     used_s: float
     band_hz: float | None = None
+    gear: Gear = frozenset()
     contradicted: bool = False
 
     def of(self, term: Term) -> Told | None:
         return next((t for t in self.told if t.term is term), None)
+
+    def read(self, evidence: Evidence) -> Evidence:
+        """The bands that the fit has read count, no others."""
+        return without_gear(below(evidence, self.band_hz or np.inf), self.gear)
 
 
 def fit_triad(
@@ -120,23 +127,38 @@ def fit_triad(
     model: Model,
     dt_s: float,
     used_s: float,
-    contradicted: Callable[[Fitted], bool],
+    contradicted: Callable[[Fitted, Evidence], bool],
 ) -> TriadFit:
     """The noise of a triad. dt_s: of its rows; used_s: parked seconds, all runs; contradicted:
     whether the data contradict a fit by far. No term of such a fit is asked for: its numbers would
     say nothing.
     """
+
+    def unlike(best: Fitted, evidence: Evidence) -> bool:
+        return not best.model.hidden and (
+            _like_a_filter(best) or contradicted(best, evidence) or _falls(evidence, model)
+        )
+
     best, used, differ_p, axes = _best(evidence, model)
-    band_hz = None
-    if not best.model.hidden and (
-        _like_a_filter(best)
-        or contradicted(best)
-        or _falls_below(evidence, model, 0.25 * _top_hz(evidence))
-    ):
+    band_hz, gear = None, rocked(used, best)
+    moved = bool(gear)
+    if moved:
+        quiet = without_gear(evidence, gear)
+        at_rest = _best(quiet, model)
+        if unlike(at_rest[0], quiet):
+            gear = Gear()
+        else:
+            best, used, differ_p, axes = at_rest
+    if not gear and (moved or unlike(best, evidence)):
         band_hz = _unfiltered_band(evidence, model)
         if band_hz is not None:
             best, used, differ_p, axes = _best(below(evidence, band_hz), model)
-        if band_hz is None or contradicted(best) or _like_a_filter(best):
+        if (
+            band_hz is None
+            or contradicted(best, evidence)
+            or _like_a_filter(best)
+            or rocked(used, best)
+        ):
             unsaid = tuple(_unsaid(best, term) for term in best.model.terms)
             return TriadFit(unsaid, best, differ_p, axes, used_s, contradicted=True)
     evidence = used
@@ -149,9 +171,9 @@ def fit_triad(
     last = _last_model(best.model, kept)
     final = climb(evidence, last, _carried(best, last))
     told = [_final(t, final, dt_s=dt_s, used_s=used_s, channels=channels) for t in told]
-    if band_hz is not None:
+    if band_hz is not None or (gear and _only_above_gear(evidence)):
         told = [_beside_filter(t) if t.term is Term.WHITE else t for t in told]
-    return TriadFit(tuple(told), final, differ_p, axes, used_s, band_hz)
+    return TriadFit(tuple(told), final, differ_p, axes, used_s, band_hz, gear)
 
 
 def _best(evidence: Evidence, model: Model) -> tuple[Fitted, Evidence, float, Mapping[int, Fitted]]:
@@ -201,6 +223,19 @@ def _unfiltered_band(evidence: Evidence, model: Model) -> float | None:
 def _top_hz(evidence: Evidence) -> float:
     """The highest frequency of the rows."""
     return max((float(b.hz.max()) for _, b in evidence.bands), default=0.0)
+
+
+def _falls(evidence: Evidence, model: Model) -> bool:
+    """Whether a filter has taken noise out of the upper half of the rows' band."""
+    if _only_above_gear(evidence):
+        return not flat_above(evidence)
+    return _falls_below(evidence, model, 0.25 * _top_hz(evidence))
+
+
+def _only_above_gear(evidence: Evidence) -> bool:
+    """Whether nothing is read below the frequencies of a vehicle on its gear."""
+    lowest = min((float(b.centre_hz[b.dof > 0].min(initial=np.inf)) for _, b in evidence.bands))
+    return lowest > GEAR_BELOW_HZ
 
 
 def _falls_below(evidence: Evidence, model: Model, hz: float) -> bool:

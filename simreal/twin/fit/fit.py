@@ -33,7 +33,6 @@ from simreal.twin.fit.evidence import (
     IDENTIFIED_SIGMA,
     Told,
     TriadFit,
-    below,
     fit_triad,
 )
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model
@@ -94,8 +93,8 @@ def fit_twin(
     def fit_of(channels: Sequence[int], model: Model) -> TriadFit:
         of = evidence.of(channels)
 
-        def hopeless(fitted: Fitted) -> bool:
-            return any(contradicted(c) for c in curves_of(streams, of, (fitted, fitted)))
+        def hopeless(fitted: Fitted, used: Evidence) -> bool:
+            return any(contradicted(c) for c in curves_of(streams, used, (fitted, fitted)))
 
         return fit_triad(of, model, 1.0 / rate_hz, seconds, hopeless)
 
@@ -103,7 +102,7 @@ def fit_twin(
     accel = fit_of(ACCEL_TRIAD, _accel_model(believed, 1.0 / rate_hz))
     told("reading the other sensors")
     fits = {GYRO_TRIAD: gyro, ACCEL_TRIAD: accel}
-    read = [below(evidence.of(c), fit.band_hz or np.inf).bands for c, fit in fits.items()]
+    read = [fit.read(evidence.of(c)).bands for c, fit in fits.items()]
     drawn = replace(evidence, bands=tuple(chain(*read)))
     curves = curves_of(streams, drawn, (gyro.fitted, accel.fitted))
     against = {curve.channel.split("_")[0] for curve in curves if contradicted(curve)}
@@ -141,6 +140,7 @@ def fit_twin(
             for name, fit in (("gyro", gyro), ("accel", accel))
             if fit.band_hz is not None
         },
+        rocked=tuple(SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})),
     )
 
 

@@ -97,7 +97,8 @@ class TwinFit:
     the white noise of each; axes: of each channel the variances of its white noise and of its
     quantisation over those of the twin, where its triad's differ; shared (3,): largest share of a
     band of a gyro that the vehicle made; read_below_hz: of each triad whose rows a filter has
-    smoothed, the frequency up to which they were read.
+    smoothed, the frequency up to which they were read; rocked: channels that people or wind move,
+    of which nothing below GEAR_BELOW_HZ was read in one of the runs.
     """
 
     twin: TwinModel
@@ -114,6 +115,7 @@ class TwinFit:
     left_out: Mapping[str, float]
     seconds: float
     read_below_hz: Mapping[str, float]
+    rocked: tuple[str, ...]
 
     def of(self, name: str) -> Parameter:
         """The parameter of a name."""
