@@ -31,7 +31,16 @@ def shown_noise(fitted: TwinFitRecord | None) -> tuple[TwinFitRecord | None, lis
             f" ({worst.channel}), so it is not drawn. The logger may filter the data, or the rest"
             " is too short or unsteady."
         )
-    return replace(fitted, channels=channels) if notes else fitted, notes
+    drawn = replace(fitted, channels=channels) if notes else fitted
+    shown = {c.channel for c in channels if np.isfinite(c.allan_model).all()}
+    moved = [c for c in fitted.read_above_hz if c in shown]
+    if moved:
+        above_hz = max(fitted.read_above_hz.values())
+        notes.append(
+            f"noise: people or wind move the vehicle. The model of {', '.join(moved)} rests on what"
+            f" lies above {above_hz:g} Hz; the data drawn hold the motion as well."
+        )
+    return drawn, notes
 
 
 def _furthest(channel: ChannelRecord) -> tuple[float, float]:
