@@ -37,7 +37,7 @@ from ins.attitude import dcm_from_euler
 from ins.earth import omega_ie_n
 from ins.json_file import read_toml
 from ins.records import Run, TemperatureLog, TwinModel
-from ins.twin_file import read_twin, twin_from_dict
+from ins.twin_file import read_twin
 from recal.service.results.text import result_text
 from recal.service.twin.fit import fit_twin
 from simreal.declared.twin_effects import parse_effects, twin_extra_noise, twin_traces
@@ -49,7 +49,7 @@ from simreal.inference import diagnosis
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.locate import cells_of, measure_cells
 from simreal.inference.noise_hypotheses import Squares
-from simreal.twin.write_back import twin_with_causes
+from simreal.twin.write_back import fitted_items, twin_with_causes
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.cut import cut_run
 
@@ -225,8 +225,11 @@ def _prepared(log: Log) -> Log:
 
 
 def _twin_with(twin: TwinModel, found: Diagnosis, run_ids: Sequence[str]) -> TwinModel:
-    more = twin_with_causes(twin, found.causes, run_ids, with_table=False)
-    return twin_from_dict(json.loads(json.dumps(more)), source="twin", name="twin")
+    """With all that was fitted to a recording, also what other data do not bear: it is to describe
+    this recording alone.
+    """
+    more = [item for cause in found.causes for item in fitted_items(cause, run_ids)]
+    return replace(twin, effects=(*twin.effects, *json.loads(json.dumps(more))))
 
 
 def with_placebo(run: Run, placebo: TemperatureLog, kind: str) -> Run:
@@ -339,6 +342,7 @@ def sealed(log: Log, number: int) -> dict:
         return {"reached": 0.0}  # a half that no longer rests
     found = diagnose([first], log.twin, None, DiagnosisSettings(replicates=REPLICATES))
     names = [first.header.run_id]
+    all_of_it = _twin_with(log.twin, found, names)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "twin.json"
         made = twin_with_causes(log.twin, found.causes, names, with_table=False)
@@ -349,10 +353,12 @@ def sealed(log: Log, number: int) -> dict:
         "target": f"gyro_{'xyz'[laid.axis]}",
         "found": [f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes],
         "named": any(c.named for c in found.causes),
+        "kept_out": [f"{c.effect} on {c.target}" for c in found.causes if c.kept_out],
         "first_before": gap_nats(first, log.twin),
         "first_after": gap_nats(first, kept),
         "second_before": gap_nats(second, log.twin),
         "second_after": gap_nats(second, kept),
+        "second_with_all": gap_nats(second, all_of_it),
         # what the recording shows without the implant
         "second_without": gap_nats(cut_run(log.run, middle, log.rest[1]), log.twin),
     }
@@ -429,12 +435,15 @@ def _sealed_line(name: str, rows: list[dict]) -> str:
     before, after, without = (
         sum(r[f"second_{when}"] for r in found) for when in ("before", "after", "without")
     )
-    own = sum(r["first_before"] for r in found), sum(r["first_after"] for r in found)
+    every = sum(r["second_with_all"] for r in found)
     less = sum(r["second_after"] < r["second_before"] for r in found)
+    more = sum(r["second_after"] > r["second_before"] + 1.0 for r in found)
+    more_with_all = sum(r["second_with_all"] > r["second_before"] + 1.0 for r in found)
     return (
-        f"{name}, of {len(rows)}: found on the first half {len(found)}, less gap on the second"
-        f" {less}; nats of the first {own[0]:.0f} -> {own[1]:.0f}, of the second"
-        f" {before:.0f} -> {after:.0f}, {without:.0f} without the implant"
+        f"{name}, of {len(rows)}: found on the first half {len(found)}, something kept out"
+        f" {sum(bool(r['kept_out']) for r in found)}; gap of the second less {less}, more {more}"
+        f" (with all that was found {more_with_all}); nats of the second {before:.0f} ->"
+        f" {after:.0f} (with all {every:.0f}), {without:.0f} without the implant"
     )
 
 

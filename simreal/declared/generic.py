@@ -22,6 +22,10 @@ UNKNOWN_MOTION = "unknown"  # of the motion, on a channel that only moving vehic
 # an error of a gyro or an accelerometer that is there only while the vehicle moves
 WHILE_MOVING = "unknown_while_moving"
 FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN_MOTION, WHILE_MOVING})
+# curves over what is logged, which must hold in data that they are not drawn through
+OF_TELEMETRY = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME})
+# of the motion: found, but nothing that a simulator can make
+OF_UNNAMED_MOTION = frozenset({UNKNOWN_MOTION, WHILE_MOVING})
 # what belongs to one run alone, and cannot be carried to another
 OF_ONE_RUN = frozenset({OF_RUN, WHILE_MOVING})
 # of a free function of the time in motion; chosen: half the period of the quickest error that moves

@@ -9,7 +9,8 @@ s, so never above 1. The interval is Fieller's, from var(N - S D) = 4 |d - S s|^
 may be near zero.
 
 What repeats is held out run by run; an event, or all there is of one run, by alternate
-half-minutes; noise by runs.
+half-minutes; noise by runs. A free function of one run is held out by halves: between the
+half-minutes that it is drawn through, a smooth curve is right whatever made it.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from simreal.declared.generic import OF_ONE_RUN
+from simreal.declared.generic import OF_ONE_RUN, OF_TELEMETRY
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence
@@ -85,11 +86,13 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
     else:
         if slot.hypothesis.run is not None:
             touched = touched & (evidence.rows.run == slot.hypothesis.run)
+        halves = slot.hypothesis.name in OF_TELEMETRY
+        mask = _half_mask if halves else _block_mask
         parts = [
-            _fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False)
+            _fold(attribution, slot, mask(evidence, odd), touched, by_run=halves)
             for odd in (False, True)
         ]
-        how = Judging.HALF_MINUTES
+        how = Judging.HALVES if halves else Judging.HALF_MINUTES
     N, D, dd, dz, m, loose = (float(sum(p[k] for p in parts)) for k in range(6))
     # half the data do not fix it: an event is short
     if how is not Judging.BY_RUN and loose > LOOSE * max(D, dd):
@@ -210,6 +213,12 @@ def _run_mask(evidence: Evidence, run: int) -> NDArray:
 
 def _block_mask(evidence: Evidence, odd: bool) -> NDArray:
     return np.asarray((np.floor(evidence.rows.time_s / ALTERNATE_S).astype(int) % 2 == 1) == odd)
+
+
+def _half_mask(evidence: Evidence, second: bool) -> NDArray:
+    """Rows of one half of the only run, by the times of its rows."""
+    time_s = evidence.rows.time_s
+    return np.asarray((time_s > 0.5 * (time_s.min() + time_s.max())) == second)
 
 
 def _fold(

@@ -30,6 +30,9 @@ from simreal.inference.scoring import Scorer, fit
 from simreal.inference.tails import tail_quantile
 
 MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap_study.md) plant up to 2
+# chosen: a unit of another grade than its twin's needs a white and a slow noise on each of six
+# sensors (Calgary needs nine, docs/examples/calgary.md)
+MOST_NOISES = 12
 REPLICATES = 300
 SWEEPS = 3
 REFINEMENTS = 3
@@ -206,7 +209,7 @@ class Attributor:
         costs.
         """
         total = 0.0
-        while self._room():
+        while any(self._room()):
             found = self._best(self.slots, pairs=pairs)
             if found is None:
                 break
@@ -220,12 +223,10 @@ class Attributor:
         self.gained = total
         return total
 
-    def _room(self) -> bool:
-        """Noise has as many places of its own: a unit of another grade needs one on each
-        channel.
-        """
+    def _room(self) -> tuple[bool, bool]:
+        """Whether there are places left for effects that are no noise, and for noise."""
         noise = sum(s.extra is not None for s in self.slots)
-        return noise < MOST_EFFECTS and len(self.slots) - noise < MOST_EFFECTS
+        return len(self.slots) - noise < MOST_EFFECTS, noise < MOST_NOISES
 
     def _noise_instead(self) -> None:
         """A slow noise beside named effects on one channel: would the noise alone have done?
@@ -289,9 +290,17 @@ class Attributor:
         self._ratio, self._z = ratio, z[:, None]
         return np.concatenate([lp[:, 0], noise]), groups[:, 0]
 
+    def _odds_with_room(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
+        """`_odds`, without those of a kind that has no place left."""
+        odds, groups = self._odds(others)
+        known = len(self.bank.hypotheses)
+        for kind, room in zip((slice(known), slice(known, None)), self._room()):
+            odds[kind] = odds[kind] if room else -np.inf
+        return odds, groups
+
     def _best(self, others: Sequence[Slot], *, pairs: bool = True) -> Slot | None:
         """The best new effect given others, refined; None where nothing reaches the threshold."""
-        odds, groups = self._odds(others)
+        odds, groups = self._odds_with_room(others)
         best = int(np.argmax(odds))
         if odds[best] < self.threshold:
             return None
@@ -301,7 +310,7 @@ class Attributor:
         if best >= known and events[event] and odds[event] > self.threshold:
             # a sharp event off its grid looks like noise: refine it first
             self._slot(event, odds, groups, others)
-            odds, groups = self._odds(others)
+            odds, groups = self._odds_with_room(others)
             best = int(np.argmax(odds))
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
@@ -472,6 +481,9 @@ class Attributor:
             others = [s for k, s in enumerate(self.slots) if k != place]
             odds, groups = self._odds(others)
             best = int(np.argmax(odds[: len(self.bank.hypotheses)]))
+            if self._noise_far_likelier(odds, best):
+                self._enter(place, self._slot(int(np.argmax(odds)), odds, groups, others))
+                return True
             hypothesis = self.bank.hypotheses[best]
             if hypothesis.key == slot.hypothesis.key:
                 slot.group = self._refined(hypothesis, self._start(best, groups), others)
@@ -479,6 +491,13 @@ class Attributor:
             self.slots[place] = self._slot(best, odds, groups, others)
             changed = True
         return changed
+
+    def _noise_far_likelier(self, odds: NDArray, best: int) -> bool:
+        """Whether a noise says what a slot says, and by a threshold better than the best effect
+        that is none.
+        """
+        _, room = self._room()
+        return room and float(odds[len(self.bank.hypotheses) :].max()) > odds[best] + self.threshold
 
     def _start(self, number: int, groups: NDArray) -> Group:
         mine = self.scorer.groups_of(number)

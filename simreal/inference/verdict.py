@@ -1,5 +1,5 @@
-"""What a diagnosis says, as members of enums: its verdict, how a shrink was judged, which test sees
-what is left. Their values are the words of diagnosis.json.
+"""What a diagnosis says, as members of enums: its verdict, how a shrink was judged, why a cause
+stays out of the twin, which test sees what is left. Their values are the words of diagnosis.json.
 """
 
 from enum import StrEnum
@@ -20,9 +20,18 @@ class Judging(StrEnum):
 
     BY_RUN = "leave one run out"
     HALF_MINUTES = "alternate half-minutes"
+    HALVES = "first half and second half"
     APART = "runs held out"
     SAME_RUN = "the same run"
     SAME_RUN_LESS_FIT = "the same run, less the fit"
+
+
+class KeptOut(StrEnum):
+    """Why a found cause is not written into the twin."""
+
+    NOT_SHOWN = "not_shown"  # a free function that lessens no gap of data not fitted to
+    MADE_WORSE = "made_worse"  # more gap in data not fitted to
+    OF_MOTION = "of_motion"  # an error of the motion without a name: nothing to simulate
 
 
 class Looks(StrEnum):

@@ -16,7 +16,7 @@ from simreal.inference.causes import Cause, Rival, Value
 from simreal.inference.diagnosis import Diagnosis, Place
 from simreal.inference.excess import FLOOR, Excess
 from simreal.inference.user_level import UserLevel
-from simreal.inference.verdict import GapVerdict
+from simreal.inference.verdict import GapVerdict, KeptOut
 from simreal.predict.document import simulator_lines
 from simreal.report.diagnosis_records import (
     AnswerRecord,
@@ -43,6 +43,12 @@ from simreal.twin.write_back import effect_items, processes_of
 
 NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
+KEPT_OUT_WORDS = {
+    KeptOut.NOT_SHOWN: "a free function must lessen the gap of data that it was not fitted to, and"
+    " these runs do not show that it does",
+    KeptOut.MADE_WORSE: "it makes the gap of data that it was not fitted to larger",
+    KeptOut.OF_MOTION: "an error of the motion without a name is nothing that can be simulated",
+}
 MOST_SAID = 4  # parameters of a cause in the lines for people
 LEAST_P = 1e-300  # a p-value below has no digits to show: the smallest double is 2.2e-308
 
@@ -237,6 +243,7 @@ def _cause(c: Cause, bars: Sequence[tuple[str, str, float]], run_ids: Sequence[s
         nodes=tuple(c.nodes),
         values=tuple(c.values),
         twin_effects=tuple(effect_items(c, run_ids)),
+        kept_out=c.kept_out,
     )
 
 
@@ -395,6 +402,8 @@ def _cause_lines(cause: CauseRecord) -> list[str]:
         lines.append(f"    {_confusion(cause)}: {', '.join(cause.confounded_with)}")
     if cause.shrink is not None:
         lines.append(f"    {_shrink_text(cause.shrink)}")
+    if cause.kept_out is not None:
+        lines.append(f"    not in twin.json: {KEPT_OUT_WORDS[cause.kept_out]}")
     return lines
 
 

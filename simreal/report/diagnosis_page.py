@@ -15,12 +15,12 @@ from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
 from simreal.effects.platform import ARCMIN
 from simreal.effects.words import EffectWords, words_of
-from simreal.inference.verdict import GapVerdict, Looks
+from simreal.inference.verdict import GapVerdict, KeptOut, Looks
 from simreal.inference.wrong_site import WRONG_LATITUDE
 from simreal.predict.document import NIS, share_text
 from simreal.predict.records import GapValueRecord, PredictedRunRecord
 from simreal.report.diagnosis_curves import Overlay
-from simreal.report.diagnosis_document import p_text
+from simreal.report.diagnosis_document import KEPT_OUT_WORDS, p_text
 from simreal.report.diagnosis_figures import band_drawing, gap_maps, overlay_drawing, posterior_bars
 from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.report.page import render_page
@@ -90,6 +90,7 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         title=_title(document),
         percent=percent,
         looks=LOOK_WORDS,
+        kept_out_words=KEPT_OUT_WORDS,
         mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
         actions=_actions(document),
         glossary=_glossary(document),
@@ -136,12 +137,23 @@ def _actions(document: DiagnosisRecord) -> list[Action]:
         out.append(Action("Nothing: the twin describes these runs."))
     if any(c.effect == WRONG_LATITUDE for c in document.causes):
         out.append(Action("Correct site.latitude_deg in run.json of these runs, and run it again."))
-    if any(c.named and c.rms and c.run_id is None for c in document.causes):
+    usable = [c for c in document.causes if c.kept_out is None]
+    if any(c.named and c.rms and c.run_id is None for c in usable):
         out.append(
             Action(
                 "Use what was found: twin.json beside this page lists it, and an update takes it"
                 " out of the log.",
                 "recal update RUN --twin twin.json",
+            )
+        )
+    doubted = (KeptOut.NOT_SHOWN, KeptOut.MADE_WORSE)
+    if doubtful := [c for c in document.causes if c.kept_out in doubted]:
+        names = " and ".join(f"{c.effect} on {c.target}" for c in doubtful)
+        out.append(
+            Action(
+                f"Let another run decide about {names}: twin.json leaves it out, because other data"
+                " do not bear it. Diagnose with a run more, at other temperatures.",
+                f"recal diagnose {runs} RUN --twin {shlex.quote(document.twin)} -o diagnosis",
             )
         )
     if any(not c.rms and c.named for c in document.causes):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from infield.reports.documents.noise_fit import NoiseFit
 from ins.records import EffectDocument
 from ins.verdicts import OMIT_NONE, written_as
-from simreal.inference.verdict import GapVerdict, Judging, Looks
+from simreal.inference.verdict import GapVerdict, Judging, KeptOut, Looks
 from simreal.predict.records import SimulatorRecord
 
 SCHEMA = "recal.diagnosis/1"
@@ -127,7 +127,9 @@ class RmsRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class CauseRecord:
-    """A found effect. twin_effects: its items in the twin that the diagnosis writes."""
+    """A found effect. twin_effects: its items in the twin that the diagnosis writes; kept_out: why
+    there are none.
+    """
 
     effect: str
     target: str
@@ -147,6 +149,7 @@ class CauseRecord:
     nodes: tuple[float, ...]
     values: tuple[float, ...]
     twin_effects: tuple[EffectDocument, ...]
+    kept_out: KeptOut | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,8 @@ and diagnosed again.
 Each item has the parameters that `simreal.declared.twin_effects` reads: coefficients and shape
 parameters as plain numbers in the effect's units; `run_id` for what belongs to one run, `process`
 for a slow variation, nodes, values and unit for a free function; and `sigma`, one standard
-deviation of what was found. The table is copied beside the twin, so the file needs nothing else.
+deviation of what was found. A cause that data do not bear which it was not fitted to stays out
+(`Cause.kept_out`). The table is copied beside the twin, so the file needs nothing else.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from math import isfinite
 
 from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
-from simreal.declared.generic import OF_RUN, UNKNOWN_MOTION, WHILE_MOVING
+from simreal.declared.generic import OF_RUN, OF_UNNAMED_MOTION
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PROCESS, RUN_ID
 from simreal.effects.base import SLOW_NAME
@@ -21,8 +22,6 @@ from simreal.effects.catalogue import effects_named
 from simreal.inference.causes import Cause
 
 TABLE_NAME = "table.json"
-# of the motion: found, but nothing that a simulator can make
-NOT_CARRIED = frozenset({UNKNOWN_MOTION, WHILE_MOVING})
 
 
 def twin_with_causes(
@@ -41,9 +40,16 @@ def twin_with_causes(
 
 def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
     """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of
-    its own.
+    its own; none of a cause that is kept out.
     """
-    if cause.effect in NOT_CARRIED:
+    return [] if cause.kept_out is not None else fitted_items(cause, run_ids)
+
+
+def fitted_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
+    """A cause as items that say what was fitted to these runs, whether other data bear it or
+    not.
+    """
+    if cause.effect in OF_UNNAMED_MOTION:
         return []
     if not cause.named:
         return [_item(cause, _function(cause, run_ids))]

@@ -2,7 +2,9 @@
 the catalogue).
 """
 
+from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
+from simreal.inference.attribute import Attributor
 from simreal.inference.causes import shares_of
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
@@ -74,8 +77,23 @@ def test_white_noise_five_percent_off_is_named_as_noise():
     }
 
 
+@pytest.mark.parametrize(
+    "noises,others,room",
+    [(0, 0, (True, True)), (6, 0, (True, True)), (12, 5, (True, False)), (6, 6, (False, True))],
+)
+def test_noise_of_all_sensors_leaves_room_for_effects_and_they_for_noise(noises, others, room):
+    """A unit noisier than its twin on six sensors had no room left for the drift it had as well."""
+    slots = [SimpleNamespace(extra=1.0)] * noises + [SimpleNamespace(extra=None)] * others
+    searched = SimpleNamespace(slots=slots, bank=SimpleNamespace(hypotheses=[None] * 2))
+    searched._room = lambda: Attributor._room(searched)
+    searched._odds = lambda _: (np.array([1.0, 2.0, 3.0]), np.zeros(0))
+    assert searched._room() == room
+    odds, _ = Attributor._odds_with_room(searched, slots)
+    # two effects and a noise
+    assert [bool(v) for v in np.isfinite(odds)] == [room[0], room[0], room[1]]
+
+
 def test_runs_of_another_unit_are_refused():
-    from dataclasses import replace
 
     from ins.records import InputError
 

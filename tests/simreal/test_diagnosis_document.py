@@ -11,15 +11,19 @@ import pytest
 
 from infield.table.file import table_from_dict
 from ins.twin_file import read_twin, twin_from_dict
+from ins.units import DEG_PER_HOUR
 from ins.verdicts import plain, record_of
 from recal.cli.console import result_text
-from simreal.declared.generic import OF_RUN, OF_TEMPERATURE
+from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME, WHILE_MOVING
 from simreal.declared.twin_effects import parse_effects, twin_traces
 from simreal.effects.telemetry import Trace
 from simreal.effects.words import words_of
 from simreal.evidence.overlap import overlapping
+from simreal.inference.addback import Shrink
 from simreal.inference.causes import Cause, Rival, Value
+from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from simreal.inference.user_level import user_level
+from simreal.inference.verdict import Judging, KeptOut
 from simreal.plan.record_next import record_next
 from simreal.report.diagnosis_curves import fitted_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
@@ -169,10 +173,80 @@ def test_a_slow_variation_names_its_process(process):
 )
 def test_a_free_function_carries_nodes_and_values(name, nodes, expected):
     free = cause(
-        effect=name, id=name, named=False, class_="R", run_id=None, nodes=nodes, values=(0.1, 0.2)
+        effect=name,
+        id=name,
+        named=False,
+        class_="R",
+        run_id=None,
+        nodes=nodes,
+        values=(0.1, 0.2),
+        shrink=shrink(0.4, 0.9),
     )
     (item,) = effect_items(free, ["r1", "r2"])
     assert item["parameters"] == {"nodes": expected, "values": [0.1, 0.2], "unit": "deg/h"}
+
+
+def shrink(low, high, *, held_out=True):
+    middle = 0.5 * (low + high)
+    return Shrink(middle, (low, high), held_out, 10.0, Judging.HALVES)
+
+
+@pytest.mark.parametrize(
+    "effect,measured,expected",
+    [
+        (OF_TEMPERATURE, shrink(0.1, 0.9), None),
+        (OF_TEMPERATURE, shrink(-0.1, 0.9), KeptOut.NOT_SHOWN),
+        (OF_TEMPERATURE, shrink(0.1, 0.9, held_out=False), KeptOut.NOT_SHOWN),
+        (OF_TEMPERATURE, None, KeptOut.NOT_SHOWN),
+        (OF_TEMPERATURE, shrink(-1.0, -0.2), KeptOut.MADE_WORSE),
+        ("gyro_thermal_rate", shrink(-0.1, 0.9), None),
+        ("gyro_thermal_rate", shrink(-1.0, -0.2), KeptOut.MADE_WORSE),
+        (OF_RUN, shrink(-0.1, 0.9), None),
+        (WHILE_MOVING, shrink(0.1, 0.9), KeptOut.OF_MOTION),
+    ],
+)
+def test_the_twin_takes_only_what_other_data_bear(found, effect, measured, expected):
+    one = cause(
+        effect=effect,
+        id=effect,
+        named=effect.startswith("gyro"),
+        class_="R",
+        run_id=None,
+        nodes=(0.0, 10.0) if effect != OF_RUN else (),
+        values=(0.1, 0.2),
+        shrink=measured,
+    )
+    assert one.kept_out is expected
+    assert bool(effect_items(one, ["r1", "r2"])) == (expected is None)
+    document = document_of(replace(found, causes=(one,), bars=((),)))
+    assert ("not in twin.json" in "\n".join(summary(document))) == (expected is not None)
+    assert plain(document)["causes"][0].get("kept_out") == expected
+
+
+def test_the_page_says_what_stays_out_of_the_twin_and_who_decides(found):
+    one = cause(effect=OF_TIME, id=OF_TIME, named=False, class_="R", run_id=None)
+    page = diagnosis_html(document_of(replace(found, causes=(one,), bars=((),))), [None])
+    assert "not in twin.json" in page and "Let another run decide about" in page
+
+
+def test_a_curve_of_time_of_one_rest_stays_out_of_the_twin():
+    """A triangle wave over one half-hour: right between the half-minutes that it is drawn through,
+    and nothing that another start would show.
+    """
+    made = trial(None, 0.0, 4, "one_cold", 0)
+    (run,) = made.runs
+    imu = run.imu.whole()
+    x = (imu.time_s - imu.time_s[0]) / 400.0
+    wave = np.abs(2.0 * (x % 1.0) - 1.0) - 0.5
+    dtheta = imu.dtheta_rad.copy()
+    dtheta[:, 1] += 0.2 * DEG_PER_HOUR * wave * imu.dt_s
+    waved = replace(run, imu=replace(imu, dtheta_rad=dtheta))
+    settings = DiagnosisSettings(effects=(), replicates=100)
+    said = diagnose([waved], made.twin, table_from_dict(made.table, name="table"), settings)
+    (cause,) = said.causes
+    assert (cause.effect, cause.target) == (OF_TIME, "gyro_y")
+    assert cause.kept_out is KeptOut.NOT_SHOWN
+    assert twin_with_causes(said.twin, said.causes, ["r"], with_table=False)["effects"] == []
 
 
 def test_items_of_all_kinds_parse():

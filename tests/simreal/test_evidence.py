@@ -1,5 +1,6 @@
 """Whitening: exact on its own covariance, and right on runs that another code simulated."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, RunEvidence
 from simreal.inference.bank import Bank
 from simreal.inference.noise_hypotheses import Squares
-from tests.simreal.runs import FLIGHT, simulated, table, twin_of
+from tests.simreal.runs import FLIGHT, PARKED, simulated, table, twin_of
 
 FALSE_ALARM = 1e-4  # of each two-sided bound below, on seeds that are fixed
 
@@ -63,6 +64,38 @@ def test_scatter_of_a_twin_that_is_right_is_as_expected(source):
         mean = float((squares.dof[index] * ratio[index]).sum()) / n
         low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], n) / n
         assert low - 0.02 <= mean <= high + 0.02, (run, CHANNELS[c], band, mean)
+
+
+def every_third(run):
+    """The run with three rows in one, 10 / 3 Hz: seconds of 3, 3 and 4 rows."""
+    imu = run.imu.whole()
+    n = imu.time_s.size // 3
+    sums = {
+        name: getattr(imu, name)[: 3 * n].reshape(n, 3, -1).sum(axis=1)
+        for name in ("dtheta_rad", "dv_m_s", "dt_s")
+    }
+    more = {**sums, "dt_s": sums["dt_s"][:, 0], "time_s": imu.time_s[2 : 3 * n : 3]}
+    return replace(run, imu=replace(imu, **more))
+
+
+def test_rows_of_a_rate_that_is_no_whole_number_are_looked_at():
+    run = every_third(simulated(segments=PARKED).run)
+    view = view_run(run, 0, table(), twin_of())
+    scatter = RunEvidence(view, twin_of()).scatter
+    ratio, dof = scatter.ratio[:SENSORS, -1], scatter.dof[:SENSORS, -1]
+    assert (dof > 0.0).all()
+    for c in range(SENSORS):
+        n = dof[c].sum()
+        low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], n) / n
+        assert low - 0.02 <= (dof[c] * ratio[c]).sum() / n <= high + 0.02, CHANNELS[c]
+    # a block in which rows are lost says nothing of the noise of whole seconds
+    imu = run.imu.whole()
+    kept = (imu.time_s < 200.0) | (imu.time_s > 200.7)
+    holed = replace(
+        imu, **{k: getattr(imu, k)[kept] for k in ("time_s", "dt_s", "dtheta_rad", "dv_m_s")}
+    )
+    lost = RunEvidence(view_run(replace(run, imu=holed), 0, table(), twin_of()), twin_of()).scatter
+    assert 1 <= (lost.dof[0, -1] == 0.0).sum() <= 2
 
 
 def test_parked_whitening_is_exact():
