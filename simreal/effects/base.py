@@ -161,3 +161,7 @@ class CatalogueEffect:
 
     def noise(self, run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
         return ()
+
+    def most(self, row_dt_s: float) -> float:
+        """The largest coefficient of a noise that rows this far apart can have."""
+        return np.inf

@@ -63,8 +63,15 @@ def needs_manoeuvres(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((brakes(runs) or flies(runs), "braking and acceleration, or flight"))
 
 
+class Jitter(FormulaEffect):
+    """Stamps that stand in the order of their rows: errors of a row's interval would swap them."""
+
+    def most(self, row_dt_s: float) -> float:
+        return row_dt_s / MILLISECOND
+
+
 DATA_EFFECTS = (
-    FormulaEffect(
+    Jitter(
         "timestamp_jitter",
         "timestamp_jitter",
         ("vehicle",),

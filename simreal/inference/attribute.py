@@ -374,6 +374,7 @@ class Attributor:
         square = _refined_level(
             float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z)
         )
+        square = min(square, hypothesis.most)
         if square < 0:
             square = max(square, -MOST_MISSING * hypothesis.declared)
         extra = ExtraNoise(

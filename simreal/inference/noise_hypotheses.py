@@ -83,6 +83,7 @@ class NoiseHypothesis:
     usual: float = np.inf  # upper end of the usual coefficient, squared
     # what the twin declares of this noise, squared: the most that can be missing
     declared: float = 0.0
+    most: float = np.inf  # the largest coefficient that these rows can have, squared
 
     @property
     def key(self) -> tuple[str, str, int | None]:
@@ -274,7 +275,9 @@ def noise_hypotheses(
     """All stochastic effects that these runs can show."""
     out = []
     telemetry = [view.telemetry for view in evidence.views]
+    row_dt_s = max(view.seconds.row_dt_s for view in evidence.views)
     for effect in effects:
+        most = float(getattr(effect, "most", lambda _: np.inf)(row_dt_s)) ** 2
         for target in effect.targets:
             if effect.needs(telemetry, target):
                 continue
@@ -305,8 +308,9 @@ def noise_hypotheses(
                         float(prior),
                         shapes,
                         terms,
-                        levels,
+                        levels[levels <= most],
                         run,
+                        most=most,
                         usual=usual,
                         declared=declared,
                     )

@@ -598,3 +598,10 @@ def test_needs_in_other_cases():
     )
     with pytest.raises(InputError, match="run 0: no accelerometer temperature"):
         traces("accel_thermal", still())
+
+
+def test_stamps_are_off_by_less_than_the_interval_of_their_rows():
+    jitter = next(e for e in catalogue() if e.name == "timestamp_jitter")
+    assert jitter.most(0.01) == pytest.approx(10.0)  # ms
+    others = [e for e in catalogue() if e.name != "timestamp_jitter"]
+    assert all(e.most(0.01) == np.inf for e in others)
