@@ -10,7 +10,9 @@ from string import Formatter
 
 import pytest
 
+from alignment.reasons import AlignmentReason
 from infield.reports.words import sentences
+from ins.verdicts import Reason
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("alignment", "infield", "recal", "simreal")
@@ -93,3 +95,24 @@ def test_each_code_is_given_somewhere(room):
             continue
         template = sentences.templates()[type(code), code.name]
         assert needed_by(template) == CHOSEN[code.name], code
+
+
+@pytest.mark.parametrize(
+    ("value", "spec", "words"),
+    [
+        (9372.0, ".3g", "9370"),
+        (-68213.0, "+.3g", "-68200"),
+        (9996.0, "+.3g", "+10000"),
+        (4.2e7, ".3g", "4.2e+07"),
+        (0.0123, ".2g", "0.012"),
+        (12, "d", "12"),
+    ],
+)
+def test_numbers_that_people_read_have_no_exponent(value, spec, words):
+    assert sentences.plain(value, spec) == words
+
+
+def test_a_sentence_has_plain_numbers():
+    values = {"sigma_deg_h": 9372.0, "level_deg_h": 9.45}
+    said = sentences.sentence(Reason(AlignmentReason.NO_HEADING, values))
+    assert said.startswith("gyro uncertainty 9370 deg/h against 9.45 deg/h")

@@ -11,7 +11,8 @@ from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer, finish, 
 def command(
     run: Annotated[Path, typer.Argument(help="A run directory.")],
     serial: Annotated[
-        str | None, typer.Option("--serial", help="Serial number that the run should have.")
+        str | None,
+        typer.Option("--serial", help="Serial number that the run should have. Default: any."),
     ] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

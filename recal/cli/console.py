@@ -52,7 +52,8 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but er
 Verbose = Annotated[
     bool, typer.Option("-v", "--verbose", help="Print the whole result on standard error, too.")
 ]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random generator.")]
+SEED_HELP = "Seed of the random generator."
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help=SEED_HELP)]
 NoSeed = Annotated[
     int | None,
     typer.Option("--seed", hidden=True, help="Accepted; this command draws no random numbers."),
@@ -99,7 +100,7 @@ ThermalModelPath = Annotated[
     typer.Option(
         "--thermal-model",
         help="A fitted thermal_rlg.json or thermal_fog.json. What it says of temperature rates and"
-        " gradients is taken out of the log first.",
+        " gradients is taken out of the log first. Default: none.",
     ),
 ]
 

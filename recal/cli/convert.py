@@ -15,10 +15,15 @@ def command(
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
     *,
     given: LogGiven,
-    tail: Annotated[str | None, typer.Option("--tail", help="Tail number of the aircraft.")] = None,
+    tail: Annotated[
+        str | None, typer.Option("--tail", help="Tail number of the aircraft. Default: none.")
+    ] = None,
     start_utc: Annotated[
         str | None,
-        typer.Option("--start-utc", help="When the run starts, such as 2026-03-01T05:00:00Z."),
+        typer.Option(
+            "--start-utc",
+            help="When the run starts, such as 2026-03-01T05:00:00Z. Default: the log's.",
+        ),
     ] = None,
     run_id: Annotated[
         str | None, typer.Option("--run-id", help="Name of the run. Default: the name of the log.")

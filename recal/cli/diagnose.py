@@ -28,7 +28,7 @@ def command(
             metavar="RUN",
             rich_help_panel=INPUT,
             help="A run, by name or folder, that only judges how far the gap shrinks. May be"
-            " repeated.",
+            " repeated. Default: none.",
         ),
     ] = None,
     simulator: Annotated[

@@ -278,6 +278,7 @@ def forecast(
 
     Example: recal fleet forecast --store sqlite:///recal.db --limit 0.8
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.priors.forecast import ForecastRequest
     from recal.service.priors.forecast import forecast as forecast_units
     from recal.service.results.overwrite import need_free_report
@@ -288,7 +289,8 @@ def forecast(
     request = ForecastRequest(
         store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
     )
-    result = forecast_units(request)
+    with Progress("forecasting", quiet=quiet, compiles=False) as told:
+        result = forecast_units(request, told)
     answer(
         result.document,
         result.lines(verbose=verbose),
@@ -388,11 +390,10 @@ def cores() -> int:
 
 def summary(document: "FleetDocument", *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
-    units = len(document.units)
-    lines = [
-        f"{document.verdict}: {sum(document.counts.values())} runs of {units}"
-        f" unit{'s' * (units != 1)}"
-    ]
+    # a refused run may be of a unit that has no result, a broken one of none
+    units = len({run.imu_serial for run in document.runs if run.imu_serial})
+    lines = [f"{document.verdict}: {counted(sum(document.counts.values()), 'run')}"]
+    lines[0] += f" of {counted(units, 'unit')}" if units else ""
     lines += [f"  {reason}" for reason in document.reasons]
     ranked = [(u.imu_serial, u.drift) for u in document.units if u.drift]
     for serial, drift in ranked[: None if verbose else 5]:
@@ -409,6 +410,11 @@ def summary(document: "FleetDocument", *, verbose: bool = False) -> list[str]:
         else []
     )
     return lines
+
+
+def counted(number: int, noun: str) -> str:
+    """`1 run`, `3 runs`."""
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 class _Bar:

@@ -44,7 +44,7 @@ NorthToWest = Annotated[
         "--north-to-west-deg",
         metavar="DEG,DEG,...",
         rich_help_panel=INPUT,
-        help="Headings of the stops, counted from north to west.",
+        help="Headings of the stops, counted from north to west. Default: as --heading-deg.",
     ),
 ]
 SigmaAzimuth = Annotated[
@@ -72,7 +72,7 @@ SigmaMounting = Annotated[
     typer.Option(
         "--sigma-mounting-arcsec",
         help="1 sigma of the angle between the unit's base and the turning axis [arcsec]. Where it"
-        " is given, the result states accelerometer biases.",
+        " is given, the result states accelerometer biases. Default: not given.",
     ),
 ]
 MaxOff = Annotated[
@@ -90,7 +90,7 @@ Latitude = Annotated[
     typer.Option(
         "--lat-deg",
         rich_help_panel=INPUT,
-        help="Latitude of a CSV table [deg]; runs have their own.",
+        help="Latitude of a CSV table [deg]; runs have their own. Default: none.",
     ),
 ]
 Sigma = Annotated[
@@ -98,7 +98,7 @@ Sigma = Annotated[
     typer.Option(
         "--sigma-deg-h",
         rich_help_panel=INPUT,
-        help="1 sigma of the biases of a CSV table without sigma columns [deg/h].",
+        help="1 sigma of the biases of a CSV table without sigma columns [deg/h]. Default: none.",
     ),
 ]
 TwinOut = Annotated[
@@ -107,7 +107,8 @@ TwinOut = Annotated[
         "--twin-out",
         metavar="FILE",
         rich_help_panel=OUTPUT,
-        help="Also write the twin with the misalignment and its sigma to this file.",
+        help="Also write the twin with the misalignment and its sigma to this file."
+        " Default: not written.",
     ),
 ]
 

@@ -53,7 +53,9 @@ def command(
     ] = None,
     without: Annotated[
         list[Without] | None,
-        typer.Option("--without", help="What a recording here cannot have. May be repeated."),
+        typer.Option(
+            "--without", help="What a recording here cannot have. May be repeated. Default: none."
+        ),
     ] = None,
     lat_deg: Annotated[
         float | None,

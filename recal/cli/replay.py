@@ -55,7 +55,7 @@ def command(
             "--outage",
             metavar="START:LENGTH",
             help="Leave the fixes of a stretch out of the aided solution, and score it with them"
-            " [s]; repeatable.",
+            " [s]. May be repeated. Default: none.",
         ),
     ] = None,
     smooth: Annotated[

@@ -40,7 +40,7 @@ def command(
             "--reports",
             metavar="FOLDER",
             rich_help_panel=INPUT,
-            help="Also show the diagnosis reports below this folder.",
+            help="Also show the diagnosis reports below this folder. Default: none.",
         ),
     ] = None,
     token_file: Annotated[
@@ -57,7 +57,8 @@ def command(
         list[str] | None,
         typer.Option(
             "--allow-host",
-            help="A further host name that browsers may use, as behind a proxy. May be repeated.",
+            help="A further host name that browsers may use, as behind a proxy. May be repeated."
+            " Default: none.",
         ),
     ] = None,
     https: Annotated[

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import Force, JsonFlag, Quiet, Seed, Verbose, answer
+from recal.cli.console import SEED_HELP, Force, JsonFlag, Quiet, Verbose, answer
 from recal.cli.terminal.help import INPUT, OUTPUT
 
 
@@ -13,7 +13,8 @@ def command(
     scenario: Annotated[
         str | None,
         typer.Argument(
-            help="A scenario file (TOML), or the name of a packaged one. Needed but with --list."
+            help="A scenario file (TOML), or the name of a packaged one. Needed, except with"
+            " --list."
         ),
     ] = None,
     output: Annotated[
@@ -22,7 +23,7 @@ def command(
             "-o",
             "--output",
             metavar="FOLDER",
-            help="The run directory to write. Needed but with --list.",
+            help="The run directory to write. Needed, except with --list.",
         ),
     ] = None,
     listed: Annotated[
@@ -47,7 +48,7 @@ def command(
             "--truth",
             metavar="FILE",
             rich_help_panel=OUTPUT,
-            help="Also write the true biases to this file (CSV).",
+            help="Also write the true biases to this file (CSV). Default: not written.",
         ),
     ] = None,
     table_out: Annotated[
@@ -56,7 +57,7 @@ def command(
             "--table-out",
             metavar="FILE",
             rich_help_panel=OUTPUT,
-            help="Also write the unit's factory table to this file (JSON).",
+            help="Also write the unit's factory table to this file (JSON). Default: not written.",
         ),
     ] = None,
     environment: Annotated[
@@ -69,7 +70,9 @@ def command(
         ),
     ] = None,
     force: Force = False,
-    seed: Seed = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help=f"{SEED_HELP} Default: the scenario's.")
+    ] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -1,6 +1,7 @@
 """`convert`: a flight log of a known format, or by a column map, to a run."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from recal.service.results.overwrite import Peeked
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.readers.conversion import Conversion, convert_log, file_sha256
+from trajectories.readers.rows.column_map import MapError
 from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
@@ -120,7 +122,8 @@ def convert(
     if gnss is not None:
         given = with_gnss_file(given, Path(gnss))
     told(f"reading {Path(log).name}")
-    conversion = convert_log(Path(log), given, dict(header or {}))
+    with map_errors(map_file):
+        conversion = convert_log(Path(log), given, dict(header or {}))
     told("writing the run")
     if output is not None:
         write_run(
@@ -130,6 +133,17 @@ def convert(
             conversion=conversion.record,
         )
     return Converted(summary(conversion, output), conversion=conversion)
+
+
+@contextmanager
+def map_errors(map_file: AnyPath | None) -> Iterator[None]:
+    """A fault of the map names the map's file."""
+    try:
+        yield
+    except MapError as error:
+        if map_file is None:
+            raise
+        raise InputError(f"{Path(map_file).name}: {error}") from None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from ins.json_file import read_toml
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 from recal.cli.convert import command
+from recal.service.convert import convert
 from tests.recal.verbs import check
 from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run
 from trajectories.readers.conversion import convert_log
@@ -332,6 +333,9 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
         convert_log(source, {"run": {"serial": "S"}}, GIVEN)
     with pytest.raises(InputError, match=r"map: unknown key colums"):
         convert_log(source, options('format = "csv"\ncolums = 1'), GIVEN)
+    (tmp_path / "walk.toml").write_text('format = "csv"\ncolums = 1')
+    with pytest.raises(InputError, match=r"^walk.toml: map: unknown key colums"):
+        convert(source, map_file=tmp_path / "walk.toml", header=GIVEN)
     with pytest.raises(
         InputError, match=r"format: got 'ulg', needed one of .*ulog, .*csv, text, .*binary"
     ):

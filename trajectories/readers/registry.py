@@ -147,7 +147,8 @@ def read_log(path: Path, options: LogOptions) -> tuple[str, ConvertedLog]:
     if not chosen:
         formats = "; ".join(f"{r.name} ({r.about})" for r in known)
         raise InputError(
-            f"{path}: format not recognised, needed --map with a `format`. Known: {formats}"
+            f"{path}: format not recognised, needed --map FILE where it is a table: a column map"
+            f" names its columns and units (docs/log_formats.md). Known: {formats}"
         )
     if "gnss" in options.keys and not chosen[0].gnss_file:
         raise InputError(

@@ -219,7 +219,10 @@ def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     hint = "gravity removed from the log?" if size < 0.5 else "unit or scale of the accelerometers?"
     if technology == "mems" and abs(_size_off(means)) <= MOST_ACCEPTED_SCALE:
         share = np.ceil(100 * abs(_size_off(means))) / 100
-        hint += f" Where they do read so, accept it: accepted_accelerometer_scale {share:g}"
+        hint += (
+            f" Where they do read so, accept it: --accepted-accelerometer-scale {share:g}"
+            f" (accepted_accelerometer_scale {share:g} in run.json)"
+        )
     return f"{seen} within {100 * tolerance:g} %: {hint}"
 
 

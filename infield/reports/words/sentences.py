@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from functools import cache
 from importlib import import_module
+from string import Formatter
 from typing import Any
 
 from ins.verdicts import Reason
@@ -21,6 +22,8 @@ ROOMS: tuple[str, ...] = (
     "thermometer",
 )
 
+LARGEST_PLAIN = 1e6  # chosen: people read 9370 deg/h, not 9.37e+03; larger ones with an exponent
+
 # What str.format takes, or a function of the reason's values where the wording depends on them.
 Template = str | Callable[..., str]
 
@@ -36,7 +39,25 @@ def sentence(reason: Reason) -> str:
     """
     template = templates()[type(reason.code), reason.code.name]
     values = {name: _told(value) for name, value in reason.values.items()}
-    return template(**values) if callable(template) else template.format(**values)
+    return template(**values) if callable(template) else _PLAIN.vformat(template, (), values)
+
+
+def plain(value: Any, spec: str) -> str:
+    """As format, but 9370 where that writes 9.37e+03."""
+    text = format(value, spec)
+    if not isinstance(value, float) or "e+" not in text or abs(value) >= LARGEST_PLAIN:
+        return text
+    return f"{float(text):+.0f}" if spec[0] == "+" else f"{float(text):.0f}"
+
+
+class _PlainFormatter(Formatter):
+    """As str.format, with plain numbers."""
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        return plain(value, format_spec)
+
+
+_PLAIN = _PlainFormatter()
 
 
 def _told(value: Any) -> Any:

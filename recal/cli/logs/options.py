@@ -85,7 +85,8 @@ AcceptedScale = Annotated[
         "--accepted-accelerometer-scale",
         metavar="SHARE",
         help="Accept accelerometers of a mems unit whose scales are off by up to this share, such"
-        " as 0.2 where 8 m/s2 is read at rest: it becomes their sigma.",
+        " as 0.2 where 8 m/s2 is read at rest: it becomes their sigma. Default: none is"
+        " accepted.",
     ),
 ]
 AcceptedConstant = Annotated[

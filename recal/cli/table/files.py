@@ -57,7 +57,8 @@ ImuOption = Annotated[
 
 def export(
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The file to write.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="The file to write. Needed."),
     ] = None,
     store: StoreUrl = DEFAULT_STORE,
     serial: SerialOption = None,
@@ -71,7 +72,9 @@ def export(
     imu: ImuOption = None,
     device_id: Annotated[
         int | None,
-        typer.Option("--device-id", help="PX4: the gyro's id, from CAL_GYROk_ID or its log."),
+        typer.Option(
+            "--device-id", help="PX4: the gyro's id, from CAL_GYROk_ID or its log. Needed for PX4."
+        ),
     ] = None,
     range_: Annotated[
         tuple[float, float] | None,
@@ -152,7 +155,9 @@ def import_(
     store: StoreUrl = DEFAULT_STORE,
     twin: Annotated[
         Path | None,
-        typer.Option("--twin", metavar="FILE", help="Twin file to keep as the unit's record."),
+        typer.Option(
+            "--twin", metavar="FILE", help="Twin file to keep as the unit's record. Default: none."
+        ),
     ] = None,
     serial: SerialOption = None,
     technology: TechnologyOption = None,

@@ -30,7 +30,9 @@ def command(
     head: Annotated[
         list[str] | None,
         typer.Option(
-            "--head", help="A head printed earlier. It must still be in a chain. May be repeated."
+            "--head",
+            help="A head printed earlier. It must still be in a chain. May be repeated."
+            " Default: none.",
         ),
     ] = None,
     report: Annotated[
@@ -38,7 +40,8 @@ def command(
         typer.Option(
             "--report",
             metavar="FILE",
-            help="An update.json. It must be as the store holds it. May be repeated.",
+            help="An update.json. It must be as the store holds it. May be repeated."
+            " Default: none.",
         ),
     ] = None,
     as_json: JsonFlag = False,

@@ -51,7 +51,7 @@ def command(
             "--check",
             metavar="RUN...",
             rich_help_panel=INPUT,
-            help="Runs that only test the model.",
+            help="Runs that only test the model. Default: none.",
         ),
     ] = None,
     allowed_deg_h: Annotated[

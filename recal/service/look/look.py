@@ -236,7 +236,7 @@ def summary(document: LookDocument) -> list[str]:
     ]
     for one in document.assumed:
         value = one.value if isinstance(one.value, str) else f"{one.value:g}"
-        lines.append(f"  taken: {one.key} {value} ({one.text}); {one.option} says it")
+        lines.append(f"  assumed: {one.key} {value} ({one.text}); give it with {one.option}")
     lines += [f"  note: {note}" for note in document.notes]
     lines += [f"  {p.level}: {p.text}" for p in document.problems]
     for use in document.uses:

@@ -16,7 +16,7 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.json_file import Json, read_toml
 from ins.records import ImuLog, Run
 from ins.units import DEG, DEG_PER_HOUR
-from recal.service.convert import with_gnss_file
+from recal.service.convert import map_errors, with_gnss_file
 from recal.service.inputs.records import read_run
 from recal.service.look.records import AssumedDocument
 from recal.service.results.paths import AnyPath
@@ -74,7 +74,8 @@ def opened_log(
     given |= {key: value for key, value in options.items() if value is not None}
     if gnss is not None:
         given = with_gnss_file(given, Path(gnss))
-    name, read, cut = _read(log, given)
+    with map_errors(map_file):
+        name, read, cut = _read(log, given)
     assumed = assumptions(log, read, header)
     conversion = conversion_of(
         log, name, read, {**header, **{one.key: one.value for one in assumed}}
@@ -133,10 +134,12 @@ def assumptions(
         "start_utc": (start, "when the file was last written"),
         "lat_deg": (
             round(latitude_deg, 2),
-            "the latitude that the gyros show at rest" if finds_north else "nothing tells it",
+            "the latitude that the gyros show at rest"
+            if finds_north
+            else "the log does not say it",
         ),
-        "lon_deg": (0.0, "nothing tells it, and gravity does not depend on it"),
-        "height_m": (0.0, "nothing tells it; 1000 m change gravity by 0.03 %"),
+        "lon_deg": (0.0, "the log does not say it, and gravity does not depend on it"),
+        "height_m": (0.0, "the log does not say it; 1000 m change gravity by 0.03 %"),
     }
     return tuple(
         AssumedDocument(key=key, value=values[key][0], option=RUN_OPTIONS[key], text=values[key][1])

@@ -4,7 +4,7 @@ that would put that off the longest. `recal.forecast/1`.
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -92,8 +92,12 @@ class Forecast(Result[ForecastDocument]):
 UNITS_TOLD = 10  # units on the terminal
 
 
-def forecast(request: ForecastRequest) -> Forecast:
+def forecast(
+    request: ForecastRequest, told: Callable[[str], None] = lambda words: None
+) -> Forecast:
     """Forecast every unit; writes forecast.json and forecast.html unless told not to.
+
+    told: what is being done, each unit with its number of how many.
 
     Raises
     ------
@@ -103,7 +107,9 @@ def forecast(request: ForecastRequest) -> Forecast:
     store = open_store(request.store_url)
     if store is None:
         raise NoStore(f"no store at {request.store_url}")
-    document = forecast_of(store, request)
+    told("reading the sessions of the store")
+    document = forecast_of(store, request, told)
+    told("writing the report")
     result = Forecast(document, page=lambda: forecast_html(document))
     folder = output_directory(request.output, "fleet-forecast")
     files = {
@@ -114,8 +120,10 @@ def forecast(request: ForecastRequest) -> Forecast:
     return result
 
 
-def forecast_of(store: TableStore, request: ForecastRequest) -> ForecastDocument:
-    """Every unit of an open store; writes nothing."""
+def forecast_of(
+    store: TableStore, request: ForecastRequest, told: Callable[[str], None] = lambda words: None
+) -> ForecastDocument:
+    """Every unit of an open store; writes nothing. told: as of `forecast`."""
     now = request.now or datetime.now(UTC)
     every, left_out = kept_units(store)
     newest = {(u.gyro_technology, u.imu_serial, u.gyro_mode): u for u in every}
@@ -129,7 +137,7 @@ def forecast_of(store: TableStore, request: ForecastRequest) -> ForecastDocument
             why = "gyros that find no heading do not navigate free-inertially"
             without += [NoForecast(imu_serial=u.imu_serial, why=why) for u in units]
             continue
-        forecasts = _Technology(store, units, request, now).forecasts()
+        forecasts = _Technology(store, units, request, now).forecasts(told)
         left += len(units) - len(forecasts)
         found += forecasts
     found.sort(key=lambda f: (f.date_95_utc or "9999", -f.drift_now_nm_h))
@@ -194,7 +202,7 @@ class _Technology:
             for r in store.units()
         }
 
-    def forecasts(self) -> list[UnitForecast]:
+    def forecasts(self, told: Callable[[str], None]) -> list[UnitForecast]:
         """Of the most urgent units."""
         states = [self._state(u) for u in range(len(self._units))]
         limit, year = self._request.limit_nm_h, self._year
@@ -202,7 +210,15 @@ class _Technology:
             range(len(states)),
             key=lambda u: expected_passage(states[u], self._value[u], limit, year=year),
         )
-        return [self._one(states[u], u) for u in order[: self._request.most]]
+        found: list[UnitForecast] = []
+        chosen = order[: self._request.most]
+        for u in chosen:
+            serial = self._units[u].imu_serial
+            told(
+                f"{serial}, unit {len(found) + 1} of {len(chosen)} {self._units[u].gyro_technology}"
+            )
+            found.append(self._one(states[u], u))
+        return found
 
     def _state(self, u: int) -> UnitState:
         unit = self._units[u]

@@ -111,7 +111,9 @@ def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch, undrawn):
                     axis["sigma_deg_h"] = [0.1 * sigma for sigma in axis["sigma_deg_h"]]
             store.import_table(data)
     now = datetime(2026, 11, 22, tzinfo=UTC)
-    found = forecast(ForecastRequest(store_url=URL, now=now, limit_nm_h=1.5))
+    told = []
+    found = forecast(ForecastRequest(store_url=URL, now=now, limit_nm_h=1.5), told.append)
+    assert told[1:-1] == ["SN-OLD, unit 1 of 2 rlg", "SN-NEW, unit 2 of 2 rlg"]
     assert [u.imu_serial for u in found.record.units] == ["SN-OLD", "SN-NEW"]
     old, new = found.record.units
     assert old.drift_now_nm_h > new.drift_now_nm_h and "defaults of rlg" in old.rests_on

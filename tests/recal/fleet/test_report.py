@@ -12,6 +12,7 @@ import pytest
 from infield.session.disagreement import Step
 from infield.store.rows import UnitKey
 from recal.cli.console import EXIT_CODES
+from recal.cli.fleet import summary as summary_lines
 from recal.fleet.document import MAX_POINTS, Timing, fleet_document, fleet_verdict, plain_reason
 from recal.fleet.document_records import Band, Drift, FleetTiming, UnitSummary
 from recal.fleet.figures import progress_drawing
@@ -98,6 +99,15 @@ def test_units_are_ranked_by_predicted_drift_a_step_counted(document):
     assert drifts == sorted(drifts, reverse=True) and len(drifts) == UNITS - 2
     assert [u.rank for u in document.units] == [*range(1, UNITS), None]
     assert first.page.startswith("units/U7/last") and first.page.endswith("/last/update.html")
+
+
+def test_the_first_line_counts_runs_and_units_in_english(document):
+    """Units of refused runs count; where no run names its unit, only runs are counted."""
+    assert summary_lines(document)[0] == f"committed: {UNITS} runs of {UNITS} units"
+    one = replace(document, runs=document.runs[:1], counts={"refused": 1})
+    assert summary_lines(one)[0] == "committed: 1 run of 1 unit"
+    nobody = replace(one, runs=[replace(document.runs[0], imu_serial="")])
+    assert summary_lines(nobody)[0] == "committed: 1 run"
 
 
 def test_the_page_is_whole_and_fetches_nothing(document):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
-from trajectories.readers.rows.column_map import LayoutKeys, binary_type
+from trajectories.readers.rows.column_map import LayoutKeys, MapError, binary_type
 from trajectories.runs.notes import About, Note
 from trajectories.runs.text_rows import MAX_ROWS
 
@@ -42,12 +42,12 @@ def binary_columns(
     off at the end is dropped.
     """
     if layout.columns is None:
-        raise InputError("map: key columns is missing: a binary log has no names of its own")
+        raise MapError("map: key columns is missing: a binary log has no names of its own")
     if len(set(layout.columns)) != len(layout.columns):
-        raise InputError("map: columns: a name appears twice")
+        raise MapError("map: columns: a name appears twice")
     types = [layout.dtype] * len(layout.columns) if isinstance(layout.dtype, str) else layout.dtype
     if len(types) != len(layout.columns):
-        raise InputError(f"map: dtype: got {len(types)} types, needed one or {len(layout.columns)}")
+        raise MapError(f"map: dtype: got {len(types)} types, needed one or {len(layout.columns)}")
     row = np.dtype([(name, binary_type(text)) for name, text in zip(layout.columns, types)])
     size = path.stat().st_size - layout.header_bytes
     count, rest = divmod(max(size, 0), row.itemsize)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.containers.mat_file import read_variables
-from trajectories.readers.rows.column_map import LayoutKeys
+from trajectories.readers.rows.column_map import LayoutKeys, MapError
 
 EXPRESSION = re.compile(
     r"^(?P<name>[A-Za-z]\w*(?:\(\d+\))?(?:\.[A-Za-z]\w*(?:\(\d+\))?)*)(?:\[(?P<from0>\d+)\]|\(:,"
@@ -93,7 +93,7 @@ def _collect(out: Leaves, name: str, value: Any, depth: int) -> None:
 def _column(values: Leaves, text: str, path: Path) -> NDArray:
     found = EXPRESSION.match(text)
     if found is None:
-        raise InputError(
+        raise MapError(
             f"map: column {text!r}, needed a name such as time, imu.wb[0] or imu.wb(:,1)"
         )
     matrix = values.get(found["name"])

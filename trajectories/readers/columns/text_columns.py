@@ -12,7 +12,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from ins.records import InputError
-from trajectories.readers.rows.column_map import LayoutKeys
+from trajectories.readers.rows.column_map import LayoutKeys, MapError
 from trajectories.runs.row_columns import Block, column_rows
 from trajectories.runs.text_rows import (
     MAX_COLUMNS,
@@ -55,7 +55,7 @@ def text_columns(
     )
     refuse_missing(used, names, path.name)
     if layout.decimal == "," and delimiter == ",":
-        raise InputError('map: decimal = "," needs another delimiter')
+        raise MapError('map: decimal = "," needs another delimiter')
     standing = RowLayout(
         names=names, label=path.name, delimiter=delimiter, first_line=first_line, used=used
     )
@@ -173,7 +173,7 @@ def _split_header(
     text = text[at:]
     place = (layout.names_line or count) - 1
     if layout.columns is None and not 0 <= place < count:
-        raise InputError(f"map: names_line {place + 1}, needed at most header_lines ({count})")
+        raise MapError(f"map: names_line {place + 1}, needed at most header_lines ({count})")
     names = layout.columns if layout.columns is not None else _names(lines[place], delimiter)
     if len(names) > MAX_COLUMNS:
         raise InputError(f"{label}: {len(names)} columns, needed at most {MAX_COLUMNS}")

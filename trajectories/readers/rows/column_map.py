@@ -174,6 +174,10 @@ class StretchKeys(StrictModel):
     run: dict[str, Any] = Field(default_factory=dict)
 
 
+class MapError(InputError):
+    """A fault of a column map. The line begins with "map"; who knows the map's file names it."""
+
+
 @dataclass(frozen=True)
 class LogOptions:
     """The map of a log and the options of the command line as they were given, not checked: each
@@ -183,9 +187,12 @@ class LogOptions:
     keys: Mapping[str, Any] = field(default_factory=dict)
 
     def parsed(self, model: type[K]) -> K:
-        """The keys as a reader's model. InputError names what is wrong."""
-        refuse_non_finite(dict(self.keys), name="map")
-        return parse(model, dict(self.keys), name="map")
+        """The keys as a reader's model. MapError names what is wrong."""
+        try:
+            refuse_non_finite(dict(self.keys), name="map")
+            return parse(model, dict(self.keys), name="map")
+        except InputError as error:
+            raise MapError(str(error)) from None
 
     def over(self, others: "LogOptions") -> "LogOptions":
         """These keys, and those of others that these do not have."""
@@ -209,18 +216,18 @@ def column_map(options: LogOptions) -> ColumnMap:
     """The map, checked: units, axes of a right-handed set, one source of time."""
     keys = options.parsed(ColumnMap)
     if (keys.time is None) == (keys.rate_hz is None):
-        raise InputError("map: needed either a [time] column or rate_hz")
+        raise MapError("map: needed either a [time] column or rate_hz")
     for name in ("temperature", "gnss", "odometer"):
         part = getattr(keys, name)
         if part is not None and part.time is None and (part.file is not None or keys.time is None):
-            raise InputError(f"map: {name}.time: needed, the column of its time stamps")
+            raise MapError(f"map: {name}.time: needed, the column of its time stamps")
     _refuse_twice(keys)
     _unit(keys.gyro, "gyro", GYRO_RATES, GYRO_INCREMENTS)
     _unit(keys.accel, "accel", ACCEL_RATES, ACCEL_INCREMENTS)
     M = axis_matrix(keys.axes)
     if round(float(np.linalg.det(M))) != 1:
         drawn = ", ".join(f'{b} = "{getattr(keys.axes, b)}"' for b in AXES)
-        raise InputError(f"map: axes {drawn}: needed a right-handed set that uses x, y and z once")
+        raise MapError(f"map: axes {drawn}: needed a right-handed set that uses x, y and z once")
     return keys
 
 
@@ -236,11 +243,11 @@ def _refuse_twice(keys: ColumnMap) -> None:
     for name, columns in groups.items():
         twice = [column for column in columns if columns.count(column) > 1]
         if twice:
-            raise InputError(f"map: {name}: column {twice[0][:100]} is named twice")
+            raise MapError(f"map: {name}: column {twice[0][:100]} is named twice")
     for name in ("gyro", "accel", "temperature", "odometer"):
         part = getattr(keys, name)
         if part is not None and part.scale == 0.0:
-            raise InputError(f"map: {name}.scale: got 0, needed another number")
+            raise MapError(f"map: {name}.scale: got 0, needed another number")
 
 
 def stretch_of(keys: StretchKeys) -> dict[str, float]:
@@ -290,13 +297,13 @@ def _unit(
     sensor: SensorKeys, name: str, rates: dict[str, float], increments: dict[str, float]
 ) -> None:
     if sensor.unit not in rates | increments:
-        raise InputError(
+        raise MapError(
             f"map: {name}.unit: got {sensor.unit[:40]!r}, needed one of"
             f" {', '.join(rates | increments)}"
         )
     kind = "rates" if sensor.unit in rates else "increments"
     if sensor.kind not in (None, kind):
-        raise InputError(
+        raise MapError(
             f"map: {name}.kind: got {sensor.kind!r}, but {sensor.unit} is a unit of {kind}"
         )
 
@@ -304,7 +311,7 @@ def _unit(
 def binary_type(text: str) -> np.dtype:
     """A plain number type such as "<f8" or ">i2"; nothing that could hold Python objects."""
     if not re.fullmatch(r"[<>]?(f[48]|[iu][1248])", text):
-        raise InputError(
+        raise MapError(
             f"map: dtype: got {text[:20]!r}, needed f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 after < or >"
         )
     return np.dtype(text)
