@@ -33,7 +33,7 @@ OLD, NEW = VERMILLION, BLUE  # the table before and the table after, everywhere
 AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
 AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
 
-LETTER = 9.5  # in points of the drawing
+LETTER = 9.5  # in points of the drawing; chosen: 11 px where a drawing is as wide as the page
 LEAST_LETTER_PX = (
     11.05  # on a screen: a drawing that would have smaller ones scrolls in its own box
 )

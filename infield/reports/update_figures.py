@@ -2,15 +2,25 @@
 section 5).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from infield.reports.charts import (
+    DASH_DOT,
+    DASHED,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    chart,
+    ratio_ticks,
+)
 from infield.reports.documents.session import HEATING_DEG_C_MIN
 from infield.reports.documents.session_records import (
     ChainRow,
@@ -36,20 +46,13 @@ from infield.reports.figures import (
     PURPLE,
     SKY,
     YELLOW,
-    axis_text,
-    in_style,
-    new_figure,
     robust_limits,
-    svg_text,
     thinned,
 )
 from infield.reports.zoom import BAR_MARK, HOLLOW_MARK, NODE_MARK, ZoomCurve, ZoomFigure, ZoomStrip
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 from ins.verdicts import Observability
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SESSION_COLOURS = (BLACK, GREEN, PURPLE, ORANGE, SKY)  # of the runs' points, in turn
 VAGUE = 4.0  # a point this many times the median sigma may run out of the frame: 1/16 of the weight
@@ -63,6 +66,8 @@ PHASE_COLOURS = {
     "landing": YELLOW,
 }
 MINUTE = 60.0
+DASHES = {"-": "", "--": DASHED, "-.": DASH_DOT}  # of AXIS_LINES
+LEAST_RATIO = 1e-4  # where a logarithmic axis of ratios begins at the latest
 TIME_AXIS, TEMPERATURE_AXIS = "time [min]", "gyro temperature [°C]"
 HEADING_UNIT = "heading [deg]"
 WAYS = {1: ("^", "heating"), -1: ("v", "cooling"), 0: ("o", "settled")}  # of a point: mark, word
@@ -243,54 +248,36 @@ def _kinds(document: UpdateDocument) -> list[_Ratios]:
     return [_Ratios(_plain(kind), values) for kind, values in sorted(kinds.items())]
 
 
-@in_style
 def agreement_drawing(document: UpdateDocument) -> Markup:
     """NIS per degree of freedom: the whole filter and each merge in their bands, each kind of
     measurement as dots.
     """
     rows = [*_tested(document), *_kinds(document)]
-    figure, axes = new_figure(height=0.75 + 0.27 * len(rows))
-    ax = axes[0, 0]
+    items: list[Item] = []
     for y, row in enumerate(rows):
-        for band, alpha in ((row.band_999, 0.22), (row.band_95, 0.45)):
+        for band, opacity in ((row.band_999, 0.22), (row.band_95, 0.45)):
             if band:
-                ax.barh(
-                    y,
-                    band[1] - band[0],
-                    left=band[0],
-                    height=0.72,
-                    color=SKY,
-                    alpha=alpha,
-                    linewidth=0,
-                )
-        ax.plot(
-            row.values,
-            [y] * len(row.values),
-            "D" if row.band_999 else "o",
-            color=BLACK if row.band_999 else GREY,
-            markersize=5,
-        )
-    _ratio_axis(ax, [value for row in rows for value in row.numbers])
-    ax.axvline(1.0, color=GREY, linewidth=0.9)
-    ax.set_yticks(range(len(rows)), [row.name for row in rows])
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    axis_text(
-        ax, x="normalised innovation squared per degree of freedom (1: the noise model is right)"
+                items.append(Boxes([(band[0], band[1], y - 0.36, y + 0.36)], SKY, opacity))
+    numbers = [value for row in rows for value in row.numbers]
+    low = max(min(0.45, 0.85 * min(numbers)), LEAST_RATIO)
+    high = max(2.2, 1.2 * max(numbers))
+    foot, head = len(rows) - 0.4, -0.6
+    items.append(Line(np.ones(2), np.array([foot, head]), GREY, width=0.9))
+    for y, row in enumerate(rows):
+        values = np.array([np.nan if value is None else value for value in row.values])
+        mark, colour = ("D", BLACK) if row.band_999 else ("o", GREY)
+        items.append(Marks(values, np.full(values.size, float(y)), mark, colour, size=5.0))
+    panel = Panel(
+        items=items,
+        x_label="normalised innovation squared per degree of freedom (1: the noise model is right)",
+        x_limits=(low, high),
+        y_limits=(foot, head),
+        x_log=True,
+        x_ticks=ratio_ticks(low, high),
+        y_ticks=[(y, row.name) for y, row in enumerate(rows)],
     )
-    return svg_text(figure, "Normalised innovation squared with its bands")
-
-
-def _ratio_axis(ax: "Axes", values: list[float]) -> None:
-    """A logarithmic axis about 1 with plain numbers."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    low, high = min(0.45, 0.85 * min(values)), max(2.2, 1.2 * max(values))
-    ax.set_xscale("log")
-    ax.set_xlim(max(low, 1e-4), high)
-    steps = (1, 2, 5) if high / max(low, 1e-4) < 1e3 else (1,)
-    ax.xaxis.set_major_locator(FixedLocator([m * 10.0**k for k in range(-4, 9) for m in steps]))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    label = "Normalised innovation squared with its bands"
+    return chart([panel], label, height=0.75 + 0.27 * len(rows))
 
 
 def _plain(text: str, longest: int = 32) -> str:
@@ -298,7 +285,6 @@ def _plain(text: str, longest: int = 32) -> str:
     return str(text).encode("ascii", "replace").decode()[:longest]
 
 
-@in_style
 def timeline_drawing(session: SessionDocument, spans: Sequence[SpanDocument]) -> Markup | None:
     """Phases and excluded spans, gyro temperatures, heading and velocity over the run; None where
     there is nothing.
@@ -306,99 +292,80 @@ def timeline_drawing(session: SessionDocument, spans: Sequence[SpanDocument]) ->
     temperature = session.temperature
     velocity = session.velocity if isinstance(session, EstimatedDocument) else None
     phases = session.phases if isinstance(session, EstimatedDocument) else ()
-    parts: list[tuple[Callable[[Axes], None], float]] = []
+    panels: list[Panel] = []
     if temperature:
-        parts.append((partial(_draw_temperature, temperature=temperature), 1.3))
+        panels.append(_temperature_panel(temperature))
     if velocity:
-        parts.append((partial(_draw_heading, velocity=velocity), 1.0))
-        parts.append((partial(_draw_velocity, velocity=velocity), 1.0))
-    parts = [(partial(_over_spans, spans=spans, draw=draw), height) for draw, height in parts]
+        panels += [_heading_panel(velocity), _velocity_panel(velocity)]
+    if spans:
+        shaded = Boxes([(*_minutes(span), None, None) for span in spans], PALE, 0.6)
+        for panel in panels:
+            panel.items.insert(0, shaded)
     if phases or spans:
-        parts.insert(0, (partial(_draw_strip, phases=phases, spans=spans), 0.55))
-    if not parts:
+        panels.insert(0, _strip_panel(phases, spans))
+    if not panels:
         return None
-    heights = [height for _, height in parts]
-    figure, axes = new_figure(
-        len(parts),
-        1,
-        height=0.8 + 1.35 * sum(heights),
-        sharex=True,
-        gridspec_kw={"height_ratios": heights},
+    panels[-1].x_label = "time since the start of the run [min]"
+    panels[-1].x_limits = (0.0, max((session.duration_s or 0.0) / MINUTE, 1e-3))
+    return chart(
+        panels,
+        "Timeline: phases, excluded spans, temperature, heading and velocity",
+        height=0.8 + 1.35 * sum(panel.share for panel in panels),
     )
-    for ax, (draw, _) in zip(axes[:, 0], parts):
-        draw(ax)
-    axes[-1, 0].set_xlabel("time since the start of the run [min]")
-    axes[-1, 0].set_xlim(0.0, max((session.duration_s or 0.0) / MINUTE, 1e-3))
-    figure.align_ylabels(axes[:, 0])
-    return svg_text(figure, "Timeline: phases, excluded spans, temperature, heading and velocity")
 
 
-def _over_spans(
-    ax: "Axes", *, spans: Sequence[SpanDocument], draw: Callable[["Axes"], None]
-) -> None:
-    """A curve above the excluded spans."""
-    for span in spans:
-        ax.axvspan(span.start_s / MINUTE, span.end_s / MINUTE, color=PALE, alpha=0.6)
-    draw(ax)
+def _minutes(span: PhaseDocument | SpanDocument) -> tuple[float, float]:
+    """Start and end [min]."""
+    return span.start_s / MINUTE, span.end_s / MINUTE
 
 
-def _draw_strip(
-    ax: "Axes", *, phases: Sequence[PhaseDocument], spans: Sequence[SpanDocument]
-) -> None:
+def _strip_panel(phases: Sequence[PhaseDocument], spans: Sequence[SpanDocument]) -> Panel:
+    items: list[Item] = []
     for name in dict.fromkeys(p.phase for p in phases):
-        bars = [_bar(p) for p in phases if p.phase == name]
-        ax.broken_barh(
-            bars,
-            (0.6, 0.8),
-            color=PHASE_COLOURS.get(name, GREY),
-            label=_plain(name).replace("_", " "),
-        )
-    bars = [_bar(s) for s in spans]
-    if bars:
-        ax.broken_barh(bars, (-0.4, 0.8), facecolor=BLACK, edgecolor=BLACK, linewidth=1.2)
-    ax.set_yticks([0, 1], ["excluded", "phases"])
-    ax.set_ylim(-0.6, 1.6)
-    ax.grid(False, axis="y")
-    if phases:
-        _legend_beside(ax)
+        rows = [(*_minutes(p), 0.6, 1.4) for p in phases if p.phase == name]
+        colour, words = PHASE_COLOURS.get(name, GREY), _plain(name).replace("_", " ")
+        items.append(Boxes(rows, colour, name=words))
+    if spans:
+        rows = [(*_minutes(span), -0.4, 0.4) for span in spans]
+        items.append(Boxes(rows, BLACK, least=1.2))
+    return Panel(
+        items=items,
+        share=0.55,
+        y_limits=(-0.6, 1.6),
+        y_ticks=[(0.0, "excluded"), (1.0, "phases")],
+        grid_y=False,
+        legend="beside" if phases else "",
+    )
 
 
-def _bar(span: PhaseDocument | SpanDocument) -> tuple[float, float]:
-    """Start and length [min]."""
-    return span.start_s / MINUTE, (span.end_s - span.start_s) / MINUTE
-
-
-def _draw_temperature(ax: "Axes", *, temperature: TemperatureDocument) -> None:
+def _temperature_panel(temperature: TemperatureDocument) -> Panel:
+    items: list[Item] = []
     for k, axis in enumerate(AXES):
         t, value = thinned(temperature.time_s, [row[k] for row in temperature.gyro_degC])
-        ax.plot(
-            t / MINUTE,
-            value,
-            AXIS_LINES[axis],
-            color=AXIS_COLOURS[axis],
-            label=f"gyro {axis}",
-            linewidth=1.3,
-        )
-    axis_text(ax, y="temp. [°C]")
-    _legend_beside(ax)
+        colour, dash = AXIS_COLOURS[axis], DASHES[AXIS_LINES[axis]]
+        name = f"gyro {axis}"
+        items.append(Line(t / MINUTE, value, colour, name=name, width=1.3, dash=dash))
+    return Panel(items=items, share=1.3, y_label="temp. [°C]", legend="beside")
 
 
-def _draw_heading(ax: "Axes", *, velocity: VelocityDocument) -> None:
+def _heading_panel(velocity: VelocityDocument) -> Panel:
     """Drawn without a jump at north; the labels are in [0, 360)."""
-    from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
-
     t, heading = thinned(velocity.time_s, velocity.heading_deg)
     heading = _without_jumps(heading)
-    ax.plot(t / MINUTE, heading, color=BLACK, linewidth=1.3)
     low, high = robust_limits(heading)
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
-    ax.set_ylim(middle - half, middle + half)
+    step = None
     if half > 90.0:  # parts of a circle: labels that begin anew at 360 stay readable
-        ax.yaxis.set_major_locator(MultipleLocator(90.0 if half <= 270.0 else 180.0))
+        step = 90.0 if half <= 270.0 else 180.0
     elif half > 30.0:
-        ax.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{round(v, 4) % 360.0:g}"))
-    axis_text(ax, y="heading [deg]")
+        step = 30.0 if half <= 60.0 else 45.0
+    return Panel(
+        items=[Line(t / MINUTE, heading, BLACK, width=1.3)],
+        y_label=HEADING_UNIT,
+        y_limits=(middle - half, middle + half),
+        y_step=step,
+        circle=True,
+    )
 
 
 def _without_jumps(heading_deg: NDArray) -> NDArray:
@@ -410,17 +377,13 @@ def _without_jumps(heading_deg: NDArray) -> NDArray:
     return heading
 
 
-def _draw_velocity(ax: "Axes", *, velocity: VelocityDocument) -> None:
-    curves = (("north", velocity.north_m_s, BLACK, "-"), ("east", velocity.east_m_s, ORANGE, "--"))
-    for name, v_m_s, colour, line in curves:
+def _velocity_panel(velocity: VelocityDocument) -> Panel:
+    curves = (("north", velocity.north_m_s, BLACK, ""), ("east", velocity.east_m_s, ORANGE, DASHED))
+    items: list[Item] = []
+    for name, v_m_s, colour, dash in curves:
         t, value = thinned(velocity.time_s, v_m_s)
-        ax.plot(t / MINUTE, value, line, color=colour, label=name, linewidth=1.3)
-    axis_text(ax, y="velocity [m/s]")
-    _legend_beside(ax)
-
-
-def _legend_beside(ax: "Axes") -> None:
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.8, borderaxespad=0.3)
+        items.append(Line(t / MINUTE, value, colour, name=name, width=1.3, dash=dash))
+    return Panel(items=items, y_label="velocity [m/s]", legend="beside")
 
 
 def timeline_figures(session: SessionDocument, spans: Sequence[SpanDocument]) -> list[ZoomFigure]:
@@ -530,33 +493,32 @@ def _zero(time_s: NDArray) -> ZoomCurve:
     return ZoomCurve(name="", values=np.zeros(time_s.size), colour=GREY)
 
 
-@in_style
 def coverage_drawing(session: SessionDocument) -> Markup | None:
     """Minutes of the run in each 5 degC band, the three gyros side by side; None where not
     known.
     """
     if not isinstance(session, EstimatedDocument) or not session.coverage:
         return None
-    figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
-    ax = axes[0, 0]
+    items: list[Item] = []
     for k, axis in enumerate(AXES):
         mine = [r for r in session.coverage if r.axis == axis]
         centre, time_s = thinned(
             [0.5 * (r.low_degC + r.high_degC) for r in mine], [r.seconds for r in mine]
         )
-        ax.bar(
-            centre + 1.4 * (k - 1),
-            time_s,
-            width=1.3,
-            color=AXIS_COLOURS[axis],
-            label=f"gyro {axis}",
-            linewidth=0,
-        )
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
-    axis_text(ax, title="Time in each 5 °C band", x="gyro temperature [°C]", y="time [s]")
-    return svg_text(
-        figure, f"Seconds of run {session.run_id} in each 5 degC band of gyro temperature"
+        left = (centre + 1.4 * (k - 1) - 0.65).tolist()
+        rows = [(x, x + 1.3, 0.0, seconds) for x, seconds in zip(left, time_s.tolist())]
+        items.append(Boxes(rows, AXIS_COLOURS[axis], name=f"gyro {axis}"))
+    highest = max(float(item.extent()[1].max(initial=0.0)) for item in items)
+    panel = Panel(
+        items=items,
+        title="Time in each 5 °C band",
+        x_label=TEMPERATURE_AXIS,
+        y_label="time [s]",
+        y_limits=(0.0, 1.05 * highest or 1.0),
+        legend="below",
     )
+    label = f"Seconds of run {session.run_id} in each 5 degC band of gyro temperature"
+    return chart([panel], label, width=PANEL_WIDTH, height=2.6)
 
 
 def chain_figure(session: SessionDocument, direction: str) -> ZoomFigure | None:

@@ -11,12 +11,24 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from itertools import cycle
-from typing import TYPE_CHECKING, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from infield.reports.charts import (
+    DASHED,
+    GRID_COLOUR,
+    Band,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Uprights,
+    chart,
+)
 from infield.reports.figures import (
     BLACK,
     BLUE,
@@ -28,14 +40,7 @@ from infield.reports.figures import (
     PURPLE,
     SKY,
     VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 DIGITS = 6  # significant ones of a number in the page: a pixel of a drawing is a thousandth of it
 CURVE_COLOURS = (BLACK, GREEN, PURPLE, BLUE, VERMILLION, SKY, ORANGE, GREY)
@@ -136,51 +141,53 @@ def zoom_script() -> Markup:
     return Markup("".join(f"<script>{text}</script>\n" for text in texts))
 
 
-@in_style
 def _drawing(figure: ZoomFigure, label: str) -> Markup:
-    width, height = (PANEL_WIDTH, PANEL_HEIGHT) if figure.panel else (FIGURE_WIDTH, DRAWN_HEIGHT)
-    drawn, grid = new_figure(width=width, height=height)
-    ax = grid[0, 0]
-    for start_s, end_s in figure.spans:
-        ax.axvspan(start_s, end_s, color="#E3E8ED", linewidth=0)
+    items: list[Item] = []
+    if figure.spans:
+        items.append(Boxes([(*span, None, None) for span in figure.spans], GRID_COLOUR))
     for curve, colour in _coloured(figure):
-        x = figure.time_s if curve.x is None else curve.x
-        if curve.mark:
-            _draw_marks(ax, x, curve, colour)
-            continue
-        if curve.low is not None and curve.high is not None:
-            ax.fill_between(x, curve.low, curve.high, color=colour, alpha=BAND_ALPHA, linewidth=0)
-        line = "--" if curve.dashed else "-"
-        width = 1.5 if figure.panel else 1.1
-        ax.plot(x, curve.values, line, color=colour, linewidth=width, label=curve.name)
-    if figure.limits is not None:
-        ax.set_ylim(*figure.limits)
+        items += _items(figure, curve, colour)
+    panel = Panel(
+        items=items,
+        x_label=figure.x_name,
+        y_label=figure.unit,
+        y_limits=figure.limits,
+        circle=figure.circle,
+    )
     if figure.panel:
-        axis_text(ax, title=figure.title, x=figure.x_name, y=figure.unit)
-        return svg_text(drawn, label)
-    ax.margins(x=0)
-    axis_text(ax, x=figure.x_name, y=figure.unit)
-    if len(figure.curves) > 1:
-        drawn.legend(loc="outside upper center", ncols=min(len(figure.curves), 5))
-    return svg_text(drawn, label)
+        panel.title = figure.title
+        return chart([panel], label, width=PANEL_WIDTH, height=PANEL_HEIGHT)
+    panel.x_room = 0.0
+    panel.legend = "above" if len(figure.curves) > 1 else ""
+    return chart([panel], label, width=FIGURE_WIDTH, height=DRAWN_HEIGHT)
 
 
-def _draw_marks(ax: "Axes", x: NDArray, curve: ZoomCurve, colour: str) -> None:
-    """Points with their bars; a bar alone where that is the mark."""
+def _items(figure: ZoomFigure, curve: ZoomCurve, colour: str) -> list[Item]:
+    """A line with its band, points with their bars, or bars alone."""
+    x = figure.time_s if curve.x is None else curve.x
     low, high = curve.edges
     if curve.mark == BAR_MARK:
-        ax.vlines(x, low, high, color=colour, alpha=0.55, linewidth=4.0)
-        return
-    if curve.low is not None:
-        ax.vlines(x, low, high, color=colour, linewidth=0.7)
-    ax.plot(
+        return [Uprights(x, low, high, colour, width=4.0, opacity=0.55)]
+    known = curve.low is not None and curve.high is not None
+    if not curve.mark:
+        line = Line(
+            x,
+            curve.values,
+            colour,
+            name=curve.name,
+            width=1.5 if figure.panel else 1.1,
+            dash=DASHED if curve.dashed else "",
+        )
+        return [Band(x, low, high, colour, BAND_ALPHA), line] if known else [line]
+    marks = Marks(
         x,
         curve.values,
         POINT_MARKS[curve.mark],
-        color=colour,
-        markersize=2.8 if curve.mark == NODE_MARK else 4.0,
-        markerfacecolor="none" if curve.mark == HOLLOW_MARK else colour,
+        colour,
+        size=2.8 if curve.mark == NODE_MARK else 4.0,
+        hollow=curve.mark == HOLLOW_MARK,
     )
+    return [Uprights(x, low, high, colour), marks] if known else [marks]
 
 
 def _numbers(figure: ZoomFigure) -> str:

@@ -2,6 +2,8 @@
 the mechanization).
 """
 
+from itertools import accumulate
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -22,6 +24,7 @@ from trajectories.simulator.vehicle import (
     Push,
     disturb,
     gauss_markov,
+    recursion,
     sway_velocity,
 )
 
@@ -292,3 +295,15 @@ def test_level_turns_with_the_displacement_as_the_frames_say():
     np.testing.assert_allclose(
         between, [np.cos(lat) * dlon, -dlat, -np.sin(lat) * dlon], atol=1e-10
     )
+
+
+@pytest.mark.parametrize("keep", [0.99 * np.exp(0.03j), 0.5])
+@pytest.mark.parametrize("n", [1, 2, 500])
+def test_a_recursion_is_pythons_to_the_last_bit(keep, n):
+    """y[k] = keep y[k - 1] + x[k], added up with Python's own numbers."""
+    rng = np.random.default_rng(n)
+    real = rng.standard_normal(n)
+    for drive in (real, real + 1j * rng.standard_normal(n)):
+        factor = keep if np.iscomplexobj(drive) else np.real(keep)
+        want = np.array(list(accumulate(drive.tolist(), lambda y, x, f=factor: x + f * y)))
+        np.testing.assert_array_equal(recursion(keep, drive), want)

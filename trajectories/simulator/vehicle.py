@@ -14,7 +14,6 @@ after 17 m of crab.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,8 +196,15 @@ def recursion(keep: complex, drive: NDArray) -> NDArray:
     """y[k] = keep y[k - 1] + drive[k], real or complex: `scipy.signal.lfilter` to the last bit,
     without the half second of CPU that scipy.signal takes to load.
     """
-    factor = keep if np.iscomplexobj(drive) else np.real(keep)
-    return np.array(list(accumulate(drive.tolist(), lambda y, x: x + factor * y)))
+    from trajectories.recursion_kernel import add_kept
+
+    real, imaginary = drive.real.copy(), np.zeros(drive.size)
+    if not np.iscomplexobj(drive):
+        add_kept(real, imaginary, float(np.real(keep)), 0.0)
+        return real
+    imaginary += drive.imag
+    add_kept(real, imaginary, float(np.real(keep)), float(np.imag(keep)))
+    return real + 1j * imaginary
 
 
 def _body_rotation(
