@@ -148,17 +148,19 @@ def _noise(fly: Fly, first: Model, found: Flown, *, loud: bool) -> NoiseScales:
 
 
 def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
-    """The likeliest factors where the innovations do not fit, looked for from noise as declared and
-    from WIDE noise: a slow error of the receiver explains much of what noisy sensors do, and the
-    other way round.
+    """The likeliest factors where the innovations do not fit, looked for from noise as declared,
+    from WIDE noise and from slow errors of the receiver alone: they explain much of what noisy
+    sensors do, and the other way round, and no single factor leads from one to the other.
     """
-    starts = found, _settled(fly, replace(first, scales=WIDE), BOTH)
-    low, wide = (
-        None if start is None else raised_noise(start, fly, steps=(COARSE_FACTOR,))
-        for start in starts
-    )
-    assert low is not None
-    better = wide if wide is not None and wide.over(low) > 0.0 else low
+    of_receiver = raised_noise(found, fly, SLOW_PARTS)
+    starts = found, _settled(fly, replace(first, scales=WIDE), BOTH), of_receiver
+    better = found
+    for start in starts:
+        if start is None:
+            continue
+        other = raised_noise(start, fly, steps=(COARSE_FACTOR,))
+        if other.over(better) > 0.0:
+            better = other
     steady = raised_noise(better, fly, steps=(FINE_FACTOR,))
     return _stirred(fly, first, steady)
 
