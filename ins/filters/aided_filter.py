@@ -22,7 +22,7 @@ from ins.filters.aided_records import (
 from ins.filters.aided_tape import TAPED_PHI, AidedTape, TapedPiece
 from ins.filters.states import (
     AIDED_ACCEL_SCALE,
-    AIDED_DRIVING,
+    AIDED_DEFLECTION,
     AIDED_GYRO_SCALE,
     AIDED_LEVER,
     AIDED_MISALIGNED,
@@ -41,7 +41,7 @@ KINDS = ("position", "velocity")
 ROUNDING = 1e-9
 REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three components
 ANTENNA = slice(AIDED_LEVER.start, AIDED_STATES)  # states of lever arm and delays
-OF_SCALES = slice(AIDED_MOTION, AIDED_DRIVING)  # of scales and misalignments
+OF_SCALES = slice(AIDED_MOTION, AIDED_DEFLECTION.start)  # of scales and misalignments
 ON_UNIT = Antenna(lever_arm_m=np.zeros(3))
 DEFAULTS = AidedOptions()
 
@@ -287,7 +287,7 @@ class AidedNavigator:
 
 
 def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
-    """Covariance (38, 38) of all errors at the start."""
+    """Covariance (40, 40) of all errors at the start."""
     P = np.zeros((AIDED_STATES, AIDED_STATES))
     motion = slice(0, AIDED_MOTION)
     P[motion, motion] = _covariance(start.covariance, AIDED_MOTION, "AidedStart.covariance")
@@ -295,6 +295,7 @@ def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
         (AIDED_GYRO_SCALE, noise.gyro_scale),
         (AIDED_MISALIGNED, noise.misalignment_rad),
         (AIDED_ACCEL_SCALE, noise.accel_scale),
+        (AIDED_DEFLECTION, noise.deflection_rad),
     ):
         P[part, part] = sigma**2 * np.eye(part.stop - part.start)
     slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
@@ -305,12 +306,14 @@ def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
 
 
 def _taken_off(start: AidedStart, antenna: Antenna) -> NDArray:
-    """What the kernel takes off: biases, scales and slow errors (none yet), lever arm, delays
-    (29,).
+    """What the kernel takes off: biases, scales and slow errors (none yet), lever arm,
+    delays, deflection (none yet) (31,).
     """
     biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
     delays = antenna.delay_s, antenna.velocity_delay_s
-    return np.concatenate([*biases, np.zeros(18), antenna.lever_arm_m, delays]).astype(float)
+    return np.concatenate([*biases, np.zeros(18), antenna.lever_arm_m, delays, np.zeros(2)]).astype(
+        float
+    )
 
 
 def _noise_values(noise: AidedNoise) -> NDArray:
@@ -318,7 +321,8 @@ def _noise_values(noise: AidedNoise) -> NDArray:
     densities = noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk
     slow_positions = noise.slow_level_m, noise.slow_down_m, noise.slow_s
     slow_velocities = noise.slow_velocity_m_s, noise.slow_velocity_s
-    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred])
+    vertical = noise.deflection_rad, noise.deflection_s
+    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred, *vertical])
 
 
 def _settings(options: AidedOptions, antenna: Antenna, *, scaled: bool) -> NDArray:

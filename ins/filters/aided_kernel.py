@@ -2,7 +2,8 @@
 between. Import lazily.
 
 Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the
-solution is, twelve constants of the sensors, six of the receiver and five of its antenna:
+solution is, twelve constants of the sensors, two of the vertical, six of the receiver and five of
+its antenna:
 
     P 0-2    position [m]             p'     = v - omega_en x p
     V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N,
@@ -10,11 +11,12 @@ solution is, twelve constants of the sensors, six of the receiver and five of it
     C eps G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a
     random walk A 12-14  the same of the accelerometers, del [m/s^2] K 15-17  scale errors of the
     gyros, M 18-23 their misalignments [rad], S 24-26 scale errors of the accelerometers: they stand
-    still, and where the prior of all is zero they are left out of the sums B 27-29  slow error of
-    the positions [m], north, east, down: a first-order Gauss-Markov process W 30-32  slow error of
-    the velocities [m/s], the same with a time constant of its own L 33-35  lever arm, IMU to
-    antenna [m], body axes; stands still D 36     delay of the positions, how much older than their
-    time they are [s]; stands still E 37     delay of the velocities
+    still, and where the prior of all is zero they are left out of the sums F 27-28  what a
+    deflected vertical makes the unit feel north and east, over gravity [rad]: v' = g F, a
+    first-order Gauss-Markov process B 29-31  slow error of the positions [m], north, east, down:
+    likewise W 32-34  slow error of the velocities [m/s], the same with a time constant of its own L
+    35-37  lever arm, IMU to antenna [m], body axes; stands still D 38     delay of the positions,
+    how much older than their time they are [s]; stands still E 39     delay of the velocities
 
 theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section
 14.2.2 (ECEF), with the signs of CONVENTIONS.md. The antenna's five may be estimated, or considered:
@@ -57,6 +59,7 @@ G_, A_ = states.AIDED_GYRO.start, states.AIDED_ACCEL.start
 K_, M_ = states.AIDED_GYRO_SCALE.start, states.AIDED_MISALIGNED.start
 S_ = states.AIDED_ACCEL_SCALE.start
 READING, READ_OF = np.array(states.READING_GYRO), np.array(states.READ_AXIS)
+F_ = states.AIDED_DEFLECTION.start
 B_, W_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY_DELAY
 # places and counts that kernels take as arguments: numba compiles a function anew for each Python
@@ -70,6 +73,9 @@ SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
 # of the noise: how far the accelerometers' biases go with the shaking, m/s^2 a m/s^2
 STIRRED = 9
+# of the noise: deflection of the vertical, its sigma (0: no state, nothing of it is summed) and its
+# time constant
+DEFLECTION, DEFLECTION_S = 10, 11
 # of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
 # states, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER, HAS_SCALES = 0, 1, 2, 3, 4, 5
@@ -87,8 +93,9 @@ STEADY, STEADY_STEPS, LATEST = 15, 18, 19
 FORCE_BEFORE, SHAKING, SHAKEN_BEFORE, SHAKEN_LEAST, SHAKEN_MOST = 22, 25, 26, 27, 28
 STEP_ROWS, CARRY = 29, 30
 # of what is taken off: biases of gyros and accelerometers, scales and misalignments, slow errors,
-# lever arm, delays
-B_SCALE, B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 18, 24, 27, 28, 29
+# lever arm, delays, deflection of the vertical
+B_SCALE, B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY = 6, 18, 24, 27, 28
+B_DEFLECTION, TAKEN = 29, 31
 # the trail, one row a step: time, velocity, what velocity and position have gained since the
 # start, angular rate, noise of the specific force (NED); places of 16 columns, and 256 rows: 51 s
 # of steps of 0.2 s
@@ -202,7 +209,7 @@ def turns(P, row, dt, arw, angle):
 
 @inner
 def transition(row, steady, angle, dt, Phi, scaled):
-    """Phi (27, 27) of a step of dt.
+    """Phi (29, 29) of a step of dt.
 
     row (36,): the strapdown output at its end, with what the step added up. steady (3,): specific
     force with less noise, angle (3,): what is no noise of the angles turned. scaled: whether scales
@@ -237,6 +244,9 @@ def transition(row, steady, angle, dt, Phi, scaled):
             Phi[T_ + i, G_ + j] = C_dt
             Phi[V_ + i, A_ + j] = C_dt
             Phi[P_ + i, A_ + j] = 0.5 * dt * C_dt
+    for i in range(2):
+        Phi[V_ + i, F_ + i] = dt * pull * radius
+        Phi[P_ + i, F_ + i] = 0.5 * dt * dt * pull * radius
     turned_to(Phi, AT_G, AT_A, dt)
     if scaled:
         put_scales(Phi, row, force, angle, dt)
@@ -306,45 +316,61 @@ def shaken_by(carry):
 
 @inner
 def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
-    """P to Phi P Phi' + Q in place; seen (27, 38), moved (9, 38): room to work in.
+    """P to Phi P Phi' + Q in place; seen (29, 40), moved (9, 40): room to work in.
 
-    Phi is of the first 27; its columns of scales are zero where they are no states. Biases and
-    scales stand still, so its rows 9-26 are unit, and so are those of the antenna; slow errors
-    fade, and so does what leaps of the positions add to their variance, leapt (3,).
+    Phi is of the first 29; its columns of scales are zero where they are no states. Biases and
+    scales stand still, so its rows 9-26 are unit, and so are those of the antenna; the deflection
+    of the vertical and slow errors fade at the step's end, and so does what leaps of the positions
+    add to their variance, leapt (3,).
 
     The sums run over a number of states that the compiler knows, rows of them beside each other:
     so it adds four at a time, in the order that each sum has by itself.
     """
+    deflected = noise[DEFLECTION] > 0.0
     for k in range(DRIVING):
         for i in range(G_, N):
             seen[k, i] = P[i, k]
     for i in range(G_):
         for j in range(N):
             total = 0.0
-            for k in range(DRIVING):
+            for k in range(F_):
                 total += Phi[i, k] * P[k, j]
             moved[i, j] = total
+    if deflected:  # columns that most flights have no state for, and of velocity and position alone
+        for i in range(T_):
+            for k in range(F_, DRIVING):
+                for j in range(N):
+                    moved[i, j] += Phi[i, k] * P[k, j]
     for k in range(DRIVING):
         for i in range(G_):
             seen[k, i] = moved[i, k]
     for j in range(G_):
         for i in range(N):
             total = 0.0
-            for k in range(DRIVING):
+            for k in range(F_):
                 total += seen[k, i] * Phi[j, k]
             moved[j, i] = total
+    if deflected:
+        for j in range(T_):
+            for k in range(F_, DRIVING):
+                for i in range(N):
+                    moved[j, i] += seen[k, i] * Phi[j, k]
     for j in range(G_):
         for i in range(j, N):
             P[i, j] = P[j, i] = moved[j, i]
-    for i in range(B_, L_):
-        fades = exp(-dt / (noise[SLOW_S] if i < W_ else noise[SLOW_V_S]))
-        sigma = noise[SLOW_V] if i >= W_ else noise[SLOW_DOWN] if i == W_ - 1 else noise[SLOW_LEVEL]
+    for i in range(F_, L_):
+        if i < B_:
+            fades, sigma = exp(-dt / noise[DEFLECTION_S]), noise[DEFLECTION]
+        else:
+            fades = exp(-dt / (noise[SLOW_S] if i < W_ else noise[SLOW_V_S]))
+            down = i == W_ - 1
+            sigma = noise[SLOW_V] if i >= W_ else noise[SLOW_DOWN] if down else noise[SLOW_LEVEL]
         for j in range(N):
             P[i, j] *= fades
         for j in range(N):
             P[j, i] *= fades
         P[i, i] += sigma * sigma * (1.0 - fades * fades)
-        if i < W_:
+        if B_ <= i < W_:
             P[i, i] += leapt[i - B_] * (1.0 - fades * fades)
             leapt[i - B_] *= fades * fades
     vrw2 = vrw**2
@@ -360,9 +386,9 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
 
 @jit
 def update(x, P, H, z, variance, room, first):
-    """Use scalar measurements z (m,) with rows H (m, 38), one after the other, in place.
+    """Use scalar measurements z (m,) with rows H (m, 40), one after the other, in place.
 
-    variance (m,): independent errors. room (3, 40): written; row k holds P H' of measurement k, its
+    variance (m,): independent errors. room (3, 42): written; row k holds P H' of measurement k, its
     variance and its residual. Errors from `first` on are considered and left as they are. Returns
     the NIS of all of them together, and the log likelihood.
     """
@@ -416,9 +442,9 @@ def write_restart(tape, taped):
 
 @inner
 def correct(state, bias, x):
-    """Take the errors x (38,) off the solution and make them zero.
+    """Take the errors x (40,) off the solution and make them zero.
 
-    The solution is Earth-frame position, velocity, attitude, and `bias` (29,).
+    The solution is Earth-frame position, velocity, attitude, and `bias` (31,).
     """
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
@@ -435,6 +461,8 @@ def correct(state, bias, x):
     state[3] = a * r + b * q - c * p + d * w
     for i in range(B_SLOW):
         bias[i] += x[G_ + i]
+    for i in range(2):
+        bias[B_DEFLECTION + i] += x[F_ + i]
     for i in range(N - B_):
         bias[B_SLOW + i] -= x[B_ + i]
     x[:] = 0.0
@@ -443,7 +471,7 @@ def correct(state, bias, x):
 
 @inner
 def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 38) of antenna position and velocity, NED; the arm and its swing (6,).
+    """Rows (6, 40) of antenna position and velocity, NED; the arm and its swing (6,).
 
     Delays and what the lever arm does to the velocity are the caller's.
     """
@@ -726,6 +754,25 @@ def take_scales_off(bias, dtheta, dv, turned, pushed):
 
 
 @inner
+def plumb(state, bias, push):
+    """What the deflection that is taken off makes the unit feel: push (3,) [m/s^2], body axes."""
+    frame = local_frame((state[R], state[R + 1], state[R + 2]))
+    C = dcm_ne(frame)
+    w, p, q, r = state[0], state[1], state[2], state[3]
+    pull = gravity(frame[0], frame[4])
+    north, east = pull * bias[B_DEFLECTION], pull * bias[B_DEFLECTION + 1]
+    x = north * C[0] + east * C[3]
+    y = north * C[1] + east * C[4]
+    z = north * C[2] + east * C[5]
+    push[0] = (w * w + p * p - q * q - r * r) * x + 2 * (p * q + w * r) * y
+    push[0] += 2 * (p * r - w * q) * z
+    push[1] = 2 * (p * q - w * r) * x + (w * w - p * p + q * q - r * r) * y
+    push[1] += 2 * (q * r + w * p) * z
+    push[2] = 2 * (p * r + w * q) * x + 2 * (q * r - w * p) * y
+    push[2] += (w * w - p * p - q * q + r * r) * z
+
+
+@inner
 def emit(state, bias, P, out):
     """Write an output row: the solution as it is now, biases, variances."""
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
@@ -829,7 +876,7 @@ def run(
         Whether the vehicle stands, whether a row is put out.
     state, opened, carry, bias, x, P : ndarray
         What a step carries over the end of a piece; changed in place.
-    noise, settings : ndarray, shapes (9,), (6,)
+    noise, settings : ndarray, shapes (12,), (6,)
     trail : ndarray, shape (TRAIL_ROWS, TRAIL)
         The latest steps; changed in place.
     fixes : ndarray, shape (fixes, 12)
@@ -838,9 +885,9 @@ def run(
         What became of each fix; written.
     rows_out : ndarray, shape (emitted, OUT)
         Written.
-    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 38, 38), or with no rows
+    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 40, 40), or with no rows
         Of the first errors, or of all; written where it is asked for.
-    phis : ndarray, shape (k, 9, 27), or with no rows
+    phis : ndarray, shape (k, 9, 29), or with no rows
         Rows of each step's transition that are not unit; written where a tape is.
     tape, tape_ends : ndarray, shapes (measurements, TAPE), (k,); or with no rows
         The measurements used, and how many of them up to the end of each step; written where asked.
@@ -860,12 +907,15 @@ def run(
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
     flat, steady, unsure, angle = (np.zeros(dt.size), np.zeros(3), np.zeros(3), np.zeros(3))
+    deflected, push = noise[DEFLECTION] > 0.0, np.zeros(3)
     gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
     first, written = 0, 0
     for k in range(ends.size + 1):
         last = ends[k] if k < ends.size else dt.size
         if k == ends.size and last == first:
             break
+        if deflected:
+            plumb(state, bias, push)
         for l in range(first, last):
             carry[DT] += dt[l]
             carry[STEP_ROWS] += 1.0
@@ -874,6 +924,9 @@ def run(
                 pushed[l, i] = dv[l, i] - bias[3 + i] * dt[l]
             if scaled:
                 take_scales_off(bias, dtheta[l], dv[l], turned[l], pushed[l])
+            if deflected:
+                for i in range(3):
+                    pushed[l, i] -= push[i] * dt[l]
             for i in range(3):
                 carry[RATE + i] = turned[l, i] / dt[l]
             shake(carry, dv[l], dt[l])
@@ -908,6 +961,8 @@ def run(
         transition(out[0], steady, angle, step_s, Phi, scaled)
         stirred = shaken_by(carry)
         predict(P, Phi, step_s, noise, vrw, carry[LEAPT:STEADY], stirred, seen, moved)
+        for i in range(2):
+            bias[B_DEFLECTION + i] *= exp(-step_s / noise[DEFLECTION_S])
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])

@@ -25,6 +25,9 @@ class AidedNoise:
         Sigmas of the receiver's slow errors, beside the fixes' own.
     slow_s, slow_velocity_s : float
         Their time constants.
+    deflection_rad, deflection_s : float
+        Sigma of the vertical's deflection, north and east, and its time constant: how long the
+        vehicle is on its way over one length of correlation.
     gyro_scale, misalignment_rad, accel_scale : float
         Sigmas of what stands still: scale errors and misalignments of the gyros, scale errors of
         the accelerometers; all zero: no states of the filter.
@@ -44,6 +47,8 @@ class AidedNoise:
     slow_s: float = 200.0
     slow_velocity_m_s: float = 0.0
     slow_velocity_s: float = 3.0
+    deflection_rad: float = 0.0
+    deflection_s: float = 150.0
     gyro_scale: float = 0.0
     misalignment_rad: float = 0.0
     accel_scale: float = 0.0

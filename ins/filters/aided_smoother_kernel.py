@@ -1,7 +1,7 @@
 """The compiled loop of the aided smoother (`ins.filters.aided_smoother`): adjoints from
 the end of a log to its beginning.
 
-lam (38,) and Lam (38, 38) are the adjoints of Bryson and Frazier, in the order of
+lam (40,) and Lam (40, 40) are the adjoints of Bryson and Frazier, in the order of
 `ins.filters.states`. Arrays in, arrays changed in place, nothing is checked.
 """
 
@@ -10,11 +10,11 @@ from math import exp
 import numpy as np
 
 from ins.filters import states
-from ins.filters.aided_kernel import SLOW_S, SLOW_V_S
+from ins.filters.aided_kernel import DEFLECTION_S, SLOW_S, SLOW_V_S
 from ins.jit import jit
 
 N, MOTION, UNIT = states.AIDED_STATES, states.AIDED_MOTION, states.AIDED_GYRO.start
-DRIVING = states.AIDED_DRIVING
+DRIVING, DEFLECTED_ = states.AIDED_DRIVING, states.AIDED_DEFLECTION.start
 SLOW_, SLOW_V_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
 LAST_, THETA_ = states.AIDED_SLOW_VEL.stop, states.AIDED_THETA.start
 # only kernels call it: less to compile, but a call from Python would end the process
@@ -22,8 +22,23 @@ inner = jit(no_cpython_wrapper=True)
 
 
 @inner
-def through_step(phi, fade, fade_v, lam, Lam, M):
-    """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 27), M (38, 38) is room."""
+def fading(first, last, fade, lam, Lam):
+    """The adjoints before errors from first to last fade."""
+    for i in range(first, last):
+        lam[i] *= fade
+        for j in range(N):
+            Lam[i, j] *= fade
+        for j in range(N):
+            Lam[j, i] *= fade
+
+
+@inner
+def through_step(phi, fade, fade_v, fade_d, lam, Lam, M):
+    """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 29), M (40, 40) is room.
+
+    The deflection of the vertical fades after it has pushed; slow errors push nothing.
+    """
+    fading(DEFLECTED_, SLOW_, fade_d, lam, Lam)
     before = lam.copy()
     for j in range(DRIVING):
         total = before[j] if j >= UNIT else 0.0
@@ -48,13 +63,8 @@ def through_step(phi, fade, fade_v, lam, Lam, M):
             for l in range(UNIT):
                 total += M[i, l] * phi[l, j]
             Lam[i, j] = total
-    for i in range(SLOW_, LAST_):
-        fades = fade if i < SLOW_V_ else fade_v
-        lam[i] *= fades
-        for j in range(N):
-            Lam[i, j] *= fades
-        for j in range(N):
-            Lam[j, i] *= fades
+    fading(SLOW_, SLOW_V_, fade, lam, Lam)
+    fading(SLOW_V_, LAST_, fade_v, lam, Lam)
 
 
 @inner
@@ -117,4 +127,5 @@ def backward(step_s, phis, measurements, ends, emits, P_rows, noise, lam, Lam, x
         for t in range(ends[k] - 1, first - 1, -1):
             through_measurement(measurements[t], lam, Lam, gain, v)
         fade, fade_v = exp(-step_s[k] / noise[SLOW_S]), exp(-step_s[k] / noise[SLOW_V_S])
-        through_step(phis[k], fade, fade_v, lam, Lam, M)
+        fade_d = exp(-step_s[k] / noise[DEFLECTION_S])
+        through_step(phis[k], fade, fade_v, fade_d, lam, Lam, M)

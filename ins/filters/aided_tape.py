@@ -19,7 +19,7 @@ class TapedPiece:
     ----------
     step_s : ndarray, shape (k,)
         Length of each step.
-    phis : ndarray, shape (k, 9, 27)
+    phis : ndarray, shape (k, 9, 29)
         Rows of its transition that are not unit.
     measurements : ndarray, shape (m, TAPE)
         Scalar measurements in the order of their use (`ins.filters.aided_kernel`).
@@ -27,7 +27,7 @@ class TapedPiece:
         How many of them were used up to the end of each step.
     emits : ndarray of bool, shape (k,)
         Whether a row was put out there.
-    P_rows : ndarray, shape (rows, 38, 38)
+    P_rows : ndarray, shape (rows, 40, 40)
         Covariance of all errors at these rows.
     """
 
@@ -56,9 +56,9 @@ class AidedTape:
     Parameters
     ----------
     pieces : tuple of TapedPiece
-    P_start : ndarray, shape (38, 38)
+    P_start : ndarray, shape (40, 40)
         Covariance at its start.
-    noise : ndarray, shape (9,)
+    noise : ndarray, shape (12,)
         In the order of the kernel: time constants of slow errors.
     """
 

@@ -49,13 +49,14 @@ AIDED_MOTION = 15  # number of the states above, which are put out with each row
 AIDED_GYRO_SCALE = slice(15, 18)  # scale errors of the gyros, read high [-]
 AIDED_MISALIGNED = slice(18, 24)  # of gyro x to y and z, y to x and z, z to x and y [rad]
 AIDED_ACCEL_SCALE = slice(24, 27)  # scale errors of the accelerometers [-]
-AIDED_DRIVING = 27  # number of the states above, which move or drive what moves
-AIDED_SLOW_POS = slice(27, 30)  # slow error of the fixes' positions, north, east, down [m]
-AIDED_SLOW_VEL = slice(30, 33)  # slow error of the fixes' velocities, north, east, down [m/s]
-AIDED_LEVER = slice(33, 36)  # error of the lever arm from the IMU to the antenna, body axes [m]
-AIDED_DELAY = 36  # error of the delay of the positions [s]
-AIDED_VELOCITY_DELAY = 37  # error of the delay of the velocities [s]
-AIDED_STATES = 38
+AIDED_DEFLECTION = slice(27, 29)  # deflected vertical beyond what is taken off, north, east [rad]
+AIDED_DRIVING = 29  # number of the states above, which move or drive what moves
+AIDED_SLOW_POS = slice(29, 32)  # slow error of the fixes' positions, north, east, down [m]
+AIDED_SLOW_VEL = slice(32, 35)  # slow error of the fixes' velocities, north, east, down [m/s]
+AIDED_LEVER = slice(35, 38)  # error of the lever arm from the IMU to the antenna, body axes [m]
+AIDED_DELAY = 38  # error of the delay of the positions [s]
+AIDED_VELOCITY_DELAY = 39  # error of the delay of the velocities [s]
+AIDED_STATES = 40
 
 # The gyro that reads, and the axis that it reads of, for each of the six misalignments.
 READING_GYRO, READ_AXIS = (0, 0, 1, 1, 2, 2), (1, 2, 0, 2, 0, 1)

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from infield.aided.flight import aided_noise
 from ins import kalman
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
-from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
+from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef, gravity_magnitude
 from ins.filters.aided_filter import AidedNavigator, level_sigmas
 from ins.filters.aided_records import AidedNoise, AidedOptions, AidedStart, Antenna, fixes_of
 from ins.filters.states import AIDED_ACCEL as ACCEL
@@ -25,6 +25,7 @@ from ins.records import InputError, NavState, Site
 from ins.units import DEG_PER_HOUR, MICRO_G
 from tests.infield.aided_cases import (
     LEVER_M,
+    SITE,
     drawn_scales,
     errors,
     flown,
@@ -160,6 +161,64 @@ def test_covariance_follows_the_nonlinear_solution(state):
             assert both == pytest.approx(
                 np.linalg.norm(seen[k, part]) ** 2 * sigma**2, rel=0.05, abs=floor**4
             )
+
+
+def deflected(made, angle_rad):
+    """The run where gravity pulls north and east (2,) by an angle beyond the model."""
+    imu, ref = made.run.imu, made.reference
+    roll, pitch, yaw = (
+        np.interp(imu.time_s, ref.time_s, np.unwrap(angle))
+        for angle in (ref.roll_rad, ref.pitch_rad, ref.heading_rad)
+    )
+    pull = gravity_magnitude(SITE.lat_rad, SITE.height_m) * np.array([*angle_rad, 0.0])
+    felt = np.einsum("nji,j->ni", dcm_from_euler(roll, pitch, yaw), pull)
+    pushed = replace(imu, dv_m_s=imu.dv_m_s - imu.dt_s[:, None] * felt)
+    return replace(made, run=replace(made.run, imu=pushed))
+
+
+def exact_start(made):
+    """The truth at 100 s, known to be that."""
+    return AidedStart(
+        state=truth_at(made, 100.0),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag([0.0] * 15),
+    )
+
+
+@pytest.mark.parametrize("axis", ["north", "east"])
+def test_covariance_follows_a_deflected_vertical(axis):
+    """One of 1 mrad that stays, without other noise or fixes, over 4 min of flight."""
+    made = flown(ideal(), QUIET_TWIN, 1)
+    none = fixes_from(made, QUIET_TWIN)
+    none = replace(none, r_e_m=none.r_e_m * np.nan, v_n_m_s=none.v_n_m_s * np.nan)
+    noise = replace(SILENT, deflection_rad=1e-3, deflection_s=1e9)
+    angle = 1e-3 * np.array([axis == "north", axis == "east"])
+    start = exact_start(made)
+    true = navigated(made, start, noise, none, keep_covariance=True)
+    off = navigated(deflected(made, angle), start, noise, none)
+    k = ("north", "east").index(axis)
+    for row in (120, 240):
+        sigma = np.sqrt(np.diag(true.covariance[row]))
+        seen = motion_errors(made.reference, off) - motion_errors(made.reference, true)
+        assert abs(seen[row, k]) == pytest.approx(sigma[k], rel=0.03)
+        assert abs(seen[row, 3 + k]) == pytest.approx(sigma[3 + k], rel=0.03)
+
+
+def test_a_deflected_vertical_is_found_and_taken_off():
+    """1 mrad with the attitude known: 100 s after the last fix it would have moved the solution by
+    0.5 g 1.2e-3 (100 s)^2 = 60 m, were it not taken off; sigmas of fixes make a few metres of it.
+    """
+    made = deflected(flown(ideal(), QUIET_TWIN, 1), np.array([1e-3, -0.7e-3]))
+    fixes = fixes_from(made, QUIET_TWIN)
+    hole = np.where(fixes.time_s > 300.0, np.nan, 0.0)[:, None]
+    fixes = replace(fixes, r_e_m=fixes.r_e_m + hole, v_n_m_s=fixes.v_n_m_s + hole)
+    noise = replace(SILENT, deflection_rad=1e-3, deflection_s=1e9)
+    history = navigated(made, exact_start(made), noise, fixes)
+    row = int(np.searchsorted(history.time_s, 400.0))
+    found = motion_errors(made.reference, history)[row, :2]
+    assert history.time_s[row] < 402.0 and np.linalg.norm(found) < 8.0
+    assert (found**2 / history.variance[row, :2] < chi2.isf(1e-4, 1)).all()
 
 
 def test_scalar_updates_are_filterpys_joint_update():

@@ -13,7 +13,14 @@ from ins.filters.aided_records import AidedOptions, AidedStart
 from ins.filters.aided_smoother import smoothed
 from ins.filters.aided_smoother_kernel import backward
 from ins.filters.aided_tape import TAPED_PHI
-from ins.filters.states import AIDED_ACCEL, AIDED_GYRO, AIDED_SLOW_POS, AIDED_SLOW_VEL, AIDED_STATES
+from ins.filters.states import (
+    AIDED_ACCEL,
+    AIDED_DEFLECTION,
+    AIDED_GYRO,
+    AIDED_SLOW_POS,
+    AIDED_SLOW_VEL,
+    AIDED_STATES,
+)
 from ins.records import InputError
 from ins.robust import chi2
 from tests.infield.aided_cases import errors, flown, ideal, nees, twin_of
@@ -21,8 +28,8 @@ from tests.ins.test_aided_filter import ANTENNA, fixes_from, prior, truth_at
 
 N = AIDED_STATES
 QUIET = np.array(
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0, 3.0]
-)  # slow errors fade over 200 s, 3 s
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0, 3.0, 0.0, 0.0, 150.0]
+)  # slow errors fade over 200 s, 3 s, the deflection of the vertical over 150 s
 HOLE_S = 300.0, 360.0
 
 
@@ -65,6 +72,7 @@ def test_adjoints_are_the_whole_log_solved_at_once():
     P = root @ root.T / N + np.eye(N)
     fade = np.ones(N)
     fade[AIDED_SLOW_POS], fade[AIDED_SLOW_VEL] = np.exp(-1.0 / 200.0), np.exp(-1.0 / 3.0)
+    fade[AIDED_DEFLECTION] = np.exp(-1.0 / 150.0)
     transitions, noises, rows, lines, ends, P_rows = [], [], [], [], [], []
     x, P_minus = np.zeros(N), P.copy()
     for k in range(steps):

@@ -128,8 +128,7 @@ def estimate_in_motion(
     heading_rad = euler_from_dcm(done.history.C_nb[0])[2] - done.filter.x[down]
     first_heading_rad = euler_from_dcm(start.state.C_nb)[2]
     sigma_rad = float(np.sqrt(done.filter.P[down, down]))
-    # the filter that found the start knows no scale errors and misalignments: of 31 starts its
-    # headings were off by 1.8 of its sigmas
+    # the filter that found the start knows no scale errors and misalignments
     found_rad = max(start.sigma_heading_rad, sigma_rad)
     estimate = SessionEstimate(
         bins=bins,

@@ -5,7 +5,7 @@ Only the place of linearisation is taken from it. The filter of the session begi
 priors, that of the heading withdrawn at its end, so that no fix counts twice.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ from infield.aided.smoothing import smooth_flight
 from infield.session.flown.flight import LEAST_FLOWN_S
 from infield.session.flown.known import KnownRun
 from infield.session.reasons import FlightReason
-from ins.filters.aided_records import Antenna, fixes_of
+from ins.filters.aided_records import Antenna, Fixes, fixes_of
 from ins.filters.states import AIDED_THETA
 from ins.records import GnssLog, ImuSource, NavState, Run, Site
+from ins.units import ARCSEC
 from ins.verdicts import Reason, because
 
 # of log that the start is sought on; chosen: gyrocompassing under way, a ring-laser unit of the
@@ -82,7 +83,11 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
         lever_arm_m=np.asarray(header.gnss_lever_arm_m, dtype=float),
         covariance=np.diag([priors.antenna_m] * 3 + [priors.delay_s] * 2) ** 2,
     )
-    noise = aided_noise(twin)
+    noise = replace(
+        aided_noise(twin),
+        deflection_rad=priors.deflection_arcsec * ARCSEC,
+        deflection_s=priors.deflection_m / _speed_m_s(fixes, sought.end_s),
+    )
     nodes = [np.diag(known.table.covariance)[known.table.values_of(k)].max() for k in range(3)]
     sky = Sky(
         imu=sought,
@@ -131,3 +136,9 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
         method=found.method,
         sigma_heading_rad=sigma,
     )
+
+
+def _speed_m_s(fixes: Fixes, end_s: float) -> float:
+    """Mean speed of the fixes up to a time, a metre a second at least."""
+    speed = np.linalg.norm(fixes.v_n_m_s[fixes.time_s <= end_s, :2], axis=1)
+    return max(float(np.nanmean(speed)), 1.0)
