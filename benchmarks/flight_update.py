@@ -11,10 +11,10 @@ own.
     python benchmarks/flight_update.py manoeuvres                        what shows which gyro
     python benchmarks/flight_update.py summary rlg.jsonl ...
 
-The unit is drawn as in the study of recalibration, the nuisances of the flight from the priors that
-the update names (`SessionSettings.flight`); what is simulated is the simulator's own
-(`trajectories`). Temperatures at the gyros: 8 degC at power-on, 26 before take-off, -17 at the end
-of the cruise. One line of JSON a flight.
+The unit is drawn as in the study of recalibration (a MEMS unit from a blank table's prior), the
+nuisances of the flight from the priors that the update names (`SessionSettings.flight`); what is
+simulated is the simulator's own (`trajectories`). Temperatures at the gyros: 8 degC at power-on, 26
+before take-off, -17 at the end of the cruise. One line of JSON a flight.
 """
 
 import json
@@ -34,8 +34,8 @@ from infield.session.log import table_series
 from infield.session.one_run import take_run
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
-from infield.table.file import table_from_dict
-from infield.table.thermal_table import ThermalTable
+from infield.table.file import table_from_dict, table_to_dict
+from infield.table.thermal_table import ThermalTable, default_table
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.records import AXES, GnssLog, GyroNoise, Site, TwinModel
 from ins.twin_file import default_twin
@@ -66,6 +66,8 @@ WHEELS_M, ANTENNA_M = (-6.0, 0.3, 2.0), (1.5, -0.4, -1.8)
 NODES_DEGC = np.arange(-30.0, 51.0, 10.0)
 HEADINGS_DEG, LATITUDES_DEG = (20.0, 110.0, 245.0, 320.0), (45.0, 30.0, 55.0, -40.0)
 FLIGHTS_OF_A_PLACE = 10  # simulated in turn from one place and heading
+# of a blank MEMS table: 70 % of the variance common, 30 % smooth (formats.md, section 2)
+MEMS_SIGMA_DEG_H, COMMON_SHARE = 30.0, 0.7
 WITHIN_SIGMAS = 4.0  # of a committed node: beyond, it is confident and wrong
 TAKE_OFF_S = 2250.0  # about; the cold of the cruise begins
 BEGINS_S, LEFT_S = 3000.0, 9000.0  # of a log that begins and ends in the air; landing is at 9100 s
@@ -214,6 +216,27 @@ def drawn_gyro(rng: np.random.Generator, gyro: GyroNoise, technology: str) -> Gy
     return replace(gyro, scale_factor_ppm=scale, misalignment_mrad=(*first, *second))
 
 
+def drawn_unit(rng: np.random.Generator, technology: str) -> UnitTruth:
+    """A unit and its ageing. A MEMS unit is drawn from a blank table's prior: between nodes 10 degC
+    apart the random curve of such a unit is off by 0.2 deg/h, 30 times what its table would say.
+    """
+    if technology != "mems":
+        return aged_unit(rng, gyro_technology=technology)
+    blank = default_table(
+        imu_serial="SN-0042",
+        gyro_technology=technology,
+        created_utc="2026-01-01T00:00:00Z",
+        sigma_deg_h=MEMS_SIGMA_DEG_H,
+    )
+    return aged_unit(
+        rng,
+        gyro_technology=technology,
+        table=table_to_dict(blank),
+        ageing_offset_deg_h=MEMS_SIGMA_DEG_H * np.sqrt(COMMON_SHARE),
+        ageing_shape_deg_h=MEMS_SIGMA_DEG_H * np.sqrt(1.0 - COMMON_SHARE),
+    )
+
+
 def drawn_session(
     seed: int,
     technology: str,
@@ -228,7 +251,7 @@ def drawn_session(
     """
     rng = np.random.default_rng([17, seed])
     twin = default_twin(technology)
-    unit = aged_unit(rng, gyro_technology=technology)
+    unit = drawn_unit(rng, technology)
     ideal = ideal_session(seed // FLIGHTS_OF_A_PLACE, rate_hz, flight)
     truth = replace(twin, gyro=drawn_gyro(rng, twin.gyro, technology))
     plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=antenna_m, run_id=f"flight-{seed}")
