@@ -132,6 +132,8 @@ def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
             f"run-<x> cccccccccccc 2026-03-09T05:00:00Z +0.0400 ± {expanded:.4f} (k=2) at 5.0 °C"
             in words
         )
+        assert "Revision 2 is active, but contradicted 1 session contradicts this table." in words
+        assert "recal update RUN RUN --accept-step --commit --store STORE" in words
         listed = text_of(visitor.get("/?sort=contradictions&down=true"))
         assert re.search(
             r"SN-1 contradicted .* rlg revision 2, update \w{12} \S+ \S+ – 1 1 by technology",

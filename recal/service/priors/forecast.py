@@ -35,7 +35,7 @@ from ins.json_file import read_json_object
 from ins.records import InputError
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import PriorValue, TechnologyPriors, left_out_documents
-from recal.service.priors.forecast_page import date_words, forecast_html
+from recal.service.priors.forecast_page import forecast_html, outlook_words
 from recal.service.priors.forecast_records import (
     BestSession,
     ForecastDocument,
@@ -344,14 +344,8 @@ def summary(document: ForecastDocument, *, most: int | None = UNITS_TOLD) -> lis
     lines = [f"forecast: {count} unit{'' if count == 1 else 's'}, limit {limit}"]
     lines += [f"  because {why}" for why in document.reasons]
     for unit in document.units[:most]:
-        until, half = (
-            date_words(day, document.issued_utc) for day in (unit.date_95_utc, unit.date_50_utc)
-        )
         line = f"  {unit.imu_serial}: {unit.drift_now_nm_h:.2f} NM/h now; "
-        if unit.drift_now_nm_h > document.limit_nm_h:
-            line += "above the limit already"
-        else:
-            line += f"below the limit until {until} (95 %), {half} (50 %)"
+        line += outlook_words(unit, document)
         best = unit.best_session
         lines.append(
             line + (f"; {best.text} puts it off by {best.gained_days:.0f} days" if best else "")

@@ -19,10 +19,26 @@ STRIP_YEARS = 5.0  # of the 12 forecast: that a row's trend shows, as the drawin
 
 
 def date_words(day: str | None, issued_utc: str) -> str:
-    """A date of a forecast for people: one that has come is today."""
+    """A date of a forecast for people: one that has come has passed already."""
     if day is None:
         return "beyond 12 years"
-    return "today" if day <= issued_utc[: len(day)] else day
+    return "passed already" if passed(day, issued_utc) else day
+
+
+def passed(day: str | None, issued_utc: str) -> bool:
+    """Whether a date of a forecast had come when the forecast was issued."""
+    return day is not None and day <= issued_utc[: len(day)]
+
+
+def outlook_words(unit: UnitForecast, document: ForecastDocument) -> str:
+    """What a unit's drift does about the limit, as the end of a sentence that begins with it."""
+    if unit.drift_now_nm_h > document.limit_nm_h:
+        return "above the limit already"
+    issued = document.issued_utc
+    if passed(unit.date_95_utc, issued):
+        return "above the limit already with a chance of more than 5 %"
+    until, half = (date_words(day, issued) for day in (unit.date_95_utc, unit.date_50_utc))
+    return f"below the limit until {until} (95 %), {half} (50 %)"
 
 
 def forecast_html(document: ForecastDocument) -> str:
@@ -36,6 +52,7 @@ def forecast_html(document: ForecastDocument) -> str:
         trends=trend_strips(document),
         shown=ROWS_SHOWN,
         date_words=date_words,
+        outlook_words=outlook_words,
     )
 
 
