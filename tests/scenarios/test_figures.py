@@ -1,4 +1,4 @@
-"""Requirements R6 to R11 over seeded sessions: 6 runs in the normal suite, 200 marked slow.
+"""Requirements R6 to R11 over seeded sessions: 4 runs in the normal suite, 200 marked slow.
 
 Bounds are two-sided chi-square at 99.9 % for the number of runs at hand; sigmas against
 requirements.md and the covariance table of physics.md 6.7.
@@ -27,7 +27,7 @@ from tests.scenarios.study import (
 )
 
 CONFIDENCE = 0.999
-RUNS = [pytest.param(6, id="6"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+RUNS = [pytest.param(4, id="4"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 
 
 def vehicle(**changes):
@@ -87,7 +87,7 @@ ROWS = {
 
 
 @pytest.mark.parametrize(
-    "runs", [pytest.param(3, id="3"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+    "runs", [pytest.param(2, id="2"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("name", ROWS)
 def test_r6_verdict_and_sigma_in_every_row_of_6_7(name, runs):
@@ -172,7 +172,7 @@ def test_r8_gnss_finds_the_heading_on_a_straight_taxi(runs):
 
 
 @pytest.mark.parametrize(
-    "runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+    "runs", [pytest.param(4, id="4"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(
     ("sigma_mrad", "east_deg_h"), [(1.0, 0.0074), (0.3, 0.0036), (0.1, 0.0024)]
@@ -189,7 +189,7 @@ def test_r8_surveyed_heading(sigma_mrad, east_deg_h, runs):
 
 
 @pytest.mark.parametrize(
-    "runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+    "runs", [pytest.param(4, id="4"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 )
 def test_r8_centre_line(runs):
     found = []
@@ -222,7 +222,7 @@ def test_r9_parked_attitude_shows_the_vertical_gyro(runs):
 
 
 @pytest.mark.parametrize(
-    "runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+    "runs", [pytest.param(4, id="4"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 )
 def test_r9_without_the_constraint_the_vertical_gyro_stays_put(runs):
     found = sessions(runs, "parked_only", settings=SessionSettings(hold_heading=False))

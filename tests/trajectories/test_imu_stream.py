@@ -86,7 +86,8 @@ def test_pieces_hold_the_bits_of_the_whole(tmp_path, kind, ending):
     whole, faults, lines = opened(path, columns, held_rows=10**6)
     assert isinstance(whole, ImuLog) and lines == [] and len(faults) == 4
     # a block of text for each row: every reading of all takes a second
-    cuts = [cut for cut in CUTS if ending == "parquet" or cut != 2]
+    # (a row a piece of text: test_the_hash_and_the_run_are_the_same)
+    cuts = [cut for cut in CUTS if ending == "parquet" or cut > 2]
     for cut in cuts:
         source, same_faults, lines = read_source(path, piece_rows=cut, block_bytes=cut * 80)
         assert isinstance(source, ImuFile) and same_faults == faults and lines == []

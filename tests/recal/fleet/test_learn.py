@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from infield.store.table_store import TableStore
 from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
+from tests.undrawn import figures_left_out
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
@@ -31,7 +32,8 @@ def made(tmp_path_factory):
         store.import_table(factory_dict())
     for k in range(3):
         words = ["update", str(folder / f"run-{k}"), "--commit", "--store", url, "-q"]
-        done = CliRunner().invoke(app, [*words, "-o", str(folder / "out")])
+        with figures_left_out():
+            done = CliRunner().invoke(app, [*words, "-o", str(folder / "out")])
         assert done.exit_code == 0, done.output
     return folder
 
