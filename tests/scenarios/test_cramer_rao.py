@@ -213,8 +213,7 @@ QUICK_ROWS = ("straight_taxi", "taxi_m90_p90_300", "turn_180_park_20min")
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[] if n in QUICK_ROWS else pytest.mark.slow) for n in ROWS],
+    "name", [pytest.param(n, marks=[] if n in QUICK_ROWS else pytest.mark.slow) for n in ROWS]
 )
 def test_rows_of_physics_6_7(name):
     """With the table's own measurement set, within a tenth: two derivations apart from each
