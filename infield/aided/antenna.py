@@ -28,8 +28,10 @@ from infield.aided.noise import (
     NoiseScales,
     flown,
     misfits,
+    narrower,
     raised_noise,
     with_gnss,
+    with_types,
 )
 from ins.filters.aided_records import AidedHistory, Antenna
 from ins.robust import chi2
@@ -112,8 +114,13 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     found = choose(fly, first, sigma_position_m, refit=False)
     if found is None:
         return as_declared
-    loud = misfits(found[0].history)
-    scales = _noise(fly, first, found[0], loud=loud)
+    at = with_types(found[0], fly)
+    loud = misfits(at.history)
+    scales = _noise(fly, first, at, loud=loud)
+    narrow = narrower(at, fly)
+    if narrow is not at:
+        learned = _noise(fly, first, narrow, loud=misfits(narrow.history))
+        scales = learned if learned.sensors_as(scales) else scales
     if scales.fitted:
         found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     best, seen = found

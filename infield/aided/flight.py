@@ -45,7 +45,7 @@ from infield.aided.open_heading import fly_open
 from infield.aided.reasons import AidedGrade, AidedNote, AidedReason, AidedVerdict, StartMethod
 from infield.aided.smoothing import smooth_all_headings, smooth_flight
 from infield.aided.start import FoundStart
-from infield.aided.taken import antenna_notes, noise_notes, unbelieved
+from infield.aided.taken import antenna_notes, fixes_note, noise_notes, unbelieved
 from infield.aided.wheels import Mounting, WheelsFound, seen_wheels
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
@@ -250,7 +250,8 @@ def navigate_aided(
     )
     begin = Beginning(sky=sky, header=header, rest=rest, stands=stands)
     flights = Flights(imu, fixes, noise, declared_m, stands, header.gyro_technology, begin)
-    fitted = fit_model(flights, antenna, declared_m[0])
+    flights = flights.by_type()
+    fitted = fit_model(flights, antenna, flights.declared_m[0])
     if fitted is None:
         why = flights.start(antenna)
         assert isinstance(why, Reason)
@@ -275,10 +276,11 @@ def navigate_aided(
         + site_note(fixes, stands, header.site, imu.start_s)
     )
     notes += mounting_note(history)
-    notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, twin)
+    notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, flights, twin.source)
+    notes += fixes_note(scales, fixes)
     outages = find_outages(history)
     grade, weak = graded(
-        history, tuple((o.start_s, o.end_s) for o in outages), inconsistent=bool(reasons)
+        history, fixes, tuple((o.start_s, o.end_s) for o in outages), inconsistent=bool(reasons)
     )
     return AidedResult(
         verdict=AidedVerdict.INCONSISTENT if reasons else AidedVerdict.AIDED,

@@ -123,9 +123,34 @@ class Flights:
     begin: "Beginning"
     wheels: Wheels = NO_WHEELS
     usual: UsualMotion | None = None
+    declared_other_m: tuple[float, float] = (0.0, 0.0)
     starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
     held: list[ImuLog] = field(default_factory=list)
     tried: dict[bytes, AidedHistory] = field(default_factory=dict, init=False)
+
+    def by_type(self) -> "Flights":
+        """The same with slow errors as large as the fixes of each type say of themselves, where
+        they are of two types.
+        """
+        if not self.two_types:
+            return self
+        of_type = _typical_m(self.fixes, other=False)
+        return replace(
+            self,
+            declared_m=(*of_type, self.declared_m[2]),
+            declared_other_m=_typical_m(self.fixes, other=True),
+        )
+
+    @property
+    def two_types(self) -> bool:
+        """Whether the fixes are of two types, each with a slow error of its own."""
+        return bool(self.fixes.other_type.any())
+
+    @property
+    def typical(self) -> float:
+        """Median level sigma of the fixes, over the one that was declared for the log."""
+        level = self.fixes.sigma_position_m[~self.fixes.other_type, 0]
+        return float(np.median(level)) / self.declared_m[0]
 
     @property
     def rows_of_receiver(self) -> NDArray:
@@ -181,7 +206,7 @@ class Flights:
         options = options_of(self.technology, self.stands)
         return AidedNavigator(
             found.start,
-            model.scales.of(self.noise, *self.declared_m),
+            model.scales.of(self.noise, *self.declared_m, self.declared_other_m),
             fixes,
             antenna=model.antenna.later(-base_s),
             options=replace(options, keep_tape=keep_tape, wheels=self.wheels),
@@ -205,6 +230,12 @@ class Flights:
         if not self.held:
             self.held.append(self.imu.between(self.imu.start_s, end_s))
         return self.held[0].pieces(first_s, end_s)
+
+
+def _typical_m(fixes: Fixes, *, other: bool) -> tuple[float, float]:
+    """Median sigmas of the positions of a type, level and down [m]."""
+    of_type = fixes.sigma_position_m[fixes.other_type == other]
+    return float(np.median(of_type[:, 0])), float(np.median(of_type[:, 2]))
 
 
 def _base_s(model: Model) -> float:

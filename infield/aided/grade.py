@@ -13,7 +13,7 @@ import numpy as np
 from alignment.motion.inertial import Where
 from infield.aided.reasons import AidedGrade, AidedWeakness
 from ins.filters.aided_filter import KINDS, level_sigmas
-from ins.filters.aided_records import AidedHistory
+from ins.filters.aided_records import AidedHistory, Fixes
 from ins.robust import runs_of_true
 from ins.units import DEG
 
@@ -37,14 +37,19 @@ class Weak:
 
 
 def graded(
-    history: AidedHistory, outages: tuple[Where, ...], *, inconsistent: bool
+    history: AidedHistory, fixes: Fixes, outages: tuple[Where, ...], *, inconsistent: bool
 ) -> tuple[AidedGrade, tuple[Weak, ...]]:
     """The grade of a solution and its weak stretches, in order of time.
 
     outages: (start, end) of the stretches without a used position.
     """
     weak = sorted(
-        [*_wide_headings(history), *_wide_positions(history, outages), *_rejected(history)],
+        [
+            *_wide_headings(history),
+            *_wide_positions(history, outages),
+            *_unsure_receiver(history, fixes),
+            *_rejected(history),
+        ],
         key=lambda w: w.start_s,
     )
     if inconsistent:
@@ -87,6 +92,22 @@ def _cause(history: AidedHistory, outages: tuple[Where, ...], span: Where) -> Ai
     if any(a <= span[1] and b >= span[0] for a, b in outages):
         return AidedWeakness.OUTAGE
     return AidedWeakness.START
+
+
+def _unsure_receiver(history: AidedHistory, fixes: Fixes) -> list[Weak]:
+    """Stretches in which the receiver itself gives wide sigmas to its positions: they excuse
+    whatever it says there, so that no test of the innovations speaks against it.
+    """
+    seen = np.isfinite(fixes.r_e_m[:, 0]) & (fixes.time_s >= history.time_s[0])
+    if not seen.any():
+        return []
+    t, sigma = fixes.time_s[seen], fixes.sigma_position_m[seen, 0]
+    wide = sigma > max(WIDE_TIMES * float(np.quantile(sigma, BEST)), LEAST_WIDE_M)
+    return [
+        Weak(start_s=float(t[a]), end_s=float(t[b - 1]), why=AidedWeakness.RECEIVER)
+        for a, b in runs_of_true(wide)
+        if t[b - 1] - t[a] >= LEAST_WIDE_S
+    ]
 
 
 def _rejected(history: AidedHistory) -> list[Weak]:

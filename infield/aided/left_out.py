@@ -143,6 +143,7 @@ def with_usual_motion(
         sigma_velocity_m_s=np.vstack([fixes.sigma_velocity_m_s, np.tile(sigma, (more.size, 1))])[
             order
         ],
+        other_type=np.concatenate([fixes.other_type, np.zeros(more.size, dtype=bool)])[order],
     ), np.concatenate([own, np.zeros(more.size, dtype=bool)])[order]
 
 

@@ -1,12 +1,13 @@
 """How much larger than declared the noise of a log is, by the aided filter's own innovations.
 
 The declared noise stands wherever the innovations fit it. Where they do not, factors are raised,
-never lowered: white noise of the sensors, walks of their biases, how far the accelerometers' biases
-go with the shaking of the vehicle (a copter that takes off: 2 to 3 m/s^2 where they clip), sigmas
-of the satellite positions and of the velocities, all by the likelihood of the innovations, with the
-antenna free (`infield.aided.antenna`), so that no lever arm or delay passes for noise. A slow error
-of the positions, which hides in innovations that fit, is tried in any case. NIS is then near one by
-construction and tests nothing any more; the document says so and keeps the first.
+and lowered for fixes alone (`narrower`): white noise of the sensors, walks of their biases, how far
+the accelerometers' biases go with the shaking of the vehicle (a copter that takes off: 2 to 3 m/s^2
+where they clip), sigmas of the satellite positions and of the velocities, all by the likelihood of
+the innovations, with the antenna free (`infield.aided.antenna`), so that no lever arm or delay
+passes for noise. A slow error of the positions, which hides in innovations that fit, is tried in
+any case, one for each of two types of fixes. NIS is then near one by construction and tests nothing
+any more; the document says so and keeps the first.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,8 +23,11 @@ from ins.robust import chi2
 
 # mean NIS above its band but below this is said, not acted on; sigmas 10 % too small: 1.1^2 is 1.21
 MATERIAL = 1.2
+# chosen: of the sigmas that fixes are declared with, at half of which and below they are lowered; a
+# receiver that declares its whole error, half of it slow, has 0.7 of that from fix to fix
+TOO_WIDE = 0.5
 CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring; odds of e^5, 150 to 1
-COARSE_FACTOR, FINE_FACTOR = 4.0, 2.0  # steps of a factor
+COARSE_FACTOR, FINE_FACTOR = 4.0, 2.0  # steps of a factor; chosen: 4 and 2, 5 steps to 1024
 LARGEST_FACTORS = {
     "white": 1024.0,
     "walk": 1024.0,
@@ -34,6 +38,7 @@ LARGEST_FACTORS = {
     "slow_s": 800.0,
     "slow_velocity": 64.0,
     "slow_velocity_s": 48.0,
+    "slow_other": 64.0,
 }
 LEAST_FACTORS = {
     "white": 1.0,
@@ -45,13 +50,15 @@ LEAST_FACTORS = {
     "slow_s": 100.0,
     "slow_velocity": 0.5,
     "slow_velocity_s": 0.75,
+    "slow_other": 0.5,
 }
-ARISE = ("stirred", "slow", "slow_velocity")  # are none at first
+ARISE = ("stirred", "slow", "slow_velocity", "slow_other")  # are none at first
+OF_OTHER_TYPE = "slow_other"  # is looked for where a log has fixes of two types
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
 SENSOR_PARTS = ("white", "walk", "accel_white", "accel_walk")  # gyros, then accelerometers
 # all but "stirred", which is looked for by itself
 STEADY_PARTS = tuple(name for name in LARGEST_FACTORS if name != "stirred")
-SLOW_PARTS = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
+SLOW_PARTS = ("slow", "slow_s", "slow_velocity", "slow_velocity_s", OF_OTHER_TYPE)
 # factors on sensors from which on no noise explains a log; white noise of MEMS accelerometers
 # stands out: 60 m/s^2 of vibration, beyond which autopilots warn, sampled at 50 Hz are 8 000 times
 # the declared 100 ug/sqrt(Hz)
@@ -66,7 +73,8 @@ MAX_OUTLIERS = 0.1
 @dataclass(frozen=True, kw_only=True)
 class NoiseScales:
     """Factors on declared sigmas; slow, slow_velocity: on those of a position and a velocity, for
-    slow errors of time constants slow_s, slow_velocity_s [s]. stirred: as in `AidedNoise`.
+    slow errors of time constants slow_s, slow_velocity_s [s]; slow_other: as slow, of fixes of the
+    other type. stirred: as in `AidedNoise`.
     """
 
     white: float = 1.0
@@ -80,15 +88,36 @@ class NoiseScales:
     slow_s: float = 200.0
     slow_velocity: float = 0.0
     slow_velocity_s: float = 3.0
+    slow_other: float = 0.0
 
     @property
     def fitted(self) -> bool:
         return self != replace(NOTHING, slow_s=self.slow_s, slow_velocity_s=self.slow_velocity_s)
 
+    @property
+    def of_both_types(self) -> "NoiseScales":
+        """Slow errors of both types of fixes where one has any: half the sigma that the receiver
+        gives to the other at least, for the same sky makes both, and one that is below the white
+        noise does not show in the innovations.
+        """
+        if not self.slow and not self.slow_other:
+            return self
+        least = LEAST_FACTORS["slow"], LEAST_FACTORS[OF_OTHER_TYPE]
+        return replace(
+            self, slow=max(self.slow, least[0]), slow_other=max(self.slow_other, least[1])
+        )
+
     def beyond(self, technology: str) -> tuple[str, ...]:
         """Names of the sensors' factors that no noise of a technology explains."""
         return tuple(
             name for name in SENSOR_PARTS if getattr(self, name) >= believed(name, technology)
+        )
+
+    def sensors_as(self, other: "NoiseScales") -> bool:
+        """Whether no sensor is noisier by more than a fine step than under other factors."""
+        return all(
+            getattr(self, name) <= FINE_FACTOR * getattr(other, name)
+            for name in (*SENSOR_PARTS, "stirred")
         )
 
     @property
@@ -101,9 +130,16 @@ class NoiseScales:
         )
 
     def of(
-        self, noise: AidedNoise, level_m: float, down_m: float, velocity_m_s: float
+        self,
+        noise: AidedNoise,
+        level_m: float,
+        down_m: float,
+        velocity_m_s: float,
+        other_m: tuple[float, float] = (0.0, 0.0),
     ) -> AidedNoise:
-        """The noise under these factors, from the declared sigmas of a position and a velocity."""
+        """The noise under these factors, from the declared sigmas of a position and a velocity;
+        other_m: of a position of the other type, level and down.
+        """
         return replace(
             noise,
             arw=self.white * noise.arw,
@@ -116,6 +152,8 @@ class NoiseScales:
             slow_s=self.slow_s,
             slow_velocity_m_s=self.slow_velocity * velocity_m_s,
             slow_velocity_s=self.slow_velocity_s,
+            slow_other_level_m=self.slow_other * other_m[0],
+            slow_other_down_m=self.slow_other * other_m[1],
         )
 
     def other(self, name: str, step: float) -> "NoiseScales":
@@ -153,11 +191,20 @@ class Model:
 
 class Fly(Protocol):
     """Navigates a log from its start, the whole of it or the part that models are fitted on; None
-    where no start is found. technology: of the log's unit.
+    where no start is found. technology: of the log's unit; two_types: whether its fixes are of two
+    types, each with a slow error of its own.
     """
 
     @property
     def technology(self) -> str: ...
+
+    @property
+    def two_types(self) -> bool: ...
+
+    @property
+    def typical(self) -> float:
+        """Median level sigma of the fixes, over the one that was declared for the log."""
+        ...
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
 
@@ -192,6 +239,7 @@ def raised_noise(
     up and down, in each of the steps in turn. The sigmas of the fixes go with them where white
     noise does.
     """
+    names = tuple(name for name in names if name != OF_OTHER_TYPE or fly.two_types)
     refit = "white" in names
     best = with_gnss(start, fly) if refit else start
     for factor in steps:
@@ -209,6 +257,8 @@ def raised_noise(
 def _moved(at: Flown, fly: Fly, name: str, move: float, *, refit: bool) -> Flown | None:
     """The flight with one factor moved; None where it cannot be."""
     scales = at.model.scales.other(name, move)
+    if fly.two_types:
+        scales = scales.of_both_types
     if scales == at.model.scales:
         return None
     other = flown(replace(at.model, scales=scales), fly)
@@ -218,8 +268,8 @@ def _moved(at: Flown, fly: Fly, name: str, move: float, *, refit: bool) -> Flown
 def with_gnss(
     at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True, passes: int = GNSS_PASSES
 ) -> Flown:
-    """The satellite sigmas at which the NIS of each kind is one, not below declared; `lower` False:
-    raised at most.
+    """The satellite sigmas at which the NIS of each kind is one, not below declared or what they
+    were lowered to; `lower` False: raised at most.
     """
     for _ in range(passes):
         scales = at.model.scales
@@ -227,7 +277,8 @@ def with_gnss(
         if not lower:
             factor = [max(f, 1.0) if misfit(at.history, k) else 1.0 for k, f in enumerate(factor)]
         changed = {
-            name: float(max(getattr(scales, name) * f, 1.0)) for name, f in zip(KINDS, factor)
+            name: float(max(getattr(scales, name) * f, min(getattr(scales, name), 1.0)))
+            for name, f in zip(KINDS, factor)
         }
         if all(abs(changed[name] / getattr(scales, name) - 1.0) < 0.02 for name in KINDS):
             break
@@ -237,6 +288,55 @@ def with_gnss(
             break
         at = Flown(model, history)
     return at
+
+
+def with_types(at: Flown, fly: Fly) -> Flown:
+    """The flight with the likeliest of a few slow errors where a log has fixes of two types.
+
+    A search by steps does not find them: while the first step is too small for the leaps between
+    the types, the gate rejects these, and a rejected fix counts for little.
+    """
+    if not fly.two_types:
+        return at
+    best = at
+    for size in (1.0, COARSE_FACTOR, COARSE_FACTOR**2):
+        scales = replace(at.model.scales, slow=size).of_both_types
+        for tried in (scales, replace(scales, slow=scales.slow_other, slow_other=size)):
+            other = flown(replace(at.model, scales=tried), fly)
+            if other is not None and other.over(best) > CHANGE_GAIN_NATS:
+                best = other
+    return best
+
+
+def narrower(at: Flown, fly: Fly) -> Flown:
+    """The flight with the sigmas that the innovations show, where fixes are declared twice as wide
+    and more and that is likelier.
+
+    What a receiver declares is its whole error. What the innovations do not show of that of a
+    position is taken for a slow error until the log says otherwise (`raised_noise`): a fix that
+    repeats to a decimetre need not be good to one. A velocity is of the Doppler shifts of its own
+    moment. Receivers that smooth their positions have errors that last for seconds, neither white
+    nor slow: with narrow sigmas the sensors would stand for these, and what is learned so is not
+    taken (`NoiseScales.sensors_as`).
+    """
+    best, lowered = at, dict.fromkeys(KINDS, 1.0)
+    for _ in range(GNSS_PASSES):
+        shown = {name: float(np.sqrt(capped_nis(best.history, k))) for k, name in enumerate(KINDS)}
+        factors = {name: min(lowered[name] * shown[name], 1.0) for name in KINDS}
+        factors = {name: f if f <= TOO_WIDE else 1.0 for name, f in factors.items()}
+        if factors == lowered:
+            break
+        scales = replace(at.model.scales, **factors)
+        if factors["position"] < 1.0:
+            slow = fly.typical * float(np.sqrt(1.0 - factors["position"] ** 2))
+            scales = replace(scales, slow=float(np.clip(slow, 1.0, LARGEST_FACTORS["slow"])))
+        if fly.two_types:
+            scales = scales.of_both_types
+        other = flown(replace(at.model, scales=scales), fly)
+        if other is None or other.over(best) < CHANGE_GAIN_NATS:
+            break
+        best, lowered = other, factors
+    return best
 
 
 def capped_nis(history: AidedHistory, kind: int) -> float:

@@ -31,6 +31,7 @@ class AidedWeakness(StrEnum):
     REJECTED = "fixes_rejected"
     LEAP = "positions_leap"
     BEGUN_ANEW = "begun_anew"
+    RECEIVER = "receiver_unsure"
 
 
 class StartMethod(StrEnum):
@@ -68,6 +69,7 @@ class AidedNote(StrEnum):
     USUAL_MOTION = "usual_motion"
     REPEATED_FIXES = "repeated_fixes"
     FIXES_WIDENED = "fixes_widened"
+    FIXES_SAY = "fixes_say"
     SITE_ELSEWHERE = "site_elsewhere"
     OFF_THE_TRACK = "off_the_track"
     LEVER_ARM_TAKEN = "lever_arm_taken"

@@ -5,10 +5,10 @@ believed.
 import numpy as np
 
 from infield.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.aided.noise import SENSOR_PARTS, NoiseScales, believed
+from infield.aided.flights import Flights
+from infield.aided.noise import SENSOR_PARTS, TOO_WIDE, NoiseScales, believed
 from infield.aided.reasons import AidedNote, AidedReason
-from ins.filters.aided_records import Antenna
-from ins.records import TwinModel
+from ins.filters.aided_records import Antenna, Fixes
 from ins.verdicts import Reason, because
 
 LEAST_APART_S = 0.02  # between the delays of positions and velocities, to be told apart
@@ -41,20 +41,23 @@ def antenna_notes(seen: SeenAntenna, declared: Antenna) -> tuple[Reason, ...]:
     return tuple(notes)
 
 
-def noise_notes(scales: NoiseScales, twin: TwinModel) -> tuple[Reason, ...]:
-    """How much larger than declared the noise was taken; empty where it stood."""
+def noise_notes(scales: NoiseScales, flights: Flights, source: str) -> tuple[Reason, ...]:
+    """How much larger than declared the noise was taken; empty where it stood. source: of what was
+    declared.
+    """
     if not scales.fitted:
         return ()
-    slow = slow_velocity = None
+    slow = slow_other = slow_velocity = None
+    level_m, down_m, velocity_m_s = flights.declared_m
     if scales.slow:
-        slow = {
-            "level_m": scales.slow * twin.gnss.sigma_horizontal_m,
-            "down_m": scales.slow * twin.gnss.sigma_vertical_m,
-            "time_s": scales.slow_s,
-        }
+        slow = _slow(scales.slow, level_m, down_m) | {"time_s": scales.slow_s}
+    if scales.slow_other:
+        other = flights.fixes.other_type
+        slow_other = _slow(scales.slow_other, *flights.declared_other_m)
+        slow_other |= {"fixes": int(other.sum()), "of": int(other.size)}
     if scales.slow_velocity:
         slow_velocity = {
-            "sigma_m_s": scales.slow_velocity * twin.gnss.sigma_velocity_m_s,
+            "sigma_m_s": scales.slow_velocity * velocity_m_s,
             "time_s": scales.slow_velocity_s,
         }
     factors = {name: getattr(scales, name) for name in (*SENSOR_PARTS, "position", "velocity")}
@@ -63,9 +66,34 @@ def noise_notes(scales: NoiseScales, twin: TwinModel) -> tuple[Reason, ...]:
         factors=factors,
         stirred=scales.stirred,
         slow=slow,
+        slow_other=slow_other,
         slow_velocity=slow_velocity,
         capped=bool(scales.capped),
-        source=twin.source,
+        source=source,
+    )
+    return (note,)
+
+
+def _slow(factor: float, level_m: float, down_m: float) -> dict[str, float]:
+    """Sizes of a slow error."""
+    return {"level_m": factor * level_m, "down_m": factor * down_m}
+
+
+def fixes_note(scales: NoiseScales, fixes: Fixes) -> tuple[Reason, ...]:
+    """What the fixes are declared to be good to beside what the innovations say, where the two are
+    a factor of two apart.
+    """
+    apart = [max(f, 1.0 / f) for f in (scales.position, scales.velocity)]
+    if max(apart) * TOO_WIDE < 1.0:
+        return ()
+    declared_m = float(np.median(fixes.sigma_position_m[:, 0]))
+    declared_m_s = float(np.median(fixes.sigma_velocity_m_s[:, 0]))
+    note = because(
+        AidedNote.FIXES_SAY,
+        declared_m=declared_m,
+        said_m=scales.position * declared_m,
+        declared_m_s=declared_m_s,
+        said_m_s=scales.velocity * declared_m_s,
     )
     return (note,)
 

@@ -27,6 +27,7 @@ from ins.filters.states import (
     AIDED_LEVER,
     AIDED_MISALIGNED,
     AIDED_MOTION,
+    AIDED_SLOW_OTHER,
     AIDED_SLOW_POS,
     AIDED_SLOW_VEL,
     AIDED_STATES,
@@ -92,7 +93,13 @@ class AidedNavigator:
         )
         self._antenna, self._fixes = antenna, fixes
         self._fix_rows = np.column_stack(
-            [fixes.r_e_m, fixes.v_n_m_s, fixes.sigma_position_m**2, fixes.sigma_velocity_m_s**2]
+            [
+                fixes.r_e_m,
+                fixes.v_n_m_s,
+                fixes.sigma_position_m**2,
+                fixes.sigma_velocity_m_s**2,
+                fixes.other_type,
+            ]
         )
         self._fix_out = np.full((fixes.time_s.size, kernel.FIX), np.nan)
         self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = kernel.UNSEEN
@@ -287,7 +294,7 @@ class AidedNavigator:
 
 
 def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
-    """Covariance (40, 40) of all errors at the start."""
+    """Covariance (43, 43) of all errors at the start."""
     P = np.zeros((AIDED_STATES, AIDED_STATES))
     motion = slice(0, AIDED_MOTION)
     P[motion, motion] = _covariance(start.covariance, AIDED_MOTION, "AidedStart.covariance")
@@ -300,6 +307,10 @@ def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
         P[part, part] = sigma**2 * np.eye(part.stop - part.start)
     slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
     P[AIDED_SLOW_POS, AIDED_SLOW_POS] = np.diag(slow_m**2)
+    other_m = np.array(
+        [noise.slow_other_level_m, noise.slow_other_level_m, noise.slow_other_down_m]
+    )
+    P[AIDED_SLOW_OTHER, AIDED_SLOW_OTHER] = np.diag(other_m**2)
     P[AIDED_SLOW_VEL, AIDED_SLOW_VEL] = noise.slow_velocity_m_s**2 * np.eye(3)
     P[ANTENNA, ANTENNA] = _covariance(antenna.covariance, 5, "Antenna.covariance")
     return P
@@ -307,11 +318,11 @@ def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
 
 def _taken_off(start: AidedStart, antenna: Antenna) -> NDArray:
     """What the kernel takes off: biases, scales and slow errors (none yet), lever arm,
-    delays, deflection (none yet) (31,).
+    delays, deflection (none yet) (34,).
     """
     biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
     delays = antenna.delay_s, antenna.velocity_delay_s
-    return np.concatenate([*biases, np.zeros(18), antenna.lever_arm_m, delays, np.zeros(2)]).astype(
+    return np.concatenate([*biases, np.zeros(21), antenna.lever_arm_m, delays, np.zeros(2)]).astype(
         float
     )
 
@@ -322,7 +333,8 @@ def _noise_values(noise: AidedNoise) -> NDArray:
     slow_positions = noise.slow_level_m, noise.slow_down_m, noise.slow_s
     slow_velocities = noise.slow_velocity_m_s, noise.slow_velocity_s
     vertical = noise.deflection_rad, noise.deflection_s
-    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred, *vertical])
+    others = vertical + (noise.slow_other_level_m, noise.slow_other_down_m)
+    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred, *others])
 
 
 def _settings(options: AidedOptions, antenna: Antenna, *, scaled: bool) -> NDArray:

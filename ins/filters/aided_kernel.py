@@ -2,7 +2,7 @@
 between. Import lazily.
 
 Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the
-solution is, twelve constants of the sensors, two of the vertical, six of the receiver and five of
+solution is, twelve constants of the sensors, two of the vertical, nine of the receiver and five of
 its antenna:
 
     P 0-2    position [m]             p'     = v - omega_en x p
@@ -14,9 +14,10 @@ its antenna:
     still, and where the prior of all is zero they are left out of the sums F 27-28  what a
     deflected vertical makes the unit feel north and east, over gravity [rad]: v' = g F, a
     first-order Gauss-Markov process B 29-31  slow error of the positions [m], north, east, down:
-    likewise W 32-34  slow error of the velocities [m/s], the same with a time constant of its own L
-    35-37  lever arm, IMU to antenna [m], body axes; stands still D 38     delay of the positions,
-    how much older than their time they are [s]; stands still E 39     delay of the velocities
+    likewise O 32-34  the same of fixes of the other type, which goes on while none of that type
+    comes W 35-37  slow error of the velocities [m/s], the same with a time constant of its own L
+    38-40  lever arm, IMU to antenna [m], body axes; stands still D 41     delay of the positions,
+    how much older than their time they are [s]; stands still E 42     delay of the velocities
 
 theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section
 14.2.2 (ECEF), with the signs of CONVENTIONS.md. The antenna's five may be estimated, or considered:
@@ -60,7 +61,8 @@ K_, M_ = states.AIDED_GYRO_SCALE.start, states.AIDED_MISALIGNED.start
 S_ = states.AIDED_ACCEL_SCALE.start
 READING, READ_OF = np.array(states.READING_GYRO), np.array(states.READ_AXIS)
 F_ = states.AIDED_DEFLECTION.start
-B_, W_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
+B_, O_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_OTHER.start
+W_ = states.AIDED_SLOW_VEL.start
 L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY_DELAY
 # places and counts that kernels take as arguments: numba compiles a function anew for each Python
 # integer that it is called with, 4 s of the 25 that the first aided replay compiled for
@@ -76,26 +78,30 @@ STIRRED = 9
 # of the noise: deflection of the vertical, its sigma (0: no state, nothing of it is summed) and its
 # time constant
 DEFLECTION, DEFLECTION_S = 10, 11
+# of the noise: sigmas of the slow error of fixes of the other type; its time constant is SLOW_S
+SLOW_OTHER_LEVEL, SLOW_OTHER_DOWN = 12, 13
 # of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
 # states, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER, HAS_SCALES = 0, 1, 2, 3, 4, 5
-# what a step carries over the end of a piece, at places 0 to 29: NIS and count of the standing
-# updates so far; seconds and steps so far; variance that leaps of the positions add to their slow
-# error, fading with it (NED)
+# what a step carries over the end of a piece, at places 0 to 32: NIS and count of the standing
+# updates so far; seconds and steps so far
 DT, V_BEFORE, RATE, REJECTED_SINCE = 0, 1, 4, 7
-STAND_NIS, STOOD, CLOCK, STEPS, LEAPT = 8, 9, 10, 11, 12
+STAND_NIS, STOOD, CLOCK, STEPS = 8, 9, 10, 11
+# and at 12 to 17 the variance that leaps of the positions add to their slow errors, fading with
+# these: of the one and of the other type of fixes, NED
+LEAPT = 12
 # and of the specific force, NED: its mean while it stays the same, of how many steps, its latest
 # mean
-STEADY, STEADY_STEPS, LATEST = 15, 18, 19
-# and of the shaking, at 22 to 28: the last row's specific force, body axes, the mean square of its
-# changes from row to row, the root of that at the last step's end, its least and its most; at 29
+STEADY, STEADY_STEPS, LATEST = 18, 21, 22
+# and of the shaking, at 25 to 31: the last row's specific force, body axes, the mean square of its
+# changes from row to row, the mean over SHAKEN_S of the root of that, its least and its most; at 32
 # the rows of the step
-FORCE_BEFORE, SHAKING, SHAKEN_BEFORE, SHAKEN_LEAST, SHAKEN_MOST = 22, 25, 26, 27, 28
-STEP_ROWS, CARRY = 29, 30
+FORCE_BEFORE, SHAKING, SHAKEN_LATELY, SHAKEN_LEAST, SHAKEN_MOST = 25, 28, 29, 30, 31
+STEP_ROWS, CARRY = 32, 33
 # of what is taken off: biases of gyros and accelerometers, scales and misalignments, slow errors,
 # lever arm, delays, deflection of the vertical
-B_SCALE, B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY = 6, 18, 24, 27, 28
-B_DEFLECTION, TAKEN = 29, 31
+B_SCALE, B_SLOW, B_SLOW_VEL, B_LEVER, B_DELAY, B_VELOCITY_DELAY = 6, 18, 24, 27, 30, 31
+B_DEFLECTION, TAKEN = 32, 34
 # the trail, one row a step: time, velocity, what velocity and position have gained since the
 # start, angular rate, noise of the specific force (NED); places of 16 columns, and 256 rows: 51 s
 # of steps of 0.2 s
@@ -109,6 +115,8 @@ O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
 # of the tape, a row for each scalar measurement: its row of H, P H', its variance, its residual
 TAPE_H, TAPE_K, TAPE = 0, states.AIDED_STATES, 2 * states.AIDED_STATES + 2
+# of a fix that is given, behind its 12 values: whether it is of the other type
+OTHER = 12
 # what became of a fix, 0 to 4, in F_USED of its row
 UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 POLE_TAN = 1e6
@@ -119,6 +127,9 @@ CHANGED, LATEST_STEPS, STEADY_AT_MOST = 16.27, 10.0, 1500.0
 # squared sigmas of a gyro's bias and noise beyond which a step has a turn in it: 6e-5 of noise do
 TURNS = 16.0
 SHAKEN_S = 2.0  # chosen: of 100 rows at 50 Hz the shaking is known to 7 %
+# integral of the squared difference of the shaking and its mean over SHAKEN_S after a jump from 0
+# to 1, over SHAKEN_S: of sqrt(1 - exp(-u)) less its exponential mean, by numbers
+OF_A_JUMP = 0.2954
 TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
 # only kernels call it: less to compile, but a call from Python would end the process
@@ -303,25 +314,29 @@ def shake(carry, dv, dt):
 
 
 @inner
-def shaken_by(carry):
-    """By how much the shaking has changed over the step that ends now [m/s^2]."""
-    shaken, before, so_far_s = sqrt(carry[SHAKING]), carry[SHAKEN_BEFORE], carry[CLOCK]
-    carry[SHAKEN_BEFORE] = shaken
+def shaken_by(carry, dt):
+    """How fast the shaking changes at the end of a step of dt [m/s^2/sqrt(s)].
+
+    A random walk of that density goes as far as the shaking jumps, however long the steps are.
+    """
+    shaken, so_far_s = sqrt(carry[SHAKING]), carry[CLOCK]
+    off = shaken - carry[SHAKEN_LATELY] if so_far_s > 0.0 else 0.0
+    carry[SHAKEN_LATELY] = shaken - off * exp(-dt / SHAKEN_S)
     if so_far_s > 2.0 * SHAKEN_S:
         carry[SHAKEN_MOST] = max(carry[SHAKEN_MOST], shaken)
         least = carry[SHAKEN_LEAST]
         carry[SHAKEN_LEAST] = min(least, shaken) if least > 0.0 else shaken
-    return shaken - before if before > 0.0 else 0.0
+    return off / sqrt(OF_A_JUMP * SHAKEN_S)
 
 
 @inner
 def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
-    """P to Phi P Phi' + Q in place; seen (29, 40), moved (9, 40): room to work in.
+    """P to Phi P Phi' + Q in place; seen (29, 43), moved (9, 43): room to work in.
 
     Phi is of the first 29; its columns of scales are zero where they are no states. Biases and
     scales stand still, so its rows 9-26 are unit, and so are those of the antenna; the deflection
     of the vertical and slow errors fade at the step's end, and so does what leaps of the positions
-    add to their variance, leapt (3,).
+    add to their variance, leapt (6,). stirred: as by `shaken_by`.
 
     The sums run over a number of states that the compiler knows, rows of them beside each other:
     so it adds four at a time, in the order that each sum has by itself.
@@ -359,12 +374,16 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
         for i in range(j, N):
             P[i, j] = P[j, i] = moved[j, i]
     for i in range(F_, L_):
+        fades, at = exp(-dt / noise[SLOW_S]), SLOW_LEVEL
         if i < B_:
-            fades, sigma = exp(-dt / noise[DEFLECTION_S]), noise[DEFLECTION]
-        else:
-            fades = exp(-dt / (noise[SLOW_S] if i < W_ else noise[SLOW_V_S]))
-            down = i == W_ - 1
-            sigma = noise[SLOW_V] if i >= W_ else noise[SLOW_DOWN] if down else noise[SLOW_LEVEL]
+            fades, at = exp(-dt / noise[DEFLECTION_S]), DEFLECTION
+        elif i >= W_:
+            fades, at = exp(-dt / noise[SLOW_V_S]), SLOW_V
+        elif i >= O_:
+            at = SLOW_OTHER_LEVEL
+        if i == O_ - 1 or i == W_ - 1:
+            at += 1  # down, beside level
+        sigma = noise[at]
         for j in range(N):
             P[i, j] *= fades
         for j in range(N):
@@ -381,14 +400,14 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
         P[V_ + i, V_ + i] += vrw2 * dt
         P[T_ + i, T_ + i] += noise[ARW] ** 2 * dt
         P[G_ + i, G_ + i] += noise[GYRO_WALK] ** 2 * dt
-        P[A_ + i, A_ + i] += noise[ACCEL_WALK] ** 2 * dt + (noise[STIRRED] * stirred) ** 2
+        P[A_ + i, A_ + i] += (noise[ACCEL_WALK] ** 2 + (noise[STIRRED] * stirred) ** 2) * dt
 
 
 @jit
 def update(x, P, H, z, variance, room, first):
-    """Use scalar measurements z (m,) with rows H (m, 40), one after the other, in place.
+    """Use scalar measurements z (m,) with rows H (m, 43), one after the other, in place.
 
-    variance (m,): independent errors. room (3, 42): written; row k holds P H' of measurement k, its
+    variance (m,): independent errors. room (3, 45): written; row k holds P H' of measurement k, its
     variance and its residual. Errors from `first` on are considered and left as they are. Returns
     the NIS of all of them together, and the log likelihood.
     """
@@ -442,9 +461,9 @@ def write_restart(tape, taped):
 
 @inner
 def correct(state, bias, x):
-    """Take the errors x (40,) off the solution and make them zero.
+    """Take the errors x (43,) off the solution and make them zero.
 
-    The solution is Earth-frame position, velocity, attitude, and `bias` (31,).
+    The solution is Earth-frame position, velocity, attitude, and `bias` (34,).
     """
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
@@ -470,10 +489,11 @@ def correct(state, bias, x):
 
 
 @inner
-def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 40) of antenna position and velocity, NED; the arm and its swing (6,).
+def rows_of_fix(row, rate_b, lever_b, slow, H):
+    """Rows (6, 43) of antenna position and velocity, NED; the arm and its swing (6,).
 
-    Delays and what the lever arm does to the velocity are the caller's.
+    Delays and what the lever arm does to the velocity are the caller's. slow: first state of the
+    slow error of this type of fixes.
     """
     H[:, :] = 0.0
     arm, swing = np.zeros(3), np.zeros(3)
@@ -485,7 +505,7 @@ def rows_of_fix(row, rate_b, lever_b, H):
         ]
     )
     for i in range(3):
-        H[i, P_ + i] = H[i, B_ + i] = 1.0
+        H[i, P_ + i] = H[i, slow + i] = 1.0
         H[3 + i, V_ + i] = H[3 + i, W_ + i] = 1.0
         for j in range(3):
             arm[i] += row[C_NB_AT + 3 * i + j] * lever_b[j]
@@ -515,16 +535,18 @@ def restart(P, seen):
 
 
 @inner
-def jump(P, seen, leapt):
+def jump(P, seen, slow, leapt):
     """Positions leapt while the velocities fit: either those before or those from now on are off.
 
     Position and slow error take what was seen, both alike: the fixes alone cannot tell which.
-    leapt (3,): the variance that keeps the slow error so large for its time constant.
+    leapt (6,): the variance that keeps the slow error so large for its time constant. slow: its
+    first state.
     """
     for i in range(3):
-        leapt[i] = max(leapt[i], seen[i] ** 2)
+        k = slow - B_ + i
+        leapt[k] = max(leapt[k], seen[i] ** 2)
         P[P_ + i, P_ + i] += seen[i] ** 2
-        P[B_ + i, B_ + i] += seen[i] ** 2
+        P[slow + i, slow + i] += seen[i] ** 2
 
 
 @inner
@@ -578,10 +600,12 @@ def take_fix(
 ):
     """Use a fix `late_s` after the solution's own time (< 0).
 
-    The fix: position ECEF 3, v_n 3, variances 6; NaN: not measured. It is compared with the
-    solution where it was then, less the delay: the trail leads back there.
+    The fix: position ECEF 3, v_n 3, variances 6 (NaN: not measured), and above 0 where it is of the
+    other type. It is compared with the solution where it was then, less the delay: the trail leads
+    back there.
     """
-    arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], H)
+    slow = O_ if fix[OTHER] > 0.0 else B_
+    arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], slow, H)
     at_position, at_velocity, swings, swung = np.zeros(12), np.zeros(12), np.zeros(3), np.zeros(3)
     back_s = bias[B_DELAY] - late_s
     past(trail, carry, carry[CLOCK] - back_s, at_position)
@@ -602,9 +626,12 @@ def take_fix(
     for i in range(3):
         z[i] = C[3 * i] * apart[0] + C[3 * i + 1] * apart[1] + C[3 * i + 2] * apart[2]
         z[i] += (
-            arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
+            arm[i]
+            + bias[B_SLOW + slow - B_ + i]
+            - at_position[3 + i]
+            - 0.5 * back_s * (swing[i] + swings[i])
         )
-        z[3 + i] = row[V_N_AT + i] - at_velocity[i] + swung[i] + bias[B_SLOW + 3 + i] - fix[3 + i]
+        z[3 + i] = row[V_N_AT + i] - at_velocity[i] + swung[i] + bias[B_SLOW_VEL + i] - fix[3 + i]
         H[i, D_] = -(row[V_N_AT + i] - at_position[i] + swings[i])
         H[3 + i, E_] = -at_velocity[6 + i]
     seen = np.zeros(6)
@@ -618,7 +645,7 @@ def take_fix(
             if off <= settings[GATE]:
                 anew = JUMPED
         if anew == JUMPED:
-            jump(P, seen, carry[LEAPT:STEADY])
+            jump(P, seen, slow, carry[LEAPT:STEADY])
         else:
             restart(P, seen)
             write_restart(tape, taped)
@@ -876,16 +903,16 @@ def run(
         Whether the vehicle stands, whether a row is put out.
     state, opened, carry, bias, x, P : ndarray
         What a step carries over the end of a piece; changed in place.
-    noise, settings : ndarray, shapes (12,), (6,)
+    noise, settings : ndarray, shapes (14,), (6,)
     trail : ndarray, shape (TRAIL_ROWS, TRAIL)
         The latest steps; changed in place.
-    fixes : ndarray, shape (fixes, 12)
-        Position ECEF, v_n, variances of both.
+    fixes : ndarray, shape (fixes, 13)
+        Position ECEF, v_n, variances of both, whether it is of the other type.
     fix_out : ndarray, shape (fixes, FIX)
         What became of each fix; written.
     rows_out : ndarray, shape (emitted, OUT)
         Written.
-    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 40, 40), or with no rows
+    P_out : ndarray, shape (emitted, 15, 15) or (emitted, 41, 41), or with no rows
         Of the first errors, or of all; written where it is asked for.
     phis : ndarray, shape (k, 9, 29), or with no rows
         Rows of each step's transition that are not unit; written where a tape is.
@@ -959,13 +986,14 @@ def run(
         if scaled:
             turns(P, out[0], step_s, noise[ARW], angle)
         transition(out[0], steady, angle, step_s, Phi, scaled)
-        stirred = shaken_by(carry)
+        stirred = shaken_by(carry, step_s)
         predict(P, Phi, step_s, noise, vrw, carry[LEAPT:STEADY], stirred, seen, moved)
         for i in range(2):
             bias[B_DEFLECTION + i] *= exp(-step_s / noise[DEFLECTION_S])
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
-            bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
+            bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_S])
+            bias[B_SLOW_VEL + i] *= exp(-step_s / noise[SLOW_V_S])
         leave_trail(trail, carry, out[0], steady)
         if stands[k]:
             carry[STAND_NIS] += stand(

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from ins.earth import ecef_from_geodetic
 from ins.records import GnssLog, NavState
 
+FEWEST_OF_TYPE = 10  # chosen: fixes, as many as a flight needs (10)
+
 
 @dataclass(frozen=True, kw_only=True)
 class AidedNoise:
@@ -28,14 +30,18 @@ class AidedNoise:
     deflection_rad, deflection_s : float
         Sigma of the vertical's deflection, north and east, and its time constant: how long the
         vehicle is on its way over one length of correlation.
+    slow_other_level_m, slow_other_down_m : float
+        Sigmas of the slow error of fixes of the other type, which goes on beside the first one
+        with the same time constant.
     gyro_scale, misalignment_rad, accel_scale : float
         Sigmas of what stands still: scale errors and misalignments of the gyros, scale errors of
         the accelerometers; all zero: no states of the filter.
     stirred : float
-        How far the accelerometers' biases go with the shaking: times what the root mean square of
-        the changes of the specific force from row to row (of white noise: its sigma) changes by
-        over a step. Where it is above 0, that root mean square is white noise of the
-        accelerometers beside vrw. 0: neither.
+        How far the accelerometers' biases go with the shaking, which is the root mean square of the
+        changes of the specific force from row to row (of white noise: its sigma): where that jumps,
+        each bias moves by a draw of stirred times the jump (`ins.filters.aided_kernel.shaken_by`).
+        Where it is above 0, the shaking is white noise of the accelerometers beside vrw. 0:
+        neither.
     """
 
     arw: float
@@ -49,6 +55,8 @@ class AidedNoise:
     slow_velocity_s: float = 3.0
     deflection_rad: float = 0.0
     deflection_s: float = 150.0
+    slow_other_level_m: float = 0.0
+    slow_other_down_m: float = 0.0
     gyro_scale: float = 0.0
     misalignment_rad: float = 0.0
     accel_scale: float = 0.0
@@ -124,6 +132,8 @@ class Fixes:
         ECEF position; velocity, NED.
     sigma_position_m, sigma_velocity_m_s : ndarray, shape (n, 3)
         Of the NED components.
+    other_type : ndarray of bool, shape (n,)
+        Which fixes are of the other of two types, with a slow error of its own; none by default.
     """
 
     time_s: NDArray
@@ -131,6 +141,11 @@ class Fixes:
     v_n_m_s: NDArray
     sigma_position_m: NDArray
     sigma_velocity_m_s: NDArray
+    other_type: NDArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        if self.other_type.size != self.time_s.size:
+            object.__setattr__(self, "other_type", np.zeros(self.time_s.size, dtype=bool))
 
     def earlier(self, latency_s: float) -> "Fixes":
         """The same fixes, each before its time.
@@ -340,4 +355,20 @@ def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m
         v_n_m_s=v_n,
         sigma_position_m=np.column_stack([level, level, down]),
         sigma_velocity_m_s=np.column_stack([speed, speed, speed]),
+        other_type=_other_type(log.fix_type),
     )
+
+
+def _other_type(fix_type: NDArray | None) -> NDArray:
+    """Which fixes are of the other type (n,): the smaller part of those on either side of the cut
+    through the scale of types that leaves most in it; none where it would be less than
+    FEWEST_OF_TYPE. A type that is unknown is below all others.
+    """
+    if fix_type is None:
+        return np.zeros(0, dtype=bool)
+    types = np.nan_to_num(fix_type, nan=0.0)
+    cuts = np.unique(types)[1:]
+    parts = [part for cut in cuts for part in (types >= cut, types < cut)]
+    smaller = [part for part in parts if FEWEST_OF_TYPE <= part.sum() <= 0.5 * types.size]
+    none = np.zeros(types.size, dtype=bool)
+    return max(smaller, key=np.count_nonzero, default=none)

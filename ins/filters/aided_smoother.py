@@ -1,8 +1,8 @@
 """The aided solution given the whole log: a fixed-interval smoother over what the filter wrote
 down.
 
-The modified form of Bryson and Frazier: from the end to the beginning, adjoints lambda (40,) and
-Lambda (40, 40) gather what later fixes say of the errors, and at each row
+The modified form of Bryson and Frazier: from the end to the beginning, adjoints lambda (43,) and
+Lambda (43, 43) gather what later fixes say of the errors, and at each row
 
     x_s = -P lambda,    P_s = P - P Lambda P
 
@@ -54,7 +54,7 @@ def smoothed(history: AidedHistory, tape: AidedTape) -> tuple[AidedHistory, NDAr
     -------
     smoothed : AidedHistory
         What became of the fixes is the filter's; the covariance of the 15 errors is kept.
-    start_errors : ndarray, shape (40,)
+    start_errors : ndarray, shape (43,)
         Errors of the start (computed - true).
     """
     adjoint, information = np.zeros(AIDED_STATES), np.zeros((AIDED_STATES, AIDED_STATES))
@@ -110,7 +110,7 @@ def started_again(state: NavState, errors: NDArray) -> NavState:
     Parameters
     ----------
     state : NavState
-    errors : ndarray, shape (40,)
+    errors : ndarray, shape (43,)
         Of the start (computed - true).
 
     Returns

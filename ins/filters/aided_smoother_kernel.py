@@ -1,7 +1,7 @@
 """The compiled loop of the aided smoother (`ins.filters.aided_smoother`): adjoints from
 the end of a log to its beginning.
 
-lam (40,) and Lam (40, 40) are the adjoints of Bryson and Frazier, in the order of
+lam (43,) and Lam (43, 43) are the adjoints of Bryson and Frazier, in the order of
 `ins.filters.states`. Arrays in, arrays changed in place, nothing is checked.
 """
 
@@ -34,7 +34,7 @@ def fading(first, last, fade, lam, Lam):
 
 @inner
 def through_step(phi, fade, fade_v, fade_d, lam, Lam, M):
-    """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 29), M (40, 40) is room.
+    """lam to Phi' lam, Lam to Phi' Lam Phi; phi (9, 29), M (43, 43) is room.
 
     The deflection of the vertical fades after it has pushed; slow errors push nothing.
     """

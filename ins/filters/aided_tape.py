@@ -27,7 +27,7 @@ class TapedPiece:
         How many of them were used up to the end of each step.
     emits : ndarray of bool, shape (k,)
         Whether a row was put out there.
-    P_rows : ndarray, shape (rows, 40, 40)
+    P_rows : ndarray, shape (rows, 41, 41)
         Covariance of all errors at these rows.
     """
 
@@ -56,9 +56,9 @@ class AidedTape:
     Parameters
     ----------
     pieces : tuple of TapedPiece
-    P_start : ndarray, shape (40, 40)
+    P_start : ndarray, shape (43, 43)
         Covariance at its start.
-    noise : ndarray, shape (12,)
+    noise : ndarray, shape (14,)
         In the order of the kernel: time constants of slow errors.
     """
 

@@ -52,11 +52,12 @@ AIDED_ACCEL_SCALE = slice(24, 27)  # scale errors of the accelerometers [-]
 AIDED_DEFLECTION = slice(27, 29)  # deflected vertical beyond what is taken off, north, east [rad]
 AIDED_DRIVING = 29  # number of the states above, which move or drive what moves
 AIDED_SLOW_POS = slice(29, 32)  # slow error of the fixes' positions, north, east, down [m]
-AIDED_SLOW_VEL = slice(32, 35)  # slow error of the fixes' velocities, north, east, down [m/s]
-AIDED_LEVER = slice(35, 38)  # error of the lever arm from the IMU to the antenna, body axes [m]
-AIDED_DELAY = 38  # error of the delay of the positions [s]
-AIDED_VELOCITY_DELAY = 39  # error of the delay of the velocities [s]
-AIDED_STATES = 40
+AIDED_SLOW_OTHER = slice(32, 35)  # the same of fixes of the other type [m]
+AIDED_SLOW_VEL = slice(35, 38)  # slow error of the fixes' velocities, north, east, down [m/s]
+AIDED_LEVER = slice(38, 41)  # error of the lever arm from the IMU to the antenna, body axes [m]
+AIDED_DELAY = 41  # error of the delay of the positions [s]
+AIDED_VELOCITY_DELAY = 42  # error of the delay of the velocities [s]
+AIDED_STATES = 43
 
 # The gyro that reads, and the axis that it reads of, for each of the six misalignments.
 READING_GYRO, READ_AXIS = (0, 0, 1, 1, 2, 2), (1, 2, 0, 2, 0, 1)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from infield.aided.flight import navigate_aided
-from ins.filters.aided_records import AidedHistory
-from ins.records import GnssLog, Run
+from ins.columns import FIX_SIGMA_COLUMNS
+from ins.filters.aided_records import AidedHistory, fixes_of
+from ins.records import FixType, GnssLog, Run
 from tests.infield.aided_cases import errors, flown, gauss_markov, ideal, normalised, twin_of
 
 PARK_S = 180.0
@@ -112,6 +113,93 @@ def test_errors_stay_within_their_sigmas(change, grade, flights):
     mean = np.mean(ratios, axis=0)
     assert (mean > 0.02).all() and (mean < (3.0 if flights == 1 else 1.8)).all()
     assert worst < 4.5
+
+
+@pytest.mark.slow
+def test_types_of_fixes_are_told_apart():
+    """Fixes of 0.3 and of 3 m that change every 3 to 12 s, six flights: with their types positions
+    are off by half as much as without, none beyond 4.5 sigmas, and the slow error of the worse type
+    is found to a factor of 2.
+    """
+    rms = {True: [], False: []}
+    for seed in range(6):
+        made, twin = flown(ideal(PARK_S), twin_of("mems"), 950 + seed), twin_of("mems")
+        rng, gnss = np.random.default_rng([seed, 79]), made.run.gnss
+        fixed = np.searchsorted(np.cumsum(rng.uniform(3.0, 12.0, 500)), gnss.time_s) % 2 == 1
+        slow = [gauss_markov(gnss.time_s, rng, sigma, 200.0) for sigma in (3.0, 0.3)]
+        types = np.where(fixed, FixType.FIXED, FixType.SINGLE).astype(float)
+        gnss = moved(gnss, np.where(fixed[:, None], slow[1], slow[0]))
+        header = replace(made.run.header, gyro_technology="mems")
+        for told in (True, False):
+            fixes = replace(gnss, fix_type=types if told else None)
+            found = aided(replace(made.run, header=header, gnss=fixes), twin)
+            assert found.verdict == "aided"
+            off = errors(made, found.history)[60:, :2]
+            rms[told].append(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+            if told:
+                assert level_ratio(made, found.history)[60:].max() < 4.5
+                sizes = sorted([found.scales.slow, found.scales.slow_other])
+                assert 1.5 <= 0.5 * sizes[1] <= 6.0 and sizes[0] <= 1.0
+    assert np.mean(rms[True]) < 0.7 * np.mean(rms[False])
+
+
+@pytest.mark.slow
+def test_sigmas_that_are_declared_too_wide_are_learned():
+    """Three flights each whose receiver says of itself that it is 10 times worse than it is, with
+    and without a slow error as large as it says: positions are within their sigmas both ways, and
+    not 30 times better than these.
+    """
+    told = 10
+    for seed in range(3):
+        for slow_m in (0.0, told * DECLARED_M[0]):
+            made, twin = flown(ideal(PARK_S), twin_of("mems"), 970 + seed), twin_of("mems")
+            rng, gnss = np.random.default_rng([seed, 80]), made.run.gnss
+            wide = {name: told * getattr(gnss, name) for name in FIX_SIGMA_COLUMNS}
+            gnss = moved(replace(gnss, **wide), gauss_markov(gnss.time_s, rng, slow_m, 300.0))
+            header = replace(made.run.header, gyro_technology="mems")
+            found = aided(replace(made.run, header=header, gnss=gnss), twin)
+            assert found.verdict == "aided"
+            assert level_ratio(made, found.history)[60:].max() < 4.5
+            assert found.scales.position < 0.3 and found.scales.velocity < 0.3
+            assert any(note.code == "fixes_say" for note in found.notes)
+            assert normalised(made, found.history, 60)[0] > 0.05
+
+
+def test_a_receiver_that_gives_itself_wide_sigmas_is_told():
+    """From 300 to 360 s it says 12 m where it says 0.5 m else: degraded there."""
+    made, twin = flown(ideal(PARK_S), twin_of("mems"), 905), twin_of("mems")
+    gnss = made.run.gnss
+    there = (gnss.time_s > 300.0) & (gnss.time_s < 360.0)
+    gnss = replace(gnss, sigma_horizontal_m=np.where(there, 12.0, gnss.sigma_horizontal_m))
+    found = aided(replace(made.run, gnss=gnss), twin)
+    (stretch,) = [w for w in found.weak if w.why == "receiver_unsure"]
+    assert stretch.start_s == pytest.approx(301.0, abs=1.0)
+    assert stretch.end_s == pytest.approx(359.0, abs=1.0)
+
+
+def test_fixes_are_of_two_types_at_most():
+    """Cut where most are left in the smaller part; few of a type, and unknown ones, are no type of
+    their own.
+    """
+
+    def others(*counts):
+        types = np.repeat([np.nan, *map(float, FixType)], counts)
+        zero = np.zeros(types.size)
+        log = GnssLog(
+            time_s=np.arange(types.size),
+            lat_rad=zero,
+            lon_rad=zero,
+            height_m=zero,
+            v_n_m_s=np.zeros((types.size, 3)),
+            fix_type=types,
+        )
+        made = fixes_of(log, horizontal_m=1.0, vertical_m=1.0, velocity_m_s=0.1)
+        return {str(t) for t in types[made.other_type]}
+
+    assert others(0, 100, 0, 0, 0) == others(0, 100, 0, 9, 0) == set()
+    assert others(0, 100, 0, 0, 40) == {"6.0"}
+    assert others(0, 20, 0, 60, 100) == {"3.0", "5.0"}
+    assert others(30, 100, 0, 0, 0) == {"nan"}
 
 
 def test_a_leap_is_told_where_it_was():

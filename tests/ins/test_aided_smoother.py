@@ -17,6 +17,7 @@ from ins.filters.states import (
     AIDED_ACCEL,
     AIDED_DEFLECTION,
     AIDED_GYRO,
+    AIDED_SLOW_OTHER,
     AIDED_SLOW_POS,
     AIDED_SLOW_VEL,
     AIDED_STATES,
@@ -71,7 +72,8 @@ def test_adjoints_are_the_whole_log_solved_at_once():
     root = rng.standard_normal((N, N))
     P = root @ root.T / N + np.eye(N)
     fade = np.ones(N)
-    fade[AIDED_SLOW_POS], fade[AIDED_SLOW_VEL] = np.exp(-1.0 / 200.0), np.exp(-1.0 / 3.0)
+    fade[AIDED_SLOW_POS] = fade[AIDED_SLOW_OTHER] = np.exp(-1.0 / 200.0)
+    fade[AIDED_SLOW_VEL] = np.exp(-1.0 / 3.0)
     fade[AIDED_DEFLECTION] = np.exp(-1.0 / 150.0)
     transitions, noises, rows, lines, ends, P_rows = [], [], [], [], [], []
     x, P_minus = np.zeros(N), P.copy()

@@ -148,6 +148,7 @@ class NoiseDocument:
     slow_s: float | None
     slow_velocity_factor: float
     slow_velocity_s: float | None
+    slow_other_factor: float
     at_largest: Sequence[str]
     declared_nis: Mapping[str, float]
 
@@ -410,6 +411,7 @@ def _noise(result: AidedResult) -> NoiseDocument:
         slow_s=s.slow_s if s.slow else None,
         slow_velocity_factor=s.slow_velocity,
         slow_velocity_s=s.slow_velocity_s if s.slow_velocity else None,
+        slow_other_factor=s.slow_other,
         at_largest=s.capped,
         declared_nis=dict(zip(KINDS, result.declared_nis)),
     )

@@ -101,6 +101,7 @@ def _noise(
     factors: Mapping[str, float],
     stirred: float,
     slow: Mapping[str, float] | None,
+    slow_other: Mapping[str, float] | None,
     slow_velocity: Mapping[str, float] | None,
     capped: bool,
     source: str,
@@ -121,13 +122,21 @@ def _noise(
             f", a slow error of the positions of {slow['level_m']:.2g} m level,"
             f" {slow['down_m']:.2g} m down over {slow['time_s']:.0f} s"
         )
+    if slow_other:
+        told += (
+            f", one of {slow_other['level_m']:.2g} m level, {slow_other['down_m']:.2g} m down of"
+            f" {slow_other['fixes']:.0f} of {slow_other['of']:.0f} fixes, which are of another type"
+        )
     if slow_velocity:
         told += (
             f", a slow error of the velocities of {slow_velocity['sigma_m_s']:.2g} m/s over"
             f" {slow_velocity['time_s']:.2g} s"
         )
     most = " (the largest that is tried)" if capped else ""
-    return f"the innovations exceed the noise model ({source}): {told}{most}; NIS is no test then"
+    lower = not (stirred or slow or slow_other or slow_velocity) and max(factors.values()) <= 1.0
+    how = "fall short of" if lower else "exceed"
+    told = f"the innovations {how} the noise model ({source}): {told}{most}"
+    return f"{told}; NIS is no test then"
 
 
 WHY_NO_WHEELS: Mapping[WheelsFound, str] = {
@@ -163,6 +172,7 @@ WEAK_WORDS: Mapping[AidedWeakness, str] = {
     AidedWeakness.OUTAGE: "no fixes: dead reckoning",
     AidedWeakness.REJECTED: "fixes rejected one after the other",
     AidedWeakness.LEAP: "the positions leapt while the velocities fitted",
+    AidedWeakness.RECEIVER: "the receiver itself gives wide sigmas to its positions",
     AidedWeakness.BEGUN_ANEW: "all fixes rejected for long, begun anew",
 }
 
@@ -183,6 +193,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
     AidedReason.NOISE_UNBELIEVED: _unbelieved,
     AidedReason.RECEIVER_CONTRADICTS: _contradicts,
     AidedNote.FIXES_WIDENED: _fixes_widened,
+    AidedNote.FIXES_SAY: (
+        "sigmas of the fixes (median): positions declared {declared_m:.2g} m, the innovations say"
+        " {said_m:.2g} m from fix to fix; velocities declared {declared_m_s:.2g} m/s, the"
+        " innovations say {said_m_s:.2g} m/s"
+    ),
     AidedNote.HEADING_OPEN: (
         "{reason}. The solution is that of flights from headings all round, weighed by what they"
         " explain: its heading is worth what its sigma says"
