@@ -86,9 +86,12 @@ def steady_epochs(history: NavHistory, motion: Motion) -> NDArray:
     v = history.v_n_m_s[:, :2]
     quiet = max(8.0 * motion.sigma_v_m_s, STEADY_M_S)
     steady = np.zeros(len(v), bool)
-    for k in range(len(v) - STOP_WINDOW_S + 1):
-        if np.ptp(v[k : k + STOP_WINDOW_S], axis=0).max() <= quiet:
-            steady[k : k + STOP_WINDOW_S] = True
+    if len(v) < STOP_WINDOW_S:
+        return steady
+    windows = np.lib.stride_tricks.sliding_window_view(v, STOP_WINDOW_S, axis=0)
+    calm = np.ptp(windows, axis=2).max(axis=1) <= quiet
+    for k in range(STOP_WINDOW_S):
+        steady[k : k + calm.size] |= calm
     return steady
 
 

@@ -11,7 +11,7 @@ from ins.units import DEG
 from simreal.effects.catalogue import catalogue
 from simreal.effects.flown.flight import cut_off
 from simreal.effects.telemetry import PARKED
-from simreal.evidence.at_range import SECONDS_AT_RANGE, share_at_range
+from simreal.evidence.at_range import SECONDS_AT_RANGE, TIED_ROWS, share_at_range
 from simreal.evidence.run_view import view_run
 from tests.simreal.runs import FLIGHT, simulated, table, twin_of
 
@@ -72,6 +72,34 @@ def test_a_largest_value_in_two_seconds_is_no_range():
         dtheta[at[:count], 0] = top * imu.dt_s[at[:count]]
         share = share_at_range(replace(imu, dtheta_rad=dtheta), view.seconds.end_s, moving)
         assert bool(share[:, 0].any()) == seen
+
+
+def topped(run, rows, *, step_rad_s=0.0):
+    """The run with some rows of gyro x at one and the same largest rate, read in steps."""
+    view = view_run(run, 0, table(), twin_of())
+    moving = view.telemetry.kind != PARKED
+    imu = run.imu.whole()
+    rate = imu.dtheta_rad[:, 0] / imu.dt_s
+    first = np.searchsorted(imu.time_s, view.seconds.end_s[moving][10] - 0.95)
+    rate[first : first + rows] = 1.5 * np.abs(rate).max()
+    if step_rad_s:
+        rate = np.round(rate / step_rad_s) * step_rad_s
+    dtheta = imu.dtheta_rad.copy()
+    dtheta[:, 0] = rate * imu.dt_s
+    read = replace(imu, dtheta_rad=dtheta)
+    return share_at_range(read, view.seconds.end_s, moving)[:, 0]
+
+
+def test_three_equal_rows_are_a_range_where_no_others_are_equal():
+    """A landing drives a sensor to its end in one second; a coarse converter has many rows that are
+    equal.
+    """
+    run = simulated(segments=FLIGHT, aids=True).run
+    assert not topped(run, TIED_ROWS - 1).any()
+    seen = topped(run, TIED_ROWS)
+    assert np.count_nonzero(seen) == 1 and seen.max() == pytest.approx(0.1 * TIED_ROWS)
+    coarse = 0.02 * largest_rate(run, axis=0)
+    assert not topped(run, TIED_ROWS, step_rad_s=coarse).any()
 
 
 def test_what_normal_rows_lose_at_a_limit():
