@@ -112,10 +112,10 @@ class Cause:
     def kept_out(self) -> KeptOut | None:
         """Why it is not written into the twin; None: it is.
 
-        A named effect has a form that physics gives it. A free function has the form of the data
-        that it is drawn through, and beyond them it is a guess: it must lessen the gap of data that
-        it was not fitted to, at 95 %. On halves of real logs, guesses made the other half's gap as
-        much as 17 times as large (docs/gap_real_noise.md).
+        A named effect has a form that physics gives it. A free function, of a mean or of a noise,
+        has the form of the data that it is drawn through, and beyond them it is a guess: it must
+        lessen the gap of data that it was not fitted to, at 95 %. On halves of real logs, guesses
+        made the other half's gap as much as 17 times as large (docs/gap_real_noise.md).
         """
         if self.effect in OF_UNNAMED_MOTION:
             return KeptOut.OF_MOTION
@@ -124,7 +124,8 @@ class Cause:
             low, high = self.shrink.interval_95
         if high < 0.0:
             return KeptOut.MADE_WORSE
-        return KeptOut.NOT_SHOWN if self.effect in OF_TELEMETRY and low <= 0.0 else None
+        free = self.effect in OF_TELEMETRY or self.effect == NOISE_OF_TIME
+        return KeptOut.NOT_SHOWN if free and low <= 0.0 else None
 
 
 def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Cause:

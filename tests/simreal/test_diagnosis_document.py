@@ -16,6 +16,7 @@ from ins.verdicts import plain, record_of
 from recal.cli.console import result_text
 from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME, WHILE_MOVING
 from simreal.declared.twin_effects import parse_effects, twin_traces
+from simreal.effects.gyro_noise import NOISE_OF_TIME
 from simreal.effects.telemetry import Trace
 from simreal.effects.words import words_of
 from simreal.evidence.overlap import overlapping
@@ -201,6 +202,7 @@ def shrink(low, high, *, held_out=True):
         (OF_TEMPERATURE, shrink(-1.0, -0.2), KeptOut.MADE_WORSE),
         ("gyro_thermal_rate", shrink(-0.1, 0.9), None),
         ("gyro_thermal_rate", shrink(-1.0, -0.2), KeptOut.MADE_WORSE),
+        (NOISE_OF_TIME, shrink(-0.1, 0.9), KeptOut.NOT_SHOWN),
         (OF_RUN, shrink(-0.1, 0.9), None),
         (WHILE_MOVING, shrink(0.1, 0.9), KeptOut.OF_MOTION),
     ],
