@@ -440,14 +440,21 @@ def update(x, P, H, z, variance, room, first):
 
 
 @inner
+def put(target, source, n):
+    """target[:n] = source[:n]; written so, numba compiles texts for an error message, 3 s."""
+    for i in range(n):
+        target[i] = source[i]
+
+
+@inner
 def write_down(H, room, tape, taped):
     """Write three measurements that were used on the tape, where there is one."""
     if tape.shape[0] == 0:
         return
     for m in range(3):
         line = tape[taped[0]]
-        line[TAPE_H : TAPE_H + N] = H[m]
-        line[TAPE_K:] = room[m]
+        put(line[TAPE_H:], H[m], N)
+        put(line[TAPE_K:], room[m], N + 2)
         taped[0] += 1
 
 
@@ -756,15 +763,16 @@ def roll(state, row, rate_b, rolled, mount, settings, x, P, bias, H, room, tape,
     if told:
         apart[0] -= rolled[0]
     else:
-        H[0] = H[1]  # the side twice, each time with twice its variance
+        put(H[0], H[1], N)  # the side twice, each time with twice its variance
         apart[0] = apart[1]
         variance[0] = variance[1] = 2.0 * variance[1]
     x_new, P_new = x.copy(), P.copy()
     nis, _ = update(x_new, P_new, H[0:3], apart, variance, room, first)
     if nis > settings[GATE]:
         return REJECTED
-    x[:] = x_new
-    P[:, :] = P_new
+    put(x, x_new, N)
+    for i in range(N):
+        put(P[i], P_new[i], N)
     write_down(H[0:3], room, tape, taped)
     correct(state, bias, x)
     return USED
@@ -1040,7 +1048,8 @@ def run(
                 taped,
             )
         if phis.shape[0] > 0:
-            phis[k] = Phi[:G_]
+            for i in range(G_):
+                put(phis[k, i], Phi[i], DRIVING)
             tape_ends[k] = taped[0]
         if emits[k]:
             emit(state, bias, P, rows_out[written])
