@@ -199,12 +199,9 @@ class AidedNavigator:
         """Where steps end in this piece, the fix at each end, how late it is, whether it stands,
         whether it is put out.
         """
-        t0, before = self._start.time_s, np.append(self._last_s, time_s[:-1])
-        tick, tick_before = (np.floor((t - t0) / STEP_S + 1e-6) for t in (time_s, before))
-        second = np.floor((time_s - t0) + 1e-6) > np.floor((before - t0) + 1e-6)
-        put_out = np.floor((time_s - t0) / self._output_s + 1e-6) > np.floor(
-            (before - t0) / self._output_s + 1e-6
-        )
+        since = np.append(self._last_s, time_s) - self._start.time_s
+        ticks, second = _passes(since, STEP_S), _passes(since, 1.0)
+        put_out = second if self._output_s == 1.0 else _passes(since, self._output_s)
         # the first row not before the fix
         fix_row = np.searchsorted(time_s, self._fixes.time_s - 1e-6)
         here = np.flatnonzero((self._fixes.time_s > self._last_s + 1e-6) & (fix_row < time_s.size))
@@ -216,14 +213,16 @@ class AidedNavigator:
         )
         roll_at = np.full(time_s.size, -1, dtype=np.int64)
         roll_at[roll_row[there]] = there
-        rows = np.flatnonzero((tick > tick_before) | (fix_at >= 0) | (roll_at >= 0) | put_out)
-        late = np.where(fix_at >= 0, np.minimum(self._fixes.time_s[fix_at] - time_s, 0.0), 0.0)
-        number = np.searchsorted(self._stands[:, 0], time_s, side="left") - 1
-        stood = np.zeros(time_s.size, bool)
+        rows = np.flatnonzero(ticks | (fix_at >= 0) | (roll_at >= 0) | put_out)
+        ends_s, fix = time_s[rows], fix_at[rows]
+        late = np.zeros(rows.size)
+        if here.size:
+            late = np.where(fix >= 0, np.minimum(self._fixes.time_s[fix] - ends_s, 0.0), 0.0)
+        stands = np.zeros(rows.size, dtype=bool)
         if self._stands.size:
-            stood = (number >= 0) & (time_s <= self._stands[number, 1])
-        stand_here = (stood & second)[rows]
-        return rows + 1, fix_at[rows], late[rows], stand_here, put_out[rows], roll_at[rows]
+            number = np.searchsorted(self._stands[:, 0], ends_s, side="left") - 1
+            stands = (number >= 0) & (ends_s <= self._stands[number, 1]) & second[rows]
+        return rows + 1, fix, late, stands, put_out[rows], roll_at[rows]
 
     @property
     def tape(self) -> AidedTape:
@@ -291,6 +290,14 @@ class AidedNavigator:
             scales_covariance=self._P[OF_SCALES, OF_SCALES].copy(),
             shaking=(float(self._carry[k.SHAKEN_LEAST]), float(self._carry[k.SHAKEN_MOST])),
         )
+
+
+def _passes(since_s: NDArray, step_s: float) -> NDArray:
+    """Which rows (n,) are the first at or after a multiple of a step; since_s (n + 1,): their
+    times, the last one before them first.
+    """
+    step = np.floor(since_s / step_s + 1e-6)
+    return np.asarray(step[1:] > step[:-1])
 
 
 def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
