@@ -1,7 +1,7 @@
-"""Kalman filter steps with checks, for small filters at 1 to 10 Hz and their smoother.
+"""Kalman filter steps with checks: the only door to filterpy.
 
-They are filterpy 2.0's steps to the last bit, which the tests hold them to: filterpy itself loads
-scipy.stats, 0.7 s of CPU at the start of every command. Guarded here, because filterpy does not:
+filterpy 2.0 is the engine for small filters at 1 to 10 Hz and of the smoother, and the yardstick of
+the compiled error filter (ins.filters.error_kernel). Guarded here, because filterpy does not:
 shapes, NaN, scalar Q (which it would add to every element), symmetry of P after predict.
 """
 
@@ -57,13 +57,15 @@ def predict(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, ND
     >>> float(x[0]), float(P[0, 0])
     (2.0, 5.0)
     """
+    from filterpy.kalman import predict as filterpy_predict
+
     n = x.shape[0]
     for name, matrix in (("P", P), ("F", F), ("Q", Q)):
         if np.shape(matrix) != (n, n):
             raise ValueError(
                 f"kalman.predict: {name} has shape {np.shape(matrix)}, needed {(n, n)}"
             )
-    x_minus, P_minus = F @ x, F @ P @ F.T + Q
+    x_minus, P_minus = filterpy_predict(x, P, F=F, Q=Q)
     if not np.isfinite(P_minus).all():
         raise ValueError("kalman.predict: covariance is not finite")
     return x_minus, 0.5 * (P_minus + P_minus.T)
@@ -110,8 +112,10 @@ def update(
     Raises
     ------
     ValueError
-        On a wrong shape or a NaN in any of the five, which would turn the whole state into NaN.
+        On a wrong shape or a NaN in any of the five. filterpy would turn the whole state into NaN.
     """
+    from filterpy.kalman import update as filterpy_update
+
     m, n = H.shape
     if z.shape != (m,) or R.shape != (m, m) or x.shape != (n,) or P.shape != (n, n):
         raise ValueError(
@@ -123,10 +127,7 @@ def update(
     seen = seen or innovation(x, P, z, H, R)
     if not np.isfinite(seen.nis):
         raise ValueError("kalman.update: x, P, H or R is not finite")
-    K = P @ H.T @ np.linalg.inv(seen.S)
-    x_plus = x + K @ seen.residual
-    I_KH = np.eye(n) - K @ H
-    P_plus = I_KH @ P @ I_KH.T + K @ R @ K.T
+    x_plus, P_plus = filterpy_update(x, P, z, R, H)
     return x_plus, 0.5 * (P_plus + P_plus.T), seen
 
 
@@ -150,20 +151,22 @@ def rts_smooth(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray,
     ValueError
         Where shapes do not fit or the result is not finite.
 
+    Notes
+    -----
+    It calls KalmanFilter.rts_smoother of filterpy; the function of that name in filterpy's module
+    takes F[j] where F[j + 1] is due.
+
     Source: Rauch, Tung, Striebel, AIAA Journal 3(8), 1965, eqs. (3.30)-(3.31). Pinned by:
     tests/ins/test_kalman.py
     """
+    from filterpy.kalman import KalmanFilter
+
     k, n = x.shape
     if P.shape != (k, n, n) or F.shape != (k, n, n) or Q.shape != (k, n, n):
         raise ValueError(
             f"kalman.rts_smooth: x {x.shape}, P {P.shape}, F {F.shape}, Q {Q.shape} do not fit"
         )
-    x_s, P_s = x.copy(), P.copy()
-    for j in range(k - 2, -1, -1):
-        P_minus = F[j + 1] @ P_s[j] @ F[j + 1].T + Q[j + 1]
-        K = P_s[j] @ F[j + 1].T @ np.linalg.inv(P_minus)
-        x_s[j] += K @ (x_s[j + 1] - F[j + 1] @ x_s[j])
-        P_s[j] += K @ (P_s[j + 1] - P_minus) @ K.T
+    x_s, P_s, *_ = KalmanFilter(dim_x=n, dim_z=1).rts_smoother(x, P, F, Q)
     if not (np.isfinite(x_s).all() and np.isfinite(P_s).all()):
         raise ValueError(
             "kalman.rts_smooth: x, P, F or Q is not finite, or a predicted covariance is singular"

@@ -320,7 +320,7 @@ def random_program(rng, count=40, bins=3):
 
 
 def by_filterpy(flt, dense_steps):
-    """The same steps through ins.kalman, which are filterpy's to the last bit."""
+    """The same steps through ins.kalman, that is filterpy."""
     x, P = flt.x.copy(), flt.P.copy()
     n, nis = x.size, []
     for step, bin_index, rolling, keep, rows in dense_steps:

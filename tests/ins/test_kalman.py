@@ -192,30 +192,6 @@ def test_nis_band_without_measurements_rejects_nothing():
     assert kalman.nis_band(0, 0.95) == (0.0, float("inf"))
 
 
-@pytest.mark.parametrize(("n", "m"), [(1, 1), (4, 1), (6, 2), (15, 3)])
-def test_steps_and_smoother_are_filterpys_to_the_last_bit(n, m):
-    from filterpy.kalman import KalmanFilter, predict, update
-
-    rng = np.random.default_rng(n)
-    A, F, B = rng.standard_normal((3, n, n))
-    x, P, H, z = rng.standard_normal(n), A @ A.T, rng.standard_normal((m, n)), np.ones(m)
-    R = np.diag(rng.uniform(0.1, 2.0, m))
-    mine, filterpys = kalman.predict(x, P, F, B @ B.T), predict(x, P, F=F, Q=B @ B.T)
-    np.testing.assert_array_equal(mine[0], filterpys[0])
-    np.testing.assert_array_equal(mine[1], 0.5 * (filterpys[1] + filterpys[1].T))
-    mine, filterpys = kalman.update(*mine, z, H, R), update(*mine, z, R, H)
-    np.testing.assert_array_equal(mine[0], filterpys[0])
-    np.testing.assert_array_equal(mine[1], 0.5 * (filterpys[1] + filterpys[1].T))
-    X, Ps, Fs = rng.standard_normal((7, n)), np.stack([P] * 7), rng.standard_normal((7, n, n))
-    Qs = np.stack([B @ B.T] * 7)
-    mine, filterpys = (
-        kalman.rts_smooth(X, Ps, Fs, Qs),
-        KalmanFilter(n, 1).rts_smoother(X, Ps, Fs, Qs),
-    )
-    np.testing.assert_array_equal(mine[0], filterpys[0])
-    np.testing.assert_array_equal(mine[1], 0.5 * (filterpys[1] + np.swapaxes(filterpys[1], 1, 2)))
-
-
 class TestFaultsOfFilterpy:
     """Each fails once filterpy mends it: then the guard in ins.kalman may go."""
 
