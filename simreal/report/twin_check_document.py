@@ -47,7 +47,7 @@ def agreement_line(found: Agreement, command: str) -> str:
     """A check in one line, with the command that would mend what does not fit."""
     bad = found.misfits
     if not bad:
-        return f"the noise model fits these runs (p {found.p_value:.2g})"
+        return f"the noise model fits these runs (p value {found.p_value:.2g})"
     own = sum(c.of is Of.SENSOR for c in found.cells)
     return (
         f"the noise model does not fit these runs in {len(bad)} of {own} bands, worst"
