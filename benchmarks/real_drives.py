@@ -1,11 +1,12 @@
 """Aided replay of public logs that nobody here recorded or tuned for: what starts, what it says of
 itself, and how far off it is where fixes are left out.
 
-    python -m benchmarks.real_drives LOGS [--clones FOLDER] [--json FILE]
+    python -m benchmarks.real_drives LOGS [--clones FOLDER] [--json FILE] [--often]
 
 LOGS is a folder: what is missing in it is downloaded (or, with --clones, taken from clones named
-OWNER+NAME/repo). Nothing of a log is part of the project. Prints a Markdown table; the page made of
-it is docs/real_drives.md.
+OWNER+NAME/repo). --often: 15 s are left out at seven places of each log instead, in two flights.
+Nothing of a log is part of the project. Prints a Markdown table; the page made of it is
+docs/real_drives.md.
 """
 
 import argparse
@@ -67,6 +68,8 @@ MECHANICAL = (
 SHORT_S, LONG_S = 30.0, 60.0  # of the outages
 LEAST_S = 90.0  # of solution, for an outage; 240 s for the long one besides
 LONG_LEAST_S = 240.0
+OFTEN_S, OFTEN_LEAST_S = 15.0, 100.0  # and logs of 100 s and more
+OFTEN = (0.25, 0.45, 0.65, 0.85), (0.35, 0.55, 0.75)  # of a log, in two flights
 
 
 @dataclass(frozen=True)
@@ -223,6 +226,34 @@ def measured(source: Source, path: Path) -> Row:
     )
 
 
+def often(source: Source, path: Path) -> str:
+    """A row of the table of many short outages; empty where a log is too short or not flown."""
+    try:
+        run = converted(path).run
+    except InputError:
+        return ""
+    if run.gnss is None:
+        return ""
+    t = run.gnss.time_s
+    first_s = max(run.imu.start_s, float(t[0])) + 20.0
+    last_s = min(run.imu.end_s, float(t[-1])) - OFTEN_S - 1.0
+    if last_s - first_s < OFTEN_LEAST_S - OFTEN_S:
+        return ""
+    over: list[float] = []
+    late: list[float] = []
+    for shares in OFTEN:
+        starts = [first_s + share * (last_s - first_s) for share in shares]
+        spans = tuple((a, a + OFTEN_S) for a in starts if np.any((t > a) & (t < a + OFTEN_S)))
+        found = fly(run, spans) if spans else None
+        if found is not None and found.history is not None:
+            over += [score.error_over_sigma for score in found.outage_scores]
+            late += [score.error_over_sigma for score in found.smoothed_scores]
+    if not over:
+        return ""
+    rms, rms_late = (float(np.sqrt(np.mean(np.square(each)))) for each in (over, late))
+    return f"| `{source.path}` | {len(over)} | {rms:.2f} | {max(over):.2f} | {rms_late:.2f} |"
+
+
 def compared(found: AidedResult, path: Path, shift_s: float) -> Against | None:
     """Against the autopilot's own attitude, where it logs one and the vehicle is fast enough."""
     try:
@@ -267,7 +298,15 @@ def main() -> None:
     parser.add_argument("logs", type=Path)
     parser.add_argument("--clones", type=Path)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--often", action="store_true")
     given = parser.parse_args()
+    if given.often:
+        print("| log | outages | error over sigma, RMS | largest | smoothed, RMS |")
+        print("|---|---|---|---|---|")
+        for source in sources():
+            line = often(source, source.fetched(given.logs, given.clones))
+            print(line, end="\n" if line else "", flush=True)
+        return
     rows = []
     for source in sources():
         rows.append(measured(source, source.fetched(given.logs, given.clones)))
