@@ -256,7 +256,7 @@ def test_what_a_filter_leaves_above_the_gear_is_no_white_noise():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("environment", ["boarding", "gusty:2", "maintenance"])
+@pytest.mark.parametrize("environment", ["boarding", "boarding:0.5", "gusty:2"])
 @pytest.mark.parametrize("scenario", ["mems_warm_up", "parked_only"])
 def test_numbers_of_a_rocked_unit_are_right_to_their_sigmas(scenario, environment):
     """A MEMS unit in gusts was told 262 +- 6 ug/sqrt(Hz) where 100 are true."""
