@@ -279,7 +279,7 @@ def forecast(
     Example: recal fleet forecast --store sqlite:///recal.db --limit 0.8
     """
     from recal.cli.terminal.progress import Progress
-    from recal.service.priors.forecast import ForecastRequest
+    from recal.service.priors.forecast import ForecastRequest, forecast_steps
     from recal.service.priors.forecast import forecast as forecast_units
     from recal.service.results.overwrite import need_free_report
 
@@ -289,7 +289,8 @@ def forecast(
     request = ForecastRequest(
         store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
     )
-    with Progress("forecasting", quiet=quiet, compiles=False) as told:
+    steps = forecast_steps(request)
+    with Progress("forecasting", quiet=quiet, steps=steps, compiles=False) as told:
         result = forecast_units(request, told)
     answer(
         result.document,

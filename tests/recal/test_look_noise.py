@@ -23,7 +23,7 @@ def fit(monkeypatch):
     channels = [channel(f"{sensor}_{a}") for sensor in ("gyro", "accel") for a in AXES]
     names = ("gyro.bias_instability_deg_h", "accel.vrw_ug_sqrt_hz", "vehicle.sway_m_s")
     parameters = [SimpleNamespace(name=name, identified=True) for name in names]
-    return SimpleNamespace(channels=channels, parameters=parameters, found=None)
+    return SimpleNamespace(channels=channels, parameters=parameters, found=None, read_above_hz={})
 
 
 def changed(record, **fields):
@@ -69,3 +69,11 @@ def test_a_model_that_the_data_contradict_is_left_out(fit, factor):
     assert drawn == {"accel_x", "accel_y", "accel_z"}
     figure = allan_figure(shown)
     assert [len(ax.lines) for ax in figure.axes] == [1, 1, 1, 2, 2, 2]
+
+
+def test_channels_that_people_move_are_named_where_they_are_drawn(fit):
+    fit.read_above_hz = {"gyro_x": 16.0, "accel_y": 16.0}
+    fit.channels[1] = channel("gyro_y", factor=3.0, p_value=1e-20)
+    _, notes = shown_noise(fit)
+    assert len(notes) == 2
+    assert "The model of accel_y rests on what lies above 16 Hz" in notes[1]

@@ -63,6 +63,7 @@ class FleetShown:
     verdict: str = "up_to_date"
     reasons: tuple = (WORDS,)
     counts: dict = field(default_factory=dict)
+    runs: tuple = ()
     units: tuple = ()
     left_out: tuple = ()
     noted: tuple = ()

@@ -53,6 +53,7 @@ from recal.service.results.result import Result
 COLD_degC, HOT_degC = 10.0, 30.0
 TREND_YEARS = np.arange(0.0, HORIZON_YEARS + 0.1, 0.25)  # a point of the trend each quarter
 DATE, ISSUED = "%Y-%m-%d", "%Y-%m-%dT%H:%M:%SZ"
+OTHER_STEPS = 2  # of a forecast: the sessions are read, the report is written
 MOST_URGENT = 25  # units of a technology on a page that is about more than them
 
 
@@ -118,6 +119,19 @@ def forecast(
     }
     write_files(files)
     return result
+
+
+def forecast_steps(request: ForecastRequest) -> int:
+    """How often `forecast` tells what is being done, at most: a unit of which the store keeps no
+    session is not forecast.
+    """
+    store = open_store(request.store_url)
+    if store is None:
+        return OTHER_STEPS
+    technologies = [u.unit.gyro_technology for u in store.units()]
+    wanted = [t for t in technologies if t != "mems" and request.technology in (None, t)]
+    counts = Counter(wanted).values()
+    return OTHER_STEPS + sum(min(n, request.most or n) for n in counts)
 
 
 def forecast_of(
