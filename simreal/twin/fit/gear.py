@@ -1,9 +1,10 @@
-"""What a vehicle that moves on its gear adds to gyros, and the bands without it.
+"""What a vehicle that moves on its gear adds to gyros and accelerometers, and the bands without it.
 
 People aboard and wind rock a parked vehicle by up to thousands of times the noise of a ring laser.
 A rate is the change of an angle that stays small: it fades as the square of the frequency below the
-gear's own, and as fast or faster above it, until nothing is left from GEAR_BELOW_HZ on. So what the
-gyros are themselves shows on both sides.
+gear's own, and as fast or faster above it, until nothing is left from GEAR_BELOW_HZ on. What is
+more between than on both sides is the vehicle's. Weights that come and go tilt it slowly, too: of a
+channel that moves, only what lies above is read.
 """
 
 from collections.abc import Iterator, Sequence
