@@ -25,7 +25,7 @@ from ins.robust import gamma as gamma_law
 from ins.units import ARCSEC, HOUR, STANDARD_GRAVITY
 from simreal.evidence.noise_model import SIX_CHANNELS, axis_variances
 from simreal.twin.fit.evidence import without_comb
-from simreal.twin.fit.gear import GEAR_BELOW_HZ, MOVES_BY, MOVES_P, SWINGS_BELOW_HZ
+from simreal.twin.fit.gear import GEAR_BELOW_HZ, MOVES_P, SWINGS_BELOW_HZ
 from simreal.twin.fit.model import ABSENT, Model, band_model
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import SlowData, slow_data
@@ -39,6 +39,7 @@ MISFIT_P = 0.01
 BLOCK_S = 60  # of the slow means
 CELL_EDGES_HZ = (0.025, 0.06, 0.15, 0.41)  # of the cells between slow means and rows
 ROW_EDGES_HZ = (0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e4)  # of the cells of rows
+MOVES_BY = 0.05  # of a size: the half of TOLERATED, which the slow cells may show of it
 # of the grid of the readings: a declared quantum this near is that grid; TOLERATED is 0.1
 SAME_QUANTUM = 0.01
 # of a cell's declared power that is sway: above 0.5 the cell says more of the vehicle

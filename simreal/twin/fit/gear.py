@@ -25,7 +25,6 @@ from simreal.twin.fit.terms import Term
 GEAR_BELOW_HZ, SWINGS_BELOW_HZ = 16.0, 8.0
 # a turn of 1 Hz has faded to 1/400 here
 GEAR_ABOVE_HZ = 0.05
-MOVES_BY = 0.05  # of a size: the half of what a check of a twin tolerates
 # of a channel beside one that moves, in one cell: of seven cells at rest three in ten are left out
 # for nothing, and little of a motion is left in
 BESIDE_P = 0.05
