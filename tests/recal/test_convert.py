@@ -327,6 +327,15 @@ def test_missing_or_wrong_header_values_are_named(tmp_path, given, line):
         convert_log(source, {}, GIVEN | given)
 
 
+def test_a_key_by_another_name_is_told_beside_what_is_missing(tmp_path):
+    source = csv_run(tmp_path / "source") / "imu.csv"
+    given = GIVEN | {"lat_deg": None, "lon_deg": None}
+    options = {"run": {"site": {"latitude_deg": 45.0, "longitude_deg": 9.0}, "serial": "A"}}
+    line = r"lat_deg .*lon_deg.*nothing is called serial, site\.latitude_deg, site\.longitude_deg"
+    with pytest.raises(InputError, match=line):
+        convert_log(source, options, given)
+
+
 def test_unknown_keys_formats_and_files_are_refused(tmp_path):
     source = csv_run(tmp_path / "source") / "imu.csv"
     with pytest.raises(InputError, match=r"unknown key serial"):

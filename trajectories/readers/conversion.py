@@ -18,7 +18,13 @@ from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
 from trajectories.runs.notes import About, about
 from trajectories.runs.physics_gates import Beside, check_physics
-from trajectories.runs.schema import SCHEMA, ConversionRecord, SourceFile, header_from_json
+from trajectories.runs.schema import (
+    SCHEMA,
+    ConversionRecord,
+    SourceFile,
+    header_from_json,
+    unknown_keys,
+)
 
 RUN_OPTIONS = {
     "imu_serial": "--serial",
@@ -174,6 +180,9 @@ def _header(
             told = ", ".join(f"{k} ({RUN_OPTIONS[k]})" for k in missing)
             reasons = [TELLING[key] for key in (*missing, "") if key in TELLING]
             why = next((f" ({n})" for r in reasons for n in log.notes if about(n) is r), "")
+            strange = unknown_keys(header, header["site"])
+            if strange:
+                why = f" (nothing is called {', '.join(strange)})"
             raise InputError(
                 f"{path.name}: needed from the options or [run] in the map: {told}{why}"
             )

@@ -303,6 +303,13 @@ def header_from_json(
     return header, [], warnings
 
 
+def unknown_keys(keys: Iterable[str], site_keys: Iterable[str]) -> list[str]:
+    """Of a run.json that may lack keys: those that no run.json has, its site's among them."""
+    return [k for k in keys if k != "schema" and k not in _RunKeys.model_fields] + [
+        f"site.{k}" for k in site_keys if k not in _SiteKeys.model_fields
+    ]
+
+
 def header_to_json(
     header: RunHeader,
     *,
