@@ -31,6 +31,10 @@ GYRO_SCALE_ppm = {"rlg": 5.0, "fog": 50.0, "mems": 5000.0}
 MISALIGNMENT_mrad = {"rlg": 0.01, "fog": 0.02, "mems": 5.0}
 ACCEL_SCALE_ppm = {"rlg": 100.0, "fog": 100.0, "mems": 5000.0}
 ACCEL_SLOPE_ug_degC = {"rlg": 0.2, "fog": 0.2, "mems": 100.0}  # left by their compensation
+# The plumb line against the normal of the ellipsoid, one sigma north and east, and the length over
+# which it keeps to itself: assumptions likewise.
+DEFLECTION_arcsec = 5.0
+DEFLECTION_M = 30_000.0
 # The floor of the Allan deviation of flicker over B: sqrt(2 ln 2 / pi) = 0.6643.
 # IEEE Std 952, annex C; judged on simulated flicker in tests/trajectories/test_imperfections.py.
 FLICKER_FLOOR = 0.664

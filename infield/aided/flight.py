@@ -53,6 +53,7 @@ from ins.noise import (
     ACCEL_SCALE_ppm,
     ACCEL_SLOPE_ug_degC,
     DEFAULT_SIGMA_deg_h,
+    DEFLECTION_arcsec,
     GYRO_SCALE_ppm,
     MISALIGNMENT_mrad,
     accel_densities,
@@ -60,7 +61,14 @@ from ins.noise import (
     gyro_densities,
 )
 from ins.records import ImuSource, Run, TemperatureLog, TwinModel
-from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR, MILLIRADIAN, PPM
+from ins.units import (
+    ARCSEC,
+    DEG_PER_HOUR_SQRT_HOUR,
+    MICRO_G,
+    MICRO_G_PER_SQRT_HOUR,
+    MILLIRADIAN,
+    PPM,
+)
 from ins.verdicts import Reason, because
 
 FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
@@ -73,6 +81,9 @@ MOST_REJECTED = 0.25
 OUTAGE_S = 3.0
 # of likelihood of the fixes that wheels may cost: odds of e^5, as for what noise must bring
 WORSE_NATS = 5.0
+# units whose tilts a deflected vertical matters to: 5 arcsec are 24 microradians, and in flight
+# tilts of theirs are good to 10 to 16, of a MEMS unit to 1,400
+LEVEL_UNITS = ("rlg", "fog")
 WARMED_S = 60.0  # chosen: noise of a thermometer, 0.1 degC, is below a ramp of 1 degC/min
 
 
@@ -234,6 +245,8 @@ def navigate_aided(
     slope = ACCEL_SLOPE_ug_degC[header.gyro_technology] * MICRO_G
     warmed = slope * warming_walk(run.temperature)
     noise = replace(noise, accel_walk=float(np.hypot(noise.accel_walk, warmed)))
+    if header.gyro_technology in LEVEL_UNITS:
+        noise = replace(noise, deflection_rad=DEFLECTION_arcsec * ARCSEC)
     sky = Sky(
         imu=imu,
         fixes=fixes,

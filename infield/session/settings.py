@@ -5,7 +5,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.noise import ACCEL_SCALE_ppm, ACCEL_SLOPE_ug_degC, GYRO_SCALE_ppm, MISALIGNMENT_mrad
+from ins.noise import (
+    DEFLECTION_M,
+    ACCEL_SCALE_ppm,
+    ACCEL_SLOPE_ug_degC,
+    DEFLECTION_arcsec,
+    GYRO_SCALE_ppm,
+    MISALIGNMENT_mrad,
+)
 from ins.records import TwinModel
 
 BIN_S = 300.0
@@ -47,8 +54,8 @@ class FlightPriors:
     force_deg_h_g: dict[str, float] = field(
         default_factory=lambda: _by_technology(0.0, 0.001, 10.0)
     )
-    deflection_arcsec: float = 5.0
-    deflection_m: float = 30_000.0
+    deflection_arcsec: float = DEFLECTION_arcsec
+    deflection_m: float = DEFLECTION_M
 
 
 @dataclass(frozen=True, kw_only=True)

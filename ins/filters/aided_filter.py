@@ -339,7 +339,7 @@ def _noise_values(noise: AidedNoise) -> NDArray:
     densities = noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk
     slow_positions = noise.slow_level_m, noise.slow_down_m, noise.slow_s
     slow_velocities = noise.slow_velocity_m_s, noise.slow_velocity_s
-    vertical = noise.deflection_rad, noise.deflection_s
+    vertical = noise.deflection_rad, noise.deflection_m
     others = vertical + (noise.slow_other_level_m, noise.slow_other_down_m)
     return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred, *others])
 

@@ -5,19 +5,24 @@ Fifteen errors, computed - true, of the Earth-frame solution, resolved north, ea
 solution is, twelve constants of the sensors, two of the vertical, nine of the receiver and five of
 its antenna:
 
-    P 0-2    position [m]             p'     = v - omega_en x p
-    V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N,
-    -p_E, 2 p_D) + C del T 6-8    attitude theta [rad]     theta' = -(omega_ie + omega_en) x theta +
-    C eps G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a
-    random walk A 12-14  the same of the accelerometers, del [m/s^2] K 15-17  scale errors of the
-    gyros, M 18-23 their misalignments [rad], S 24-26 scale errors of the accelerometers: they stand
-    still, and where the prior of all is zero they are left out of the sums F 27-28  what a
-    deflected vertical makes the unit feel north and east, over gravity [rad]: v' = g F, a
-    first-order Gauss-Markov process B 29-31  slow error of the positions [m], north, east, down:
-    likewise O 32-34  the same of fixes of the other type, which goes on while none of that type
-    comes W 35-37  slow error of the velocities [m/s], the same with a time constant of its own L
-    38-40  lever arm, IMU to antenna [m], body axes; stands still D 41     delay of the positions,
-    how much older than their time they are [s]; stands still E 42     delay of the velocities
+    P 0-2    position [m]; p' = v - omega_en x p
+    V 3-5    velocity [m/s]; v' = theta x f - (2 omega_ie + omega_en) x v
+             + g/R (-p_N, -p_E, 2 p_D) + C del
+    T 6-8    attitude theta [rad]; theta' = -(omega_ie + omega_en) x theta + C eps
+    G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a
+             random walk
+    A 12-14  the same of the accelerometers, del [m/s^2]
+    K 15-17  scale errors of the gyros, M 18-23 their misalignments [rad], S 24-26 scale errors of
+             the accelerometers: they stand still, and where the prior of all is zero they are left
+             out of the sums
+    F 27-28  what a deflected vertical makes the unit feel north and east, over gravity [rad]:
+             v' = g F, a first-order Gauss-Markov process of the way
+    B 29-31  slow error of the positions [m], north, east, down: one of time
+    O 32-34  the same of fixes of the other type, which goes on while none of that type comes
+    W 35-37  slow error of the velocities [m/s], the same with a time constant of its own
+    L 38-40  lever arm, IMU to antenna [m], body axes; stands still
+    D 41     delay of the positions, how much older than their time they are [s]; stands still
+    E 42     delay of the velocities
 
 theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section
 14.2.2 (ECEF), with the signs of CONVENTIONS.md. The antenna's five may be estimated, or considered:
@@ -75,9 +80,9 @@ SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
 # of the noise: how far the accelerometers' biases go with the shaking, m/s^2 a m/s^2
 STIRRED = 9
-# of the noise: deflection of the vertical, its sigma (0: no state, nothing of it is summed) and its
-# time constant
-DEFLECTION, DEFLECTION_S = 10, 11
+# of the noise: deflection of the vertical, its sigma (0: no state, nothing of it is summed) and the
+# length of its correlation
+DEFLECTION, DEFLECTION_WAY = 10, 11
 # of the noise: sigmas of the slow error of fixes of the other type; its time constant is SLOW_S
 SLOW_OTHER_LEVEL, SLOW_OTHER_DOWN = 12, 13
 # of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
@@ -330,6 +335,16 @@ def shaken_by(carry, dt):
 
 
 @inner
+def kept_on_the_way(Phi, length_m):
+    """What a step keeps of a deflection of the vertical.
+
+    Phi turns places by the step's way over Earth's radius: north and east.
+    """
+    north, east = Phi[P_, P_ + 2], Phi[P_ + 1, P_ + 2]
+    return exp(-SEMI_MAJOR_AXIS_M * sqrt(north * north + east * east) / length_m)
+
+
+@inner
 def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
     """P to Phi P Phi' + Q in place; seen (29, 43), moved (9, 43): room to work in.
 
@@ -376,7 +391,7 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
     for i in range(F_, L_):
         fades, at = exp(-dt / noise[SLOW_S]), SLOW_LEVEL
         if i < B_:
-            fades, at = exp(-dt / noise[DEFLECTION_S]), DEFLECTION
+            fades, at = kept_on_the_way(Phi, noise[DEFLECTION_WAY]), DEFLECTION
         elif i >= W_:
             fades, at = exp(-dt / noise[SLOW_V_S]), SLOW_V
         elif i >= O_:
@@ -997,7 +1012,7 @@ def run(
         stirred = shaken_by(carry, step_s)
         predict(P, Phi, step_s, noise, vrw, carry[LEAPT:STEADY], stirred, seen, moved)
         for i in range(2):
-            bias[B_DEFLECTION + i] *= exp(-step_s / noise[DEFLECTION_S])
+            bias[B_DEFLECTION + i] *= kept_on_the_way(Phi, noise[DEFLECTION_WAY])
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
             bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_S])

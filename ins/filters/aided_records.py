@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.earth import ecef_from_geodetic
+from ins.noise import DEFLECTION_M
 from ins.records import GnssLog, NavState
 
 FEWEST_OF_TYPE = 10  # chosen: fixes, as many as a flight needs (10)
@@ -27,9 +28,9 @@ class AidedNoise:
         Sigmas of the receiver's slow errors, beside the fixes' own.
     slow_s, slow_velocity_s : float
         Their time constants.
-    deflection_rad, deflection_s : float
-        Sigma of the vertical's deflection, north and east, and its time constant: how long the
-        vehicle is on its way over one length of correlation.
+    deflection_rad, deflection_m : float
+        Sigma of the vertical's deflection, north and east, and the length of its correlation along
+        the way: a parked vehicle keeps its own.
     slow_other_level_m, slow_other_down_m : float
         Sigmas of the slow error of fixes of the other type, which goes on beside the first one
         with the same time constant.
@@ -54,7 +55,7 @@ class AidedNoise:
     slow_velocity_m_s: float = 0.0
     slow_velocity_s: float = 3.0
     deflection_rad: float = 0.0
-    deflection_s: float = 150.0
+    deflection_m: float = DEFLECTION_M
     slow_other_level_m: float = 0.0
     slow_other_down_m: float = 0.0
     gyro_scale: float = 0.0

@@ -10,7 +10,7 @@ from math import exp
 import numpy as np
 
 from ins.filters import states
-from ins.filters.aided_kernel import DEFLECTION_S, SLOW_S, SLOW_V_S
+from ins.filters.aided_kernel import DEFLECTION_WAY, SLOW_S, SLOW_V_S, kept_on_the_way
 from ins.jit import jit
 
 N, MOTION, UNIT = states.AIDED_STATES, states.AIDED_MOTION, states.AIDED_GYRO.start
@@ -127,5 +127,5 @@ def backward(step_s, phis, measurements, ends, emits, P_rows, noise, lam, Lam, x
         for t in range(ends[k] - 1, first - 1, -1):
             through_measurement(measurements[t], lam, Lam, gain, v)
         fade, fade_v = exp(-step_s[k] / noise[SLOW_S]), exp(-step_s[k] / noise[SLOW_V_S])
-        fade_d = exp(-step_s[k] / noise[DEFLECTION_S])
+        fade_d = kept_on_the_way(phis[k], noise[DEFLECTION_WAY])
         through_step(phis[k], fade, fade_v, fade_d, lam, Lam, M)

@@ -192,7 +192,7 @@ def test_covariance_follows_a_deflected_vertical(axis):
     made = flown(ideal(), QUIET_TWIN, 1)
     none = fixes_from(made, QUIET_TWIN)
     none = replace(none, r_e_m=none.r_e_m * np.nan, v_n_m_s=none.v_n_m_s * np.nan)
-    noise = replace(SILENT, deflection_rad=1e-3, deflection_s=1e9)
+    noise = replace(SILENT, deflection_rad=1e-3, deflection_m=1e12)
     angle = 1e-3 * np.array([axis == "north", axis == "east"])
     start = exact_start(made)
     true = navigated(made, start, noise, none, keep_covariance=True)
@@ -213,7 +213,7 @@ def test_a_deflected_vertical_is_found_and_taken_off():
     fixes = fixes_from(made, QUIET_TWIN)
     hole = np.where(fixes.time_s > 300.0, np.nan, 0.0)[:, None]
     fixes = replace(fixes, r_e_m=fixes.r_e_m + hole, v_n_m_s=fixes.v_n_m_s + hole)
-    noise = replace(SILENT, deflection_rad=1e-3, deflection_s=1e9)
+    noise = replace(SILENT, deflection_rad=1e-3, deflection_m=1e12)
     history = navigated(made, exact_start(made), noise, fixes)
     row = int(np.searchsorted(history.time_s, 400.0))
     found = motion_errors(made.reference, history)[row, :2]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from infield.aided.flight import aided_noise
+from ins.earth import SEMI_MAJOR_AXIS_M
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_kernel import TAPE, TAPE_H, TAPE_K
 from ins.filters.aided_records import AidedOptions, AidedStart
@@ -29,8 +30,8 @@ from tests.ins.test_aided_filter import ANTENNA, fixes_from, prior, truth_at
 
 N = AIDED_STATES
 QUIET = np.array(
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0, 3.0, 0.0, 0.0, 150.0]
-)  # slow errors fade over 200 s, 3 s, the deflection of the vertical over 150 s
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0, 3.0, 0.0, 0.0, 1e7]
+)  # slow errors fade over 200 s, 3 s, the deflection of the vertical over 10 000 km
 HOLE_S = 300.0, 360.0
 
 
@@ -74,10 +75,12 @@ def test_adjoints_are_the_whole_log_solved_at_once():
     fade = np.ones(N)
     fade[AIDED_SLOW_POS] = fade[AIDED_SLOW_OTHER] = np.exp(-1.0 / 200.0)
     fade[AIDED_SLOW_VEL] = np.exp(-1.0 / 3.0)
-    fade[AIDED_DEFLECTION] = np.exp(-1.0 / 150.0)
     transitions, noises, rows, lines, ends, P_rows = [], [], [], [], [], []
     x, P_minus = np.zeros(N), P.copy()
     for k in range(steps):
+        # the way of a step turns places by these two over Earth's radius, here by a tenth
+        way_m = SEMI_MAJOR_AXIS_M * float(np.hypot(phis[k, 0, 2], phis[k, 1, 2]))
+        fade[AIDED_DEFLECTION] = np.exp(-way_m / 1e7)
         F = np.diag(fade)
         F[: TAPED_PHI[0], : TAPED_PHI[1]] = phis[k]
         G = rng.standard_normal((N, 4))

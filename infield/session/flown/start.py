@@ -23,7 +23,7 @@ from infield.aided.smoothing import smooth_flight
 from infield.session.flown.flight import LEAST_FLOWN_S
 from infield.session.flown.known import KnownRun
 from infield.session.reasons import FlightReason
-from ins.filters.aided_records import Antenna, Fixes, fixes_of
+from ins.filters.aided_records import Antenna, fixes_of
 from ins.filters.states import AIDED_THETA
 from ins.records import GnssLog, ImuSource, NavState, Run, Site
 from ins.units import ARCSEC
@@ -86,7 +86,7 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
     noise = replace(
         aided_noise(twin),
         deflection_rad=priors.deflection_arcsec * ARCSEC,
-        deflection_s=priors.deflection_m / _speed_m_s(fixes, sought.end_s),
+        deflection_m=priors.deflection_m,
     )
     nodes = [np.diag(known.table.covariance)[known.table.values_of(k)].max() for k in range(3)]
     sky = Sky(
@@ -136,9 +136,3 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
         method=found.method,
         sigma_heading_rad=sigma,
     )
-
-
-def _speed_m_s(fixes: Fixes, end_s: float) -> float:
-    """Mean speed of the fixes up to a time, a metre a second at least."""
-    speed = np.linalg.norm(fixes.v_n_m_s[fixes.time_s <= end_s, :2], axis=1)
-    return max(float(np.nanmean(speed)), 1.0)
