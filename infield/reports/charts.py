@@ -1,8 +1,8 @@
 """Charts as inline SVG, written here: panels of lines, bands, marks and bars, one below the other.
 
-The drawings of the update page and of time series go this way: matplotlib took 40 % of the CPU of
-an update. Lengths are points of the drawing, 72 to the inch; it fetches nothing, and equal charts
-give equal text.
+The drawings of an update, of a diagnosis and of time series go this way: matplotlib took 40 % of
+the CPU of an update. Lengths are points of the drawing, 72 to the inch; it fetches nothing, and
+equal charts give equal text.
 """
 
 import hashlib
@@ -311,6 +311,32 @@ class Boxes:
         return _rectangle(x, y - 3.5, length, 7.0, self.colour, self.opacity)
 
 
+@dataclass(frozen=True, eq=False)
+class Texts:
+    """Words in the drawing: rows (x, y, text, colour, bold), about y, from x on or about x."""
+
+    rows: Sequence[tuple[float, float, str, str, bool]]
+    middle: bool = True
+    name: str = ""
+
+    def extent(self) -> tuple[NDArray, NDArray]:
+        """Where they stand."""
+        return np.array([row[0] for row in self.rows]), np.array([row[1] for row in self.rows])
+
+    def drawn(self, place: Place) -> str:
+        """A text each."""
+        found, anchor = "", "middle" if self.middle else "start"
+        for x, y, text, colour, bold in self.rows:
+            more = f' fill="{colour}"' + (' font-weight="bold"' if bold else "")
+            down = float(place.down(y)) + 0.36 * LETTER
+            found += _text(float(place.across(x)), down, text, anchor, more)
+        return found
+
+    def sample(self, x: float, y: float, length: float) -> str:
+        """Nothing: words explain themselves."""
+        return ""
+
+
 @dataclass(kw_only=True)
 class Panel:
     """Axes and what they show, the first item at the bottom.
@@ -318,6 +344,7 @@ class Panel:
     share: of the chart's height beside the other panels; limits None: by the items. ticks: value
     and label each, None for round numbers; circle: values of y are degrees, labelled in [0, 360).
     legend: "" (none), "above" (the whole chart), "beside" the panel or "below" the chart.
+    upright: labels of x are turned by 90 deg; bare: no grid, ticks or edges.
     """
 
     items: list[Item] = field(default_factory=list)
@@ -335,6 +362,8 @@ class Panel:
     circle: bool = False
     grid_y: bool = True
     legend: str = ""
+    upright: bool = False
+    bare: bool = False
 
     @property
     def named(self) -> list[Item]:
@@ -422,6 +451,11 @@ def _text(x: float, y: float, text: str, anchor: str = "middle", more: str = "")
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{more}>{escape(text)}</text>'
 
 
+def _upright(x: float, y: float, text: str, anchor: str = "middle") -> str:
+    """Read from below."""
+    return _text(x, y, text, anchor, f' transform="rotate(-90 {x:.1f} {y:.1f})"')
+
+
 def chart(
     panels: Sequence[Panel], label: str, *, width: float = FIGURE_WIDTH, height: float = 2.8
 ) -> Markup:
@@ -467,8 +501,10 @@ class _Chart:
     def _heights(self) -> list[tuple[float, float]]:
         """Top and height of each panel's axes."""
         top = 0.5 * LETTER + LINE_PT * len(self._above)
-        foot = TICK_PT + GAP_PT + LETTER + 2.0 + LINE_PT * len(self._below)
-        foot += LINE_PT if self._panels[-1].x_label else 0.0
+        last = self._panels[-1]
+        foot = TICK_PT + GAP_PT + 2.0 + LINE_PT * len(self._below)
+        foot += LINE_PT if last.x_label else 0.0
+        foot += max(text_width(t) for _, t in last.x_ticks or ()) if last.upright else LETTER
         heads = [LINE_PT + GAP_PT if panel.title else 0.0 for panel in self._panels]
         gaps = LETTER * (len(self._panels) - 1)
         free = self._height - top - foot - sum(heads) - gaps
@@ -528,6 +564,8 @@ class _Chart:
         """Grid, ticks and the two edges."""
         panel, place = self._panels[k], self._places[k]
         foot, right = place.top + place.height, place.left + place.width
+        if panel.bare:
+            return ""
         grid = marks = ""
         for value, _ in _within(x_ticks, place.x):
             at = float(place.across(value))
@@ -550,7 +588,10 @@ class _Chart:
         foot, found = place.top + place.height, ""
         for value, text in _within(x_ticks, place.x):
             at = float(place.across(value))
-            found += _text(at, foot + TICK_PT + GAP_PT + 0.75 * LETTER, text)
+            if panel.upright:
+                found += _upright(at + 0.36 * LETTER, foot + TICK_PT + GAP_PT, text, "end")
+            else:
+                found += _text(at, foot + TICK_PT + GAP_PT + 0.75 * LETTER, text)
         for value, text in _within(self._y_ticks[k], place.y):
             at = float(place.down(value)) + 0.36 * LETTER
             found += _text(place.left - TICK_PT - GAP_PT, at, text, "end")
@@ -558,9 +599,7 @@ class _Chart:
             down = foot + TICK_PT + GAP_PT + 0.75 * LETTER + LINE_PT + 1.0
             found += _text(place.left + 0.5 * place.width, down, panel.x_label)
         if panel.y_label:
-            x, y = LETTER, place.top + 0.5 * place.height
-            turned = f' transform="rotate(-90 {x:.1f} {y:.1f})"'
-            found += _text(x, y, panel.y_label, "middle", turned)
+            found += _upright(LETTER, place.top + 0.5 * place.height, panel.y_label)
         if panel.title:
             bold = f' font-weight="bold" font-size="{TITLE_PT:g}"'
             found += _text(place.left, place.top - GAP_PT - 2.0, panel.title, "start", bold)

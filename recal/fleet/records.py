@@ -42,7 +42,7 @@ OUTCOMES = {  # outcome of a run: what it means, in the order of the report
     FleetOutcome.PROPOSED: "would be merged; nothing was stored in the table",
     FleetOutcome.ALREADY: "the table held this run before",
     FleetOutcome.INCONSISTENT: "contradicts the model or the stored table; left out",
-    FleetOutcome.REFUSED: "nothing to gain from it, or not usable; left out",
+    FleetOutcome.REFUSED: "not usable, nothing to gain from it, or no table of its unit; left out",
     FleetOutcome.BAD_INPUT: "cannot be read as a run; left out",
     FleetOutcome.TAKEN_OUT: "merged by an earlier call, but the store does not hold it now",
     FleetOutcome.CRASHED: (

@@ -248,7 +248,7 @@ def _distinct(paths: list[Path], runs: list[Run]) -> None:
         if run.header.run_id in seen:
             raise InputError(
                 f"{path}: run_id {run.header.run_id} is that of {seen[run.header.run_id]} too,"
-                " needed one each"
+                " needed one each: recal convert LOG --run-id NAME gives it, or run_id in run.json"
             )
         seen[run.header.run_id] = path
 

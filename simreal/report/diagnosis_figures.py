@@ -4,11 +4,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
+from infield.reports.charts import Band as Area
+from infield.reports.charts import (
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Texts,
+    chart,
+    ratio_ticks,
+    text_width,
+)
 from infield.reports.figures import (
     BLACK,
     BLUE,
@@ -16,20 +27,13 @@ from infield.reports.figures import (
     PALE,
     PANEL_WIDTH,
     SKY,
+    SVG_DPI,
     VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
     robust_limits,
-    svg_text,
     thinned,
 )
 from simreal.report.diagnosis_curves import Overlay, RunCurve
 from simreal.report.diagnosis_records import CauseRecord, CellRecord
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
 
 MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be; odds of 1e13
 SHOWN_NATS = 3.0  # a smaller excess has no number in its cell: odds of 20
@@ -38,6 +42,15 @@ MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there
 # share of the colour scale from which a number is written in white; chosen: past its middle (0.5)
 DARK = 0.55
+SHADES = tuple(  # the scheme PuOr of ColorBrewer, from purple to orange: red, green, blue
+    tuple(bytes.fromhex(code))
+    for code in (
+        *("2d004b", "542788", "8073ac", "b2abd2", "d8daeb", "f7f7f7"),
+        *("fee0b6", "fdb863", "e08214", "b35806", "7f3b08"),
+    )
+)
+SCALE_STEPS, SCALE_NATS = 60, (-30.0, -10.0, -3.0, 0.0, 3.0, 10.0, 30.0)
+SQUARE_GAP = 0.025  # between squares, in parts of one
 LEAST_SHOWN = 0.001  # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000
 Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
 
@@ -75,19 +88,74 @@ def gap_maps(cells: Sequence[CellRecord]) -> tuple[Markup, Markup]:
     )
 
 
-@in_style
 def _gap_map(
     squares: Sequence[_Square], channels: Sequence[str], bands: Sequence[str], title: str
 ) -> Markup:
-    figure, axes = new_figure(height=1.9 + 0.27 * len(bands), width=PANEL_WIDTH)
-    ax = axes[0, 0]
-    mesh = _draw_map(ax, squares, channels, bands)
-    axis_text(ax, title=title)
-    bar = figure.colorbar(mesh, ax=ax, location="bottom", aspect=35, pad=0.02)
-    ticks = np.array([-30.0, -10.0, -3.0, 0.0, 3.0, 10.0, 30.0])
-    bar.set_ticks(np.sign(ticks) * np.sqrt(np.abs(ticks)), labels=[f"{abs(t):g}" for t in ticks])
-    bar.set_label("too quiet   nats   too loud")
-    return svg_text(figure, f"Heat map of the gap by band and channel: {title.lower()}")
+    panel = Panel(
+        items=[_square_box(square) for square in squares] + [_numbers(squares)],
+        title=title,
+        x_limits=(-0.5, len(channels) - 0.5),
+        y_limits=(len(bands) - 0.5, -0.5),
+        x_ticks=list(enumerate(channels)),
+        y_ticks=list(enumerate(bands)),
+        upright=True,
+        bare=True,
+    )
+    below = max(text_width(channel) for channel in channels) / SVG_DPI
+    return chart(
+        [panel],
+        f"Heat map of the gap by band and channel: {title.lower()}",
+        width=PANEL_WIDTH,
+        height=0.5 + below + 0.27 * len(bands),
+    )
+
+
+def _square_box(square: _Square) -> Boxes:
+    y, x = square.place
+    half = 0.5 - SQUARE_GAP
+    return Boxes([(x - half, x + half, y - half, y + half)], _shade(square.colour))
+
+
+def _numbers(squares: Sequence[_Square]) -> Texts:
+    """Of the squares that stand out; bold where they are located."""
+    rows = []
+    for square in squares:
+        if square.nats > SHOWN_NATS or square.located:
+            dark = abs(square.colour) > DARK * np.sqrt(MOST_NATS)
+            colour = "white" if dark else BLACK
+            rows.append(
+                (square.place[1], square.place[0], _short(square.rho), colour, square.located)
+            )
+    return Texts(rows)
+
+
+def _shade(colour: float) -> str:
+    """Of a signed root of nats, between the colours of SHADES."""
+    top = float(np.sqrt(MOST_NATS))
+    at = (colour + top) / (2.0 * top) * (len(SHADES) - 1)
+    mixed = [np.interp(at, np.arange(len(SHADES)), shades) for shades in zip(*SHADES)]
+    return "#" + "".join(f"{round(float(value)):02x}" for value in mixed)
+
+
+def nats_scale() -> Markup:
+    """The colours of both maps with their nats."""
+    top = float(np.sqrt(MOST_NATS))
+    edges = np.linspace(-top, top, SCALE_STEPS + 1)
+    boxes = [
+        Boxes([(low, high, 0.0, 1.0)], _shade(0.5 * (low + high)), least=1.0)
+        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist())
+    ]
+    ticks = [(float(np.sign(t) * np.sqrt(abs(t))), f"{abs(t):g}") for t in SCALE_NATS]
+    panel = Panel(
+        items=list(boxes),
+        x_label="nats; left: too quiet, right: too loud",
+        x_limits=(-1.02 * top, 1.02 * top),
+        y_limits=(0.0, 1.0),
+        x_ticks=ticks,
+        y_ticks=[],
+        bare=True,
+    )
+    return chart([panel], "Colours of the maps in nats", width=PANEL_WIDTH, height=0.65)
 
 
 def _band(cell: CellRecord) -> Band:
@@ -99,63 +167,6 @@ def _band(cell: CellRecord) -> Band:
 def _bands(cells: Sequence[CellRecord]) -> list[Band]:
     """Slow ones first, then those of moving vehicles."""
     return sorted({_band(c) for c in cells}, key=lambda band: (band[2], band[0]))
-
-
-def _name_bands(ax: "Axes", bands: Sequence[Band]) -> None:
-    ax.set_xticks(
-        range(len(bands)),
-        [_band_name(b) for b in bands],
-        rotation=40,
-        ha="right",
-        rotation_mode="anchor",
-    )
-
-
-def _draw_map(
-    ax: "Axes", squares: Sequence[_Square], channels: Sequence[str], bands: Sequence[str]
-) -> "QuadMesh":
-    from matplotlib.colors import Normalize
-
-    values = np.full((len(bands), len(channels)), np.nan)
-    for square in squares:
-        values[square.place] = square.colour
-        if square.nats > SHOWN_NATS or square.located:
-            _write_rho(ax, square)
-    top = np.sqrt(MOST_NATS)
-    edges_x, edges_y = np.arange(len(channels) + 1) - 0.5, np.arange(len(bands) + 1) - 0.5
-    masked = np.ma.masked_invalid(values)
-    mesh = ax.pcolormesh(
-        edges_x,
-        edges_y,
-        masked,
-        cmap="PuOr_r",
-        norm=Normalize(-top, top),
-        edgecolors="white",
-        linewidth=0.6,
-    )
-    ax.set_yticks(range(len(bands)), bands)
-    ax.set_xticks(range(len(channels)), channels, rotation=90)
-    ax.set_ylim(len(bands) - 0.5, -0.5)
-    ax.grid(False)
-    ax.tick_params(length=0)
-    for side in ("left", "bottom"):
-        ax.spines[side].set_visible(False)
-    return mesh
-
-
-def _write_rho(ax: "Axes", square: _Square) -> None:
-    """The number of a square that stands out, bold where it is located."""
-    y, x = square.place
-    dark = abs(square.colour) > DARK * np.sqrt(MOST_NATS)
-    ax.text(
-        x,
-        y,
-        _short(square.rho),
-        ha="center",
-        va="center",
-        color="white" if dark else BLACK,
-        fontweight="bold" if square.located else "normal",
-    )
 
 
 def _short(rho: float) -> str:
@@ -191,7 +202,6 @@ def _period(frequency_hz: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-@in_style
 def posterior_bars(cause: CauseRecord) -> Markup:
     """Probabilities of the answers of one cause; the confounded set in colour."""
     own = cause.effect, cause.target
@@ -203,22 +213,26 @@ def posterior_bars(cause: CauseRecord) -> Markup:
     }
     for rival in cause.rivals:
         rows.setdefault((rival.effect, rival.target), rival.probability)
-    figure, axes = new_figure(height=0.75 + 0.27 * len(rows))
-    ax = axes[0, 0]
+    items: list[Item] = []
     for y, (key, p) in enumerate(rows.items()):
-        other = BLUE if key in held else PALE
-        ax.barh(y, p, height=0.7, color=VERMILLION if key == own else other)
-        ax.text(p + 0.008, y, _percent(p), va="center")
+        colour = VERMILLION if key == own else BLUE if key in held else PALE
+        items.append(Boxes([(0.0, p, y - 0.35, y + 0.35)], colour))
+    said = [(p + 0.008, y, _percent(p), BLACK, False) for y, p in enumerate(rows.values())]
     labels = [
         f"{effect} on {target}" if target else "outside the catalogue" for effect, target in rows
     ]
-    ax.set_yticks(range(len(rows)), labels)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    ax.set_xlim(0.0, 1.08)
-    ax.grid(False, axis="y")
-    axis_text(ax, x="probability")
-    return svg_text(
-        figure, f"Posterior probabilities of the answers for {cause.effect} on {cause.target}"
+    panel = Panel(
+        items=[*items, Texts(said, middle=False)],
+        x_label="probability",
+        x_limits=(0.0, 1.08),
+        y_limits=(len(rows) - 0.4, -0.6),
+        y_ticks=list(enumerate(labels)),
+        grid_y=False,
+    )
+    return chart(
+        [panel],
+        f"Posterior probabilities of the answers for {cause.effect} on {cause.target}",
+        height=0.75 + 0.27 * len(rows),
     )
 
 
@@ -228,60 +242,51 @@ def _percent(p: float) -> str:
     return "under 1 %" if p < 0.005 else "1 %"
 
 
-@in_style
-def overlay_drawing(overlay: Overlay) -> Markup | None:
-    """Run by run: what was measured and the effect through it; None where there is no run to
-    show.
+def overlay_drawings(overlay: Overlay) -> tuple[Markup, ...]:
+    """Run by run: what was measured and the effect through it, each as narrow as a phone; none
+    where there is no run to show.
     """
     curves = overlay.curves[:MOST_PANELS]
-    if not curves:
-        return None
-    columns = 2 if len(curves) > 1 else 1
-    rows = -(-len(curves) // columns)
-    figure, axes = new_figure(rows, columns, height=0.7 + 2.1 * rows, sharey=bool(overlay.unit))
-    flat = axes.ravel()
-    for ax, curve in zip(flat, curves):
-        _draw_curve(ax, curve, overlay.unit)
-        held = ", effect fitted on the other runs" if curve.held_out else ""
-        axis_text(ax, title=f"{_plain(curve.run_id)}{held}")
-    for ax in flat[len(curves) :]:
-        ax.set_visible(False)
-    if overlay.unit:
+    limits = None
+    if overlay.unit and curves:
         both = [np.concatenate([c.measured, c.effect]) for c in curves]
-        flat[0].set_ylim(*robust_limits(np.concatenate(both)))
-    for ax in axes[:, 0]:
-        ax.set_ylabel(f"{overlay.channel} [{overlay.unit}]" if overlay.unit else "evidence, summed")
-    for k in range(len(curves)):
-        if k + columns >= len(curves):
-            flat[k].set_xlabel("time since power-on [min]")
-    handles, labels = flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
-    return svg_text(figure, f"Residual of {overlay.channel} and the fitted effect, run by run")
+        limits = robust_limits(np.concatenate(both))
+    return tuple(_overlay(curve, overlay, limits) for curve in curves)
 
 
-def _draw_curve(ax: "Axes", curve: RunCurve, unit: str) -> None:
-    t, measured, effect = thinned(curve.time_min, curve.measured, curve.effect)
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
-    if unit:
-        ax.plot(
-            t,
-            measured,
-            "o",
-            color=SKY,
-            markersize=3.0,
-            label="measured less the twin, one-minute means",
-        )
-        ax.plot(t, effect, color=VERMILLION, linewidth=1.8, label="the effect")
-        return
-    band = 2.0 * np.sqrt(np.maximum(effect, 0.0))
-    ax.fill_between(
-        t, effect - band, effect + band, color=VERMILLION, alpha=0.15, linewidth=0, label="2 sigma"
+def _overlay(curve: RunCurve, overlay: Overlay, limits: tuple[float, float] | None) -> Markup:
+    held = ", fitted on the other runs" if curve.held_out else ""
+    unit = overlay.unit
+    panel = Panel(
+        items=_curve_items(curve, unit),
+        title=f"{_plain(curve.run_id)}{held}",
+        x_label="time since power-on [min]",
+        y_label=f"{overlay.channel} [{unit}]" if unit else "evidence, summed",
+        y_limits=limits,
+        legend="below",
     )
-    ax.plot(t, effect, color=VERMILLION, linewidth=1.8, label="if the effect is as fitted")
-    ax.plot(t, measured, color=BLUE, linewidth=1.2, label="what the data give")
+    said = f"Residual of {overlay.channel} and the fitted effect, {_plain(curve.run_id)}"
+    return chart([panel], said, width=PANEL_WIDTH, height=2.9)
 
 
-@in_style
+def _curve_items(curve: RunCurve, unit: str) -> list[Item]:
+    t, measured, effect = thinned(curve.time_min, curve.measured, curve.effect)
+    zero = Line(t[[0, -1]], np.zeros(2), GREY, width=0.8)
+    if unit:
+        return [
+            zero,
+            Marks(t, measured, "o", SKY, name="measured less the twin, minutes", size=3.6),
+            Line(t, effect, VERMILLION, name="the effect", width=1.8),
+        ]
+    band = 2.0 * np.sqrt(np.maximum(effect, 0.0))
+    return [
+        zero,
+        Area(t, effect - band, effect + band, VERMILLION, 0.15, name="2 sigma"),
+        Line(t, effect, VERMILLION, name="if the effect is as fitted", width=1.8),
+        Line(t, measured, BLUE, name="what the data give", width=1.2),
+    ]
+
+
 def band_drawing(cells: Sequence[CellRecord], channels: Sequence[str]) -> Markup | None:
     """Mean square over expectation per band of one or two channels, before and after: for a noise;
     None without cells.
@@ -292,35 +297,39 @@ def band_drawing(cells: Sequence[CellRecord], channels: Sequence[str]) -> Markup
         return None
     rows = [cell for cell in cells if cell.channel in shown]
     bands = _bands(rows)
-    figure, axes = new_figure(len(shown), 1, height=1.1 + 1.7 * len(shown), sharex=True)
-    for ax, channel in zip(axes[:, 0], shown):
-        _draw_bands(ax, [c for c in rows if c.channel == channel], bands)
-        axis_text(ax, y=f"{channel}, ratio")
-    _name_bands(axes[-1, 0], bands)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    return svg_text(figure, f"Mean square per band of {', '.join(shown)} before and after")
+    names = [_band_name(band) for band in bands]
+    panels = [_band_panel([c for c in rows if c.channel == name], bands) for name in shown]
+    for panel, name in zip(panels, shown):
+        panel.y_label = f"{name}, ratio"
+    panels[0].legend, panels[-1].upright = "above", True
+    panels[-1].x_ticks = list(enumerate(names))
+    below = max(text_width(name) for name in names) / SVG_DPI
+    said = f"Mean square per band of {', '.join(shown)} before and after"
+    return chart(panels, said, height=0.4 + below + 1.7 * len(shown))
 
 
-def _draw_bands(ax: "Axes", rows: Sequence[CellRecord], bands: Sequence[Band]) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    x = [bands.index(_band(c)) for c in rows]
+def _band_panel(rows: Sequence[CellRecord], bands: Sequence[Band]) -> Panel:
+    x = np.array([bands.index(_band(c)) for c in rows], dtype=float)
     spread = 2.0 * np.sqrt(2.0 / np.maximum([c.dof for c in rows], 1.0))
-    low = np.maximum(1.0 - spread, LEAST_RHO)
-    ax.bar(x, 1.0 + spread - low, bottom=low, width=0.8, color=PALE, label="the twin's own 2 sigma")
-    ax.axhline(1.0, color=GREY, linewidth=0.9)
+    low = np.log10(np.maximum(1.0 - spread, LEAST_RHO))
+    high = np.log10(1.0 + spread)
+    boxes = [(a - 0.4, a + 0.4, b, c) for a, b, c in zip(x.tolist(), low.tolist(), high.tolist())]
     before = np.maximum([c.rho for c in rows], LEAST_RHO)
     after = np.maximum([c.rho_after for c in rows], LEAST_RHO)
-    ax.plot(x, before, "o", color=VERMILLION, markersize=6, label="before")
-    ax.plot(x, after, "D", color=BLUE, markersize=4.5, label="with what was found")
-    ax.set_yscale("log")
-    ax.set_ylim(
-        0.8 * min(before.min(), after.min(), 0.5), 1.3 * max(before.max(), after.max(), 2.0)
+    most, least = max(before.max(), after.max()), min(before.min(), after.min())
+    limits = (0.8 * min(least, 0.5), 1.3 * max(most, 2.0))
+    ends = (-0.6, len(bands) - 0.4)
+    return Panel(
+        items=[
+            Boxes(boxes, PALE, name="the twin's own 2 sigma"),
+            Line(np.array(ends), np.zeros(2), GREY, width=0.9),
+            Marks(x, np.log10(before), "o", VERMILLION, name="before", size=6.0),
+            Marks(x, np.log10(after), "D", BLUE, name="with what was found", size=4.5),
+        ],
+        x_limits=ends,
+        y_limits=(float(np.log10(limits[0])), float(np.log10(limits[1]))),
+        y_ticks=[(float(np.log10(value)), text) for value, text in ratio_ticks(*limits)],
     )
-    steps = (1, 2, 5) if max(before.max(), after.max()) < 100 else (1,)
-    ax.yaxis.set_major_locator(FixedLocator([m * 10.0**k for k in range(-2, 12) for m in steps]))
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
 
 
 def _plain(text: str, longest: int = 34) -> str:

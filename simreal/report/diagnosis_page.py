@@ -21,7 +21,13 @@ from simreal.predict.document import NIS, share_text
 from simreal.predict.records import GapValueRecord, PredictedRunRecord
 from simreal.report.diagnosis_curves import Overlay
 from simreal.report.diagnosis_document import KEPT_OUT_WORDS, p_text
-from simreal.report.diagnosis_figures import band_drawing, gap_maps, overlay_drawing, posterior_bars
+from simreal.report.diagnosis_figures import (
+    band_drawing,
+    gap_maps,
+    nats_scale,
+    overlay_drawings,
+    posterior_bars,
+)
 from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.report.page import render_page
 
@@ -61,7 +67,7 @@ class CauseShown:
 
     cause: CauseRecord
     bars: Markup
-    drawing: Markup | None
+    drawings: tuple[Markup, ...]
     overlay: Overlay | None
     usual_rivals: tuple[str, ...]
     words: EffectWords | None
@@ -84,7 +90,7 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         word=GAP_WORDS[document.verdict],
         banner=BANNERS[document.verdict],
         causes=causes,
-        maps=gap_maps(document.cells) if document.cells else (),
+        maps=(*gap_maps(document.cells), nats_scale()) if document.cells else (),
         value=value_text,
         p=p_text,
         title=_title(document),
@@ -136,7 +142,7 @@ def _actions(document: DiagnosisRecord) -> list[Action]:
     if document.verdict is GapVerdict.NO_GAP:
         out.append(Action("Nothing: the twin describes these runs."))
     if any(c.effect == WRONG_LATITUDE for c in document.causes):
-        out.append(Action("Correct site.latitude_deg in run.json of these runs, and run it again."))
+        out.append(Action("Correct site.lat_deg in run.json of these runs, and run it again."))
     usable = [c for c in document.causes if c.kept_out is None]
     if any(c.named and c.rms and c.run_id is None for c in usable):
         out.append(
@@ -199,13 +205,14 @@ def _title(document: DiagnosisRecord) -> str:
 
 def _shown(document: DiagnosisRecord, cause: CauseRecord, overlay: Overlay | None) -> CauseShown:
     if overlay is not None:
-        drawing = overlay_drawing(overlay)
+        drawings = overlay_drawings(overlay)
     else:
         drawing = band_drawing(document.cells, _channels_of(document, cause))
+        drawings = () if drawing is None else (drawing,)
     return CauseShown(
         cause=cause,
         bars=posterior_bars(cause),
-        drawing=drawing,
+        drawings=drawings,
         overlay=overlay,
         usual_rivals=_usual_rivals(cause),
         words=words_of(cause.effect),

@@ -405,9 +405,9 @@ def test_an_effect_on_no_sensor_has_no_user_level(found):
 def test_the_page_draws_each_cause_in_every_run(found):
     document = document_of(found)
     page = diagnosis_html(document, overlays(found))
-    assert page.count("<svg") == 4  # two maps, bars, overlay
+    assert page.count("<svg") == 8  # two maps, their colours, bars, four runs
     assert all(v.name in page for v in found.views) and "held-out data (leave one run out)" in page
-    assert page.count("effect fitted on the other runs") == 4
+    assert page.count("fitted on the other runs</text>") == 4
 
 
 def test_the_page_says_first_what_a_cause_is_and_what_to_do(found):
@@ -434,8 +434,8 @@ def test_a_noise_below_the_declared_is_said_to_be(found):
         replace(found, causes=(quiet,), bars=((("gyro_angle_random_walk", "gyro_x", 0.9),),))
     )
     page = diagnosis_html(document, (None,))
-    # map, bars, bands
-    assert "that much less than the twin declares" in page and page.count("<svg") == 4
+    # maps, their colours, bars, bands
+    assert "that much less than the twin declares" in page and page.count("<svg") == 5
     assert any("less than declared" in line for line in summary(document))
 
 
