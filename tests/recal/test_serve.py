@@ -463,6 +463,9 @@ def test_the_forecast_lists_units_by_urgency_with_their_trend(visitor):
     said = text_of(page)
     assert page.status_code == 200 and "0.80 NM/h, the most urgent unit first" in said
     assert said.index("SN-2 dithered fog") < said.index("SN-1 rlg, revision 2")
-    assert "defaults of fog (no priors are approved: recal fleet learn)" in said
+    assert (
+        "defaults of fog, each known to a factor of 3 (no priors are approved: recal fleet learn)"
+        in said
+    )
     assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift") == 1
     assert visitor.get("/forecast").text == page.text

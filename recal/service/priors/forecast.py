@@ -323,7 +323,7 @@ class _Technology:
 
 def _priors(choice: str, store: TableStore, technology: str) -> tuple[str, TechnologyPriors | None]:
     """What the forecast of a technology rests on."""
-    defaults = f"defaults of {technology}"
+    defaults = f"defaults of {technology}, each known to a factor of 3"
     if choice == DEFAULT:
         return defaults, None
     if choice != APPROVED:
