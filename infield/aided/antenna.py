@@ -32,6 +32,7 @@ from infield.aided.noise import (
     raised_noise,
     with_gnss,
     with_types,
+    with_unshown,
 )
 from ins.filters.aided_records import AidedHistory, Antenna
 from ins.robust import chi2
@@ -121,6 +122,8 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     if narrow is not at:
         learned = _noise(fly, first, narrow, loud=misfits(narrow.history))
         scales = learned if learned.sensors_as(scales) else scales
+    now = flown(replace(at.model, scales=scales), fly)
+    scales = scales if now is None else with_unshown(now, fly)
     if scales.fitted:
         found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     best, seen = found

@@ -25,16 +25,17 @@ from ins.filters.aided_records import (
 )
 from ins.filters.aided_tape import AidedTape
 from ins.records import ImuLog, ImuSource, RunHeader
+from ins.robust import chi2
 from ins.verdicts import Reason
 
 HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
 # of flights of a part of the log that are kept; chosen: 79 models of two hours of fixes once a
-# second are 27 MB
+# second are 55 MB
 TRIED_BYTES = 64_000_000
 # arrays of a history: what its fixes say, and what such a flight does not keep
-KEPT_ARRAYS = ("nis", "used", "loglik")
+KEPT_ARRAYS = ("nis", "used", "loglik", "residual")
 LEFT_ARRAYS = (
     "time_s",
     "lat_rad",
@@ -47,7 +48,6 @@ LEFT_ARRAYS = (
     "variance",
     "phi_covariance",
     "covariance",
-    "residual",
     "sigma",
 )
 # of log under way before a start by matching, which needs 60 s of it at most and tries every 20 s;
@@ -151,6 +151,22 @@ class Flights:
         """Median level sigma of the fixes, over the one that was declared for the log."""
         level = self.fixes.sigma_position_m[~self.fixes.other_type, 0]
         return float(np.median(level)) / self.declared_m[0]
+
+    def scatter(self, history: AidedHistory) -> float:
+        """What positions change by from one to the next beside the sensors' way, over what their
+        declared sigmas allow for. The median: leaps do not count. 1 where there are none.
+        """
+        from ins.filters.aided_kernel import USED
+
+        rows = np.flatnonzero(history.used[:, 0] == USED)
+        pairs = np.flatnonzero(np.diff(rows) == 1)
+        if not pairs.size:
+            return 1.0
+        before, after = rows[pairs], rows[pairs + 1]
+        off_m = history.residual[after] - history.residual[before]
+        sigma_m = self.fixes.sigma_position_m
+        over = off_m[:, :3] ** 2 / (sigma_m[after] ** 2 + sigma_m[before] ** 2)
+        return float(np.sqrt(np.median(over) / chi2.ppf(0.5, 1)))
 
     @property
     def rows_of_receiver(self) -> NDArray:

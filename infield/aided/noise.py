@@ -23,9 +23,15 @@ from ins.robust import chi2
 
 # mean NIS above its band but below this is said, not acted on; sigmas 10 % too small: 1.1^2 is 1.21
 MATERIAL = 1.2
-# chosen: of the sigmas that fixes are declared with, at half of which and below they are lowered; a
-# receiver that declares its whole error, half of it slow, has 0.7 of that from fix to fix
+# chosen: of the sigmas that fixes are declared with, at half of which and below innovations show
+# another receiver than the declared one; a receiver that declares its whole error, half of it slow,
+# has 0.7 of that from fix to fix
 TOO_WIDE = 0.5
+# of the declared sigma of positions, below which what they scatter by from one to the next leaves
+# something that this does not show: as much as MATERIAL is above (1.2^-0.5)
+SHOWS_LESS = 0.91
+# s; as long as any: what is declared and does not show in innovations is no less after an hour
+UNSHOWN_S = 800.0
 CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring; odds of e^5, 150 to 1
 COARSE_FACTOR, FINE_FACTOR = 4.0, 2.0  # steps of a factor; chosen: 4 and 2, 5 steps to 1024
 LARGEST_FACTORS = {
@@ -206,6 +212,12 @@ class Fly(Protocol):
         """Median level sigma of the fixes, over the one that was declared for the log."""
         ...
 
+    def scatter(self, history: AidedHistory) -> float:
+        """What positions change by from one to the next beside the sensors' way, over what their
+        declared sigmas allow for.
+        """
+        ...
+
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
 
 
@@ -328,8 +340,8 @@ def narrower(at: Flown, fly: Fly) -> Flown:
             break
         scales = replace(at.model.scales, **factors)
         if factors["position"] < 1.0:
-            slow = fly.typical * float(np.sqrt(1.0 - factors["position"] ** 2))
-            scales = replace(scales, slow=float(np.clip(slow, 1.0, LARGEST_FACTORS["slow"])))
+            slow = unshown(fly, factors["position"])
+            scales = replace(scales, slow=max(slow, 1.0), slow_s=UNSHOWN_S)
         if fly.two_types:
             scales = scales.of_both_types
         other = flown(replace(at.model, scales=scales), fly)
@@ -337,6 +349,36 @@ def narrower(at: Flown, fly: Fly) -> Flown:
             break
         best, lowered = other, factors
     return best
+
+
+def unshown(fly: Fly, shown: float) -> float:
+    """The slow error that is left of declared sigmas of positions, of which this share shows; a
+    factor as `NoiseScales.slow`.
+    """
+    slow = fly.typical * float(np.sqrt(max(1.0 - shown**2, 0.0)))
+    return float(np.clip(slow, 0.0, LARGEST_FACTORS["slow"]))
+
+
+def with_unshown(at: Flown, fly: Fly) -> NoiseScales:
+    """The factors with a slow error of the positions as large as what is declared and does not show
+    from fix to fix.
+
+    A sigma that is declared and does not show is no noise that averages out: if it is there at all,
+    it lasts. Fixes of 0.5 m declared with 1 m and off by 1 m for minutes were averaged to 0.1 m.
+    Where sigmas were lowered (`narrower`) the log has been asked for it; what it cannot show, an
+    error that stays, is taken to be no less than the scatter from fix to fix then.
+    """
+    scales = at.model.scales
+    shown = fly.scatter(at.history)
+    slow = unshown(fly, shown)
+    if scales.position < 1.0:
+        slow = fly.typical * scales.position
+    elif shown > SHOWS_LESS:
+        return scales
+    if slow <= scales.slow:
+        return scales
+    scales = replace(scales, slow=slow, slow_s=UNSHOWN_S)
+    return scales.of_both_types if fly.two_types else scales
 
 
 def capped_nis(history: AidedHistory, kind: int) -> float:

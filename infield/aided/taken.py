@@ -2,17 +2,66 @@
 believed.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from infield.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.aided.flights import Flights
 from infield.aided.noise import SENSOR_PARTS, TOO_WIDE, NoiseScales, believed
 from infield.aided.reasons import AidedNote, AidedReason
-from ins.filters.aided_records import Antenna, Fixes
+from ins.filters.aided_records import AidedHistory, Antenna, Fixes
+from ins.records import FixType
+from ins.robust import chi2
 from ins.verdicts import Reason, because
 
 LEAST_APART_S = 0.02  # between the delays of positions and velocities, to be told apart
 APART_SIGMAS = 4.0  # of the difference of the two delays, likewise
+# chosen: of a fix whose sigmas are right, that it is farther off than that: 1 of 1000
+FAR_PROBABILITY = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class TypeShare:
+    """Fixes of one type (None: unknown) that were seen, how many positions and velocities of them
+    were rejected, how many fixes were bad: rejected, or used and farther off than one in a thousand
+    is; and the share of these.
+    """
+
+    fix_type: FixType | None
+    count: int
+    rejected_position: int
+    rejected_velocity: int
+    bad: int
+    bad_share: float
+
+
+def shares_by_type(history: AidedHistory, fixes: Fixes) -> tuple[TypeShare, ...]:
+    """How many of the fixes of each type were bad, in order of types, unknown ones last."""
+    seen = np.isfinite(history.nis).any(axis=1)
+    known = [float(kind) for kind in FixType]
+    of_kinds: list[tuple[FixType | None, NDArray]] = [
+        (kind, seen & (fixes.fix_type == kind)) for kind in FixType
+    ]
+    of_kinds.append((None, seen & ~np.isin(fixes.fix_type, known)))
+    return tuple(_share(history, kind, rows) for kind, rows in of_kinds if rows.any())
+
+
+def _share(history: AidedHistory, kind: FixType | None, rows: NDArray) -> TypeShare:
+    from ins.filters.aided_kernel import REJECTED
+
+    rejected = history.used[rows] == REJECTED
+    far = np.nan_to_num(history.nis[rows]) > chi2.isf(FAR_PROBABILITY, 3)
+    bad = int((rejected | far).any(axis=1).sum())
+    return TypeShare(
+        fix_type=kind,
+        count=int(rows.sum()),
+        rejected_position=int(rejected[:, 0].sum()),
+        rejected_velocity=int(rejected[:, 1].sum()),
+        bad=bad,
+        bad_share=bad / float(rows.sum()),
+    )
 
 
 def antenna_notes(seen: SeenAntenna, declared: Antenna) -> tuple[Reason, ...]:

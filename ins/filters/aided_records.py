@@ -135,6 +135,8 @@ class Fixes:
         Of the NED components.
     other_type : ndarray of bool, shape (n,)
         Which fixes are of the other of two types, with a slow error of its own; none by default.
+    fix_type : ndarray, shape (n,)
+        `ins.records.FixType` of each, NaN where it is unknown, as all are by default.
     """
 
     time_s: NDArray
@@ -143,10 +145,13 @@ class Fixes:
     sigma_position_m: NDArray
     sigma_velocity_m_s: NDArray
     other_type: NDArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    fix_type: NDArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if self.other_type.size != self.time_s.size:
             object.__setattr__(self, "other_type", np.zeros(self.time_s.size, dtype=bool))
+        if self.fix_type.size != self.time_s.size:
+            object.__setattr__(self, "fix_type", np.full(self.time_s.size, np.nan))
 
     def earlier(self, latency_s: float) -> "Fixes":
         """The same fixes, each before its time.
@@ -357,6 +362,7 @@ def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m
         sigma_position_m=np.column_stack([level, level, down]),
         sigma_velocity_m_s=np.column_stack([speed, speed, speed]),
         other_type=_other_type(log.fix_type),
+        fix_type=np.zeros(0) if log.fix_type is None else np.asarray(log.fix_type, dtype=float),
     )
 
 

@@ -14,6 +14,7 @@ from infield.replay.free_inertial import replay as replay_run
 from infield.reports.documents.aided import (
     AidedDocument,
     AidedFlightDocument,
+    FixesOfTypeDocument,
     SmoothedDocument,
     aided_columns,
     smoothed_result,
@@ -322,6 +323,14 @@ def _realign(table: TableDocument) -> str:
     )
 
 
+def _bad_by_type(shares: Sequence[FixesOfTypeDocument]) -> str:
+    """How many fixes of each type were bad; empty where no type is known."""
+    if all(share.fix_type == "unknown" for share in shares):
+        return ""
+    told = [f"{share.bad} of {share.count} {share.fix_type}" for share in shares]
+    return "; bad: " + ", ".join(told)
+
+
 def _smoothed_lines(smoothed: SmoothedDocument | None) -> list[str]:
     """What smoothing brought."""
     if smoothed is None:
@@ -371,7 +380,7 @@ def _aided_lines(aided: AidedDocument | None) -> list[str]:
         (
             f"    from {start.time_s:.1f} s by {start.method}; {fixes.used_position} fixes"
             f" used, {fixes.rejected_position} positions and {fixes.rejected_velocity}"
-            " velocities rejected"
+            f" velocities rejected{_bad_by_type(fixes.by_type)}"
         ),
         (
             f"    NIS position {nis.position.nis_mean:.2f}, velocity"

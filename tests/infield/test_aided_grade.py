@@ -2,14 +2,19 @@
 what the solution says of itself, and where it is weak is told.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from infield.aided.flight import navigate_aided
+from infield.aided.noise import Flown, Model, NoiseScales, with_unshown
+from infield.aided.taken import shares_by_type
+from infield.session.log import find_rest
 from ins.columns import FIX_SIGMA_COLUMNS
-from ins.filters.aided_records import AidedHistory, fixes_of
+from ins.filters.aided_kernel import REJECTED, USED
+from ins.filters.aided_records import AidedHistory, Antenna, Fixes, fixes_of
 from ins.records import FixType, GnssLog, Run
 from tests.infield.aided_cases import errors, flown, gauss_markov, ideal, normalised, twin_of
 
@@ -233,3 +238,86 @@ def test_gap_of_a_minute_is_dead_reckoning():
 def test_good_receivers_have_nothing_told():
     _, found = fly(lambda gnss, rng: gnss, 1)
     assert found.verdict == "aided" and found.grade == "good" and found.weak == ()
+
+
+def test_bad_fixes_are_counted_by_type():
+    """Of four single fixes one is rejected and one is used at a NIS of 20, beyond the 16.3 that one
+    in a thousand passes; of three fixed ones one has a velocity that is rejected; of two without a
+    type one was never seen.
+    """
+    types = np.array([3.0, 3.0, 3.0, 3.0, 6.0, 6.0, 6.0, np.nan, np.nan])
+    none = np.full((9, 3), np.nan)
+    fixes = Fixes(
+        time_s=np.arange(9.0),
+        r_e_m=none,
+        v_n_m_s=none,
+        sigma_position_m=none,
+        sigma_velocity_m_s=none,
+        fix_type=types,
+    )
+    nis, used = np.full((9, 2), 3.0), np.full((9, 2), USED)
+    nis[0, 0], used[0, 0] = 99.0, REJECTED
+    nis[1, 0] = 20.0
+    nis[4, 1], used[4, 1] = 50.0, REJECTED
+    nis[8] = np.nan
+    single, fixed, unknown = shares_by_type(SimpleNamespace(nis=nis, used=used), fixes)
+    assert (single.fix_type, single.count, single.bad) == (FixType.SINGLE, 4, 2)
+    assert (single.rejected_position, single.rejected_velocity) == (1, 0)
+    assert (fixed.fix_type, fixed.rejected_velocity, fixed.bad) == (FixType.FIXED, 1, 1)
+    assert fixed.bad_share == pytest.approx(1.0 / 3.0)
+    assert (unknown.fix_type, unknown.count, unknown.bad_share) == (None, 1, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lasts_s", [300.0, 3600.0])
+def test_what_is_declared_and_does_not_show_is_not_averaged(lasts_s):
+    """Ring-laser flights with fixes of 0.5 m declared with 1 m and off by 1 m for minutes or an
+    hour: no position beyond 4 sigmas. It was up to 18 sigmas, in 6 of 8 flights beyond 4.
+    """
+    twin = twin_of("rlg")
+    for seed in range(3):
+        made, rng = flown(ideal(PARK_S), twin, 980 + seed, "rlg"), np.random.default_rng([seed, 81])
+        wide = {name: 2.0 * getattr(made.run.gnss, name) for name in FIX_SIGMA_COLUMNS}
+        gnss = replace(made.run.gnss, **wide)
+        gnss = moved(gnss, gauss_markov(gnss.time_s, rng, 1.0, lasts_s))
+        run = replace(made.run, gnss=gnss)
+        rest = find_rest(run)
+        found = navigate_aided(run, run.imu, twin, rest=rest, gyro_sigma_deg_h=None)
+        off = np.abs(errors(made, found.history)[60:, :3])
+        assert found.verdict == "aided" and found.scales.slow >= 1.0
+        assert (off / np.sqrt(found.history.variance[60:, :3])).max() < 4.0
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """Flights whose positions, declared with 1 m where 0.5 m was declared for the log, scatter by a
+    share of that.
+    """
+
+    share: float
+    technology: str = "rlg"
+    two_types: bool = False
+    typical: float = 2.0
+
+    def scatter(self, history: AidedHistory) -> float:
+        return self.share
+
+    def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
+        raise AssertionError("nothing is flown")
+
+
+@pytest.mark.parametrize(
+    ("share", "position", "found", "slow"),
+    [
+        (0.6, 1.0, 0.0, 1.6),  # 2 sqrt(1 - 0.6^2)
+        (0.6, 1.0, 3.0, 3.0),  # a larger one was found
+        (0.95, 1.0, 0.0, 0.0),
+        (1.4, 1.0, 0.0, 0.0),
+        (0.25, 0.25, 0.0, 0.5),  # lowered: as much as the scatter
+        (0.25, 0.25, 1.0, 1.0),
+    ],
+)
+def test_a_declared_sigma_is_scatter_or_lasts(share, position, found, slow):
+    scales = NoiseScales(position=position, slow=found)
+    model = Model(antenna=Antenna(lever_arm_m=np.zeros(3)), scales=scales)
+    assert with_unshown(Flown(model, None), Scattered(share)).slow == pytest.approx(slow)

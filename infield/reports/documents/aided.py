@@ -7,7 +7,8 @@ start                     time_s, method ("gyrocompass", "velocity matching"), t
 found on, heading and its
                           first sigma
 end                       attitude, velocity, biases at the end, each with its sigma
-fixes                     count, and of each kind: used, rejected
+fixes                     count, and of each kind: used, rejected; by_type[]: fix_type ("single",
+                          "corrected", "float", "fixed", "unknown"), count, rejected, bad, bad_share
 rejected[]                time_s, kind, nis, and the residual over its sigma, NED; at most MOST of
 them, in order of time outages[]                 start_s, end_s without a used position, sigma_m
 (level) at the end, off_m: what the next fix was off resets_s, leaps_s         when the solution was
@@ -41,23 +42,30 @@ from infield.aided.flight import AidedResult, Outage, leap_times, nis_of, reject
 from infield.aided.left_out import OutageScore
 from infield.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
 from infield.aided.start import FoundStart
+from infield.aided.taken import TypeShare, shares_by_type
 from infield.reports.words.aided import WEAK_WORDS
 from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, level_sigmas
-from ins.filters.aided_records import AidedHistory, Antenna
+from ins.filters.aided_records import AidedHistory, Antenna, Fixes
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_VEL as VEL
 from ins.kalman import nis_band
-from ins.records import ReferenceLog
+from ins.records import FixType, ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import OMIT_NONE
 
 MOST = 500  # rejects that are listed
 ANGLES = ("roll", "pitch", "heading")
+FIX_TYPE_NAMES = {
+    FixType.SINGLE: "single",
+    FixType.DIFFERENTIAL: "corrected",
+    FixType.FLOAT: "float",
+    FixType.FIXED: "fixed",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +98,20 @@ class StartDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FixesOfTypeDocument:
+    """Fixes of one type: bad are those of which position or velocity was rejected, or used and
+    farther off than one in a thousand is.
+    """
+
+    fix_type: str
+    count: int
+    rejected_position: int
+    rejected_velocity: int
+    bad: int
+    bad_share: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class FixesDocument:
     """How many fixes were seen, used and rejected."""
 
@@ -98,6 +120,7 @@ class FixesDocument:
     used_velocity: int
     rejected_position: int
     rejected_velocity: int
+    by_type: Sequence[FixesOfTypeDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,7 +297,7 @@ def aided_document(
         **vars(head),
         start=_start(found),
         end=_end(result),
-        fixes=_fixes(history),
+        fixes=_fixes(history, result.fixes),
         rejected=_rejected(history)[:MOST],
         outages=result.outages,
         outage_scores=result.outage_scores,
@@ -346,7 +369,8 @@ def _start(found: FoundStart) -> StartDocument:
     )
 
 
-def _fixes(history: AidedHistory) -> FixesDocument:
+def _fixes(history: AidedHistory, fixes: Fixes | None) -> FixesDocument:
+    shares = () if fixes is None else shares_by_type(history, fixes)
     position, velocity = range(len(KINDS))
     return FixesDocument(
         count=int((history.used > 0).any(axis=1).sum()),
@@ -354,7 +378,13 @@ def _fixes(history: AidedHistory) -> FixesDocument:
         used_velocity=nis_of(history, velocity)[1] // 3,
         rejected_position=int(rejected_rows(history, position).size),
         rejected_velocity=int(rejected_rows(history, velocity).size),
+        by_type=[_of_type(share) for share in shares],
     )
+
+
+def _of_type(share: TypeShare) -> FixesOfTypeDocument:
+    name = "unknown" if share.fix_type is None else FIX_TYPE_NAMES[share.fix_type]
+    return FixesOfTypeDocument(**(vars(share) | {"fix_type": name}))
 
 
 def _rejected(history: AidedHistory) -> list[RejectedDocument]:
