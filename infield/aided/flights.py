@@ -2,7 +2,7 @@
 part of it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -192,7 +192,9 @@ class Flights:
             self.tried[key] = _of_fixes(self.from_start(found, model, whole=False))
             while len(self.tried) > 1 and sum(map(_bytes, self.tried.values())) > TRIED_BYTES:
                 del self.tried[next(iter(self.tried))]
-        return self.tried[key]
+        history = self.tried[key]
+        antenna = replace(history.antenna, estimated=model.antenna.estimated)
+        return replace(history, antenna=antenna)
 
     def from_start(self, found: FoundStart, model: Model, *, whole: bool) -> AidedHistory:
         """A flight from a start."""
@@ -244,8 +246,19 @@ class Flights:
         if end_s - self.imu.start_s > HELD_S:
             return self.imu.pieces(first_s, end_s)
         if not self.held:
-            self.held.append(self.imu.between(self.imu.start_s, end_s))
-        return self.held[0].pieces(first_s, end_s)
+            self.held.extend(self.imu.pieces(-np.inf, end_s))
+        return self._held(first_s)
+
+    def _held(self, start_s: float) -> Iterator[ImuLog]:
+        """What is held from a time on, in logs of two or more rows.
+
+        A row that is alone is left out: a start is two seconds later.
+        """
+        for piece in self.held:
+            if piece.start_s > start_s:
+                yield piece
+            elif piece.time_s[-2] > start_s:
+                yield from piece.pieces(start_s)
 
 
 def _typical_m(fixes: Fixes, *, other: bool) -> tuple[float, float]:
@@ -260,9 +273,10 @@ def _base_s(model: Model) -> float:
 
 
 def _key(model: Model) -> bytes:
-    """What a flight hangs on, to the last bit."""
+    """What a flight hangs on, to the last bit: an antenna that is known is not estimated."""
     antenna, scales = model.antenna, model.scales
-    values = [*vars(scales).values(), antenna.delay_s, antenna.velocity_delay_s, antenna.estimated]
+    free = antenna.estimated and antenna.covariance.any()
+    values = [*vars(scales).values(), antenna.delay_s, antenna.velocity_delay_s, free]
     return np.concatenate([values, antenna.lever_arm_m, antenna.covariance.ravel()]).tobytes()
 
 

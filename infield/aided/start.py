@@ -6,6 +6,7 @@ from data that it sees again adds next to nothing: heading 0.05 rad or more on t
 three sigmas of the match, and floors, when moving.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -248,16 +249,14 @@ def moving_start(
     )
 
 
-def _candidates(imu: ImuSource, fixes: Fixes) -> list[float]:
+def _candidates(imu: ImuSource, fixes: Fixes) -> Iterator[float]:
     """Times to start a window at: before the first manoeuvre that is worth a try, and every
     STRIDE_S after it.
     """
     first = max(imu.start_s, float(fixes.time_s[0]))
-    return [
-        t
-        for t in np.arange(first, imu.end_s - FIRST_WINDOW_S, STRIDE_S)
-        if level_change(fixes, t, t + LONGEST_MATCH_S) > 0
-    ]
+    for t in np.arange(first, imu.end_s - FIRST_WINDOW_S, STRIDE_S):
+        if level_change(fixes, t, t + LONGEST_MATCH_S) > 0:
+            yield t
 
 
 def _worth_a_try(imu: ImuSource, fixes: Fixes, start_s: float, end_s: float) -> bool:

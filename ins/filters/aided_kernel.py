@@ -345,8 +345,8 @@ def kept_on_the_way(Phi, length_m):
 
 
 @inner
-def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
-    """P to Phi P Phi' + Q in place; seen (29, 43), moved (9, 43): room to work in.
+def predict(P, Phi, dt, noise, vrw, leapt, stirred, moved, fading):
+    """P to Phi P Phi' + Q in place; moved (9, 43), fading (43,): room to work in.
 
     Phi is of the first 29; its columns of scales are zero where they are no states. Biases and
     scales stand still, so its rows 9-26 are unit, and so are those of the antenna; the deflection
@@ -354,12 +354,10 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
     add to their variance, leapt (6,). stirred: as by `shaken_by`.
 
     The sums run over a number of states that the compiler knows, rows of them beside each other:
-    so it adds four at a time, in the order that each sum has by itself.
+    so it adds four at a time, in the order that each sum has by itself. P is symmetric to the last
+    bit, and stays so.
     """
     deflected = noise[DEFLECTION] > 0.0
-    for k in range(DRIVING):
-        for i in range(G_, N):
-            seen[k, i] = P[i, k]
     for i in range(G_):
         for j in range(N):
             total = 0.0
@@ -371,38 +369,38 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, seen, moved):
             for k in range(F_, DRIVING):
                 for j in range(N):
                     moved[i, j] += Phi[i, k] * P[k, j]
-    for k in range(DRIVING):
-        for i in range(G_):
-            seen[k, i] = moved[i, k]
     for j in range(G_):
-        for i in range(N):
+        for i in range(j, G_):
             total = 0.0
             for k in range(F_):
-                total += seen[k, i] * Phi[j, k]
-            moved[j, i] = total
-    if deflected:
-        for j in range(T_):
-            for k in range(F_, DRIVING):
-                for i in range(N):
-                    moved[j, i] += seen[k, i] * Phi[j, k]
-    for j in range(G_):
-        for i in range(j, N):
+                total += moved[i, k] * Phi[j, k]
+            if deflected and j < T_:
+                for k in range(F_, DRIVING):
+                    total += moved[i, k] * Phi[j, k]
+            P[i, j] = P[j, i] = total
+        for i in range(G_, N):
             P[i, j] = P[j, i] = moved[j, i]
+    slow, slow_v = exp(-dt / noise[SLOW_S]), exp(-dt / noise[SLOW_V_S])
+    plumb_line = kept_on_the_way(Phi, noise[DEFLECTION_WAY])
+    for i in range(N):
+        fading[i] = 1.0
     for i in range(F_, L_):
-        fades, at = exp(-dt / noise[SLOW_S]), SLOW_LEVEL
+        fading[i] = plumb_line if i < B_ else (slow if i < W_ else slow_v)
+    for i in range(N):
+        first, last = (0, N) if F_ <= i < L_ else (F_, L_)
+        for j in range(first, last):
+            P[i, j] *= fading[i] * fading[j]
+    for i in range(F_, L_):
+        fades, at = fading[i], SLOW_LEVEL
         if i < B_:
-            fades, at = kept_on_the_way(Phi, noise[DEFLECTION_WAY]), DEFLECTION
+            at = DEFLECTION
         elif i >= W_:
-            fades, at = exp(-dt / noise[SLOW_V_S]), SLOW_V
+            at = SLOW_V
         elif i >= O_:
             at = SLOW_OTHER_LEVEL
         if i == O_ - 1 or i == W_ - 1:
             at += 1  # down, beside level
         sigma = noise[at]
-        for j in range(N):
-            P[i, j] *= fades
-        for j in range(N):
-            P[j, i] *= fades
         P[i, i] += sigma * sigma * (1.0 - fades * fades)
         if B_ <= i < W_:
             P[i, i] += leapt[i - B_] * (1.0 - fades * fades)
@@ -442,15 +440,14 @@ def update(x, P, H, z, variance, room, first):
         K[N], K[N + 1] = s, y
         nis += y * y / s
         loglik -= 0.5 * (log(s) + y * y / s)
+        weight = 1.0 / s
         for i in range(N):
             gain = K[i]
             if i < first:
                 x[i] += gain * y / s
-            for j in range(min(i + 1, first)):
-                P[i, j] -= gain * K[j] / s
-        for i in range(N):
-            for j in range(min(i + 1, first)):
-                P[j, i] = P[i, j]
+            last = N if i < first else first
+            for j in range(last):
+                P[i, j] -= gain * K[j] * weight
     return nis, loglik
 
 
@@ -671,19 +668,24 @@ def take_fix(
         else:
             restart(P, seen)
             write_restart(tape, taped)
-    used = False
+    used, read = False, np.zeros(N, np.int64)
     for kind in range(2):
         a = 3 * kind
         if not isfinite(z[a]):
             continue
         for i in range(3):
             s, y = fix[6 + a + i], z[a + i]
+            count = 0
             for j in range(N):
                 if H[a + i, j] != 0.0:
-                    y -= H[a + i, j] * x[j]
-                    for k in range(N):
-                        if H[a + i, k] != 0.0:
-                            s += H[a + i, j] * P[j, k] * H[a + i, k]
+                    read[count] = j
+                    count += 1
+            for m in range(count):
+                j = read[m]
+                y -= H[a + i, j] * x[j]
+                for l in range(count):
+                    k = read[l]
+                    s += H[a + i, j] * P[j, k] * H[a + i, k]
             out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
@@ -952,7 +954,7 @@ def run(
         What became of each; written.
     """
     Phi, H = np.zeros((DRIVING, DRIVING)), np.zeros((6, N))
-    seen, moved = np.zeros((DRIVING, N)), np.zeros((G_, N))
+    moved, fading = np.zeros((G_, N)), np.zeros(N)
     scaled = settings[HAS_SCALES] > 0.0
     room, taped = np.zeros((3, N + 2)), np.zeros(1, np.int64)
     out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
@@ -1010,7 +1012,8 @@ def run(
             turns(P, out[0], step_s, noise[ARW], angle)
         transition(out[0], steady, angle, step_s, Phi, scaled)
         stirred = shaken_by(carry, step_s)
-        predict(P, Phi, step_s, noise, vrw, carry[LEAPT:STEADY], stirred, seen, moved)
+        leapt = carry[LEAPT:STEADY]
+        predict(P, Phi, step_s, noise, vrw, leapt, stirred, moved, fading)
         for i in range(2):
             bias[B_DEFLECTION + i] *= kept_on_the_way(Phi, noise[DEFLECTION_WAY])
         for i in range(3):

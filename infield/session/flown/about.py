@@ -16,8 +16,8 @@ Position, velocity and attitude begin anew after each rest, known to BEGIN_*. So
 section 14.2.4, with the signs of CONVENTIONS.md; bins as `infield.session.bins`.
 """
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, SWING_SHARE
 from infield.session.flown.gates import FlightEnd
 from infield.session.flown.priors import Further, Layout
 from infield.session.flown.steps import Steady, Steps
-from ins.attitude import dcm_from_rotation_vector, skew
+from ins.attitude import cross, dcm_from_rotation_vector, skew
 from ins.filters.aided_filter import REJECT_PROBABILITY
 from ins.filters.aided_records import AidedNoise, Antenna
 from ins.filters.error_filter import Tally
@@ -42,10 +42,12 @@ PLACE_ERROR, SPEED_ERROR, TILT_ERROR, ACCEL_ERROR = (
     slice(9, 12),
 )
 SLOW_POSITION, SLOW_VELOCITY = slice(12, 15), slice(15, 18)
+OF_SPEED = list(range(SPEED_ERROR.start, SPEED_ERROR.stop))
 # flicker of the gyros within a bin: Gauss-Markov processes of these shares of its length, a factor
 # of FLICKER_STEP apart; slower flicker is what the bins tell, faster is below white noise
 FLICKER_SHARES, FLICKER_STEP = np.array([0.0125, 0.05, 0.2]), 4.0
 WANDER = slice(18, 18 + 3 * FLICKER_SHARES.size)
+FADING = slice(SLOW_POSITION.start, WANDER.stop)  # states that come and go
 MOVING_ERRORS, FIRST_FURTHER = (
     9,
     WANDER.stop,
@@ -53,6 +55,8 @@ MOVING_ERRORS, FIRST_FURTHER = (
 # of position, velocity, tilt and heading where a stretch begins: beyond what a solution may be off
 BEGIN_M, BEGIN_SPEED_M_S, BEGIN_TILT_RAD, BEGIN_HEADING_RAD = 30.0, 5.0, 5.0 * DEG, 20.0 * DEG
 LEVEL_AND_DOWN = 3  # of every measurement: north, east, down
+LEVEL_AND_DOWN_AT = np.diag_indices(LEVEL_AND_DOWN)
+UNIT_MATRIX = np.eye(3)
 STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flight
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
 # a body turns where a gyro reads more than so many sigmas of its bias and noise: 6e-5 of noise do
@@ -112,13 +116,13 @@ class AboutFilter:
     tally: Tally = field(default_factory=Tally)
     normalised: dict[str, list[NDArray]] = field(default_factory=dict)
 
-    def update(self, kind: str, at: tuple[float, NDArray], H: Mapping[int, NDArray]) -> None:
-        """Use a measurement z (3,) of variance (3,), H: column (3,) of each state it reads."""
+    def update(self, kind: str, at: tuple[float, NDArray], H: "Rows") -> None:
+        """Use a measurement z (3,) of variance (3,)."""
         time_s, (z, variance) = at[0], at[1]
-        columns = list(H)
-        rows = np.stack([H[c] for c in columns], axis=1)
+        columns, rows = H.states, H.columns
         PHt = self.P[:, columns] @ rows.T
-        S = rows @ PHt[columns] + np.diag(variance)
+        S = rows @ PHt[columns]
+        S[LEVEL_AND_DOWN_AT] += variance
         y = z - rows @ self.x[columns]
         inverse = np.linalg.inv(S)
         nis = float(y @ inverse @ y)
@@ -127,11 +131,11 @@ class AboutFilter:
             return
         K = PHt @ inverse
         self.x += K @ y
-        self.P -= K @ PHt.T
-        self.P = 0.5 * (self.P + self.P.T)
+        P = self.P - K @ PHt.T
+        self.P = 0.5 * (P + P.T)
         self.tally.nis[kind] = self.tally.nis.get(kind, 0.0) + nis
         self.tally.dof[kind] = self.tally.dof.get(kind, 0) + y.size
-        self.normalised.setdefault(kind, []).append(y / np.sqrt(np.diag(S)))
+        self.normalised.setdefault(kind, []).append(y / np.sqrt(S[LEVEL_AND_DOWN_AT]))
 
     def biases(self, believed: Believed) -> tuple[NDArray, NDArray]:
         """Mean and covariance of the bins' mean biases, flicker within them included [rad/s]."""
@@ -147,6 +151,13 @@ class AboutFilter:
         x = self.x.copy()
         x[FIRST_FURTHER : FIRST_FURTHER + found.size] -= found
         return FlightEnd(x, self.P, self.tally)
+
+
+class Rows(NamedTuple):
+    """Rows of a measurement: the states (m,) that it reads, and the column (3, m) of each."""
+
+    states: list[int]
+    columns: NDArray
 
 
 class Course(NamedTuple):
@@ -181,18 +192,17 @@ def over(flt: AboutFilter, steps: Steps, believed: Believed) -> None:
         dt, turn, at = steps.dt_s[k], steps.turn_n_rad[k], int(steps.row[k])
         pushed = C @ steps.dv_b_m_s[k]
         before = v
-        v = v + pushed - 0.5 * np.cross(turn, pushed) + steps.pull_m_s2[at] * dt
+        v = v + pushed - 0.5 * cross(turn, pushed) + steps.pull_m_s2[at] * dt
         way = way + 0.5 * (v + before) * dt
-        _predict(flt, steps, k, reading.of(flt, steps, k, C), believed)
-        C = (np.eye(3) - skew(turn)) @ C @ steps.C_bb[k]
+        _predict(flt, steps, k, reading.of(flt, steps, k, C), reading)
+        C = (UNIT_MATRIX - skew(turn)) @ C @ steps.C_bb[k]
         if steps.fix[k] >= 0:
             _take_fix(flt, steps, k, Course(way, v, (v - before) / dt, C), believed)
         if not steps.closes[k]:
             continue
         if steps.stands[at + 1]:
-            H = {SPEED_ERROR.start + i: row for i, row in enumerate(np.eye(3))}
             z = np.stack([v, np.full(3, STAND_M_S**2)])
-            flt.update(STAND, (float(steps.time_s[at + 1]), z), H)
+            flt.update(STAND, (float(steps.time_s[at + 1]), z), Rows(OF_SPEED, UNIT_MATRIX))
         way = way - flt.x[PLACE_ERROR] - steps.way_m[at]
         v = v - flt.x[SPEED_ERROR]
         C = dcm_from_rotation_vector(-flt.x[TILT_ERROR]) @ C
@@ -218,12 +228,16 @@ class Reading:
     force_n: Steady = field(default_factory=Steady)
     force_b: Steady = field(default_factory=Steady)
 
+    @cached_property
+    def fading(self) -> tuple[NDArray, NDArray]:
+        return _fading(self.believed)
+
     def of(self, flt: AboutFilter, steps: Steps, k: int, C: NDArray) -> Read:
         """Of the next step; C: its attitude."""
         dt, force_b = float(steps.dt_s[k]), steps.force_b_m_s2[k]
         force_n = C @ force_b
-        moves = np.hstack([-skew(force_n), C])
-        unsure = np.diag(moves @ flt.P[TILTED, TILTED] @ moves.T)
+        moves = np.concatenate([-skew(force_n), C], axis=1)
+        unsure = (moves @ flt.P[TILTED, TILTED] @ moves.T).diagonal()
         white = self.believed.noise.vrw**2 / dt
         return Read(
             C,
@@ -242,7 +256,7 @@ class Reading:
         rate = steps.angle_b_rad[k] / steps.dt_s[k]
         first = self.believed.first_bin + 3 * int(steps.bin[k])
         bias = slice(first, first + 3)
-        variance = np.diag(flt.P)[bias] + self.believed.wander_rad_s**2 * FLICKER_SHARES.size
+        variance = flt.P.diagonal()[bias] + self.believed.wander_rad_s**2 * FLICKER_SHARES.size
         variance = variance + self.believed.noise.arw**2 / steps.dt_s[k]
         turns = np.abs(rate - flt.x[bias]) > TURNS_SIGMAS * np.sqrt(variance)
         return np.asarray(np.where(turns, rate, 0.0))
@@ -308,17 +322,17 @@ def _accel_columns(steps: Steps, k: int, read: Read, layout: Layout) -> tuple[li
     return states, np.concatenate(columns, axis=1)
 
 
-def _predict(flt: AboutFilter, steps: Steps, k: int, read: Read, believed: Believed) -> None:
+def _predict(flt: AboutFilter, steps: Steps, k: int, read: Read, reading: Reading) -> None:
     """Over step k."""
+    believed, fading = reading.believed, reading.fading
     dt, noise = float(steps.dt_s[k]), believed.noise
     gyro, turned = _gyro_columns(steps, k, read, believed)
     accel, gained = _accel_columns(steps, k, read, believed.layout)
     states = [*range(MOVING_ERRORS), *accel, *gyro]
     of_accel = slice(MOVING_ERRORS, MOVING_ERRORS + len(accel))
     of_gyro = slice(of_accel.stop, len(states))
-    Phi = np.zeros((MOVING_ERRORS, len(states)))
-    Phi[:, :MOVING_ERRORS] = np.eye(MOVING_ERRORS)
-    Phi[PLACE_ERROR, SPEED_ERROR] = dt * np.eye(3)
+    Phi = np.eye(MOVING_ERRORS, len(states))
+    Phi[PLACE_ERROR, SPEED_ERROR] = dt * UNIT_MATRIX
     tilted = -skew(read.force_n_m_s2 * dt)
     Phi[SPEED_ERROR, TILT_ERROR], Phi[PLACE_ERROR, TILT_ERROR] = tilted, 0.5 * dt * tilted
     Phi[TILT_ERROR, TILT_ERROR] -= skew(steps.turn_n_rad[k])
@@ -331,12 +345,13 @@ def _predict(flt: AboutFilter, steps: Steps, k: int, read: Read, believed: Belie
     flt.P[:MOVING_ERRORS] = moved
     flt.P[:, :MOVING_ERRORS] = moved.T
     flt.P[:MOVING_ERRORS, :MOVING_ERRORS] = moved[:, states] @ Phi.T
-    for slow, seconds, sigma in _fading(believed):
-        fades = np.exp(-dt / seconds)
-        flt.x[slow] *= fades
-        flt.P[slow] *= fades
-        flt.P[:, slow] *= fades
-        flt.P[slow, slow] += np.diag(np.square(sigma)) * (1.0 - fades**2)
+    seconds, sigma = fading
+    fades = np.exp(-dt / seconds)
+    flt.x[FADING] *= fades
+    flt.P[FADING] *= fades[:, None]
+    flt.P[:, FADING] *= fades
+    own = np.arange(FADING.start, FADING.stop)
+    flt.P[own, own] += np.square(sigma) * (1.0 - fades**2)
     own = np.arange(3)
     flt.P[own, own] += noise.vrw**2 * dt**3 / 3.0
     flt.P[own, own + 3] += noise.vrw**2 * dt**2 / 2.0
@@ -346,15 +361,14 @@ def _predict(flt: AboutFilter, steps: Steps, k: int, read: Read, believed: Belie
     flt.P[own + 9, own + 9] += noise.accel_walk**2 * dt
 
 
-def _fading(believed: Believed) -> Iterator[tuple[slice, float, tuple[float, float, float]]]:
-    """States that come and go: where, time constant, sigmas."""
+def _fading(believed: Believed) -> tuple[NDArray, NDArray]:
+    """States that come and go: time constants and sigmas (15,)."""
     noise = believed.noise
     level, speed, wander = noise.slow_level_m, noise.slow_velocity_m_s, believed.wander_rad_s
-    yield SLOW_POSITION, noise.slow_s, (level, level, noise.slow_down_m)
-    yield SLOW_VELOCITY, noise.slow_velocity_s, (speed, speed, speed)
-    for k, share in enumerate(FLICKER_SHARES):
-        first = WANDER.start + 3 * k
-        yield slice(first, first + 3), share * believed.bin_s, (wander, wander, wander)
+    flicker_s = np.repeat(FLICKER_SHARES * believed.bin_s, 3)
+    seconds = np.concatenate([[noise.slow_s] * 3, [noise.slow_velocity_s] * 3, flicker_s])
+    sigmas = [level, level, noise.slow_down_m, *[speed] * 3, *[wander] * flicker_s.size]
+    return seconds, np.array(sigmas)
 
 
 def _take_fix(flt: AboutFilter, steps: Steps, k: int, course: Course, believed: Believed) -> None:
@@ -363,28 +377,41 @@ def _take_fix(flt: AboutFilter, steps: Steps, k: int, course: Course, believed: 
     antenna, layout = believed.antenna, believed.layout
     arm = C @ antenna.lever_arm_m
     rate_b = steps.fix_rate_b_rad_s[fix]
-    swing_b = np.cross(rate_b, antenna.lever_arm_m)
+    swing_b = cross(rate_b, antenna.lever_arm_m)
     swing = C @ swing_b
     late = float(steps.late_s[k])
     lever, delays = list(layout.indices(Further.ANTENNA)), list(layout.indices(Further.DELAY))
     time_s = float(steps.fix_time_s[fix])
     z = course.way_m + arm - (v + swing) * (late + antenna.delay_s) - steps.fix_way_m[fix]
     if np.isfinite(z).all():
-        H = _columns((PLACE_ERROR, np.eye(3)), (TILT_ERROR, -skew(arm)), (SLOW_POSITION, np.eye(3)))
-        H |= dict(zip(lever, C.T))
-        H |= dict(zip(delays[:1], [-(v + swing)]))
+        H = _rows(
+            (PLACE_ERROR, UNIT_MATRIX),
+            (TILT_ERROR, -skew(arm)),
+            (SLOW_POSITION, UNIT_MATRIX),
+            (lever, C),
+            (delays[:1], -(v + swing)[:, None]),
+        )
         flt.update(OF_POSITION, (time_s, np.stack([z, steps.fix_variance[fix, :3]])), H)
     z = v + swing - course.gained_m_s2 * (late + antenna.velocity_delay_s) - steps.fix_v_n_m_s[fix]
     if np.isfinite(z).all():
-        H = _columns(
-            (SPEED_ERROR, np.eye(3)), (TILT_ERROR, -skew(swing)), (SLOW_VELOCITY, np.eye(3))
+        H = _rows(
+            (SPEED_ERROR, UNIT_MATRIX),
+            (TILT_ERROR, -skew(swing)),
+            (SLOW_VELOCITY, UNIT_MATRIX),
+            (lever, C @ skew(rate_b)),
+            (delays[1:], -course.gained_m_s2[:, None]),
         )
-        H |= dict(zip(lever, (C @ skew(rate_b)).T))
-        H |= dict(zip(delays[1:], [-course.gained_m_s2]))
         variance = steps.fix_variance[fix, 3:] + (SWING_SHARE * swing) ** 2
         flt.update(OF_VELOCITY, (time_s, np.stack([z, variance])), H)
 
 
-def _columns(*blocks: tuple[slice, NDArray]) -> dict[int, NDArray]:
-    """Columns of a measurement by the state that they are of."""
-    return {where.start + i: M[:, i] for where, M in blocks for i in range(3)}
+def _rows(*blocks: tuple[slice | list[int], NDArray]) -> Rows:
+    """Rows of a measurement from blocks of states and their columns (3, m)."""
+    states: list[int] = []
+    columns = []
+    for where, of in blocks:
+        places = where if isinstance(where, list) else range(where.start, where.stop)
+        if places:
+            states += places
+            columns.append(of)
+    return Rows(states, np.concatenate(columns, axis=1))

@@ -2,7 +2,8 @@
 the unit turned and gained over each step; what stays the same in what it reads.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from ins.filters.aided_records import AidedHistory, Fixes
 from ins.increments import joined
 from ins.records import ImuLog, ImuSource
 
+# rows of the solution, a second apart, whose log is read at a time; chosen: of 200 Hz 8 MB
+READ_ROWS = 600
 RATE_S = 0.2  # about a fix, to tell its rate: a vehicle takes longer to begin a turn
 # squared sigmas of three components beyond which it has changed: chi-square of 3, 1e-3 of noise
 CHANGED_SQUARES = 16.27
@@ -81,25 +84,18 @@ def steps_between(
     degC = temperature.temperature_degC.mean(axis=1)
     t, v = history.time_s[rows], history.v_n_m_s[rows]
     lat, lon, height = history.lat_rad[rows], history.lon_rad[rows], history.height_m[rows]
-    log = imu.between(t[0] + 1e-6, t[-1] + 1e-6)
-    at_row = np.searchsorted(log.time_s, t[1:] - 1e-6)
     here = np.flatnonzero((fixes.time_s > t[0] + 1e-6) & (fixes.time_s <= t[-1] - 1e-6))
-    at_fix = np.searchsorted(log.time_s, fixes.time_s[here] - 1e-6)
-    ends = np.unique(np.concatenate([at_row, at_fix]))
-    fix = np.full(ends.size, -1)
-    fix[np.searchsorted(ends, at_fix)] = np.arange(here.size)  # of several in one row, the last
-    end_s = log.time_s[ends]
-    late = np.zeros(ends.size)
-    late[fix >= 0] = end_s[fix >= 0] - fixes.time_s[here[fix[fix >= 0]]]
+    fix_s = fixes.time_s[here]
+    edges = [*range(0, t.size - 1, READ_ROWS), t.size - 1]
+    log = _joined([_increments(imu, t, (a, b), fix_s) for a, b in pairwise(edges)])
+    end_s, fix, dt = log.end_s, log.fix, log.dt_s
+    late = np.zeros(end_s.size)
+    late[fix >= 0] = end_s[fix >= 0] - fix_s[fix[fix >= 0]]
     start_s = np.concatenate([t[:1], end_s[:-1]])
     row = np.searchsorted(t, start_s + 1e-6, side="right") - 1
-    C_bb, dv = joined(log, ends + 1)
-    first = np.concatenate([[0], ends[:-1] + 1])
-    dt = np.add.reduceat(log.dt_s, first)
-    angle = np.add.reduceat(log.dtheta_rad, first, axis=0)
     earth, transport = omega_ie_n(lat), omega_en_n(lat, height, v)
     pull = gravity_n(lat, height) - np.cross(2.0 * earth + transport, v)
-    of = np.searchsorted(t, fixes.time_s[here] - 1e-6) - 1
+    of = np.searchsorted(t, fix_s - 1e-6) - 1
     return Steps(
         time_s=t,
         C_nb=history.C_nb[rows],
@@ -108,26 +104,78 @@ def steps_between(
         pull_m_s2=pull,
         stands=_within(t, stands),
         row=row,
-        closes=np.isin(ends, at_row),
+        closes=log.closes,
         dt_s=dt,
-        C_bb=C_bb,
-        dv_b_m_s=dv,
-        angle_b_rad=angle,
-        force_b_m_s2=dv / dt[:, None],
+        C_bb=log.C_bb,
+        dv_b_m_s=log.dv_b_m_s,
+        angle_b_rad=log.angle_b_rad,
+        force_b_m_s2=log.dv_b_m_s / dt[:, None],
         turn_n_rad=(earth + transport)[row] * dt[:, None],
         warmer_degC=np.interp(end_s, temperature.time_s, degC - degC[0]),
         bin=np.minimum(np.searchsorted(bin_ends_s, 0.5 * (start_s + end_s)), bin_ends_s.size - 1),
         flies=~_within(end_s, stands),
         fix=fix,
         late_s=late,
-        fix_time_s=fixes.time_s[here],
+        fix_time_s=fix_s,
         fix_way_m=_to_fixes(fixes.r_e_m[here], (lat[of], lon[of], height[of])),
         fix_v_n_m_s=fixes.v_n_m_s[here],
-        fix_rate_b_rad_s=_rates(log, fixes.time_s[here]),
+        fix_rate_b_rad_s=log.fix_rate_b_rad_s,
         fix_variance=np.hstack(
             [fixes.sigma_position_m[here] ** 2, fixes.sigma_velocity_m_s[here] ** 2]
         ),
     )
+
+
+@dataclass(frozen=True)
+class _Increments:
+    """What the log did over its steps, as in `Steps`; end_s: of each step."""
+
+    end_s: NDArray
+    closes: NDArray
+    fix: NDArray
+    dt_s: NDArray
+    C_bb: NDArray
+    dv_b_m_s: NDArray
+    angle_b_rad: NDArray
+    fix_rate_b_rad_s: NDArray
+
+
+def _increments(imu: ImuSource, t: NDArray, rows: Where, fix_s: NDArray) -> _Increments:
+    """Those between two rows of the solution. t (R,): its times; fix_s (F,): of all fixes."""
+    first, last = (int(k) for k in rows)
+    begin_s, end_s = float(t[first]), float(t[last])
+    # a row before, whose angles the next one's coning needs, and RATE_S about the fixes
+    log = imu.between(
+        max(begin_s - RATE_S, float(t[0])) + 1e-6, min(end_s + RATE_S, float(t[-1])) + 1e-6
+    )
+    before = int(np.searchsorted(log.time_s, begin_s + 1e-6, side="right"))
+    at_row = np.searchsorted(log.time_s, t[first + 1 : last + 1] - 1e-6)
+    here = np.flatnonzero((fix_s > begin_s + 1e-6) & (fix_s <= end_s + 1e-6))
+    at_fix = np.searchsorted(log.time_s, fix_s[here] - 1e-6)
+    ends = np.unique(np.concatenate([at_row, at_fix]))
+    fix = np.full(ends.size, -1)
+    fix[np.searchsorted(ends, at_fix)] = here  # of several in one row, the last
+    starts = np.concatenate([[before], ends[:-1] + 1])
+    edges = ends + 1 if before == 0 else np.concatenate([[before], ends + 1])
+    C_bb, dv = joined(log.between(-np.inf, float(log.time_s[ends[-1]])), edges)
+    own = slice(int(before > 0), None)
+    inside = slice(None, int(ends[-1]) + 1)
+    return _Increments(
+        end_s=log.time_s[ends],
+        closes=np.isin(ends, at_row),
+        fix=fix,
+        dt_s=np.add.reduceat(log.dt_s[inside], starts),
+        C_bb=C_bb[own],
+        dv_b_m_s=dv[own],
+        angle_b_rad=np.add.reduceat(log.dtheta_rad[inside], starts, axis=0),
+        fix_rate_b_rad_s=_rates(log, fix_s[here]),
+    )
+
+
+def _joined(parts: list[_Increments]) -> _Increments:
+    """One after the other."""
+    names = [column.name for column in fields(_Increments)]
+    return _Increments(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 Places = tuple[NDArray, NDArray, NDArray]
