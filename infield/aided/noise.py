@@ -365,17 +365,13 @@ def with_unshown(at: Flown, fly: Fly) -> NoiseScales:
 
     A sigma that is declared and does not show is no noise that averages out: if it is there at all,
     it lasts. Fixes of 0.5 m declared with 1 m and off by 1 m for minutes were averaged to 0.1 m.
-    Where sigmas were lowered (`narrower`) the log has been asked for it; what it cannot show, an
-    error that stays, is taken to be no less than the scatter from fix to fix then.
+    No likelihood speaks against it: an error that stays moves no innovation. So sigmas that were
+    lowered (`narrower`) have it too.
     """
     scales = at.model.scales
     shown = fly.scatter(at.history)
     slow = unshown(fly, shown)
-    if scales.position < 1.0:
-        slow = fly.typical * scales.position
-    elif shown > SHOWS_LESS:
-        return scales
-    if slow <= scales.slow:
+    if shown > SHOWS_LESS or slow <= scales.slow:
         return scales
     scales = replace(scales, slow=slow, slow_s=UNSHOWN_S)
     return scales.of_both_types if fly.two_types else scales

@@ -152,7 +152,7 @@ def test_types_of_fixes_are_told_apart():
 def test_sigmas_that_are_declared_too_wide_are_learned():
     """Three flights each whose receiver says of itself that it is 10 times worse than it is, with
     and without a slow error as large as it says: positions are within their sigmas both ways, and
-    not 30 times better than these.
+    velocities not 30 times better than theirs. Positions may be: an error that stays shows nowhere.
     """
     told = 10
     for seed in range(3):
@@ -167,7 +167,8 @@ def test_sigmas_that_are_declared_too_wide_are_learned():
             assert level_ratio(made, found.history)[60:].max() < 4.5
             assert found.scales.position < 0.3 and found.scales.velocity < 0.3
             assert any(note.code == "fixes_say" for note in found.notes)
-            assert normalised(made, found.history, 60)[0] > 0.05
+            assert normalised(made, found.history, 60)[1] > 0.05
+            assert slow_m == 0.0 or normalised(made, found.history, 60)[0] > 0.05
 
 
 def test_a_receiver_that_gives_itself_wide_sigmas_is_told():
@@ -269,17 +270,17 @@ def test_bad_fixes_are_counted_by_type():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lasts_s", [300.0, 3600.0])
-def test_what_is_declared_and_does_not_show_is_not_averaged(lasts_s):
-    """Ring-laser flights with fixes of 0.5 m declared with 1 m and off by 1 m for minutes or an
-    hour: no position beyond 4 sigmas. It was up to 18 sigmas, in 6 of 8 flights beyond 4.
+@pytest.mark.parametrize(("told", "lasts_s"), [(2.0, 300.0), (2.0, 3600.0), (6.0, 3600.0)])
+def test_what_is_declared_and_does_not_show_is_not_averaged(told, lasts_s):
+    """Ring-laser flights with fixes of 0.5 m that declare more and are off by as much, for minutes
+    or an hour: no position beyond 4 sigmas. It was up to 18, in 6 of 8 flights of 1 m beyond 4.
     """
     twin = twin_of("rlg")
     for seed in range(3):
         made, rng = flown(ideal(PARK_S), twin, 980 + seed, "rlg"), np.random.default_rng([seed, 81])
-        wide = {name: 2.0 * getattr(made.run.gnss, name) for name in FIX_SIGMA_COLUMNS}
+        wide = {name: told * getattr(made.run.gnss, name) for name in FIX_SIGMA_COLUMNS}
         gnss = replace(made.run.gnss, **wide)
-        gnss = moved(gnss, gauss_markov(gnss.time_s, rng, 1.0, lasts_s))
+        gnss = moved(gnss, gauss_markov(gnss.time_s, rng, 0.5 * told, lasts_s))
         run = replace(made.run, gnss=gnss)
         rest = find_rest(run)
         found = navigate_aided(run, run.imu, twin, rest=rest, gyro_sigma_deg_h=None)
@@ -313,8 +314,7 @@ class Scattered:
         (0.6, 1.0, 3.0, 3.0),  # a larger one was found
         (0.95, 1.0, 0.0, 0.0),
         (1.4, 1.0, 0.0, 0.0),
-        (0.25, 0.25, 0.0, 0.5),  # lowered: as much as the scatter
-        (0.25, 0.25, 1.0, 1.0),
+        (0.25, 0.25, 0.5, 1.936492),  # of sigmas that were lowered as well
     ],
 )
 def test_a_declared_sigma_is_scatter_or_lasts(share, position, found, slow):
