@@ -51,12 +51,16 @@ from ins.strapdown.kernel import (
     V_N_AT,
     R,
     V,
+    add,
+    dcm,
     dcm_ne,
     gravity,
     local_frame,
+    record,
+    rotate,
     rotation_quaternion,
 )
-from ins.strapdown.loop import integrate
+from ins.strapdown.loop import integrate, put_triple, triple
 
 MOTION, DRIVING, N = states.AIDED_MOTION, states.AIDED_DRIVING, states.AIDED_STATES
 # first index of each error
@@ -73,6 +77,7 @@ L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY
 # integer that it is called with, 4 s of the 25 that the first aided replay compiled for
 AT_P, AT_V, AT_T, AT_0, AT_3 = (np.int64(k) for k in (P_, V_, T_, 0, 3))
 AT_G, AT_A, AT_K, AT_S = (np.int64(k) for k in (G_, A_, K_, S_))
+AT_BEFORE = np.int64(1)  # V_BEFORE
 ALL, BELOW_LEVER, LOOK_WIDTH = np.int64(N), np.int64(L_), np.int64(LOOK_ROWS)
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
 # of the noise: sigmas and time constant of the slow error of positions
@@ -188,10 +193,9 @@ def steady_force(P, row, dt, vrw, carry, force, unsure):
         if n > 0.0:
             # of a mean that forgets by a share a of each step: a / (2 - a)
             shown = white / (2.0 * LATEST_STEPS - 1.0) + white / n + unsure[i] + TINY
-            late += (carry[LATEST + i] - carry[STEADY + i]) ** 2 / shown
-            change += (force[i] - carry[STEADY + i]) ** 2 / (
-                white * (1.0 + 1.0 / n) + unsure[i] + TINY
-            )
+            off, now_off = carry[LATEST + i] - carry[STEADY + i], force[i] - carry[STEADY + i]
+            late += off * off / shown
+            change += now_off * now_off / (white * (1.0 + 1.0 / n) + unsure[i] + TINY)
     if n == 0.0 or change > CHANGED:
         carry[STEADY_STEPS] = 1.0
         for i in range(3):
@@ -231,19 +235,21 @@ def transition(row, steady, angle, dt, Phi, scaled):
     force with less noise, angle (3,): what is no noise of the angles turned. scaled: whether scales
     and misalignments are states.
     """
-    lat, height, v = row[0], row[2], row[V_N_AT : V_N_AT + 3]
+    lat, height, v_N, v_E = row[0], row[2], row[V_N_AT], row[V_N_AT + 1]
     radius = SEMI_MAJOR_AXIS_M + height
     t = min(max(tan(lat), -POLE_TAN), POLE_TAN)
     s = t / sqrt(1.0 + t * t)
     c = 1.0 / sqrt(1.0 + t * t)
-    ie = np.array([EARTH_RATE_RAD_S * c, 0.0, -EARTH_RATE_RAD_S * s])
-    en = np.array([v[1] / radius, -v[0] / radius, -v[1] * t / radius])
-    force = steady * dt
+    ie, en = np.zeros(3), np.zeros(3)
+    ie[0], ie[2] = EARTH_RATE_RAD_S * c, -EARTH_RATE_RAD_S * s
+    en[0], en[1], en[2] = v_E / radius, -v_N / radius, -v_E * t / radius
+    force = np.zeros(3)
     Phi[:, :] = 0.0
-    put_skew(Phi, AT_P, AT_P, en, -dt)
     both, coriolis = np.zeros(3), np.zeros(3)
     for i in range(3):
+        force[i] = steady[i] * dt
         both[i], coriolis[i] = ie[i] + en[i], 2.0 * ie[i] + en[i]
+    put_skew(Phi, AT_P, AT_P, en, -dt)
     put_skew(Phi, AT_V, AT_V, coriolis, -dt)
     put_skew(Phi, AT_T, AT_T, both, -dt)
     put_skew(Phi, AT_V, AT_T, force, -1.0)
@@ -308,9 +314,9 @@ def shake(carry, dv, dt):
     """
     total, before = 0.0, 0.0
     for i in range(3):
-        force = dv[i] / dt
-        total += (force - carry[FORCE_BEFORE + i]) ** 2 / 6.0
-        before += carry[FORCE_BEFORE + i] ** 2
+        force, last = dv[i] / dt, carry[FORCE_BEFORE + i]
+        total += (force - last) * (force - last) / 6.0
+        before += last * last
         carry[FORCE_BEFORE + i] = force
     if before == 0.0:
         return  # the first row
@@ -353,30 +359,23 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, moved, fading):
     of the vertical and slow errors fade at the step's end, and so does what leaps of the positions
     add to their variance, leapt (6,). stirred: as by `shaken_by`.
 
-    The sums run over a number of states that the compiler knows, rows of them beside each other:
-    so it adds four at a time, in the order that each sum has by itself. P is symmetric to the last
-    bit, and stays so.
+    The first sums run row upon row, so that the compiler adds four columns at a time, each in the
+    order of k; half of Phi is zero, three quarters where scales are no states. P is symmetric to
+    the last bit, and stays so.
     """
-    deflected = noise[DEFLECTION] > 0.0
     for i in range(G_):
         for j in range(N):
-            total = 0.0
-            for k in range(F_):
-                total += Phi[i, k] * P[k, j]
-            moved[i, j] = total
-    if deflected:  # columns that most flights have no state for, and of velocity and position alone
-        for i in range(T_):
-            for k in range(F_, DRIVING):
+            moved[i, j] = 0.0
+        for k in range(DRIVING):
+            phi = Phi[i, k]
+            if phi != 0.0:
                 for j in range(N):
-                    moved[i, j] += Phi[i, k] * P[k, j]
+                    moved[i, j] += phi * P[k, j]
     for j in range(G_):
         for i in range(j, G_):
             total = 0.0
-            for k in range(F_):
+            for k in range(DRIVING):
                 total += moved[i, k] * Phi[j, k]
-            if deflected and j < T_:
-                for k in range(F_, DRIVING):
-                    total += moved[i, k] * Phi[j, k]
             P[i, j] = P[j, i] = total
         for i in range(G_, N):
             P[i, j] = P[j, i] = moved[j, i]
@@ -405,15 +404,18 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, moved, fading):
         if B_ <= i < W_:
             P[i, i] += leapt[i - B_] * (1.0 - fades * fades)
             leapt[i - B_] *= fades * fades
-    vrw2 = vrw**2
+    # products, since numba compiles x**2 as a loop over the bits of 2
+    vrw2, dt2, arw2 = vrw * vrw, dt * dt, noise[ARW] * noise[ARW]
+    walk2, stirs = noise[GYRO_WALK] * noise[GYRO_WALK], noise[STIRRED] * stirred
+    accel2 = noise[ACCEL_WALK] * noise[ACCEL_WALK] + stirs * stirs
     for i in range(3):
-        P[P_ + i, P_ + i] += vrw2 * dt**3 / 3.0
-        P[P_ + i, V_ + i] += vrw2 * dt**2 / 2.0
-        P[V_ + i, P_ + i] += vrw2 * dt**2 / 2.0
+        P[P_ + i, P_ + i] += vrw2 * (dt2 * dt) / 3.0
+        P[P_ + i, V_ + i] += vrw2 * dt2 / 2.0
+        P[V_ + i, P_ + i] += vrw2 * dt2 / 2.0
         P[V_ + i, V_ + i] += vrw2 * dt
-        P[T_ + i, T_ + i] += noise[ARW] ** 2 * dt
-        P[G_ + i, G_ + i] += noise[GYRO_WALK] ** 2 * dt
-        P[A_ + i, A_ + i] += (noise[ACCEL_WALK] ** 2 + (noise[STIRRED] * stirred) ** 2) * dt
+        P[T_ + i, T_ + i] += arw2 * dt
+        P[G_ + i, G_ + i] += walk2 * dt
+        P[A_ + i, A_ + i] += accel2 * dt
 
 
 @jit
@@ -484,14 +486,12 @@ def correct(state, bias, x):
 
     The solution is Earth-frame position, velocity, attitude, and `bias` (34,).
     """
-    frame = local_frame((state[R], state[R + 1], state[R + 2]))
-    C = dcm_ne(frame)
-    turn = np.zeros(3)
-    for i in range(3):  # C_en is C_ne transposed
-        state[R + i] -= C[i] * x[0] + C[3 + i] * x[1] + C[6 + i] * x[2]
-        state[V + i] -= C[i] * x[3] + C[3 + i] * x[4] + C[6 + i] * x[5]
-        turn[i] = -(C[i] * x[6] + C[3 + i] * x[7] + C[6 + i] * x[8])
-    a, b, c, d = rotation_quaternion((turn[0], turn[1], turn[2]), False)
+    C = dcm_ne(local_frame(triple(state, R)))
+    C_en = (C[0], C[3], C[6], C[1], C[4], C[7], C[2], C[5], C[8])
+    put_triple(state, R, add(triple(state, R), rotate(C_en, triple(x, AT_P)), -1.0))
+    put_triple(state, V, add(triple(state, V), rotate(C_en, triple(x, AT_V)), -1.0))
+    turn = rotate(C_en, triple(x, AT_T))
+    a, b, c, d = rotation_quaternion((-turn[0], -turn[1], -turn[2]), False)
     w, p, q, r = state[0], state[1], state[2], state[3]
     state[0] = a * w - b * p - c * q - d * r
     state[1] = a * p + b * w + c * r - d * q
@@ -516,13 +516,10 @@ def rows_of_fix(row, rate_b, lever_b, slow, H):
     """
     H[:, :] = 0.0
     arm, swing = np.zeros(3), np.zeros(3)
-    spin = np.array(
-        [
-            rate_b[1] * lever_b[2] - rate_b[2] * lever_b[1],
-            rate_b[2] * lever_b[0] - rate_b[0] * lever_b[2],
-            rate_b[0] * lever_b[1] - rate_b[1] * lever_b[0],
-        ]
-    )
+    spin = np.zeros(3)
+    spin[0] = rate_b[1] * lever_b[2] - rate_b[2] * lever_b[1]
+    spin[1] = rate_b[2] * lever_b[0] - rate_b[0] * lever_b[2]
+    spin[2] = rate_b[0] * lever_b[1] - rate_b[1] * lever_b[0]
     for i in range(3):
         H[i, P_ + i] = H[i, slow + i] = 1.0
         H[3 + i, V_ + i] = H[3 + i, W_ + i] = 1.0
@@ -546,11 +543,11 @@ def restart(P, seen):
     The attitude is known within RESET_TILT_RAD.
     """
     for i in range(6):
-        P[i, :] = 0.0
-        P[:, i] = 0.0
-        P[i, i] = seen[i] ** 2 + 1.0
+        for j in range(N):
+            P[i, j] = P[j, i] = 0.0
+        P[i, i] = seen[i] * seen[i] + 1.0
     for i in range(3):
-        P[T_ + i, T_ + i] += RESET_TILT_RAD**2
+        P[T_ + i, T_ + i] += RESET_TILT_RAD * RESET_TILT_RAD
 
 
 @inner
@@ -562,10 +559,10 @@ def jump(P, seen, slow, leapt):
     first state.
     """
     for i in range(3):
-        k = slow - B_ + i
-        leapt[k] = max(leapt[k], seen[i] ** 2)
-        P[P_ + i, P_ + i] += seen[i] ** 2
-        P[slow + i, slow + i] += seen[i] ** 2
+        k, seen2 = slow - B_ + i, seen[i] * seen[i]
+        leapt[k] = max(leapt[k], seen2)
+        P[P_ + i, P_ + i] += seen2
+        P[slow + i, slow + i] += seen2
 
 
 @inner
@@ -638,12 +635,10 @@ def take_fix(
                 at_velocity[9 + j] * row[C_NB_AT + 3 * k + m]
                 - at_velocity[9 + k] * row[C_NB_AT + 3 * j + m]
             )
-    C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
-    apart, z = np.zeros(3), np.zeros(6)
+    r, z = triple(state, R), np.zeros(6)
+    apart = add(r, triple(fix, AT_0), -1.0)
+    put_triple(z, AT_0, rotate(dcm_ne(local_frame(r)), apart))
     for i in range(3):
-        apart[i] = state[R + i] - fix[i]
-    for i in range(3):
-        z[i] = C[3 * i] * apart[0] + C[3 * i + 1] * apart[1] + C[3 * i + 2] * apart[2]
         z[i] += (
             arm[i]
             + bias[B_SLOW + slow - B_ + i]
@@ -724,25 +719,25 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, room, tape, taped):
     H[:, :] = 0.0
     for i in range(3):
         H[i, V_ + i] = 1.0
-    off, variance = row[V_N_AT : V_N_AT + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2)
+    off, variance, z = np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(3):
+        off[i], variance[i] = row[V_N_AT + i], settings[STAND_SIGMA] * settings[STAND_SIGMA]
     nis, _ = update(x, P, H[0:3], off, variance, room, first)
     write_down(H[0:3], room, tape, taped)
     if settings[STAND_RATE] > 0.0:
-        ie, z = (
-            np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]),
-            np.zeros(3),
-        )
+        ie = np.zeros(3)
+        ie[0], ie[2] = EARTH_RATE_RAD_S * cos(row[0]), -EARTH_RATE_RAD_S * sin(row[0])
+        white = noise[ARW] * noise[ARW] / dt + settings[STAND_RATE] * settings[STAND_RATE]
         H[:, :] = 0.0
         for i in range(3):
             H[i, G_ + i] = 1.0
-            z[i] = row[SUMS + 9 + i] / dt
+            z[i], variance[i] = row[SUMS + 9 + i] / dt, white
             for j in range(3):
                 C_ji = row[C_NB_AT + 3 * j + i]
                 z[i] -= C_ji * ie[j]
                 k, m = (j + 1) % 3, (j + 2) % 3  # row j of omega_ie x theta
                 H[i, T_ + m] -= C_ji * ie[k]
                 H[i, T_ + k] += C_ji * ie[m]
-        variance[:] = noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2
         update(x, P, H[0:3], z, variance, room, first)
         write_down(H[0:3], room, tape, taped)
     correct(state, bias, x)
@@ -808,52 +803,23 @@ def take_scales_off(bias, dtheta, dv, turned, pushed):
 @inner
 def plumb(state, bias, push):
     """What the deflection that is taken off makes the unit feel: push (3,) [m/s^2], body axes."""
-    frame = local_frame((state[R], state[R + 1], state[R + 2]))
-    C = dcm_ne(frame)
-    w, p, q, r = state[0], state[1], state[2], state[3]
+    frame = local_frame(triple(state, R))
+    C, B = dcm_ne(frame), dcm((state[0], state[1], state[2], state[3]))
     pull = gravity(frame[0], frame[4])
     north, east = pull * bias[B_DEFLECTION], pull * bias[B_DEFLECTION + 1]
     x = north * C[0] + east * C[3]
     y = north * C[1] + east * C[4]
     z = north * C[2] + east * C[5]
-    push[0] = (w * w + p * p - q * q - r * r) * x + 2 * (p * q + w * r) * y
-    push[0] += 2 * (p * r - w * q) * z
-    push[1] = 2 * (p * q - w * r) * x + (w * w - p * p + q * q - r * r) * y
-    push[1] += 2 * (q * r + w * p) * z
-    push[2] = 2 * (p * r + w * q) * x + 2 * (q * r - w * p) * y
-    push[2] += (w * w - p * p - q * q + r * r) * z
+    C_bn = (B[0], B[3], B[6], B[1], B[4], B[7], B[2], B[5], B[8])
+    put_triple(push, AT_0, rotate(C_bn, (x, y, z)))
 
 
 @inner
-def emit(state, bias, P, out):
-    """Write an output row: the solution as it is now, biases, variances."""
-    frame = local_frame((state[R], state[R + 1], state[R + 2]))
-    C = dcm_ne(frame)
-    w, p, q, r = state[0], state[1], state[2], state[3]
-    B = (
-        w * w + p * p - q * q - r * r,
-        2 * (p * q - w * r),
-        2 * (p * r + w * q),
-        2 * (p * q + w * r),
-        w * w - p * p + q * q - r * r,
-        2 * (q * r - w * p),
-        2 * (p * r - w * q),
-        2 * (q * r + w * p),
-        w * w - p * p - q * q + r * r,
-    )
-    out[0], out[1], out[2] = (
-        np.arctan2(frame[0], frame[1]),
-        np.arctan2(frame[2], frame[3]),
-        frame[4],
-    )
-    for i in range(3):
-        out[V_N_AT + i] = (
-            C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
-        )
-        for j in range(3):
-            out[C_NB_AT + 3 * i + j] = (
-                C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
-            )
+def emit(state, bias, P, rows, k):
+    """Write output row k: the solution as it is now, biases, variances."""
+    out, r = rows[k], triple(state, R)
+    record(rows, k, dcm((state[0], state[1], state[2], state[3])), triple(state, V), r)
+    frame = local_frame(r)
     for i in range(6):
         out[O_BIAS + i] = bias[i]
     for i in range(MOTION):
@@ -961,7 +927,7 @@ def run(
     flat, steady, unsure, angle = (np.zeros(dt.size), np.zeros(3), np.zeros(3), np.zeros(3))
     deflected, push = noise[DEFLECTION] > 0.0, np.zeros(3)
     gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
-    first, written = 0, 0
+    first, written = 0, AT_0
     for k in range(ends.size + 1):
         last = ends[k] if k < ends.size else dt.size
         if k == ends.size and last == first:
@@ -1034,20 +1000,9 @@ def run(
             )
         j = fix_of[k]
         if j >= 0:
-            if stands[k] or r >= 0:
-                end[0] = 0
-                integrate(
-                    dt[:0],
-                    turned_seen[:0],
-                    pushed_seen[:0],
-                    flat[:0],
-                    gains,
-                    look_s,
-                    LOOK_WIDTH,
-                    end,
-                    state,
-                    out,
-                )
+            if stands[k] or r >= 0:  # what stood or rolled has moved the solution
+                q = (state[0], state[1], state[2], state[3])
+                record(out, AT_0, dcm(q), triple(state, V), triple(state, R))
             take_fix(
                 state,
                 out[0],
@@ -1070,17 +1025,14 @@ def run(
                 put(phis[k, i], Phi[i], DRIVING)
             tape_ends[k] = taped[0]
         if emits[k]:
-            emit(state, bias, P, rows_out[written])
+            emit(state, bias, P, rows_out, written)
             if P_out.shape[0] > 0:
                 for i in range(P_out.shape[1]):
                     for l in range(P_out.shape[2]):
                         P_out[written, i, l] = P[i, l]
             written += 1
-        C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
-        for i in range(3):
-            carry[V_BEFORE + i] = (
-                C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
-            )
+        C = dcm_ne(local_frame(triple(state, R)))
+        put_triple(carry, AT_BEFORE, rotate(C, triple(state, V)))
         carry[DT] = carry[STEP_ROWS] = 0.0
         if carry[REJECTED_SINCE] > 0.0 or (j >= 0 and fix_out[j, F_USED] == REJECTED):
             carry[REJECTED_SINCE] += step_s

@@ -48,14 +48,14 @@ COUNT, ELAPSED, LIMIT, STATE_SIZE = 36, 37, 38, 39
 LOOK_ROWS, LOOK_AHEAD_S = 16, 0.16  # see strapdown_loop
 
 
-# no test of each division: none here can be by zero. A part is compiled into its callers: a loop
-# over tiles becomes vector instructions only where nothing in it is called.
-kernel = jit(error_model="numpy")
-part = jit(error_model="numpy", forceinline=True)
+# A part is compiled into its callers: a loop over tiles becomes vector instructions only where
+# nothing in it is called.
+kernel = jit()
+part = jit(forceinline=True)
 # Of those that only kernels call: no way in from Python, which is a quarter of what there is to
 # compile.
-inner = jit(error_model="numpy", no_cpython_wrapper=True)
-inner_part = jit(error_model="numpy", forceinline=True, no_cpython_wrapper=True)
+inner = jit(no_cpython_wrapper=True)
+inner_part = jit(forceinline=True, no_cpython_wrapper=True)
 
 
 @inner_part

@@ -183,11 +183,11 @@ def test_kernels_take_nothing_from_a_third_package():
 
 
 def test_options_reach_numba():
-    @jit.jit(error_model="numpy")
+    @jit.jit
     def to_infinity(a, b):
         return a / b
 
-    @jit.jit
+    @jit.jit(error_model="python")
     def by_zero(a, b):
         return a / b
 
