@@ -56,7 +56,8 @@ class ParkedEvidence:
 
     stretch (N,): which of `stretches` a bin is of, -1 of a bin under way; used_s (N,): still
     seconds of each bin; earth: what of Earth rate is known and the covariance of the rest over all
-    stretches; turns: between one stretch and the next; left_out: other rests and why. Against the
+    stretches; turns: between one stretch and the next; left_out: other rests and why; there may be
+    no stretch at all, of a unit that never stood. Against the
     table with nothing believed of each gyro's level, sums of squares: shape_nis,
     shape_nis_compensated (as if the table had been taken out of the log before), shape_dof.
     """
@@ -199,7 +200,13 @@ class SessionEstimate:
     @property
     def motion(self) -> Motion:
         """When the vehicle stood, by the solution or by the parked seconds."""
-        return self.navigated.motion if self.parked is None else self.parked.motion
+        if self.parked is None:
+            return self.navigated.motion
+        if self.parked.stretches:
+            return self.parked.motion
+        ends_s = np.array([self.bins.start_s[0], self.bins.end_s[-1]])
+        cause = np.full(2, "", dtype=object)
+        return Motion(ends_s, np.full(2, int(UNKNOWN)), np.zeros(2), float("nan"), cause)
 
     @property
     def navigated(self) -> Solution:

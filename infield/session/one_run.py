@@ -13,6 +13,7 @@ from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.evidence import fly, fly_in_motion
 from infield.session.flown.known import KnownRun
+from infield.session.flown.without_heading import fly_never_at_rest
 from infield.session.flown.worth import FlightEvidence
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
@@ -167,7 +168,7 @@ def _begun(known: KnownRun) -> _Begun:
     if rest is not None and why is None:
         parked = _estimated(known, rest, rests)
     if rests is not None:
-        return _Begun(parked)
+        return _unrested(known, rests, parked) if isinstance(parked, Verdict) else _Begun(parked)
     after = None if isinstance(parked, Verdict) else parked
     flight = fly_in_motion(known, rest, after)
     if flight is None:
@@ -175,6 +176,17 @@ def _begun(known: KnownRun) -> _Begun:
     if isinstance(parked, Verdict):
         parked = flight.joined or acceptance.refuse(*parked.reasons, *flight.reasons)
     return _Begun(parked, flight)
+
+
+def _unrested(known: KnownRun, rests: Rests, refused: Verdict) -> _Begun:
+    """A unit that finds no heading and of which no rest was taken: what it shows under way."""
+    imu = known.run.imu
+    against = _uncovered(known.temperature, [(imu.start_s, imu.end_s)])
+    flight = None if against is not None else fly_never_at_rest(known, rests)
+    if flight is None:
+        return _Begun(refused)
+    joined = flight.joined or acceptance.refuse(*refused.reasons, *flight.reasons)
+    return _Begun(joined, flight)
 
 
 def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEstimate | Verdict:

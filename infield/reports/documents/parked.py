@@ -42,6 +42,11 @@ def parked_sessions(result: UpdateResult) -> list[SessionResult]:
     return [s for s in result.sessions if s.estimate is not None and s.estimate.parked is not None]
 
 
+def rested_sessions(result: UpdateResult) -> list[SessionResult]:
+    """Those of them that stood."""
+    return [s for s in parked_sessions(result) if s.estimate and evidence_of(s.estimate).stretches]
+
+
 def measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:
     """How the rates change along the session, against the noise model."""
     if not e.dof:
@@ -49,9 +54,11 @@ def measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:
     return {"zero rate over time": MeasurementDocument(nis_mean=e.nis_mean, dof=e.dof)}
 
 
-def zero_rate(e: SessionEstimate) -> ZeroRateDocument:
-    """What the parked seconds of a session gave."""
+def zero_rate(e: SessionEstimate) -> ZeroRateDocument | None:
+    """What the parked seconds of a session gave; None of one that never stood."""
     p = evidence_of(e)
+    if not p.stretches:
+        return None
     first, last = p.stretches[0].seconds, p.stretches[-1].seconds
     return ZeroRateDocument(
         seconds=float(p.used_s.sum()),
@@ -137,6 +144,10 @@ def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[s
     """Terms of the session's mean bias on x, y and z, each alone, one sigma."""
     assert session.estimate is not None
     p, gyro = evidence_of(session.estimate), result.twin.gyro
+    ways = _of_ways(session)
+    if not p.stretches:
+        of_start = {"turn-on, this session against the mean": gyro.turn_on_deg_h}
+        return [of_start | {term: sigma[k] for term, sigma in ways.items()} for k in range(3)]
     seconds = float(p.used_s.sum())
     walk = (
         gyro.rate_random_walk_deg_h_sqrt_h**2
@@ -147,7 +158,6 @@ def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[s
     if len(p.stretches) == 1:
         heading = p.earth.heading_deg_h[0] * np.sqrt(np.maximum(1.0 - p.earth.down_b[0] ** 2, 0.0))
     rest = np.sqrt(np.maximum(p.of_mean(p.earth.covariance) - heading**2, 0.0))
-    ways = _of_ways(session)
     return [
         {
             "angle random walk": p.walk_deg_sqrt_h[k] / np.sqrt(seconds / HOUR),
@@ -188,7 +198,7 @@ def assumptions(result: UpdateResult) -> list[str]:
     """What a reader must believe for these numbers to hold."""
     twin, found = (
         result.twin,
-        [s.estimate.parked for s in parked_sessions(result) if s.estimate is not None],
+        [s.estimate.parked for s in rested_sessions(result) if s.estimate is not None],
     )
     north = max((float(p.earth.heading_deg_h.max()) for p in found if p is not None), default=0.0)
     several = any(len(p.stretches) > 1 for p in found if p is not None)

@@ -227,8 +227,7 @@ def _detected(e: SessionEstimate) -> tuple[Phase, ...]:
     """Phases by the motion; what lies between the stretches of a parked unit is nobody's to
     name.
     """
-    several = e.parked is not None and len(e.parked.stretches) > 1
-    if several:
+    if e.parked is not None and len(e.parked.stretches) != 1:
         return parked_document.phases(e)
     found = detect_phases(e.motion)
     if e.begun is None:

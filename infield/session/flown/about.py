@@ -210,8 +210,8 @@ def over(flt: AboutFilter, steps: Steps, believed: Believed) -> None:
 
 
 class Read(NamedTuple):
-    """A step as the covariance moves with it, its noise taken off: C_nb at its start, specific
-    force NED and body (3,) [m/s^2], rate in body axes (3,) [rad/s].
+    """A step as the covariance moves with it, its noise taken off: the mean of C_nb over it,
+    specific force NED and body (3,) [m/s^2], rate in body axes (3,) [rad/s].
     """
 
     C_nb: NDArray
@@ -239,8 +239,10 @@ class Reading:
         moves = np.concatenate([-skew(force_n), C], axis=1)
         unsure = (moves @ flt.P[TILTED, TILTED] @ moves.T).diagonal()
         white = self.believed.noise.vrw**2 / dt
+        # of a car that turns by 20 deg in a step the sensors' axes at its start are 10 deg off
+        turned = skew(steps.angle_b_rad[k])
         return Read(
-            C,
+            C @ (UNIT_MATRIX + 0.5 * turned + turned @ turned / 6.0),
             self.force_n.of(force_n, white, unsure),
             self.force_b.of(force_b, white),
             self._turns(flt, steps, k),

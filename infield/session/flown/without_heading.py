@@ -4,7 +4,8 @@ its parked ones or left out.
 The parked stretches are estimated first (`infield.session.parked`). The whole log is navigated with
 the receiver (`infield.aided`); between the rests a filter about that solution estimates the bins
 (`infield.session.flown.about`), with the table's and the session's joint prior over all bins, and
-with what the rests said. The rests' own seconds are not used again.
+with what the rests said. The rests' own seconds are not used again. A log without a rest is one
+way: what its gyros may read under way beyond what they read at rest stays in its sigmas.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from alignment.motion.inertial import Where
 from infield.aided.flight import AidedResult, aided_noise, navigate_aided
 from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
-from infield.session.estimate import ParkedEvidence, SessionEstimate
+from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
 from infield.session.flown.about import FIRST_FURTHER, Believed, begun, over
 from infield.session.flown.flight import Flight
 from infield.session.flown.gates import against, carried, doubted, uncovered
@@ -27,7 +28,8 @@ from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.steps import steps_between
 from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
-from infield.session.parked.stretches import MIN_PARKED_S
+from infield.session.parked.never_at_rest import never_at_rest
+from infield.session.parked.stretches import MIN_PARKED_S, Rests
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import AidedHistory, AidedNoise
@@ -59,12 +61,28 @@ COMPONENTS_OF_SCALE = 3  # of all gyros; that of z is no base state here
 
 def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
     """What lies between the rests of such a unit; None where nothing moves with a receiver."""
-    run, twin = known.run, known.twin
-    if run.gnss is None or not known.settings.use_gnss or ground.parked is None:
+    if ground.parked is None:
         return None
     rests = tuple(
         (float(s.seconds.start_s[0]), float(s.seconds.end_s[-1])) for s in ground.parked.stretches
     )
+    return _flown(known, rests, ground)
+
+
+def fly_never_at_rest(known: KnownRun, rests: Rests) -> FlightEvidence | None:
+    """A log that never stands for a minute, as one way; None where nothing moves with a receiver.
+    rests: that are too short, or no rests.
+    """
+    return _flown(known, (), rests)
+
+
+def _flown(
+    known: KnownRun, rests: tuple[Where, ...], ground: SessionEstimate | Rests
+) -> FlightEvidence | None:
+    """What lies between rests, before the first and after the last."""
+    run, twin = known.run, known.twin
+    if run.gnss is None or not known.settings.use_gnss:
+        return None
     away = _between(rests, run.imu.start_s, run.imu.end_s)
     heard = run.gnss.time_s
     covered = [np.unique(np.floor(heard[(heard > a) & (heard <= b)])).size for a, b in away]
@@ -98,7 +116,8 @@ def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvide
     def estimated(known: KnownRun) -> FlightEvidence:
         return _estimated(known, ground, imu, result, stretches, left_out)
 
-    return _widened(known, estimated(known), estimated)
+    usual = estimated(known)
+    return usual if isinstance(ground, Rests) else _widened(known, usual, estimated)
 
 
 def _widened(
@@ -139,7 +158,7 @@ def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
 
 def _estimated(
     known: KnownRun,
-    ground: SessionEstimate,
+    ground: SessionEstimate | Rests,
     imu: ImuSource,
     result: AidedResult,
     stretches: list[slice],
@@ -149,7 +168,10 @@ def _estimated(
     history, fixes = result.history, result.fixes
     assert history is not None and fixes is not None
     spans = [(float(history.time_s[s][0]), float(history.time_s[s][-1])) for s in stretches]
-    bins, is_away = _all_bins(known, ground, spans)
+    alone = None if isinstance(ground, Rests) else ground
+    bins, is_away = _all_bins(known, None if alone is None else alone.bins, spans)
+    if isinstance(ground, Rests):
+        ground = never_at_rest(bins, _begun(result), ground.left_out)
     after = _after_rests(ground, bins, ~is_away)
     believed = _believed(known, result, bins, after, is_away)
     scaled = fixes.scaled(result.scales.position, result.scales.velocity)
@@ -166,28 +188,45 @@ def _estimated(
         )
         over(flt, steps, believed)
     end = flt.end(_antenna_found(known, result))
-    reasons, states = against(end, believed.layout), carried(end, believed.layout)
+    reasons = against(end, believed.layout, rested=alone is not None)
+    states = carried(end, believed.layout)
     joined = None if reasons else _joined(ground, bins, is_away, after, flt.biases(believed))
-    worth = None if joined is None else worth_of(known.table, ground, joined, left_out.flight)
+    worth = None if joined is None else worth_of(known.table, alone, joined, left_out.flight)
     return replace(left_out, reasons=reasons, joined=joined, carried=states, worth=worth)
 
 
+def _begun(result: AidedResult) -> BegunInMotion:
+    """How a session began that never stood."""
+    found = result.found
+    assert found is not None
+    return BegunInMotion(
+        time_s=found.start.state.time_s,
+        method=found.method.value,
+        sigma_heading_rad=found.sigma_heading_rad,
+        parked_s=0.0,
+    )
+
+
 def _all_bins(
-    known: KnownRun, ground: SessionEstimate, spans: list[Where]
+    known: KnownRun, parked: SessionBins | None, spans: list[Where]
 ) -> tuple[SessionBins, NDArray]:
-    """Bins of rests and ways in order of time, and which of them are under way (N,)."""
-    edges = [ground.bins.start_s, ground.bins.end_s]
+    """Bins of rests and ways in order of time, and which of them are under way (N,). parked: bins
+    of the rests, None where there are none.
+    """
+    of_rests = () if parked is None else (parked.start_s, parked.end_s)
     under_way_s = sum(b - a for a, b in spans)
     bin_s = float(np.clip(under_way_s / BINS_AWAY, SHORTEST_AWAY_BIN_S, known.settings.bin_s))
     away = [equal_edges(a, b, bin_s) for a, b in spans]
-    every = np.unique(np.concatenate([*edges, *away]))
+    every = np.unique(np.concatenate([*of_rests, *away]))
     bins = bins_between(known.table, known.temperature, known.twin, known.settings, every)
-    parked = np.isin(bins.start_s, ground.bins.start_s) & np.isin(bins.end_s, ground.bins.end_s)
+    rest = np.zeros(bins.start_s.size, dtype=bool)
+    if parked is not None:
+        rest = np.isin(bins.start_s, parked.start_s) & np.isin(bins.end_s, parked.end_s)
     under_way = np.zeros(bins.start_s.size, dtype=bool)
     for a, b in spans:
         under_way |= (bins.start_s >= a) & (bins.end_s <= b)
-    kept = parked | under_way
-    return bins.only(kept), under_way[kept] & ~parked[kept]
+    kept = rest | under_way
+    return bins.only(kept), under_way[kept] & ~rest[kept]
 
 
 @dataclass(frozen=True)
@@ -297,6 +336,8 @@ def _noise(known: KnownRun, result: AidedResult) -> AidedNoise:
 
 def _after_rests(ground: SessionEstimate, bins: SessionBins, parked: NDArray) -> _Biases:
     """All bins, given the rests."""
+    if not parked.any():
+        return _Biases(np.zeros(3 * parked.size), bins.prior)
     information, vector = measurement_information(ground.bins, ground)
     of = np.flatnonzero(np.repeat(parked, 3))
     C = bins.prior

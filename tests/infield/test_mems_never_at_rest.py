@@ -1,0 +1,118 @@
+"""Units without a heading whose log begins in motion and never stands: one way, taken with its
+sigmas or refused; the sensors' axes over a step that turns.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from infield.reports.documents import parked as parked_document
+from infield.reports.documents.session import session_document
+from infield.session.flown.about import Reading, begun
+from infield.session.reasons import FlightReason, ParkedReason
+from infield.table.thermal_table import AgeingModel
+from ins.attitude import dcm_from_rotation_vector
+from ins.verdicts import Outcome
+from tests.infield import mems_away
+from tests.infield.mems_away import SETTINGS, bin_errors, simulated
+from tests.infield.test_flown_mems import led_astray
+from trajectories.runs.cut import cut_run
+
+# 15 s after it begins to roll, to the end: no second of it stands
+ROLLS_S = mems_away.PARKED_S + 15.0
+CHANCE = 5e-4  # two-sided: 1 in 1000 of right sigmas
+
+
+def rolling(run):
+    """A run that begins in motion."""
+    return cut_run(run, ROLLS_S, run.imu.end_s)
+
+
+@lru_cache(maxsize=2)
+def taken(seed):
+    return mems_away.taken(rolling(simulated(seed).run))
+
+
+def mean_of(seed):
+    """Error of the means over a session, gyros x, y, z, and their covariance [deg/h]."""
+    estimate = taken(seed).estimate
+    rows = np.kron(estimate.bins.duration_s / estimate.bins.duration_s.sum(), np.eye(3))
+    error = bin_errors(simulated(seed), estimate).ravel()
+    return rows @ error, rows @ estimate.covariance @ rows.T
+
+
+def test_a_log_that_never_stands_is_taken_with_right_sigmas():
+    error, P = mean_of(0)
+    low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], error.size)
+    assert low < error @ np.linalg.solve(P, error) < high
+    # the blank table's 30 deg/h and a turn-on of as much
+    assert np.sqrt(np.diag(P)).max() < 0.2 * 42.0
+
+
+def test_what_gyros_may_read_under_way_alone_stays_in_the_sigmas():
+    """Nothing stood: the session cannot tell it from the table's own error."""
+    shift = SETTINGS.flight.shift_deg_h["mems"]
+    assert np.sqrt(np.diag(mean_of(0)[1])).min() > shift
+    assert not taken(0).flight.notes
+    terms = parked_document.budget_terms(taken(0), SimpleNamespace(twin=mems_away.TWIN))
+    told = [of_axis["what a gyro reads under way against at rest"] for of_axis in terms]
+    assert np.array(told) == pytest.approx(shift, rel=1e-3)
+
+
+def test_its_document_names_no_rest():
+    session = taken(0)
+    document = session_document(session)
+    assert document.zero_rate is None and not document.phases
+    assert document.begun_in_motion.parked_s == 0.0
+    assert session.estimate.parked.stretches == ()
+    update = SimpleNamespace(
+        sessions=[session], twin=mems_away.TWIN, ageing=AgeingModel(), merged_runs=()
+    )
+    assert "need not be known" in parked_document.assumptions(update)[0]
+
+
+def test_where_the_receiver_is_not_asked_it_is_refused_as_before():
+    run = rolling(simulated(0).run)
+    unasked = replace(SETTINGS, use_gnss=False)
+    result = mems_away.take_run(run, mems_away.blank(), mems_away.TWIN, unasked, False)
+    assert result.verdict.outcome is Outcome.REFUSED and result.flight is None
+    assert [r.code for r in result.verdict.reasons] == [ParkedReason.NO_REST]
+
+
+@pytest.mark.slow
+def test_a_receiver_led_astray_leaves_nothing():
+    made = simulated(0)
+    result = mems_away.taken(rolling(replace(made.run, gnss=led_astray(made.run.gnss))))
+    assert result.verdict.outcome is Outcome.REFUSED and result.flight.joined is None
+    codes = [reason.code for reason in result.verdict.reasons]
+    assert codes[0] is ParkedReason.NO_REST
+    assert any(isinstance(code, FlightReason) for code in codes[1:])
+
+
+def test_the_axes_of_a_step_are_their_mean_over_it():
+    """Constant rate, 20 deg a step: against the mean of a thousand attitudes."""
+    angle = np.radians(20.0) * np.array([0.3, -0.2, 0.93])
+    C = dcm_from_rotation_vector([0.2, -0.1, 1.0])
+    share = (np.arange(1000) + 0.5) / 1000
+    mean = np.mean([C @ dcm_from_rotation_vector(angle * u) for u in share], axis=0)
+    believed = SimpleNamespace(
+        noise=SimpleNamespace(vrw=1e-3, arw=1e-4),
+        layout=SimpleNamespace(sigma=np.zeros(0)),
+        first_bin=27,
+        mean=np.zeros(3),
+        covariance=np.eye(3),
+        of_mean=0.0,
+        accel_m_s2=0.1,
+        wander_rad_s=1e-5,
+    )
+    flt = begun(believed)
+    steps = SimpleNamespace(
+        dt_s=[1.0], force_b_m_s2=[np.array([0.0, 0.0, -9.8])], angle_b_rad=[angle], bin=[0]
+    )
+    read = Reading(believed).of(flt, steps, 0, C)
+    assert np.abs(read.C_nb - mean).max() < 2e-3  # of 0.17 at the step's start
+    assert np.abs(C - mean).max() > 0.1
