@@ -85,7 +85,8 @@ def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
         return f"To tell {names}, record {then.lacks}; none of the usual recordings has it."
     if then.score <= now.score + LEAST_PAIR_GAIN:
         return (
-            f"No usual recording tells {names} better than these runs: |cos| stays {then.cos:.2f}."
+            f"No usual recording tells {names} better than these runs: the two stay {then.cos:.2f}"
+            " alike (1: the same)."
         )
     was = "; these runs do not show it" if now.lacks else f" instead of {_times(now)}"
     return (

@@ -12,6 +12,7 @@ Gram matrices add.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,16 +114,22 @@ class RunGrams:
             [np.zeros(0), *(g.scale for groups in bank.found.values() for g in groups)]
         )
         self.gram = bank.gram * np.outer(scale, scale)
+        # asked for again and again while sets of recordings are compared
+        self._products: dict[tuple[tuple[str, str], ...], NDArray] = {}
 
     def block(self, h: Contender, k: Contender) -> NDArray:
         """Products (shapes of h, shapes of k, p, q) of two contenders' columns."""
-        a, b = self.columns[h.key], self.columns[k.key]
-        return self.gram[a[:, None, :, None], b[None, :, None, :]]
+        if (h.key, k.key) not in self._products:
+            a, b = self.columns[h.key], self.columns[k.key]
+            self._products[h.key, k.key] = self.gram[a[:, None, :, None], b[None, :, None, :]]
+        return self._products[h.key, k.key]
 
     def own(self, h: Contender) -> NDArray:
         """Products (shapes, p, p) of each shape's columns with each other."""
-        a = self.columns[h.key]
-        return self.gram[a[:, :, None], a[:, None, :]]
+        if (h.key,) not in self._products:
+            a = self.columns[h.key]
+            self._products[h.key,] = self.gram[a[:, :, None], a[:, None, :]]
+        return self._products[h.key,]
 
 
 @dataclass(frozen=True)
@@ -139,19 +146,19 @@ class Told:
     delta_low: NDArray
     delta_high: NDArray
 
-    @property
+    @cached_property
     def delta_needed(self) -> NDArray:
         """Size (v,) from which it is told apart at 95 % odds."""
         return np.sqrt(2.0 * ODDS_NATS / np.maximum(1.0 - self.cos**2, LEAST_LEFT))
 
-    @property
+    @cached_property
     def margin(self) -> float:
         """Size at the geometric mean of the usual range over the size needed to be seen and told:
         median over the shapes.
         """
         return float(np.median(self.delta / np.maximum(self.delta_needed, SEEN_DELTA)))
 
-    @property
+    @cached_property
     def margin_high(self) -> float:
         """The same at the upper end of the usual range."""
         return float(np.median(self.delta_high / np.maximum(self.delta_needed, SEEN_DELTA)))

@@ -124,14 +124,14 @@ class Judged:
     def delta_needed_typical(self) -> float:
         return max((float(np.median(t.delta_needed)) for t in self.both), default=np.nan)
 
-    @property
+    @cached_property
     def margin(self) -> float:
         """Usual size over the size needed, whichever of the two is harder to tell; 0 where not
         testable.
         """
         return min((t.margin for t in self.both), default=0.0)
 
-    @property
+    @cached_property
     def margin_high(self) -> float:
         """The same for effects at the upper end of their usual size."""
         return min((t.margin_high for t in self.both), default=0.0)

@@ -221,7 +221,7 @@ def _never(j: Judged) -> NeverRecord:
     if j.lacks:
         why = f"needs {j.lacks}"
     elif j.cos > ALIKE_COS:
-        why = f"they look the same in all of the recordings together, |cos| {j.cos:.3f}"
+        why = f"{j.cos:.3f} alike (1: the same) in all of the recordings together"
     else:
         why = "too small to be seen at their usual size, even in all of the recordings together"
     return NeverRecord(label=j.pair.label, why=why)
@@ -232,14 +232,14 @@ def _separates(step: StepRecord) -> str:
 
 
 def _pair_line(p: JudgedRecord) -> str:
-    """One pair: verdict, |cos|, and from which size each is told."""
+    """One pair: verdict, how alike the two are, and from which size each is told."""
     verdict = p.verdict.replace("_", " ")
     if p.cos is None:
         return f"{p.label}: {verdict}, needs {p.lacks}"
     told = "; ".join(f"{m.effect} from {_told_from(m)}" for m in p.members)
     return (
-        f"{p.label}: {verdict}, |cos| {p.cos:.3f}, told at Delta"
-        f" {p.delta_needed_typical:.1f}: {told}"
+        f"{p.label}: {verdict}, {p.cos:.3f} alike (1: the same), told apart from"
+        f" {p.delta_needed_typical:.1f} sigmas of the whole plan on: {told}"
     )
 
 

@@ -155,7 +155,7 @@ def _sizes(best: PlanOfRecordings) -> Markup | None:
     ax.minorticks_off()
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(range(len(rows)), labels)
-    axis_text(ax, x="size Delta in the whole plan (norm of the whitened effect)")
+    axis_text(ax, x="size [sigmas of the noise of the whole plan]")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return svg_text(
         figure,
