@@ -36,6 +36,9 @@ BESIDE = 15
 # chosen: 68 kt; a taxi is up to 30 kt fast, what is faster takes off or has landed
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
+# a turn on the spot begins and ends where it stands out of this unit's noise at rest by as much;
+# chosen: by chance 6e-7 of the epochs do
+PIVOT_EDGE_SIGMAS = 5.0
 # jolt of a vehicle that was pushed: twice NEW_HEADING_RAD of the filter (1e-3), beyond what the
 # parked heading survives; tests/alignment/test_stillness.py asks for more than that
 NEW_PLACE_RAD = 2e-3
@@ -197,6 +200,7 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     is a tug's.
     """
     t, turn = history.time_s, turn_about_down(history)
+    felt = _felt(turn, kind == STILL)
     ends = []
     for a, b in runs_of_true(
         (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != Cause.PUSH)
@@ -210,7 +214,29 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
             ends.append(b - 1)
         else:
             kind[a:b] = ROLLING
+            for edge, way in ((a, -1), (b - 1, 1)):
+                _to_the_rest(kind, felt, edge, way)
     return ends
+
+
+def _felt(turn: NDArray, still: NDArray) -> NDArray:
+    """Epochs whose turn stands out of what the unit reads at rest."""
+    if not still.any():
+        return np.zeros(len(turn), bool)
+    own = turn - np.median(turn[still])
+    return np.asarray(np.abs(own) > PIVOT_EDGE_SIGMAS * robust_sigma(own[still]))
+
+
+def _to_the_rest(kind: NDArray, felt: NDArray, edge: int, way: int) -> None:
+    """A turn on the spot (ROLLING) goes on before or behind its edge for as long as it is felt, and
+    an epoch longer, in place.
+    """
+    k = edge + way
+    while 0 <= k < len(kind) and kind[k] <= DISTURBED:
+        kind[k] = ROLLING
+        if not felt[k]:
+            return
+        k += way
 
 
 def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:

@@ -162,11 +162,8 @@ def test_a_slow_tow_rolls_and_a_pivot_turns():
     motion = motion_of(segments)
     (_, left), (stopped, again), (back, _) = ideal_of(segments).truth.motion.rest
     assert (during(motion, left + 5.0, stopped - EDGE_S) == ROLLING).all()
-    assert (during(motion, again + 10.0, back - 10.0) == ROLLING).all()
-    slow_ends = motion.jolt_rad[
-        (motion.time_s > again) & (motion.time_s <= back) & (motion.kind != ROLLING)
-    ]
-    assert np.max(slow_ends) > 100 * ARCSEC  # what is too slow for a pivot still counts as a turn
+    # the slow beginning and end, below the rate that makes a pivot, belong to it
+    assert (during(motion, again + 1.5, back - 1.5) == ROLLING).all()
     assert np.mean(during(motion, back + EDGE_S, 950.0) == STILL) > 0.99
 
 
