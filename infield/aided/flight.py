@@ -289,7 +289,9 @@ def navigate_aided(
         + site_note(fixes, stands, header.site, imu.start_s)
     )
     notes += mounting_note(history)
-    notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, flights, twin.source)
+    notes += antenna_notes(fitted.antenna, antenna) + noise_notes(
+        scales, flights, history, twin.source
+    )
     notes += fixes_note(scales, fixes)
     outages = find_outages(history)
     grade, weak = graded(

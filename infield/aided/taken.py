@@ -90,7 +90,9 @@ def antenna_notes(seen: SeenAntenna, declared: Antenna) -> tuple[Reason, ...]:
     return tuple(notes)
 
 
-def noise_notes(scales: NoiseScales, flights: Flights, source: str) -> tuple[Reason, ...]:
+def noise_notes(
+    scales: NoiseScales, flights: Flights, history: AidedHistory, source: str
+) -> tuple[Reason, ...]:
     """How much larger than declared the noise was taken; empty where it stood. source: of what was
     declared.
     """
@@ -99,7 +101,8 @@ def noise_notes(scales: NoiseScales, flights: Flights, source: str) -> tuple[Rea
     slow = slow_other = slow_velocity = None
     level_m, down_m, velocity_m_s = flights.declared_m
     if scales.slow:
-        slow = _slow(scales.slow, level_m, down_m) | {"time_s": scales.slow_s}
+        slow = _slow(scales.slow, level_m, down_m)
+        slow |= {"time_s": scales.slow_s, "scatter": flights.scatter(history)}
     if scales.slow_other:
         other = flights.fixes.other_type
         slow_other = _slow(scales.slow_other, *flights.declared_other_m)

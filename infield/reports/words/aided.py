@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 from infield.aided.checks import Widened
+from infield.aided.noise import SHOWS_LESS
 from infield.aided.reasons import AidedNote, AidedReason, AidedWeakness
 from infield.aided.wheels import Mounting, WheelsFound
 from infield.reports.words.sentences import Template
@@ -133,8 +134,11 @@ def _noise(
             f" {slow_velocity['time_s']:.2g} s"
         )
     most = " (the largest that is tried)" if capped else ""
-    lower = not (stirred or slow or slow_other or slow_velocity) and max(factors.values()) <= 1.0
-    how = "fall short of" if lower else "exceed"
+    more = stirred or slow_other or slow_velocity or max(factors.values()) > 1.0
+    short = slow is not None and slow["scatter"] <= SHOWS_LESS
+    how = "fall short of" if not more and (short or not slow) else "exceed"
+    if slow and short:
+        told += f" (positions scatter by {slow['scatter']:.2g} of what is declared: the rest lasts)"
     told = f"the innovations {how} the noise model ({source}): {told}{most}"
     return f"{told}; NIS is no test then"
 
