@@ -327,8 +327,8 @@ def _bad_by_type(shares: Sequence[FixesOfTypeDocument]) -> str:
     """How many fixes of each type were bad; empty where no type is known."""
     if all(share.fix_type == "unknown" for share in shares):
         return ""
-    told = [f"{share.bad} of {share.count} {share.fix_type}" for share in shares]
-    return "; bad: " + ", ".join(told)
+    told = [f"{share.bad} of {share.count} (type {share.fix_type})" for share in shares]
+    return "; bad fixes: " + ", ".join(told)
 
 
 def _smoothed_lines(smoothed: SmoothedDocument | None) -> list[str]:

@@ -138,7 +138,10 @@ def _noise(
     short = slow is not None and slow["scatter"] <= SHOWS_LESS
     how = "fall short of" if not more and (short or not slow) else "exceed"
     if slow and short:
-        told += f" (positions scatter by {slow['scatter']:.2g} of what is declared: the rest lasts)"
+        told += (
+            f" (positions scatter by {slow['scatter']:.2g} of what is declared; the rest is taken"
+            " for a slow error)"
+        )
     told = f"the innovations {how} the noise model ({source}): {told}{most}"
     return f"{told}; NIS is no test then"
 
