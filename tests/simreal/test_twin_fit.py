@@ -384,6 +384,22 @@ def test_three_power_ons_hardly_tell_a_turn_on():
     assert many.low < 1.0 < many.high and many.high / many.low < 3.0
 
 
+def test_constants_that_agree_by_chance_leave_a_turn_on_as_it_was_believed():
+    """Two power-ons below their own noise bound the spread from above and say no more; over sizes
+    drawn from the belief the mean logarithm is right (it was a thousandth in half of them).
+    """
+    rng, log_sigma = np.random.default_rng(8), 2.0 * np.log(3.0)
+    alike = spread_between([np.zeros(2), np.full(2, 1e-3)], np.ones(2))
+    assert 0.1 < np.sqrt(alike.weighed(1.0, log_sigma)) < 1.0
+    off = []
+    for _ in range(150):
+        log = log_sigma * rng.standard_normal()
+        size = np.sqrt(np.exp(log) + 0.5)
+        found = spread_between([size * rng.standard_normal(2) for _ in range(2)], np.full(2, 0.5))
+        off.append((np.log(found.weighed(1.0, log_sigma)) - log) / log_sigma)
+    assert abs(np.mean(off)) < 3.0 / np.sqrt(150) and 0.4 < np.std(off) < 1.0
+
+
 def test_a_tilting_vehicle_is_not_charged_to_the_gyro():
     """A hundred windows of a gyro with unit noise on a base that accelerometers see too."""
     rng = np.random.default_rng(7)

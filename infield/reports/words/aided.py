@@ -54,6 +54,18 @@ def _contradicts(*, count: int, seen: int, components: str, sigmas: float) -> st
     )
 
 
+def _fixes_say(*, declared_m: float, said_m: float, declared_m_s: float, said_m_s: float) -> str:
+    told = [
+        f"{what} declared {declared:.2g} {unit}, "
+        + ("taken so" if said == declared else f"the innovations say {said:.2g} {unit}")
+        for what, unit, declared, said in (
+            ("positions", "m", declared_m, said_m),
+            ("velocities", "m/s", declared_m_s, said_m_s),
+        )
+    ]
+    return f"sigmas of the fixes (median): {'; '.join(told)}"
+
+
 def _fixes_widened(
     *, count: int, first_s: float, last_s: float, components: str, sigmas: float, whose: Widened
 ) -> str:
@@ -200,11 +212,7 @@ SENTENCES: Mapping[StrEnum, Template] = {
     AidedReason.NOISE_UNBELIEVED: _unbelieved,
     AidedReason.RECEIVER_CONTRADICTS: _contradicts,
     AidedNote.FIXES_WIDENED: _fixes_widened,
-    AidedNote.FIXES_SAY: (
-        "sigmas of the fixes (median): positions declared {declared_m:.2g} m, the innovations say"
-        " {said_m:.2g} m from fix to fix; velocities declared {declared_m_s:.2g} m/s, the"
-        " innovations say {said_m_s:.2g} m/s"
-    ),
+    AidedNote.FIXES_SAY: _fixes_say,
     AidedNote.HEADING_OPEN: (
         "{reason}. The solution is that of flights from headings all round, weighed by what they"
         " explain: its heading is worth what its sigma says"

@@ -1,6 +1,6 @@
 """What differs from one power-on to the next: the spread of constant biases over several runs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +12,32 @@ from ins.robust import chi2
 from simreal.twin.fit.streams import Stream
 
 CONSTANT_OVER_S = 900.0  # of rest: the constant of a run is taken here, before it drifts
+# how far a variance may lie from what was believed, in its sigmas: 2e-9 of it is beyond
+REACH_SIGMAS, REACH_POINTS = 6.0, 241
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Spread:
-    """A variance between runs: its maximum of likelihood, 95 % limits, and degrees of freedom."""
+    """A variance between runs: its maximum of likelihood, 95 % limits, and degrees of freedom.
+
+    cost: minus twice the log-likelihood of the logarithm of a variance.
+    """
 
     variance: float
     low: float
     high: float
     freedom: float
+    cost: Callable[[float], float]
+
+    def weighed(self, believed: float, sigma: float) -> float:
+        """The variance by its mean logarithm, where it was believed with this sigma of the
+        logarithm. A maximum at zero bounds the variance from above and says no more.
+        """
+        off = np.linspace(-REACH_SIGMAS, REACH_SIGMAS, REACH_POINTS)
+        logs = np.log(believed) + sigma * off
+        nats = -0.5 * (np.array([self.cost(value) for value in logs]) + off**2)
+        weight = np.exp(nats - nats.max())
+        return float(np.exp(np.sum(weight * logs) / np.sum(weight)))
 
 
 def gyro_constants(stream: Stream, *, finds_north: bool) -> NDArray:
@@ -85,4 +101,4 @@ def spread_between(values: Sequence[NDArray], noise: NDArray) -> Spread | None:
     high = np.inf
     if beyond(bounds[1]) > 0:
         high = float(np.exp(brentq(beyond, best.x, bounds[1])))
-    return Spread(float(np.exp(best.x)), low, high, float(freedom * columns))
+    return Spread(float(np.exp(best.x)), low, high, float(freedom * columns), cost)

@@ -463,10 +463,12 @@ def _spread(name: str, unit: float, found: Spread | None, twin: TwinModel, runs:
     low = float(np.sqrt(found.low)) / unit
     identified = bool(found.freedom >= ENOUGH_FREEDOM and found.low > 0)
     believed = believed_value(twin, name)
+    taken = value
+    if not identified and believed > 0:  # what few runs say is weighed with what was believed
+        taken = float(np.sqrt(found.weighed((believed * unit) ** 2, BELIEVED_SIGMA))) / unit
     return Parameter(
         name=name,
-        # what few runs say is weighed with what was believed, as log sizes
-        value=value if identified else _weighed(value, believed, found.freedom),
+        value=taken,
         sigma=value / np.sqrt(2.0 * found.freedom),
         low=low,
         high=high,
@@ -477,18 +479,6 @@ def _spread(name: str, unit: float, found: Spread | None, twin: TwinModel, runs:
         needs=Needs.NOTHING if identified else Needs.RUNS,
         needed=float(runs) if identified else needed,
     )
-
-
-def _weighed(value: float, believed: float, freedom: float) -> float:
-    """Mean of two log sizes: of a spread with so many degrees of freedom, and of one believed to a
-    factor 3.
-    """
-    if believed <= 0:
-        return value
-    floor = SMALLEST * believed
-    own, other = 2.0 * freedom, (2.0 / BELIEVED_SIGMA) ** 2
-    mean = (own * np.log(max(value, floor)) + other * np.log(believed)) / (own + other)
-    return float(np.exp(mean))
 
 
 def _others(streams: Sequence[Stream], twin: TwinModel) -> list[Parameter]:
