@@ -61,6 +61,14 @@ def test_engines_are_no_change_of_unit(tmp_path, gain):
     assert convert(tmp_path, columns).run.imu.rows == N
 
 
+def test_a_turn_on_the_spot_is_no_change_of_unit(tmp_path):
+    """The gyros alone read 57.3 times as restless for 20 s, and as before then."""
+    columns, turn = noisy(), slice(3000, 5000)
+    for name in GYROS:
+        columns[name][turn] *= 180 / np.pi
+    assert convert(tmp_path, columns).run.imu.rows == N
+
+
 def test_a_pull_of_three_g_is_no_change_of_unit(tmp_path):
     columns = noisy()
     for name in FORCES:

@@ -37,6 +37,7 @@ STEADY_F = 1.5
 # by which the noise of the accelerometers may change beside a change of the gyros' unit, whose
 # units are 57 apart or more
 STEADY_FACTOR = 3.0
+QUIET_BLOCKS = 0.1  # of all; chosen: a vehicle rests or goes smoothly in a tenth of them
 SAME_RATE = 1e-9  # of a rate: no change but rounding, 1e-16 each of a product and a quotient
 FROZEN_S = 1.0  # length of a stretch that is told: 10 rows at the slowest rate of a run, 10 Hz
 # of all rows: chosen; more than every 5th repeating in short stretches, and the resolution is
@@ -105,6 +106,16 @@ class _Blocks:
     def sides(values: NDArray, k: int) -> tuple[NDArray, NDArray]:
         return values[max(k - SIDE, 0) : k], values[k + 1 : k + 1 + SIDE]
 
+    def as_quiet_as_before(self, k: int) -> bool:
+        """Whether the gyros' noise in the quiet blocks of all that follows block k is that of all
+        before it: what changed was the motion then, as at the end of a turn, and no unit.
+        """
+        before, after = (
+            float(np.quantile(side, QUIET_BLOCKS))
+            for side in (self.noise_w[:k], self.noise_w[k + 1 :])
+        )
+        return before / STEADY_FACTOR < after < STEADY_FACTOR * before
+
     def places(self) -> range:
         return range(FEWEST_CHANGED, self.count - FEWEST_CHANGED)
 
@@ -146,6 +157,7 @@ def _rate_unit(blocks: _Blocks) -> tuple[str, int]:
             and all(
                 side.max() < STEADY_FACTOR * side.min() for side in blocks.sides(blocks.noise_w, k)
             )
+            and not blocks.as_quiet_as_before(k)
         ):
             k = blocks.place(blocks.noise_w, k)
             return (
