@@ -200,7 +200,7 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     is a tug's.
     """
     t, turn = history.time_s, turn_about_down(history)
-    felt = _felt(turn, kind == STILL)
+    felt = _felt(history, kind == STILL)
     ends = []
     for a, b in runs_of_true(
         (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != Cause.PUSH)
@@ -219,12 +219,12 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     return ends
 
 
-def _felt(turn: NDArray, still: NDArray) -> NDArray:
+def _felt(history: NavHistory, still: NDArray) -> NDArray:
     """Epochs whose turn stands out of what the unit reads at rest."""
-    if not still.any():
-        return np.zeros(len(turn), bool)
-    own = turn - np.median(turn[still])
-    return np.asarray(np.abs(own) > PIVOT_EDGE_SIGMAS * robust_sigma(own[still]))
+    if not still[1:].any():
+        return np.zeros(len(still), bool)
+    own, noise = _beside_rest(history, still)
+    return np.asarray(np.abs(own) > PIVOT_EDGE_SIGMAS * noise)
 
 
 def _to_the_rest(kind: NDArray, felt: NDArray, edge: int, way: int) -> None:
@@ -315,18 +315,24 @@ def turn_about_down(history: NavHistory) -> NDArray:
     return turn
 
 
+def _beside_rest(history: NavHistory, still: NDArray) -> tuple[NDArray, float]:
+    """Rotation about down in each epoch beyond what the gyros read in the still ones [rad], and the
+    sigma of that noise; row 0, which repeats row 1, is not asked.
+    """
+    dt = np.diff(history.time_s, prepend=2.0 * history.time_s[0] - history.time_s[1])
+    rate = turn_about_down(history) / dt
+    deviation = (rate - np.median(rate[1:][still[1:]])) * dt
+    return deviation, robust_sigma(deviation[1:][still[1:]])
+
+
 def _jolts(history: NavHistory, kind: NDArray) -> NDArray:
     """Sudden turns of the standing vehicle about down [rad], epoch by epoch; zero where there is
     none.
     """
-    dt = np.diff(history.time_s, prepend=2.0 * history.time_s[0] - history.time_s[1])
-    rate = turn_about_down(history) / dt
     still = kind <= DISTURBED
     if not np.any(still[1:]):
-        return np.zeros(len(rate))
-    centre = np.median(rate[1:][still[1:]])
-    deviation = (rate - centre) * dt
-    noise = robust_sigma(deviation[1:][still[1:]])
+        return np.zeros(len(still))
+    deviation, noise = _beside_rest(history, still)
     jolt = np.where(
         still & (np.abs(deviation) > max(6.0 * noise, JOLT_RAD)), np.abs(deviation), 0.0
     )
