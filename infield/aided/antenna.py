@@ -183,6 +183,8 @@ def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
     least, most = steady.history.shaking
     if fly.technology not in STIRRED_UNITS or most < SHAKING_CHANGES * least:
         return steady
+    fly = fly.on_own_rows()
+    base = flown(steady.model, fly) or steady
     best, lead = steady, CHANGE_GAIN_NATS
     for scales in (NoiseScales(), steady.model.scales):
         at = flown(replace(first, scales=replace(scales, stirred=1.0)), fly)
@@ -192,7 +194,7 @@ def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
         doubted = other.model.scales.beyond(fly.technology)
         if doubted and not steady.model.scales.beyond(fly.technology):
             continue
-        if (gain := other.over(steady)) > lead:
+        if (gain := other.over(base)) > lead:
             best, lead = other, gain
     return best
 

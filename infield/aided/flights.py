@@ -24,6 +24,7 @@ from ins.filters.aided_records import (
     Wheels,
 )
 from ins.filters.aided_tape import AidedTape
+from ins.increments import SAME_STEP, summed
 from ins.records import ImuLog, ImuSource, RunHeader
 from ins.robust import chi2
 from ins.verdicts import Reason
@@ -31,6 +32,10 @@ from ins.verdicts import Reason
 HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
+# rows that noise and antenna are fitted on are summed to this length where they are half as long or
+# less: a model that fixes once a second tell needs no 200 rows between them; 50 Hz is what
+# autopilots log
+FIT_ROW_S = 0.02
 # of flights of a part of the log that are kept; chosen: 79 models of two hours of fixes once a
 # second are 55 MB
 TRIED_BYTES = 64_000_000
@@ -126,6 +131,8 @@ class Flights:
     declared_other_m: tuple[float, float] = (0.0, 0.0)
     starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
     held: list[ImuLog] = field(default_factory=list)
+    row_s: float = FIT_ROW_S
+    summed: dict[float, tuple[ImuLog, ...]] = field(default_factory=dict, init=False)
     tried: dict[bytes, AidedHistory] = field(default_factory=dict, init=False)
 
     def by_type(self) -> "Flights":
@@ -140,6 +147,10 @@ class Flights:
             declared_m=(*of_type, self.declared_m[2]),
             declared_other_m=_typical_m(self.fixes, other=True),
         )
+
+    def on_own_rows(self) -> "Flights":
+        """The same without sums of rows."""
+        return replace(self, row_s=0.0)
 
     @property
     def two_types(self) -> bool:
@@ -199,7 +210,8 @@ class Flights:
     def from_start(self, found: FoundStart, model: Model, *, whole: bool) -> AidedHistory:
         """A flight from a start."""
         navigator = self.navigator(found, model)
-        for piece in self.pieces(found.start.state.time_s, whole=whole):
+        start_s = found.start.state.time_s
+        for piece in self.pieces(start_s, whole=whole, sums=model.scales.stirred == 0.0):
             navigator.feed(piece)
         return self.as_timed(navigator.finish(), model)
 
@@ -235,9 +247,10 @@ class Flights:
         timed = replace(history, antenna=history.antenna.later(_base_s(model)))
         return of_receiver(timed, self.rows_of_receiver)
 
-    def pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
+    def pieces(self, start_s: float, *, whole: bool, sums: bool = False) -> Iterable[ImuLog]:
         """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in
-        memory if it is not long.
+        memory if it is not long. sums: whether rows of a part may be summed to row_s; not where
+        biases go with the shaking, which sums have less of.
         """
         first_s = start_s - 2.0
         if whole:
@@ -247,7 +260,16 @@ class Flights:
             return self.imu.pieces(first_s, end_s)
         if not self.held:
             self.held.extend(self.imu.pieces(-np.inf, end_s))
-        return self._held(first_s)
+        sums = sums and 2.0 / self.held[0].rate_hz < (1.0 + SAME_STEP) * self.row_s
+        return self._summed(start_s) if sums else self._held(first_s)
+
+    def _summed(self, start_s: float) -> Iterable[ImuLog]:
+        """What is held from two seconds before a start on, in rows of row_s that meet there."""
+        if start_s not in self.summed:
+            self.summed.clear()
+            pieces = self._held(start_s - 2.0)
+            self.summed[start_s] = tuple(summed(piece, start_s, self.row_s) for piece in pieces)
+        return self.summed[start_s]
 
     def _held(self, start_s: float) -> Iterator[ImuLog]:
         """What is held from a time on, in logs of two or more rows.

@@ -48,12 +48,15 @@ AIRBORNE_S = 140.0  # after the end of the first park: turning and climbing
 
 @lru_cache(maxsize=8)
 def ideal(
-    park_s: float = 60.0, segments: tuple[Segment, ...] = FLIGHT, heading_deg: float = 130.0
+    park_s: float = 60.0,
+    segments: tuple[Segment, ...] = FLIGHT,
+    heading_deg: float = 130.0,
+    rate_hz: float = 10.0,
 ) -> IdealSensors:
-    """A noise-free flight of eight minutes at 10 Hz, made once."""
+    """A noise-free flight of eight minutes, made once."""
     return ideal_sensors(
         build_truth(lay([Park(duration_s=park_s), *segments]), SITE, heading_rad=heading_deg * DEG),
-        10.0,
+        rate_hz,
     )
 
 
