@@ -40,7 +40,7 @@ from ins.records import NavState
 POLE_TAN = 1e6  # of the latitude, as in the filter's rows
 
 
-def smoothed(history: AidedHistory, tape: AidedTape) -> tuple[AidedHistory, NDArray]:
+def smoothed(history: AidedHistory, tape: AidedTape) -> tuple[AidedHistory, NDArray, NDArray]:
     """The solution given all fixes.
 
     Parameters
@@ -54,6 +54,8 @@ def smoothed(history: AidedHistory, tape: AidedTape) -> tuple[AidedHistory, NDAr
     -------
     smoothed : AidedHistory
         What became of the fixes is the filter's; the covariance of the 15 errors is kept.
+    errors : ndarray, shape (k, 15)
+        That were taken off the filter's rows (computed - true).
     start_errors : ndarray, shape (43,)
         Errors of the start (computed - true).
     """
@@ -64,7 +66,7 @@ def smoothed(history: AidedHistory, tape: AidedTape) -> tuple[AidedHistory, NDAr
         errors.append(x)
         covariances.append(P)
     x_s, P_s = np.concatenate(errors[::-1]), np.concatenate(covariances[::-1])
-    return without_errors(history, x_s, P_s), np.asarray(-tape.P_start @ adjoint)
+    return without_errors(history, x_s, P_s), x_s, np.asarray(-tape.P_start @ adjoint)
 
 
 def without_errors(history: AidedHistory, x: NDArray, P: NDArray) -> AidedHistory:

@@ -213,8 +213,8 @@ def test_tape_changes_nothing_and_may_be_cut():
     _, cut = flight("mems", 1, pieces=3)
     history = taped.finish()
     assert np.array_equal(plain.finish().C_nb, history.C_nb)
-    one, _ = smoothed(history, taped.tape)
-    three, _ = smoothed(cut.finish(), cut.tape)
+    one, _, _ = smoothed(history, taped.tape)
+    three, _, _ = smoothed(cut.finish(), cut.tape)
     np.testing.assert_allclose(three.lat_rad, one.lat_rad, rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(three.variance, one.variance, rtol=1e-9)
     with pytest.raises(InputError, match="keep_tape"):
@@ -232,7 +232,7 @@ def test_smoothed_errors_are_those_of_the_sigmas(technology, flights):
     for seed in range(flights):
         made, navigator = flight(technology, seed)
         history = navigator.finish()
-        best, _ = smoothed(history, navigator.tape)
+        best, _, _ = smoothed(history, navigator.tape)
         found.append(nees(made, best)[at])
         assert (best.variance <= history.variance * (1.0 + 1e-6)).all()
         hole = (history.time_s > HOLE_S[0]) & (history.time_s < HOLE_S[1])
