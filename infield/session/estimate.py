@@ -1,7 +1,7 @@
 """What a session's estimate is: the posterior of its biases and the evidence behind it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -213,6 +213,19 @@ class SessionEstimate:
         """The navigation solution, where there is one."""
         assert self.solution is not None
         return self.solution
+
+    def averaged(self, other: "SessionEstimate", belief: float) -> "SessionEstimate":
+        """The other estimate of the same session, with mean and covariance of what is the other's
+        with this probability and this one's else (Bar-Shalom (2001), eq. 1.4.16-9).
+        """
+        apart = other.mean_deg_h - self.mean_deg_h
+        covariance = (
+            (1.0 - belief) * self.covariance
+            + belief * other.covariance
+            + belief * (1.0 - belief) * np.outer(apart, apart)
+        )
+        mean = self.mean_deg_h + belief * apart
+        return replace(other, mean_deg_h=mean, covariance=covariance)
 
     def merged_into(self, table: ThermalTable, held_axes: Sequence[str] = ()) -> MergeResult:
         """The table with what the session found; the common part of held axes stays put."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from benchmarks.flight_errors import FlightErrors
 from infield.session import one_run
@@ -185,6 +185,49 @@ def test_a_gyro_that_hardly_reads_as_at_rest_widens_the_prior_of_it():
         np.diag(r.estimate.covariance).reshape(-1, 3)[aloft, 1] for r in (shaken(), joined()[1])
     )
     assert (spread > 1.2 * usual).all()
+
+
+def test_what_is_in_doubt_is_averaged_by_how_probable_it_is():
+    """The belief is by the densities of what three gyros show, worked with scipy.stats from the
+    second estimate, which is about another path (within 6 %); the mean moves by that share.
+    """
+    evidence, estimate = shaken().flight, shaken().estimate
+    (note,) = evidence.notes
+    (shift,) = (c for c in evidence.carried if c.state is Further.SHIFT)
+    value, sigma = (v / DEG_PER_HOUR for v in shift.by_itself())
+    size, usual = note.values["size_deg_h"], note.values["prior_deg_h"]
+    with_one, without = (norm.pdf(value, 0.0, np.hypot(s, sigma)).prod() for s in (size, usual))
+    belief = with_one / (with_one + without)
+    assert note.values["belief_percent"] == pytest.approx(100 * belief, abs=6.0)
+    assert 0.5 < belief < 1.0
+    aloft = estimate.bins.start_s > evidence.flight.start_s
+    spread, before = (
+        np.diag(e.covariance).reshape(-1, 3)[aloft, 1] for e in (estimate, evidence.as_usual)
+    )
+    assert (spread > 1.2 * before).all()
+
+
+def test_the_mean_of_two_estimates_has_the_moments_of_draws_from_either():
+    """One of them wider and off by three sigmas, believed to 30 %: mean and covariance of 100,000
+    draws.
+    """
+    one = shaken().flight.as_usual
+    n, rng = one.mean_deg_h.size, np.random.default_rng(8)
+    off = 3.0 * np.sqrt(np.diag(one.covariance)) * rng.choice([-1.0, 1.0], n)
+    other = replace(one, mean_deg_h=one.mean_deg_h + off, covariance=2.0 * one.covariance)
+    mean = one.averaged(other, 0.3)
+    L, which = np.linalg.cholesky(one.covariance), rng.random(100_000) < 0.3
+    of_other = which[:, None] * off + np.where(which, np.sqrt(2.0), 1.0)[:, None] * (
+        rng.standard_normal((which.size, n)) @ L.T
+    )
+    np.testing.assert_allclose(
+        mean.mean_deg_h - one.mean_deg_h, of_other.mean(axis=0), atol=0.02 * np.abs(off).max()
+    )
+    drawn, told = np.cov(of_other.T), mean.covariance
+    sigma = np.sqrt(np.diag(told))
+    np.testing.assert_allclose(
+        drawn / np.outer(sigma, sigma), told / np.outer(sigma, sigma), atol=0.03
+    )
 
 
 def test_several_flights_show_what_one_may_hide():

@@ -84,7 +84,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
     FlightReason.SHIFT_WIDENED: (
         "gyro {axis} reads {size_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h more in flight than at"
         " rest, {sigmas:.1f} sigma beyond what is taken for usual ({prior_deg_h:.4f} deg/h): the"
-        " flight was estimated again with a difference of that size for its prior"
+        " flight was estimated again with a difference of that size for its prior; the result is"
+        " the mean of both, the second by {belief_percent:.0f} %, which is how probable it is"
     ),
     FlightReason.NOT_NAVIGATED: "no solution with the receiver: {why}",
     FlightReason.NEVER_LINEAR: (

@@ -8,7 +8,7 @@ from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
 from infield.session.flown.flight import find_flight
-from infield.session.flown.gates import against_joining, carried, doubted, rested, uncovered
+from infield.session.flown.gates import Doubt, against_joining, carried, doubted, rested, uncovered
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
 from infield.session.flown.known import KnownRun
 from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
@@ -75,28 +75,29 @@ def _judged(
     known: KnownRun, left_out: FlightEvidence, ground: SessionEstimate | None, estimated: Estimator
 ) -> FlightEvidence:
     """A flight estimated, once more with a wider prior where gyros hardly read as at rest, and
-    joined where nothing speaks against it. ground: the session without it, None where there is
-    none.
+    joined where nothing speaks against it; of two estimates their mean, each as it is believed.
+    ground: the session without it, None where there is none.
     """
     flight = left_out.flight
     if against := uncovered(flight):
         return replace(left_out, reasons=against)
-    notes: tuple[Reason, ...] = ()
+    doubt: Doubt | None = None
     as_usual: SessionEstimate | None = None
     try:
         flown = estimated(known)
         states = carried(flown.estimate.navigated.filter, flown.layout)
         sound = rested(flown) and not against_joining(flown, flight)
-        notes = doubted(states) if sound else ()
-        if notes:
+        doubt = doubted(states) if sound else None
+        if doubt is not None:
             as_usual = flown.estimate
-            size = max(abs(float(note.values["size_deg_h"])) for note in notes)
-            flown = estimated(known.with_shift(size))
+            flown = estimated(known.with_shift(doubt.size_deg_h))
     except ArithmeticError as lost:
         return replace(left_out, reasons=(because(FlightReason.FILTER_LOST, fault=str(lost)),))
     states = carried(flown.estimate.navigated.filter, flown.layout)
     against = against_joining(flown, flight)
     joined = None if against else flown.estimate
+    if joined is not None and as_usual is not None and doubt is not None:
+        joined = as_usual.averaged(joined, doubt.belief)
     worth = None if joined is None else worth_of(known.table, ground, joined, flight)
     return replace(
         left_out,
@@ -104,6 +105,6 @@ def _judged(
         joined=joined,
         carried=states,
         worth=worth,
-        notes=notes,
+        notes=() if doubt is None else doubt.notes,
         as_usual=as_usual,
     )

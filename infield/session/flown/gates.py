@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from alignment.gyrocompass import nis_verdict
 from infield.session.acceptance import MAX_REJECTED_SHARE
@@ -45,10 +46,9 @@ CONSTANT = (
 # of a prior's variance that the flight must have removed for a state to be judged: below, what is
 # left is rounding (1e-3 of a variance is 5e-4 of a sigma)
 JUDGED_SHARE = 1e-3
-# of what a sound flight shows between flight and rest, beyond which its own prior is given up for
-# the size that shows; chosen: one of 3 gyros exceeds it in 13 % of sound flights, measured 6 of 52
-# (`sigmas` of benchmarks/flight_update.py; at 2.5 sigma 4 % would). Widening costs a sound flight
-# sigma alone, a shift that is believed to be none puts the table off
+# of what a sound flight shows between flight and rest, beyond which a shift of the size that shows
+# is weighed against none; one of 3 gyros exceeds it in 13 % of sound flights, measured 45 of 298
+# (`sigmas` of benchmarks/flight_update.py)
 DOUBTED_SIGMAS = 2.0
 
 
@@ -189,18 +189,47 @@ def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
     )
 
 
-def doubted(states: Sequence[Carried]) -> tuple[Reason, ...]:
-    """Gyros whose bias in flight differs from that at rest by what the prior hardly explains, and
-    by how much; empty where none does.
+@dataclass(frozen=True)
+class Doubt:
+    """Gyros that hardly read in flight what they read at rest: told by notes; size_deg_h: of the
+    largest difference; belief: probability that it is one, see `doubted`.
+    """
+
+    notes: tuple[Reason, ...]
+    size_deg_h: float
+    belief: float
+
+
+def doubted(states: Sequence[Carried]) -> Doubt | None:
+    """Gyros whose bias in flight differs from that at rest by what the prior hardly explains; None
+    where none does.
+
+    Beforehand a difference is as likely as not. What each gyro shows by itself is then N(0, size^2
+    + sigma^2) with one and N(0, prior^2 + sigma^2) without: the odds are the quotient of the two
+    densities over all gyros.
     """
     shift = next((c for c in states if c.state is Further.SHIFT), None)
-    if shift is None:
-        return ()
+    if shift is None or not (found := tuple(_shifted(states, DOUBTED_SIGMAS))):
+        return None
+    size = max(abs(told.size_deg_h) for told in found)
+    value, sigma = shift.by_itself()
+    shown = np.isfinite(sigma)
+    with_one = np.square(size * DEG_PER_HOUR) + sigma[shown] ** 2
+    without = shift.prior[shown] ** 2 + sigma[shown] ** 2
+    square = value[shown] ** 2
+    nats = 0.5 * np.sum(square / without - square / with_one + np.log(without / with_one))
+    belief = float(expit(nats))
     prior = float(shift.prior[0]) / DEG_PER_HOUR
-    return tuple(
-        because(FlightReason.SHIFT_WIDENED, **told._asdict(), prior_deg_h=prior)
-        for told in _shifted(states, DOUBTED_SIGMAS)
+    notes = tuple(
+        because(
+            FlightReason.SHIFT_WIDENED,
+            **told._asdict(),
+            prior_deg_h=prior,
+            belief_percent=100.0 * belief,
+        )
+        for told in found
     )
+    return Doubt(notes, size, belief)
 
 
 class _Shifted(NamedTuple):

@@ -117,18 +117,29 @@ def _flown(
         return _estimated(known, ground, imu, result, stretches, left_out)
 
     usual = estimated(known)
-    return usual if isinstance(ground, Rests) else _widened(known, usual, estimated)
+    return usual if isinstance(ground, Rests) else _widened(known, ground, usual, estimated)
 
 
 def _widened(
-    known: KnownRun, usual: FlightEvidence, estimated: Callable[[KnownRun], FlightEvidence]
+    known: KnownRun,
+    ground: SessionEstimate,
+    usual: FlightEvidence,
+    estimated: Callable[[KnownRun], FlightEvidence],
 ) -> FlightEvidence:
-    """The flight once more with a wider prior where its gyros hardly read as at rest."""
-    notes = doubted(usual.carried) if usual.joined is not None else ()
-    if not notes:
+    """The flight once more with a wider prior where its gyros hardly read as at rest; of two
+    estimates their mean, each as it is believed.
+    """
+    doubt = None if usual.joined is None else doubted(usual.carried)
+    if usual.joined is None or doubt is None:
         return usual
-    size = max(abs(float(note.values["size_deg_h"])) for note in notes)
-    return replace(estimated(known.with_shift(size)), notes=notes, as_usual=usual.joined)
+    wider = replace(
+        estimated(known.with_shift(doubt.size_deg_h)), notes=doubt.notes, as_usual=usual.joined
+    )
+    if wider.joined is None:
+        return wider
+    joined = usual.joined.averaged(wider.joined, doubt.belief)
+    worth = worth_of(known.table, ground, joined, wider.flight)
+    return replace(wider, joined=joined, worth=worth)
 
 
 def _between(rests: tuple[Where, ...], start_s: float, end_s: float) -> list[Where]:
