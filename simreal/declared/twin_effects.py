@@ -7,6 +7,7 @@ a cause can be pasted. `run_id` ties an item to one run; without it, it is in ev
 coefficient of a noise effect means that much less than the twin declares: its square is subtracted.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -24,8 +25,8 @@ from simreal.effects.telemetry import Telemetry, Trace, total
 from simreal.evidence.whitened import ExtraNoise
 
 PROCESS, RUN_ID = "process", "run_id"
-# then a run id and "]": a coefficient of its own in each run (turn-on biases)
-EACH = "coefficient["
+# a coefficient of its own in a run, by the run's id (turn-on biases)
+PER_RUN = re.compile(r"(\w+)\[(.+)\]")
 
 
 @dataclass(frozen=True)
@@ -106,14 +107,13 @@ class _Item:
             self._fail(f"parameters.{RUN_ID}", run_id, "the id of a run")
         if name in FUNCTIONS:
             return self._function(name, target, given, run_id)
-        by_run = {
-            key[len(EACH) : -1]: value
-            for key, value in given.items()
-            if key.startswith(EACH) and key.endswith("]")
-        }
+        by_run: dict[str, dict[str, ParameterValue]] = {}
+        for key in given:
+            if of_one := PER_RUN.fullmatch(key):
+                by_run.setdefault(of_one[2], {})[of_one[1]] = given[key]
         if by_run and not run_id:
-            rest = {key: value for key, value in given.items() if not key.startswith(EACH)}
-            each = [{**rest, EACH[:-1]: value, RUN_ID: run} for run, value in by_run.items()]
+            rest = {key: value for key, value in given.items() if not PER_RUN.fullmatch(key)}
+            each = [{**rest, **own, RUN_ID: run} for run, own in by_run.items()]
             return tuple(
                 e
                 for one in each
@@ -154,6 +154,8 @@ class _Item:
             fits = [e for e in fits if e.id == process]
         elif PROCESS in given and any(given[PROCESS] != e.id for e in fits):
             self._fail(f"parameters.{PROCESS}", given[PROCESS], f"no process, or {fits[0].id}")
+        # kinds that differ in how they repeat from run to run are one here: run_id says that
+        fits = list({frozenset(_names(e)): e for e in reversed(fits)}.values())
         fits.sort(key=lambda e: _misfit(e, given))
         if len(fits) > 1 and _misfit(fits[0], given) == _misfit(fits[1], given):
             kinds = " or ".join(", ".join(c.name for c in e.coefficients) for e in fits)

@@ -7,6 +7,9 @@ with it, what the sensors feel of the way does not.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +121,11 @@ def settling(run: Telemetry, target: str, shape: Shape, axis: int) -> Trace:
     """Roll or pitch A (1 - exp(-t/tau)), t since power-on."""
     tau_s = shape["tau_s"]
     return turned_in_time(run, lambda t: -ARCSEC * np.expm1(-t / tau_s), axis)
+
+
+def settling_about(axis: int, run: Telemetry, target: str, shape: Shape, number: int) -> Trace:
+    """The same about one axis alone."""
+    return settling(run, target, shape, axis)
 
 
 def step(run: Telemetry, target: str, shape: Shape, axis: int) -> Trace:
@@ -261,6 +269,42 @@ YAW_CREEP_EFFECTS = (
         need=needs_standstill,
     ),
 )
+SETTLES_IN_ONE_RUN = FormulaEffect(
+    "platform_settling",
+    "platform_settling",
+    VEHICLE_TARGETS,
+    several(("roll", "pitch"), "arcsec", 20.0, 200.0),
+    shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),),
+    repeats="E",
+    rivals=(
+        "platform_mount_sag",
+        "accel_warmup_transient",
+        "gyro_warmup_transient",
+        "accel_thermal",
+    ),
+    source="effects.md P02",
+    formula=EachAlone(settling, 2),
+    need=needs_standstill,
+)
+# struts that give way by as much after each arrival: accelerometers and gyros read one rotation in
+# all runs, which no single run's settling reaches and two warm-ups describe apart
+SETTLES_IN_EVERY_RUN = replace(SETTLES_IN_ONE_RUN, id="platform_settling_each_run", repeats="R")
+# or by as much as its load that day makes it
+SETTLES_AS_LOADED = tuple(
+    replace(
+        SETTLES_IN_ONE_RUN,
+        id=f"platform_settling_by_run_{angle.name}",
+        repeats="P",
+        coefficients=(angle,),
+        formula=EachAlone(partial(settling_about, axis), 1),
+    )
+    for axis, angle in enumerate(SETTLES_IN_ONE_RUN.coefficients)
+)
+SETTLING = (
+    *with_parts(replace(SETTLES_IN_ONE_RUN, log_prior=-log(3.0))),
+    *with_parts(replace(SETTLES_IN_EVERY_RUN, log_prior=-log(3.0))),
+    *(replace(effect, log_prior=-log(6.0)) for effect in SETTLES_AS_LOADED),
+)
 PLATFORM = (
     FormulaEffect(
         "platform_sway",
@@ -282,25 +326,7 @@ PLATFORM = (
         source="effects.md P01 (b)",
         noise_formula=sway_rotation,
     ),
-    *with_parts(
-        FormulaEffect(
-            "platform_settling",
-            "platform_settling",
-            VEHICLE_TARGETS,
-            several(("roll", "pitch"), "arcsec", 20.0, 200.0),
-            shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),),
-            repeats="E",
-            rivals=(
-                "platform_mount_sag",
-                "accel_warmup_transient",
-                "gyro_warmup_transient",
-                "accel_thermal",
-            ),
-            source="effects.md P02",
-            formula=EachAlone(settling, 2),
-            need=needs_standstill,
-        )
-    ),
+    *SETTLING,
     *with_parts(
         FormulaEffect(
             "platform_step",

@@ -16,7 +16,7 @@ from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
 from simreal.declared.generic import OF_RUN, OF_UNNAMED_MOTION
 from simreal.declared.node_function import unit_of
-from simreal.declared.twin_effects import PROCESS, RUN_ID
+from simreal.declared.twin_effects import PER_RUN, PROCESS, RUN_ID
 from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
 from simreal.inference.causes import Cause
@@ -92,9 +92,13 @@ def _function(cause: Cause, run_ids: Sequence[str]) -> dict[str, ParameterValue]
 
 
 def _by_run(cause: Cause) -> dict[str, dict[str, float]]:
-    """Coefficients of each run, from names like `coefficient[run-1]`."""
-    out: dict[str, dict[str, float]] = {}
+    """Coefficients of each run, from names like `coefficient[run-1]`, with what all have in
+    common.
+    """
+    own: dict[str, dict[str, float]] = {}
+    common: dict[str, float] = {}
     for key, parameter in cause.parameters.items():
-        name, _, run_id = key.partition("[")
-        out.setdefault(run_id.removesuffix("]"), {})[name] = float(parameter.value)
-    return out
+        of_one = PER_RUN.fullmatch(key)
+        of = common if of_one is None else own.setdefault(of_one[2], {})
+        of[key if of_one is None else of_one[1]] = float(parameter.value)
+    return {run_id: {**values, **common} for run_id, values in own.items()}

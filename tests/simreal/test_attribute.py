@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks.gap_size import scaled
+from benchmarks.gap_trials.seen import run_of, streams_of, tilted
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
+from ins.units import ARCSEC
 from simreal.effects.catalogue import catalogue
 from simreal.inference.attribute import Attributor
 from simreal.inference.causes import shares_of
@@ -153,3 +155,37 @@ def test_one_start_does_not_tell_noise_of_a_temperature_from_noise_of_time():
     assert one["gyro_noise_of_time"] >= one["gyro_noise_thermal"]
     assert one["gyro_noise_thermal"] <= 0.5
     assert four["gyro_noise_thermal"] > 0.7
+
+
+SETTLED_WITHIN_S = 700.0
+
+
+def settled(trial, arcsec: np.ndarray):
+    """The trial's runs on a vehicle that gives way by so much (runs, 2), roll and pitch, after each
+    arrival.
+    """
+    runs = []
+    for run, seen, level in zip(trial.runs, trial.seen, arcsec, strict=True):
+        angle = np.outer(1.0 - np.exp(-seen.time_s / SETTLED_WITHIN_S), [*(level * ARCSEC), 0.0])
+        runs.append(run_of(run, tilted(streams_of(run), seen, angle - angle[0])))
+    return replace(trial, runs=tuple(runs))
+
+
+@pytest.mark.parametrize("shares", [(1.0, 1.0, 1.0, 1.0), (1.0, 1.6, 0.6, 1.1)])
+def test_a_vehicle_that_settles_in_every_run_is_not_taken_for_warm_ups(shares):
+    """25 arcsec of pitch are 120 ug and, at first, 0.03 deg/h: one rotation, which no single run
+    holds and a warm-up of an accelerometer and one of a gyro describe apart. Runs that
+    settle by unlike amounts have one of their own each, at the same pace.
+    """
+    level = np.outer(shares, (-6.0, 25.0))
+    found = diagnosed(settled(draw_trial(46, effects=0, plan="four_parked"), level))
+    first = found.causes[0]
+    assert {cause.effect for cause in found.causes} == {"platform_settling"}
+    assert (first.target, first.run_id) == ("vehicle", None) and first.probability > 0.95
+    true = {"roll": -6.0, "pitch": 25.0, "tau_s": SETTLED_WITHIN_S}
+    if len(set(shares)) > 1:
+        names = [view.name for view in found.attribution.evidence.views]
+        true = {f"pitch[{name}]": 25.0 * share for name, share in zip(names, shares)}
+    for name, size in true.items():
+        value = first.parameters[name]
+        assert abs(value.value - size) < 4.0 * value.sigma, name

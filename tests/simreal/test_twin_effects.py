@@ -124,6 +124,18 @@ def test_kinds_of_one_name_are_told_apart_by_their_coefficients():
     assert ids == ["platform_sway_rotation", "platform_sway", "engine_start_noise"]
 
 
+def test_what_each_run_has_of_its_own_is_written_and_read_back():
+    """A settling whose size differs from run to run, as a diagnosis prints it: one item a run, each
+    with the time constant that they share.
+    """
+    whole = item("platform_settling", "vehicle", tau_s=700.0, **{"pitch[a]": 20.0, "pitch[b]": 9.0})
+    read = parse_effects(twin_with(whole))
+    assert [(e.run_id, e.coefficients, e.shape["tau_s"]) for e in read] == [
+        ("a", (20.0,), 700.0),
+        ("b", (9.0,), 700.0),
+    ]
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -221,5 +233,10 @@ def test_every_effect_of_the_catalogue_can_be_written_and_read_back():
         process = {"process": effect.id} if effect.name == "slow_variation" else {}
         for target in effect.targets:
             (read,) = parse_effects(twin_with(item(effect.name, target, **numbers, **process)))
-            assert read.effect.id == effect.id and read.target == target
+            assert read.target == target
+            if read.effect.id != effect.id:  # the same, but for how it repeats
+                assert read.effect.repeats != effect.repeats
+                given = read.effect, effect
+                one, other = (e.traces(parked_run(), target, read.shape)[0] for e in given)
+                np.testing.assert_array_equal(one.gyro_rad_s, other.gyro_rad_s)
             assert read.coefficients == tuple(c.low for c in effect.coefficients)
