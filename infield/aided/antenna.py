@@ -61,6 +61,7 @@ WIDE = NoiseScales(
 SHAKEN = NoiseScales(white=8.0, walk=32.0, accel_white=8.0, accel_walk=32.0)
 # whose accelerometers clip and rectify where the vehicle shakes
 STIRRED_UNITS = ("mems",)
+STIRRED_SIZES = (1.0, 0.25, 0.0625)
 SHAKING_CHANGES = 2.0  # chosen: least to most in a log; of white noise, known to 7 %, it is 1.3
 ARM, DELAYS = slice(0, 3), slice(3, 5)
 
@@ -178,7 +179,9 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
 def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
     """The likeliest factors with biases of the accelerometers that move with the shaking, where
     they are likelier than without; looked for from noise as declared and from what was found
-    without. Noise that nobody believes is not taken for noise that one may.
+    without. Noise that nobody believes is not taken for noise that one may. Where nothing is found
+    of the accelerometers without, such biases have nothing to stand for: some size of them must
+    then be likelier by itself.
     """
     least, most = steady.history.shaking
     if fly.technology not in STIRRED_UNITS or most < SHAKING_CHANGES * least:
@@ -186,6 +189,11 @@ def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
     fly = fly.on_own_rows()
     base = flown(steady.model, fly) or steady
     best, lead = steady, CHANGE_GAIN_NATS
+    if steady.model.scales.accelerometers_as_declared:
+        sizes = (replace(steady.model.scales, stirred=size) for size in STIRRED_SIZES)
+        tried = (flown(replace(steady.model, scales=scales), fly) for scales in sizes)
+        if not any(at is not None and at.over(base) > lead for at in tried):
+            return steady
     for scales in (NoiseScales(), steady.model.scales):
         at = flown(replace(first, scales=replace(scales, stirred=1.0)), fly)
         if at is None:

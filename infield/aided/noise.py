@@ -101,6 +101,10 @@ class NoiseScales:
         return self != replace(NOTHING, slow_s=self.slow_s, slow_velocity_s=self.slow_velocity_s)
 
     @property
+    def accelerometers_as_declared(self) -> bool:
+        return self.accel_white == self.accel_walk == 1.0
+
+    @property
     def of_both_types(self) -> "NoiseScales":
         """Slow errors of both types of fixes where one has any: half the sigma that the receiver
         gives to the other at least, for the same sky makes both, and one that is below the white

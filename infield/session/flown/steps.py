@@ -37,7 +37,8 @@ class Steps:
     row (K,): the last row at or before a step's start; closes (K,): the step ends at the next row;
     dt_s (K,), C_bb (K, 3, 3), dv_b_m_s (K, 3): the increments; angle_b_rad (K, 3), force_b_m_s2
     (K, 3): sum of angles, mean specific force; turn_n_rad (K, 3): of the frame; warmer_degC (K,):
-    than at the start of the log; bin (K,); flies (K,): not on the ground; fix (K,): the fix at the
+    than at the start of the log; bin (K,); flies (K,): under way, in the air or
+    on wheels, where vibration may change what gyros read; fix (K,): the fix at the
     end, -1: none; late_s (K,): the end is so much later.
 
     fix_time_s (F,), fix_way_m (F, 3): from the row before to the antenna, NED; fix_v_n_m_s (F, 3),
