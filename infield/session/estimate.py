@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from alignment.motion.kinds import UNKNOWN
 from alignment.motion.parked_seconds import ParkedSeconds
@@ -15,9 +16,13 @@ from alignment.motion.turn_between import Turn
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
 from infield.session.reasons import Nuisance, VarianceSource
-from infield.table.merge import MergeResult, merge_posterior
+from infield.table.merge import UNOBSERVED, MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
 from ins.verdicts import LeftOut
+
+# of what a session took from its prior in any direction, after two estimates of it were averaged;
+# chosen: of 0.2, 0.5 and 0.8, 24 ring-laser flights were off by 0.95, 0.97 and 0.98 of their sigmas
+LEARNT_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -217,14 +222,22 @@ class SessionEstimate:
     def averaged(self, other: "SessionEstimate", belief: float) -> "SessionEstimate":
         """The other estimate of the same session, with mean and covariance of what is the other's
         with this probability and this one's else (Bar-Shalom (2001), eq. 1.4.16-9).
+
+        Of the covariance that comes of what they differ by, as much as leaves in every direction
+        LEARNT_SHARE of what the session took from its prior: tables, tests and budgets take what a
+        session learnt for a measurement of its bins, and nothing measures less than nothing.
         """
         apart = other.mean_deg_h - self.mean_deg_h
-        covariance = (
-            (1.0 - belief) * self.covariance
-            + belief * other.covariance
-            + belief * (1.0 - belief) * np.outer(apart, apart)
-        )
         mean = self.mean_deg_h + belief * apart
+        covariance = (1.0 - belief) * self.covariance + belief * other.covariance
+        L = np.linalg.cholesky(self.bins.prior)
+        W = solve_triangular(L, np.eye(len(L)), lower=True)
+        learnt, V = np.linalg.eigh(np.eye(len(L)) - W @ covariance @ W.T)
+        seen = learnt > UNOBSERVED
+        between = belief * (1.0 - belief)
+        against = between * float(np.sum((V[:, seen].T @ W @ apart) ** 2 / learnt[seen]))
+        share = min(1.0, (1.0 - LEARNT_SHARE) / against) if against > 0.0 else 1.0
+        covariance += share * between * np.outer(apart, apart)
         return replace(other, mean_deg_h=mean, covariance=covariance)
 
     def merged_into(self, table: ThermalTable, held_axes: Sequence[str] = ()) -> MergeResult:

@@ -208,10 +208,11 @@ def test_what_is_in_doubt_is_averaged_by_how_probable_it_is():
 
 
 def test_the_mean_of_two_estimates_has_the_moments_of_draws_from_either():
-    """One of them wider and off by three sigmas, believed to 30 %: mean and covariance of 100,000
-    draws.
+    """One of them wider and off by three sigmas, believed to 30 %, under a prior that says nothing:
+    mean and covariance of 100,000 draws.
     """
     one = shaken().flight.as_usual
+    one = replace(one, bins=replace(one.bins, prior=1e6 * one.bins.prior))
     n, rng = one.mean_deg_h.size, np.random.default_rng(8)
     off = 3.0 * np.sqrt(np.diag(one.covariance)) * rng.choice([-1.0, 1.0], n)
     other = replace(one, mean_deg_h=one.mean_deg_h + off, covariance=2.0 * one.covariance)
@@ -228,6 +229,22 @@ def test_the_mean_of_two_estimates_has_the_moments_of_draws_from_either():
     np.testing.assert_allclose(
         drawn / np.outer(sigma, sigma), told / np.outer(sigma, sigma), atol=0.03
     )
+
+
+def test_an_averaged_session_measures_its_bins_still():
+    """What two estimates differ by may be more than a session knows in that direction. The mean of
+    both stays a measurement: prior less posterior is positive, by half of what either took.
+    """
+    estimate, before = shaken().estimate, shaken().flight.as_usual
+    W = np.linalg.inv(np.linalg.cholesky(estimate.bins.prior))
+    took = [W @ (e.bins.prior - e.covariance) @ W.T for e in (estimate, before)]
+    least = np.linalg.eigvalsh(took[0])[0]
+    assert least > -1e-6
+    rng = np.random.default_rng(9)
+    other = replace(before, mean_deg_h=before.mean_deg_h + 0.1 * rng.standard_normal(len(W)))
+    mean = before.averaged(other, 0.5)
+    left = W @ (mean.bins.prior - mean.covariance) @ W.T
+    assert np.linalg.eigvalsh(left - 0.499 * took[1])[0] > -1e-6
 
 
 def test_several_flights_show_what_one_may_hide():
