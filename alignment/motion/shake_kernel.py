@@ -4,6 +4,8 @@ numba.
 
 from math import sqrt
 
+import numpy as np
+
 from ins.jit import jit
 
 
@@ -19,7 +21,7 @@ def add_rows(first, dt, dtheta, dv, epoch, C_nb, f_n, omega_n, offset, lags, rin
     Sums are over the last `lags[i]` rows, less what a unit at rest reads there: C_nb[j - 1]' (f_n,
     omega_n) dt + offset dt for the rows of epoch j, j >= 1.
     """
-    size, rest, j = ring.shape[0], [0.0] * 6, 0
+    size, rest, j = ring.shape[0], np.zeros(6), 0
     for m in range(dt.size):
         k = first + m
         if epoch[m] != j:
@@ -42,5 +44,6 @@ def add_rows(first, dt, dtheta, dv, epoch, C_nb, f_n, omega_n, offset, lags, rin
                 energy[j, i, a] += x * x
                 if a > 1:
                     largest[j, i, a] = max(largest[j, i, a], abs(x))
-            level = sqrt((now[0] - before[0]) ** 2 + (now[1] - before[1]) ** 2)
+            x, y = now[0] - before[0], now[1] - before[1]
+            level = sqrt(x * x + y * y)
             largest[j, i, 0] = max(largest[j, i, 0], level)

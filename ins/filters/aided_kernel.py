@@ -418,7 +418,7 @@ def predict(P, Phi, dt, noise, vrw, leapt, stirred, moved, fading):
         P[A_ + i, A_ + i] += accel2 * dt
 
 
-@jit
+@inner
 def update(x, P, H, z, variance, room, first):
     """Use scalar measurements z (m,) with rows H (m, 43), one after the other, in place.
 

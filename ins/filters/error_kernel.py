@@ -27,7 +27,7 @@ from ins.filters.program import (
     ROLLING,
     USED,
 )
-from ins.jit import jit
+from ins.jit import entry, jit
 
 # columns of a step
 DT, C_NB, V_N, OMEGA_IE, TRANSPORT, GRAVITY, RADIUS, TURN = 0, 1, 10, 13, 16, 19, 20, 21
@@ -46,7 +46,7 @@ NOISY = MOVE + 2
 inner = jit(no_cpython_wrapper=True)
 
 
-@jit
+@inner
 def system(step, lateral_time_s, A):
     """Fill A with the rates of the core states (equations: ins.filters.error_model).
 
@@ -104,7 +104,7 @@ def product(A, B, out):
                     out[i, j] += a * B[k, j]
 
 
-@jit
+@inner
 def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
     """Transition and process noise of the core states over a step.
 
@@ -148,7 +148,7 @@ def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
         Phi[7, 7] = Phi[8, 8] = 0.0  # the displacement of a step starts at zero
     if flags[ROLLING] == 0:
         Phi[9, 9] = Phi[8, 9] = 0.0
-        Q[9, 9] = noise[LATERAL_RMS] ** 2
+        Q[9, 9] = noise[LATERAL_RMS] * noise[LATERAL_RMS]
     for i in range(2):
         Q[i, i] += step[JUMP_W]
     for i in range(4, 7):
@@ -162,16 +162,17 @@ def density(A, rolling, noise, q):
     Gyro noise enters theta and, through v x C_nb, w, just as the bias does.
     """
     q[:, :] = 0.0
+    # products, since numba compiles x**2 as a loop over the bits of 2
+    arw2, vrw2 = noise[ARW] * noise[ARW], noise[VRW] * noise[VRW]
     for i in range(7):
         for j in range(7):
-            q[i, j] = noise[ARW] ** 2 * (
-                A[i, 13] * A[j, 13] + A[i, 14] * A[j, 14] + A[i, 15] * A[j, 15]
-            )
+            q[i, j] = arw2 * (A[i, 13] * A[j, 13] + A[i, 14] * A[j, 14] + A[i, 15] * A[j, 15])
     for i in range(2):
-        q[i, i] += noise[VRW] ** 2
-        q[10 + i, 10 + i] = noise[ACCEL_RRW] ** 2
+        q[i, i] += vrw2
+        q[10 + i, 10 + i] = noise[ACCEL_RRW] * noise[ACCEL_RRW]
     if rolling:
-        q[9, 9] = 2.0 * noise[LATERAL_RMS] ** 2 / noise[LATERAL_TIME]
+        rms2 = noise[LATERAL_RMS] * noise[LATERAL_RMS]
+        q[9, 9] = 2.0 * rms2 / noise[LATERAL_TIME]
 
 
 @inner
@@ -307,6 +308,10 @@ def measure(x, P, index, value, z, R, gate, v, normalised, spread):
     return USED
 
 
+# ways in for `ins.filters.error_model`
+system_alone, transition_alone = entry(system), entry(transition)
+
+
 @inner
 def assign(x, P, target, index, value, variance, v):
     """State `target` becomes a combination of states plus independent noise (no entries: a fresh
@@ -397,7 +402,7 @@ def run(
             for k in range(3):
                 core[BIAS + k] = BASE + 3 * flags[which, BIN] + k
             transition(step, flags[which], noise, A, A2, A3, half, Phi, q, Q)
-            creep = noise[YAW_CREEP] ** 2 * step[DT]
+            creep = noise[YAW_CREEP] * noise[YAW_CREEP] * step[DT]
             propagate(x, P, core, Phi, Q, creep + step[JUMP_YAW], T, block)
         elif kind == MEASURE:
             before = P[CLONE_DOWN, CLONE_DOWN]

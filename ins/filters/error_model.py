@@ -184,7 +184,7 @@ def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
     from ins.filters import error_kernel as fk
 
     A = np.zeros((fk.CORE, fk.CORE))
-    fk.system(_row(step), lateral_time_s, A)
+    fk.system_alone(_row(step), lateral_time_s, A)
     return _in_full(A, np.zeros((BASE, BASE)))
 
 
@@ -219,7 +219,7 @@ def discretize(
     square = np.zeros((6, fk.CORE, fk.CORE))
     Phi, Q_noisy = square[4], np.zeros((fk.NOISY, fk.NOISY))
     flags = np.array([0, rolling, keep_displacement, 0], dtype=np.int64)
-    fk.transition(
+    fk.transition_alone(
         _row(step),
         flags,
         noise.values(),

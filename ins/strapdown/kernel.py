@@ -180,7 +180,8 @@ def angle(a2, small):
             1 - a2 * (1 / 42)
         )
     a = sqrt(a2)
-    return 2 * (sin(a / 2) / a) ** 2, (a - sin(a)) / (a2 * a)
+    half = sin(a / 2) / a  # a product: numba compiles x**2 as a loop over the bits of 2
+    return 2 * (half * half), (a - sin(a)) / (a2 * a)
 
 
 @part

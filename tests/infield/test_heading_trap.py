@@ -117,7 +117,7 @@ def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_veloci
     """
     seed, _ = trapped
     parked = estimated(STRAIGHT, seed, until_s=1498.0)
-    plain = fk.system
+    plain = fk.system_alone
 
     def dropped(step, lateral_time_s, A):
         plain(step, lateral_time_s, A)

@@ -223,6 +223,7 @@ def test_a_deflected_vertical_is_found_and_taken_off():
 
 def test_scalar_updates_are_filterpys_joint_update():
     from ins.filters import aided_kernel as kernel
+    from ins.jit import entry
 
     rng = np.random.default_rng(4)
     root = rng.standard_normal((N, N))
@@ -233,7 +234,7 @@ def test_scalar_updates_are_filterpys_joint_update():
         np.array([0.3, 0.7, 1.1]),
     )
     x, P_new = np.zeros(N), P.copy()
-    nis, loglik = kernel.update(x, P_new, H, z, R, np.zeros((3, N + 2)), N)
+    nis, loglik = entry(kernel.update)(x, P_new, H, z, R, np.zeros((3, N + 2)), N)
     want_x, want_P, seen = kalman.update(np.zeros(N), P, z, H, np.diag(R))
     np.testing.assert_allclose(x, want_x, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(P_new, want_P, rtol=1e-8, atol=1e-8)

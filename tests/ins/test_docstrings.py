@@ -12,7 +12,7 @@ import ins
 
 FOLDER = Path(ins.__file__).parent
 # Parts of compiled loops are documented by one sentence: what Python calls has all its sections.
-KERNELS = [path for path in FOLDER.rglob("*.py") if "import jit" in path.read_text("utf-8")]
+KERNELS = [path for path in FOLDER.rglob("*.py") if "ins.jit import" in path.read_text("utf-8")]
 KERNELS.append(FOLDER / "strapdown/loop.py")
 KERNELS.append(FOLDER / "strapdown/batch_kernel.py")
 MODULES = sorted(set(FOLDER.rglob("*.py")) - set(KERNELS))

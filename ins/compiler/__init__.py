@@ -1,0 +1,1 @@
+"""How numba compiles the kernels, behind `ins.jit`: the same code with less work."""
