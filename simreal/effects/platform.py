@@ -288,11 +288,16 @@ SETTLES_IN_ONE_RUN = FormulaEffect(
 )
 # struts that give way by as much after each arrival: accelerometers and gyros read one rotation in
 # all runs, which no single run's settling reaches and two warm-ups describe apart
-SETTLES_IN_EVERY_RUN = replace(SETTLES_IN_ONE_RUN, id="platform_settling_each_run", repeats="R")
+SETTLES_IN_EVERY_RUN = replace(
+    SETTLES_IN_ONE_RUN,
+    id="platform_settling_each_run",
+    repeats="R",
+    shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 6),),
+)
 # or by as much as its load that day makes it
 SETTLES_AS_LOADED = tuple(
     replace(
-        SETTLES_IN_ONE_RUN,
+        SETTLES_IN_EVERY_RUN,
         id=f"platform_settling_by_run_{angle.name}",
         repeats="P",
         coefficients=(angle,),
