@@ -8,6 +8,7 @@ written once.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,10 +70,22 @@ class Telemetry:
     def n(self) -> int:
         return int(self.time_s.size)
 
-    @property
+    @cached_property
     def heading_rad(self) -> NDArray:
         """Heading of body x (n,)."""
         return np.arctan2(self.C_nb[:, 1, 0], self.C_nb[:, 0, 0])
+
+    @cached_property
+    def turns_rad(self) -> dict[str, tuple[float, float]]:
+        """Largest rotations about the axis of each gyro that was asked for: a plan asks of each
+        recording hundreds of times (`gyro_needs.turns_rad`).
+        """
+        return {}
+
+    @cached_property
+    def headings_from(self) -> dict[float, NDArray]:
+        """Headings less each that was asked for, rounded, each once (`several_headings`)."""
+        return {}
 
     @property
     def parked(self) -> NDArray:

@@ -100,8 +100,10 @@ def swing(values: NDArray) -> tuple[float, float]:
 
 def turns_rad(run: Telemetry, target: str) -> tuple[float, float]:
     """Largest rotation of a moving run about the axis of a gyro one way and the other [rad]."""
-    rate = np.where(_turning(run, target), run.rate_rad_s[:, AXIS[target]], 0.0)
-    return swing(np.cumsum(rate) * run.dt_s)
+    if target not in run.turns_rad:
+        rate = np.where(_turning(run, target), run.rate_rad_s[:, AXIS[target]], 0.0)
+        run.turns_rad[target] = swing(np.cumsum(rate) * run.dt_s)
+    return run.turns_rad[target]
 
 
 def lacks_turns(runs: Sequence[Telemetry], target: str) -> str:
@@ -152,13 +154,19 @@ def several_headings(runs: Sequence[Telemetry]) -> bool:
     """Two headings at least HEADING_APART_RAD from each other."""
     if not runs:
         return False
-    first = runs[0].heading_rad[0]
-    off = np.concatenate(
-        [np.unique(np.round(np.angle(np.exp(1j * (run.heading_rad - first))), 1)) for run in runs]
-    )
+    first = float(runs[0].heading_rad[0])
+    off = np.concatenate([_headings_from(run, first) for run in runs])
     return bool(
         np.abs(np.angle(np.exp(1j * np.subtract.outer(off, off)))).max() > HEADING_APART_RAD
     )
+
+
+def _headings_from(run: Telemetry, first_rad: float) -> NDArray:
+    """Headings of a run less another, rounded to 0.1 rad, each once."""
+    if first_rad not in run.headings_from:
+        off = np.angle(np.exp(1j * (run.heading_rad - first_rad)))
+        run.headings_from[first_rad] = np.unique(np.round(off, 1))
+    return run.headings_from[first_rad]
 
 
 def lacks_headings(runs: Sequence[Telemetry], target: str) -> str:
