@@ -26,6 +26,10 @@ FASTEST_degC_s = 0.05  # 3 degC/min: faster no housing changes
 # the fastest housing (FASTEST_degC_s) takes 10 s for 0.5 degC; 10 sigmas of the readings' own
 # noise; more than two steps of the thermometer and less than three
 JUMP_degC, READING_JUMP_SIGMAS, JUMP_STEPS = 0.5, 10.0, 2.5
+# a step that is less than half of what the temperature changes by, the same way, from 10 s before
+# to 10 s after it is no jump: a board that the wash of a propeller cools loses 2.3 degC in 20 s and
+# 0.9 of them in 3 s (a public copter log); a log that has fewer rows than 4 in 10 s does not tell
+AROUND_S, AROUND_ROWS, SHARE_OF_CHANGE = 10.0, 4, 0.5
 # a jump that comes back within this leaves the rest of the log as it was; chosen: 15 min, short
 # beside a session of an hour
 TRANSIENT_S = 900.0
@@ -375,13 +379,25 @@ def _jumps(judge: _Judge, name: str) -> None:
         after = float(
             np.median(values[b - 1 : b + 4]) - np.median(values[max(a - 6, 0) : max(a, 1)])
         )
-        if abs(after) > 0.5 * limit:
+        if abs(after) > 0.5 * limit and not _goes_on(t, values, a, b):
             steps = np.diff(values[max(a - 1, 0) : b])
             largest = float(steps[np.argmax(np.abs(steps))])
             size = largest if abs(largest - after) < 0.5 * abs(after) else after
             jumps.append((a, b, size))
     if jumps:
         _drop_jumps(judge, name, rows, jumps)
+
+
+def _goes_on(t: NDArray, values: NDArray, a: int, b: int) -> bool:
+    """Whether a step within rows a to b is part of a larger change, before and after it."""
+    first = int(np.searchsorted(t, t[a] - AROUND_S))
+    end = int(np.searchsorted(t, t[b - 1] + AROUND_S, side="right"))
+    if a - first < AROUND_ROWS or end - b < AROUND_ROWS:
+        return False
+    change = float(np.median(values[end - 3 : end]) - np.median(values[first : first + 3]))
+    steps = [values[k] - values[max(k - lag, 0)] for k in range(a, b) for lag in (1, 3)]
+    largest = float(max(steps, key=abs))
+    return largest * change > 0.0 and abs(largest) < SHARE_OF_CHANGE * abs(change)
 
 
 def _drop_jumps(

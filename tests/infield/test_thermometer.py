@@ -180,3 +180,29 @@ def test_a_unit_that_comes_from_a_cold_cruise_is_believed_on_warm_ground():
         ambient_degC=-40.0 + 60.0 * landed,
     )
     assert gyro_temperature(log).unusable == ()
+
+
+def washed(jump_degC=0.0, seconds=150.0, noise_degC=0.02):
+    """A board at 35.4 degC, from 30 s on in the wash of a propeller: 2.4 degC colder with 6 s, then
+    slowly on; with a jump of its thermometer at 90 s.
+    """
+    t = np.arange(0.0, seconds)
+    since = np.maximum(t - 30.0, 0.0)
+    true = 35.4 + 2.4 * np.expm1(-since / 6.0) - 0.03 * since
+    rng = np.random.default_rng(3)
+    read = true + jump_degC * (t > 90.0) + noise_degC * rng.standard_normal(t.size)
+    return log_of(np.stack([read] * 3, axis=1), t), true
+
+
+def test_a_board_that_cools_in_the_wash_of_a_propeller_is_believed():
+    """0.9 degC in 3 s are no jump within 2.4 in 20: the unit's temperature is followed. A jump of
+    the same size of the thermometer alone is told still, as no side of it is known to be right.
+    """
+    log, true = washed()
+    found = gyro_temperature(log)
+    assert found.unusable == () and not found.faults
+    assert np.abs(found.at(log.time_s)[5:-5, 0] - true[5:-5]).max() < 0.4
+    jumped, _ = washed(jump_degC=-1.0)
+    told = gyro_temperature(jumped)
+    assert len(told.unusable) == 3
+    assert "jumps by -1.0 degC at 91.0 s" in told.faults[0].text
