@@ -202,8 +202,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ),
     SessionReason.LEVEL_REMOVED: (
         "a constant of the session had been subtracted from the rates (an autopilot's start-up gyro"
-        " offsets): their level is not the unit's; convert the log again with gyro_offsets ="
-        ' "add_back" in the map'
+        " offsets): their level is not the unit's; convert the log again with --map FILE of the"
+        ' lines format = "dataflash" and gyro_offsets = "add_back"'
     ),
     SessionReason.TEMPERATURE_UNCOVERED: (
         "gyro temperature is known for {known_percent:.0f} % of the session, needed"
