@@ -118,6 +118,10 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
         return as_declared
     at = with_types(found[0], fly)
     loud = misfits(at.history)
+    if loud:  # what shakes it so may be in the rows that a sum hides: a walker's steps
+        fly = fly.on_own_rows()
+        found = choose(fly, first, sigma_position_m, refit=False) or found
+        at = with_types(found[0], fly)
     scales = _noise(fly, first, at, loud=loud)
     narrow = narrower(at, fly)
     if narrow is not at:
