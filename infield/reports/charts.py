@@ -407,9 +407,14 @@ def ticks_of(limits: tuple[float, float], step: float) -> list[float]:
     return [k * step for k in range(first, last + 1)]
 
 
+WHOLE_TURN_deg = 360.0  # in [0, 360) all its multiples are 0
+
+
 def tick_labels(values: Sequence[float], step: float, *, circle: bool = False) -> list[str]:
-    """Numbers to the digits that the step needs, with a true minus."""
-    if circle:
+    """Numbers to the digits that the step needs, with a true minus. Whole turns of a circle are told
+    as such: each of them would be 0.
+    """
+    if circle and step < WHOLE_TURN_deg:
         return [f"{round(value, 4) % 360.0:g}" for value in values]
     most = max((abs(value) for value in values), default=0.0)
     if most >= LARGEST_PLAIN or step < LEAST_PLAIN:

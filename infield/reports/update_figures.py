@@ -356,7 +356,7 @@ def _heading_panel(velocity: VelocityDocument) -> Panel:
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
     step = None
     if half > 90.0:  # parts of a circle: labels that begin anew at 360 stay readable
-        step = 90.0 if half <= 270.0 else 180.0
+        step = 90.0 if half <= 270.0 else 180.0 if half <= 540.0 else 360.0
     elif half > 30.0:
         step = 30.0 if half <= 60.0 else 45.0
     return Panel(

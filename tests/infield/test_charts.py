@@ -87,6 +87,7 @@ def test_labels_have_the_digits_of_their_step(limits, step, labels):
 
 def test_degrees_begin_anew_at_north():
     assert tick_labels([-90.0, 0.0, 270.0, 450.0], 90.0, circle=True) == ["270", "0", "270", "90"]
+    assert tick_labels([-360.0, 0.0, 360.0], 360.0, circle=True) == ["\u2212360", "0", "360"]
 
 
 def test_gaps_stay_gaps_and_straight_stretches_lose_their_middle():

@@ -150,7 +150,7 @@
       scales: { x: { time: false }, y: { range: within(told.limits, told.strips) } },
       cursor: { sync: { key: key }, drag: { x: true, y: false } },
       axes: [Object.assign({ label: told.x_name, labelSize: 20, size: 34, values: function (u, at) { return at.map(plain); } }, ticks),
-        Object.assign({ label: told.unit, labelSize: 20, size: 62 }, told.circle ? { incrs: [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360], values: function (u, at) { return at.map(turned); } } : {}, ticks)],
+        Object.assign({ label: told.unit, labelSize: 20, size: 62 }, told.circle ? { incrs: [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440], values: function (u, at, axis, space, step) { return at.map(step < 360 ? turned : plain); } } : {}, ticks)],
       hooks: { drawClear: [shaded(told)], draw: [marked(told)] }
     }, data, place);
     chart.all = [chart.scales.x.min, chart.scales.x.max];
