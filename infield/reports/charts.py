@@ -411,8 +411,8 @@ WHOLE_TURN_deg = 360.0  # in [0, 360) all its multiples are 0
 
 
 def tick_labels(values: Sequence[float], step: float, *, circle: bool = False) -> list[str]:
-    """Numbers to the digits that the step needs, with a true minus. Whole turns of a circle are told
-    as such: each of them would be 0.
+    """Numbers to the digits that the step needs, with a true minus. Whole turns of a circle are
+    told as such: each of them would be 0.
     """
     if circle and step < WHOLE_TURN_deg:
         return [f"{round(value, 4) % 360.0:g}" for value in values]
