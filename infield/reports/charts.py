@@ -1,14 +1,14 @@
 """Charts as inline SVG, written here: panels of lines, bands, marks and bars, one below the other.
 
-The drawings of an update, of a diagnosis and of time series go this way: matplotlib took 40 % of
-the CPU of an update. Lengths are points of the drawing, 72 to the inch; it fetches nothing, and
-equal charts give equal text.
+The drawings of an update, a replay, a diagnosis and of time series go this way: matplotlib took
+40 % of the CPU of an update. Lengths are points of the drawing, 72 to the inch; it fetches nothing,
+and equal charts give equal text.
 """
 
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -23,10 +23,12 @@ EDGE_COLOUR, GRID_COLOUR = "#8C959F", "#E3E8ED"
 TITLE_PT = 10.0
 LINE_PT = 1.25 * LETTER  # from one line of text to the next
 TICK_PT, GAP_PT = 3.5, 4.0  # a tick's length; between tick, label and title
+FAR_PT = TICK_PT + 3 * GAP_PT + 2 * LETTER  # ticks, numbers and name of a far edge
 ROOM_SHARE = 0.05  # of the data's span, left free at either end of an axis
 BESIDE_HANDLE_PT, HANDLE_PT = 17.0, 19.0  # length of a line in a legend
 ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 MOST_ALONG_AXIS = 9
+FEWEST_TICKS = 2  # one says where it is, and no scale
 # chosen: 0.0001 is six letters, a tenth of a panel; labels of smaller steps have an exponent
 LEAST_PLAIN = 1e-4
 # Advance of DejaVu Sans in parts of the letter size, which the style sheet asks for.
@@ -43,7 +45,9 @@ LETTER_ADVANCE = {
 LETTER_ADVANCE |= {"f": 0.35, "r": 0.41, "(": 0.39, ")": 0.39, "[": 0.39, "]": 0.39, "/": 0.34}
 LETTER_ADVANCE |= {"\u2212": 0.84, "m": 0.97, "w": 0.82, "W": 0.99, "M": 0.86, "°": 0.5, "-": 0.36}
 USUAL_ADVANCE, CAPITAL_ADVANCE = 0.62, 0.7
-DASHED, DASH_DOT = "5.5 2.4", "9.6 2.4 1.5 2.4"
+DASHED, DASH_DOT, DOTTED = "5.5 2.4", "9.6 2.4 1.5 2.4", "1.5 2.4"
+DOT = "."  # a mark that is one point of a path: for clouds
+TINY = 1e-300  # in place of what has no logarithm: far outside of every drawing
 
 
 def text_width(text: str, letter: float = LETTER) -> float:
@@ -65,19 +69,24 @@ class Place:
     x: tuple[float, float]
     y: tuple[float, float]
     x_log: bool = False
+    y_log: bool = False
 
     def across(self, values: ArrayLike) -> NDArray:
         """Values of x as points of the drawing."""
-        (low, high), seen = self.x, np.asarray(values, dtype=float)
-        if self.x_log:
-            low, high = math.log10(low), math.log10(high)
-            seen = np.log10(np.maximum(seen, 1e-300))
-        return self.left + self.width * (seen - low) / (high - low)
+        return self.left + self.width * _share(values, self.x, self.x_log)
 
     def down(self, values: ArrayLike) -> NDArray:
         """Values of y as points of the drawing."""
-        low, high = self.y
-        return self.top + self.height * (high - np.asarray(values, dtype=float)) / (high - low)
+        return self.top + self.height * (1.0 - _share(values, self.y, self.y_log))
+
+
+def _share(values: ArrayLike, limits: tuple[float, float], log: bool) -> NDArray:
+    """How far along an axis values lie: 0 at its first limit, 1 at its second."""
+    (first, second), seen = limits, np.asarray(values, dtype=float)
+    if log:
+        first, second = math.log10(first), math.log10(second)
+        seen = np.log10(np.maximum(seen, TINY))
+    return (seen - first) / (second - first)
 
 
 class Item(Protocol):
@@ -194,12 +203,14 @@ MARK_SHAPES = {  # about 0 0, of size 1
     "v": "M0 .5L.5 -.5H-.5Z",
     "D": "M0 -.7L.7 0L0 .7L-.7 0Z",
     "x": "M-.5 -.5L.5 .5M-.5 .5L.5 -.5",
+    "+": "M-.5 0H.5M0 -.5V.5",
 }
+LINE_MARKS = {"x", "+"}  # they enclose nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """A mark (a key of MARK_SHAPES) at each point (n,)."""
+    """A mark (a key of MARK_SHAPES, or DOT) at each point (n,)."""
 
     x: NDArray
     y: NDArray
@@ -223,7 +234,15 @@ class Marks:
 
     def _element(self, x: NDArray, y: NDArray) -> str:
         good = np.isfinite(x) & np.isfinite(y)
-        outline = self.hollow or self.mark == "x"
+        if self.mark == DOT:
+            path = "".join(
+                f"M{a:.1f} {b:.1f}h0" for a, b in zip(x[good].tolist(), y[good].tolist())
+            )
+            return (
+                f'<path class="dots" d="{path}" fill="none" stroke="{self.colour}"'
+                f' stroke-linecap="round" stroke-width="{self.size:g}"/>'
+            )
+        outline = self.hollow or self.mark in LINE_MARKS
         fill = "none" if outline else self.colour
         shape = MARK_SHAPES[self.mark]
         uses = "".join(
@@ -344,7 +363,8 @@ class Panel:
     share: of the chart's height beside the other panels; limits None: by the items. ticks: value
     and label each, None for round numbers; circle: values of y are degrees, labelled in [0, 360).
     legend: "" (none), "above" (the whole chart), "beside" the panel or "below" the chart.
-    upright: labels of x are turned by 90 deg; bare: no grid, ticks or edges.
+    upright: labels of x are turned by 90 deg; bare: no grid, ticks or edges. equal: one scale for x
+    and y; far: ticks and a name of the top edge and of the right one.
     """
 
     items: list[Item] = field(default_factory=list)
@@ -355,6 +375,7 @@ class Panel:
     x_limits: tuple[float, float] | None = None
     y_limits: tuple[float, float] | None = None
     x_log: bool = False
+    y_log: bool = False
     x_ticks: Sequence[tuple[float, str]] | None = None
     y_ticks: Sequence[tuple[float, str]] | None = None
     y_step: float | None = None
@@ -364,6 +385,8 @@ class Panel:
     legend: str = ""
     upright: bool = False
     bare: bool = False
+    equal: bool = False
+    far: tuple["FarEdge", "FarEdge"] | None = None
 
     @property
     def named(self) -> list[Item]:
@@ -374,15 +397,27 @@ class Panel:
         """Of x and of y."""
         extents = [item.extent() for item in self.items]
         return (
-            self.x_limits or _span([x for x, _ in extents], self.x_room),
-            self.y_limits or _span([y for _, y in extents], ROOM_SHARE),
+            self.x_limits or _span([x for x, _ in extents], self.x_room, self.x_log),
+            self.y_limits or _span([y for _, y in extents], ROOM_SHARE, self.y_log),
         )
 
 
-def _span(values: Sequence[NDArray], room: float) -> tuple[float, float]:
-    """Least and greatest of all, with room at either end."""
+@dataclass(frozen=True)
+class FarEdge:
+    """Another scale of the same axis: values of the near one with their labels, and its name."""
+
+    ticks: Sequence[tuple[float, str]]
+    label: str
+
+
+def _span(values: Sequence[NDArray], room: float, log: bool = False) -> tuple[float, float]:
+    """Least and greatest of all, with room at either end; positive ones where `log`."""
     found = np.concatenate([np.asarray(v, dtype=float).ravel() for v in values] or [np.zeros(0)])
     found = found[np.isfinite(found)]
+    if log:
+        decades = np.log10(found[found > TINY])
+        low, high = _span([decades], room) if decades.size else (-1.0, 0.0)
+        return 10.0**low, 10.0**high
     if not found.size:
         return 0.0, 1.0
     low, high = float(found.min()), float(found.max())
@@ -427,13 +462,15 @@ def tick_labels(values: Sequence[float], step: float, *, circle: bool = False) -
     return [text.replace("-", "\u2212") for text in texts]
 
 
-_Ticks = list[tuple[float, str]]
+_Ticks = Sequence[tuple[float, str]]
 
 
 def _y_ticks(panel: Panel, limits: tuple[float, float], height: float) -> _Ticks:
     if panel.y_ticks is not None:
         return list(panel.y_ticks)
     most = int(np.clip(height / (2.0 * LETTER), 1, MOST_ALONG_AXIS))
+    if panel.y_log:
+        return log_ticks(limits, most)
     step = panel.y_step or round_step(limits[1] - limits[0], most)
     values = ticks_of(limits, step)
     return list(zip(values, tick_labels(values, step, circle=panel.circle)))
@@ -444,12 +481,36 @@ def _x_ticks(panel: Panel, limits: tuple[float, float], width: float) -> _Ticks:
     if panel.x_ticks is not None:
         return list(panel.x_ticks)
     for most in range(MOST_ALONG_AXIS, 0, -1):
-        step = round_step(limits[1] - limits[0], most)
-        values = ticks_of(limits, step)
-        labels = tick_labels(values, step)
-        if sum(text_width(label) + LETTER for label in labels) <= width:
+        ticks = log_ticks(limits, most) if panel.x_log else round_ticks(limits, most)
+        if sum(text_width(label) + LETTER for _, label in ticks) <= width:
             break
-    return list(zip(values, labels))
+    return ticks
+
+
+def round_ticks(limits: tuple[float, float], most: int) -> _Ticks:
+    """At most so many round numbers within the limits, and one more."""
+    step = round_step(limits[1] - limits[0], most)
+    values = ticks_of(limits, step)
+    return list(zip(values, tick_labels(values, step)))
+
+
+def log_ticks(limits: tuple[float, float], most: int = MOST_ALONG_AXIS) -> _Ticks:
+    """Ticks of a logarithmic axis: 1, 2 and 5 of each decade, 1 alone or whole decades farther
+    apart, the first of these with at most so many of them; round numbers where there is no decade
+    to stand in.
+    """
+    low, high = limits
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    decades = range(first, last + 1)
+    for steps, apart in (((1, 2, 5), 1), ((1, 3), 1), *(((1,), n) for n in range(1, len(decades)))):
+        # not 10.0**k: 10.0**-4 * 1 is 1e-04 with a last digit of its own
+        values = [float(f"{m}e{k}") for k in decades if k % apart == 0 for m in steps]
+        values = [value for value in values if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)]
+        if len(values) <= most:
+            break
+    if len(values) < FEWEST_TICKS:
+        return round_ticks(limits, max(most - 1, FEWEST_TICKS))
+    return [(value, f"{value:g}".replace("-", "\u2212")) for value in values]
 
 
 def _text(x: float, y: float, text: str, anchor: str = "middle", more: str = "") -> str:
@@ -486,9 +547,10 @@ class _Chart:
         ]
         left, right = self._left(), self._right()
         self._places = [
-            Place(left, top, width - left - right, tall, self._x, y, panel.x_log)
+            Place(left, top, width - left - right, tall, self._x, y, panel.x_log, panel.y_log)
             for (top, tall), panel, (_, y) in zip(places, panels, limits)
         ]
+        self._places = [_equal(p) if q.equal else p for p, q in zip(self._places, panels)]
 
     def _rows(self, where: str) -> list[list[Item]]:
         """The lines of a legend above or below the chart: as many entries as find room."""
@@ -506,6 +568,7 @@ class _Chart:
     def _heights(self) -> list[tuple[float, float]]:
         """Top and height of each panel's axes."""
         top = 0.5 * LETTER + LINE_PT * len(self._above)
+        top += FAR_PT if self._panels[0].far else 0.0
         last = self._panels[-1]
         foot = TICK_PT + GAP_PT + 2.0 + LINE_PT * len(self._below)
         foot += LINE_PT if last.x_label else 0.0
@@ -536,7 +599,12 @@ class _Chart:
             if panel.legend == "beside"
             for item in panel.named
         ]
-        return max([*beside, 0.9 * LETTER * 1.5]) + 2.0
+        far = [
+            FAR_PT - LETTER + max((text_width(label) for _, label in panel.far[1].ticks), default=0)
+            for panel in self._panels
+            if panel.far
+        ]
+        return max([*beside, *far, 0.9 * LETTER * 1.5]) + 2.0
 
     def svg(self, label: str) -> Markup:
         """The whole element."""
@@ -562,7 +630,34 @@ class _Chart:
         return (
             f"{clip}{self._axes(k, ticks)}"
             f'<g clip-path="url(#{_CLIP}{k})">{items}</g>'
-            f"{self._labels(k, ticks if last else [])}{self._beside(k)}"
+            f"{self._labels(k, ticks if last else [])}{self._beside(k)}{self._far(k)}"
+        )
+
+    def _far(self, k: int) -> str:
+        """Edges, ticks, numbers and names at the top and at the right."""
+        far, place = self._panels[k].far, self._places[k]
+        if far is None:
+            return ""
+        above, aside = far
+        right, foot = place.left + place.width, place.top + place.height
+        marks, found = f"M{place.left:.1f} {place.top:.1f}H{right:.1f}V{foot:.1f}", ""
+        for value, text in _within(above.ticks, place.x):
+            at = float(place.across(value))
+            marks += f"M{at:.1f} {place.top:.1f}v-{TICK_PT}"
+            found += _text(at, place.top - TICK_PT - GAP_PT, text)
+        longest = 0.0
+        for value, text in _within(aside.ticks, place.y):
+            at = float(place.down(value))
+            marks += f"M{right:.1f} {at:.1f}h{TICK_PT}"
+            found += _text(right + TICK_PT + GAP_PT, at + 0.36 * LETTER, text, "start")
+            longest = max(longest, text_width(text))
+        up = place.top - TICK_PT - 2 * GAP_PT - LETTER
+        found += _text(place.left + 0.5 * place.width, up, above.label)
+        beyond = right + TICK_PT + 2 * GAP_PT + longest + LETTER
+        found += _upright(beyond, place.top + 0.5 * place.height, aside.label)
+        return (
+            f'<path class="axes" d="{marks}" fill="none" stroke="{EDGE_COLOUR}"'
+            f' stroke-width=".8"/>{found}'
         )
 
     def _axes(self, k: int, x_ticks: _Ticks) -> str:
@@ -639,6 +734,19 @@ class _Chart:
         return found
 
 
+def _equal(place: Place) -> Place:
+    """The same middle, and as many points to a unit of x as to one of y."""
+    wide, tall = place.x[1] - place.x[0], place.y[1] - place.y[0]
+    scale = min(place.width / wide, place.height / tall)
+    return replace(
+        place,
+        left=place.left + 0.5 * (place.width - scale * wide),
+        top=place.top + 0.5 * (place.height - scale * tall),
+        width=scale * wide,
+        height=scale * tall,
+    )
+
+
 _CLIP = "\u0000clip"  # stands for the id of a clip path until the drawing's hash is known
 
 
@@ -652,10 +760,3 @@ def _within(ticks: _Ticks, limits: tuple[float, float]) -> Iterator[tuple[float,
     low, high = min(limits), max(limits)
     room = 1e-6 * (high - low)
     return ((value, text) for value, text in ticks if low - room <= value <= high + room)
-
-
-def ratio_ticks(low: float, high: float) -> list[tuple[float, str]]:
-    """1, 2 and 5 of each decade (1 alone over more than three decades) for a logarithmic axis."""
-    steps = (1, 2, 5) if high / low < 1e3 else (1,)
-    values = [m * 10.0**k for k in range(-4, 9) for m in steps]
-    return [(value, f"{value:g}") for value in values]

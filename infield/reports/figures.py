@@ -24,6 +24,7 @@ FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
 PANEL_WIDTH = 4.3  # inches: one of two or three side by side, one below the other on a phone
 SVG_DPI = 72  # of a drawing as SVG: a unit is a point
 MAX_POINTS = 2000  # of a curve
+PANEL_POINTS = 1000  # of a curve in a panel: 4 for each pixel across, so that a reader can zoom
 MAX_DOTS = 700  # of a cloud: 2 or 3 for each pixel across a panel; each is an element of the page
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

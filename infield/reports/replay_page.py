@@ -2,7 +2,9 @@
 nothing.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -10,34 +12,21 @@ from numpy.typing import NDArray
 
 from alignment.reasons import WITH_HEADING
 from infield.replay.drift import DRIFT_CLASSES
-from infield.replay.free_inertial import ReplayResult, TableReplay
+from infield.replay.free_inertial import TableReplay
 from infield.replay.reasons import ReplayVerdict
-from infield.reports.aided_figures import aided_figures, map_figure
+from infield.reports.aided_figures import TIME, aided_figures, map_figure
+from infield.reports.charts import DASHED, Item, Line, Marks, Panel, chart
 from infield.reports.documents.aided import AidedFlightDocument
 from infield.reports.documents.replay import ReplayDocument
-from infield.reports.figures import (
-    BLACK,
-    GREY,
-    NEW,
-    OLD,
-    LineStyle,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
-    thinned,
-)
+from infield.reports.figures import BLACK, GREY, NEW, OLD, PANEL_POINTS, thinned
 from infield.reports.page import number, render_page
-from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
+from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_panels, zoom_script
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.units import DEG, KNOT, NAUTICAL_MILE
 from ins.verdicts import plain
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 COLOURS = {"previous": OLD, "active": NEW}
-LINES = {"previous": "--", "active": "-"}
+DASHES = {"previous": DASHED, "active": ""}
 RAW = "raw gyro output"
 SHORT_NM = 0.1  # a drift of less, 185 m, is drawn in metres
 LEAST_M = 0.01  # half the width of a drawing of less: no axis in 1e-5 m
@@ -46,9 +35,8 @@ BANNERS = {
     ReplayVerdict.REFUSED: "none",
     ReplayVerdict.INCONSISTENT: "bad",
 }
-# of the drawings that zoom, in the order of `_quantities`
-CLOSER = (("North velocity", "m/s"), ("East velocity", "m/s"), ("Heading, continuous", "deg"))
-FIGURES = ("radial", "velocity", "wander", "attitude", "gnss", "reference")
+SINCE = "time since navigation began [min]"
+FIGURES = ("radial", "velocity", "wander", "attitude", "closer", "gnss", "reference")
 
 
 def render(document: ReplayDocument) -> str:
@@ -61,9 +49,8 @@ def render(document: ReplayDocument) -> str:
         banner=BANNERS[document.verdict],
         headline=_headline(document),
         told=verdict_words(document),
-        figures=_figures(result) | aided_figures(result) | {"map": map_figure(result)},
+        figures=_figures(document) | aided_figures(result) | {"map": map_figure(result)},
         labels={t.choice.role: _label(t) for t in result.tables},
-        closer=[(figure.title, zoom_figure(figure)) for figure in _closer(document)],
         script=zoom_script(),
     )
 
@@ -108,110 +95,80 @@ def _headline(document: ReplayDocument) -> str:
     )
 
 
-@in_style
-def _figures(result: ReplayResult) -> dict[str, Markup | None]:
+def _figures(document: ReplayDocument) -> dict[str, Markup | None]:
     """Drawings by name; None where there is nothing to show."""
     flown = [
         t
-        for t in sorted(result.tables, key=lambda t: t.choice.role == "active")
+        for t in sorted(document.result.tables, key=lambda t: t.choice.role == "active")
         if t.history is not None
     ]
     found: dict[str, Markup | None] = dict.fromkeys(FIGURES)
-    if any(t.parked is not None for t in flown):
-        found["radial"] = _radial(flown)
-        found["velocity"] = _velocity(flown)
-        found["wander"] = _wander(flown)
+    parked = [t for t in flown if t.parked is not None]
+    if parked:
+        found["radial"] = zoom_figure(_radial(parked))
+        found["velocity"] = zoom_panels(list(_parked_velocity(parked)))
+        found["wander"] = _wander(parked)
     if flown:
-        found["attitude"] = _attitude(flown)
+        found["attitude"] = zoom_panels(list(_attitude(flown)))
+        found["closer"] = zoom_panels(list(_closer(document, flown)))
     for name in ("gnss", "reference"):
-        if any(getattr(t, name) is not None for t in flown):
-            found[name] = _against(flown, name)
+        drifts = [(t, drift) for t in flown if (drift := getattr(t, name)) is not None]
+        if drifts:
+            found[name] = zoom_panels(list(_against(drifts, name)))
     return found
-
-
-def _closer(document: ReplayDocument) -> list[ZoomFigure]:
-    """Velocity and heading of each table's flight over the log, the parked span shaded."""
-    flown = [t for t in document.result.tables if t.history is not None]
-    if not flown:
-        return []
-    span = document.parked_span
-    shaded = () if span is None else ((span.start_s, span.end_s),)
-    time_s, _ = thinned(*[max((_time_s(t) for t in flown), key=len)] * 2)
-    figures = []
-    for k, (title, unit) in enumerate(CLOSER):
-        curves = [
-            ZoomCurve(name=_label(t), values=_over(time_s, _time_s(t), _quantities(t)[k]))
-            for t in flown
-        ]
-        figures.append(
-            ZoomFigure(title=title, unit=unit, time_s=time_s, curves=curves, spans=shaded)
-        )
-    return figures
-
-
-def _time_s(t: TableReplay) -> NDArray:
-    assert t.history is not None
-    return t.history.time_s
-
-
-def _quantities(t: TableReplay) -> tuple[NDArray, NDArray, NDArray]:
-    """What CLOSER names, over the flight."""
-    assert t.history is not None
-    heading = euler_from_dcm(t.history.C_nb)[2]
-    v_n = t.history.v_n_m_s
-    return v_n[:, 0], v_n[:, 1], np.unwrap(wrap_pi(heading)) / DEG
-
-
-def _over(time_s: NDArray, own_s: NDArray, values: NDArray) -> NDArray:
-    """Values at other times, NaN before and after their own."""
-    return np.interp(time_s, own_s, values, left=np.nan, right=np.nan)
 
 
 def _label(t: TableReplay) -> str:
     return f"{t.choice.role} table" if t.choice.table is not None else RAW
 
 
-def _style(t: TableReplay) -> LineStyle:
-    role = t.choice.role
-    return {"color": COLOURS[role], "linestyle": LINES[role], "label": _label(t)}
+def _curve(t: TableReplay, x: NDArray, values: NDArray) -> ZoomCurve:
+    return ZoomCurve(name=_label(t), x=x, values=values, colour=COLOURS[t.choice.role])
 
 
-def _radial(flown: list[TableReplay]) -> Markup:
+def _panel(
+    title: str, unit: str, x_name: str, curves: Sequence[ZoomCurve], **more: Any
+) -> ZoomFigure:
+    """One of several side by side; each curve has an x of its own."""
+    longest = max((c.x for c in curves if c.x is not None), key=len)
+    return ZoomFigure(
+        title=title,
+        unit=unit,
+        time_s=longest[[0, -1]],
+        curves=curves,
+        x_name=x_name,
+        label=f"{title}, by table",
+        panel=True,
+        **more,
+    )
+
+
+def _radial(parked: list[TableReplay]) -> ZoomFigure:
     """Radial error while parked, with the predicted sigma of each table and the drift classes where
     they come near.
     """
-    figure, axes = new_figure(height=3.4)
-    parked = [t.parked for t in flown if t.parked is not None]
-    predicted = [t.predicted for t in flown if t.predicted is not None]
-    top = max(float(p.radial_m.max()) for p in parked)
+    errors = [t.parked.radial_m for t in parked if t.parked is not None]
+    top = max(float(error.max()) for error in errors)
+    predicted = [t.predicted for t in parked if t.predicted is not None]
     top = max([top, *(float(p.sigma_radial_m.max()) for p in predicted)])
     unit, name = _unit_of(top)
-    ax = axes[0, 0]
-    for t in flown:
-        if t.parked is None:
-            continue
+    curves = []
+    for t in parked:
+        assert t.parked is not None
         minutes, radial = thinned(t.parked.time_s / 60, t.parked.radial_m / unit)
-        ax.plot(minutes, radial, **_style(t))
+        curves.append(_curve(t, minutes, radial))
         if t.predicted is not None:
             minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / unit)
-            ax.plot(
-                minutes,
-                sigma,
-                color=COLOURS[t.choice.role],
-                linestyle=":",
-                linewidth=1.2,
-                label=f"predicted 1 sigma, {_label(t)}",
-            )
-    _draw_classes(ax, top / NAUTICAL_MILE)
-    ax.set_ylim(0.0, 1.08 * max(top, LEAST_M) / unit)
-    axis_text(
-        ax,
-        title="Radial position error while parked",
-        x="time since navigation began [min]",
-        y=f"error [{name}]",
+            curve = _curve(t, minutes, sigma)
+            curves.append(replace(curve, name=f"predicted 1 sigma, {_label(t)}", dashed=True))
+    figure = _panel(
+        "Radial position error while parked",
+        f"error [{name}]",
+        SINCE,
+        [*curves, *_classes(curves, top)],
+        limits=(0.0, 1.08 * max(top, LEAST_M) / unit),
     )
-    ax.legend(loc="upper left")
-    return svg_text(figure, "Radial position error while parked over time, by table")
+    return replace(figure, panel=False)
 
 
 def _unit_of(top_m: float) -> tuple[float, str]:
@@ -219,122 +176,112 @@ def _unit_of(top_m: float) -> tuple[float, str]:
     return (NAUTICAL_MILE, "NM") if top_m > SHORT_NM * NAUTICAL_MILE else (1.0, "m")
 
 
-def _draw_classes(ax: "Axes", top: float) -> None:
-    """The 2T+2 and 3T+3 limits, where they lie within the drawing."""
-    low, high = ax.get_xlim()
-    x = np.array([max(low, 0.0), high])
-    for (name, slope, offset), line in zip(DRIFT_CLASSES, ("-.", "-")):
-        if offset < top:
-            ax.plot(
-                x,
-                slope * x / 60 + offset,
-                color=GREY,
-                linestyle=line,
-                linewidth=1.0,
-                label=f"{name} NM",
-            )
-    ax.set_xlim(low, high)
+def _classes(curves: Sequence[ZoomCurve], top_m: float) -> list[ZoomCurve]:
+    """The 2T+2 and 3T+3 limits over the same minutes, where they lie within the drawing of drifts
+    up to `top_m`.
+    """
+    ends = [c.x[[0, -1]] for c in curves if c.x is not None]
+    x = np.array([max(min(float(e[0]) for e in ends), 0.0), max(float(e[1]) for e in ends)])
+    return [
+        ZoomCurve(name=f"{name} NM", values=slope * x / 60 + offset, x=x, colour=GREY, dashed=True)
+        for name, slope, offset in DRIFT_CLASSES
+        if offset < top_m / NAUTICAL_MILE
+    ]
 
 
-def _velocity(flown: list[TableReplay]) -> Markup:
+def _parked_velocity(parked: list[TableReplay]) -> Iterator[ZoomFigure]:
     """North and east velocity while parked: all of it is error."""
-    figure, axes = new_figure(1, 2, height=3.0, sharey=True)
-    for t in flown:
-        if t.parked is None:
-            continue
-        minutes, north, east = thinned(t.parked.time_s / 60, *t.parked.velocity_m_s.T)
-        axes[0, 0].plot(minutes, north, **_style(t))
-        axes[0, 1].plot(minutes, east, **_style(t))
-    axis_text(
-        axes[0, 0],
-        title="North velocity",
-        x="time since navigation began [min]",
-        y="velocity [m/s]",
-    )
-    axis_text(axes[0, 1], title="East velocity", x="time since navigation began [min]")
-    axes[0, 0].legend(loc="best")
-    return svg_text(figure, "North and east velocity while parked, by table")
+    for k, name in enumerate(("North", "East")):
+        curves = []
+        for t in parked:
+            assert t.parked is not None
+            minutes, velocity = thinned(
+                t.parked.time_s / 60, t.parked.velocity_m_s[:, k], most=PANEL_POINTS
+            )
+            curves.append(_curve(t, minutes, velocity))
+        yield _panel(f"{name} velocity while parked", "velocity [m/s]", SINCE, curves)
 
 
-def _wander(flown: list[TableReplay]) -> Markup:
+def _wander(parked: list[TableReplay]) -> Markup:
     """Where the parked solution wanders to, on a plain grid."""
-    figure, axes = new_figure(width=4.8, height=4.4)
-    ax = axes[0, 0]
-    for t in flown:
-        if t.parked is not None:
-            east, north = thinned(t.parked.position_m[:, 1], t.parked.position_m[:, 0])
-            ax.plot(east, north, **_style(t))
-            ax.plot(east[-1], north[-1], marker="o", color=COLOURS[t.choice.role])
-    ax.plot(
-        0.0,
-        0.0,
-        marker="+",
-        markersize=11,
-        markeredgewidth=1.8,
-        color=BLACK,
-        linestyle="none",
-        label="true",
+    items: list[Item] = []
+    for t in parked:
+        assert t.parked is not None
+        colour, dash = COLOURS[t.choice.role], DASHES[t.choice.role]
+        east, north = thinned(t.parked.position_m[:, 1], t.parked.position_m[:, 0])
+        items.append(Line(east, north, colour, _label(t), dash=dash))
+        items.append(Marks(east[-1:], north[-1:], "o", colour, size=6.0))
+    items.append(Marks(np.zeros(1), np.zeros(1), "+", BLACK, "true", size=9.0))
+    seen = [np.concatenate([item.extent()[k] for item in items]) for k in range(2)]
+    x_limits, y_limits = _square(*seen)
+    panel = Panel(
+        items=items,
+        title="Computed position while parked",
+        x_label="east [m]",
+        y_label="north [m]",
+        x_limits=x_limits,
+        y_limits=y_limits,
+        equal=True,
+        legend="above",
     )
-    _square(ax)
-    axis_text(ax, title="Computed position while parked", x="east [m]", y="north [m]")
-    ax.legend(loc="best")
-    return svg_text(figure, "Computed position while parked on a plain grid, by table")
+    label = "Computed position while parked on a plain grid, by table"
+    return chart([panel], label, width=4.8, height=4.8)
 
 
-def _square(ax: "Axes") -> None:
-    """Equal scales, and a field that is not a sliver."""
-    (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
-    half = max(0.5 * max(x1 - x0, y1 - y0), LEAST_M)
-    ax.set_xlim(0.5 * (x0 + x1) - half, 0.5 * (x0 + x1) + half)
-    ax.set_ylim(0.5 * (y0 + y1) - half, 0.5 * (y0 + y1) + half)
-    ax.set_aspect("equal")
+def _square(x: NDArray, y: NDArray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Limits of equal spans around all values, and a field that is not a sliver."""
+    middles = [0.5 * float(values.min() + values.max()) for values in (x, y)]
+    half = max(0.55 * max(float(np.ptp(x)), float(np.ptp(y))), LEAST_M)
+    return (middles[0] - half, middles[0] + half), (middles[1] - half, middles[1] + half)
 
 
-def _attitude(flown: list[TableReplay]) -> Markup:
+def _angles(t: TableReplay) -> tuple[NDArray, ...]:
+    """Minutes of the log; roll, pitch, heading without jumps [deg]."""
+    assert t.history is not None
+    roll, pitch, heading = euler_from_dcm(t.history.C_nb)
+    return (t.history.time_s / 60, roll / DEG, pitch / DEG, np.unwrap(wrap_pi(heading)) / DEG)
+
+
+def _attitude(flown: list[TableReplay]) -> Iterator[ZoomFigure]:
     """Roll, pitch and heading from the end of the alignment to the end of the log."""
-    figure, axes = new_figure(1, 3, height=2.8)
-    for t in flown:
-        assert t.history is not None
-        roll, pitch, heading = euler_from_dcm(t.history.C_nb)
-        angles = [roll / DEG, pitch / DEG, np.unwrap(wrap_pi(heading)) / DEG]
-        minutes, *columns = thinned(t.history.time_s / 60, *angles)
-        for ax, angle in zip(axes[0], columns):
-            ax.plot(minutes, angle, **_style(t))
-    for ax, name in zip(axes[0], ("Roll", "Pitch", "Heading, continuous")):
-        axis_text(ax, title=name, x="time of the log [min]", y="angle [deg]")
-    axes[0, 0].legend(loc="best")
-    return svg_text(figure, "Roll, pitch and heading, by table")
+    columns = [thinned(*_angles(t), most=PANEL_POINTS) for t in flown]
+    for k, name in enumerate(("Roll", "Pitch", "Heading, continuous"), start=1):
+        curves = [_curve(t, found[0], found[k]) for t, found in zip(flown, columns)]
+        yield _panel(name, "angle [deg]", TIME, curves)
 
 
-def _against(flown: list[TableReplay], name: str) -> Markup:
+def _closer(document: ReplayDocument, flown: list[TableReplay]) -> Iterator[ZoomFigure]:
+    """Velocity of each table's flight over the log, the parked span shaded."""
+    span = document.parked_span
+    shaded = () if span is None else ((span.start_s / 60, span.end_s / 60),)
+    for k, name in enumerate(("North", "East")):
+        curves = []
+        for t in flown:
+            assert t.history is not None
+            minutes, velocity = thinned(
+                t.history.time_s / 60, t.history.v_n_m_s[:, k], most=PANEL_POINTS
+            )
+            curves.append(_curve(t, minutes, velocity))
+        yield _panel(f"{name} velocity", "velocity [m/s]", TIME, curves, spans=shaded)
+
+
+def _against(drifts: Sequence[tuple[TableReplay, Any]], name: str) -> Iterator[ZoomFigure]:
     """Radial and speed error against an outside track after the parked span."""
-    figure, axes = new_figure(1, 2, height=3.0)
     what = {"gnss": "GNSS", "reference": "the reference (scoring only)"}[name]
-    drifts = [(t, d) for t in flown if (d := getattr(t, name)) is not None]
-    top = max(float(d.radial_m.max()) for _, d in drifts)
+    top = max(float(drift.radial_m.max()) for _, drift in drifts)
     unit, short = _unit_of(top)
+    radials, speeds = [], []
     for t, drift in drifts:
         minutes, radial, speed = thinned(
-            drift.time_s / 60, drift.radial_m / unit, drift.speed_m_s / KNOT
+            drift.time_s / 60, drift.radial_m / unit, drift.speed_m_s / KNOT, most=PANEL_POINTS
         )
-        axes[0, 0].plot(minutes, radial, **_style(t))
-        axes[0, 1].plot(minutes, speed, **_style(t))
-    _draw_classes(axes[0, 0], top / NAUTICAL_MILE)
-    axes[0, 0].set_ylim(0.0, 1.08 * max(top, LEAST_M) / unit)
-    axes[0, 1].set_ylim(bottom=0.0)
-    axis_text(
-        axes[0, 0],
-        title=f"Radial error against {what}",
-        x="time since navigation began [min]",
-        y=f"error [{short}]",
+        radials.append(_curve(t, minutes, radial))
+        speeds.append(_curve(t, minutes, speed))
+    yield _panel(
+        f"Radial error against {what}",
+        f"error [{short}]",
+        SINCE,
+        [*radials, *_classes(radials, top)],
+        limits=(0.0, 1.08 * max(top, LEAST_M) / unit),
     )
-    axis_text(
-        axes[0, 1],
-        title="Velocity error, horizontal",
-        x="time since navigation began [min]",
-        y="error [kt]",
-    )
-    axes[0, 0].legend(loc="best")
-    return svg_text(
-        figure, f"Radial and velocity error against {what} after the parked span, by table"
-    )
+    yield _panel("Velocity error, horizontal", "error [kt]", SINCE, speeds)

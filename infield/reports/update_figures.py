@@ -10,17 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from infield.reports.charts import (
-    DASH_DOT,
-    DASHED,
-    Boxes,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    chart,
-    ratio_ticks,
-)
+from infield.reports.charts import DASH_DOT, DASHED, Boxes, Item, Line, Marks, Panel, chart
 from infield.reports.documents.session import HEATING_DEG_C_MIN
 from infield.reports.documents.session_records import (
     ChainRow,
@@ -273,7 +263,6 @@ def agreement_drawing(document: UpdateDocument) -> Markup:
         x_limits=(low, high),
         y_limits=(foot, head),
         x_log=True,
-        x_ticks=ratio_ticks(low, high),
         y_ticks=[(y, row.name) for y, row in enumerate(rows)],
     )
     label = "Normalised innovation squared with its bands"

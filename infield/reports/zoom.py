@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from infield.reports.charts import (
     DASHED,
+    DOT,
     GRID_COLOUR,
     Band,
     Boxes,
@@ -49,6 +50,8 @@ PANEL_HEIGHT = 3.0  # inches: a panel is narrow, and its bands want room
 BAND_ALPHA = 0.18  # of a band: two that overlap are still told apart
 BAR_MARK, HOLLOW_MARK, NODE_MARK = "|", "O", "n"
 POINT_MARKS = {"^": "^", "v": "v", "o": "o", "x": "x", "s": "s", NODE_MARK: "s", HOLLOW_MARK: "o"}
+POINT_MARKS |= {DOT: DOT}
+MARK_SIZES = {NODE_MARK: 2.8, DOT: 1.8}  # points; 4 of the others
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +97,8 @@ class ZoomFigure:
     are shaded.
 
     limits: least and greatest value that the y axis shows; circle: values are degrees, labelled in
-    [0, 360); group: drawings of one group and one x axis zoom together; panel: one of several side
-    by side, with its title.
+    [0, 360); log: the y axis is logarithmic; group: drawings of one group and one x axis zoom
+    together; panel: one of several side by side, with its title.
     """
 
     title: str
@@ -108,6 +111,7 @@ class ZoomFigure:
     label: str = ""
     limits: tuple[float, float] | None = None
     circle: bool = False
+    log: bool = False
     group: str = ""
     panel: bool = False
 
@@ -133,6 +137,34 @@ def zoomed(
     ).format("wide " if wide else "", drawing, Markup("").join(numbers), caption)
 
 
+def zoom_panels(figures: Sequence[ZoomFigure], caption: str = "") -> Markup:
+    """Figures side by side, with a key of the names of their curves where there are two or more."""
+    names: dict[str, Markup] = {}
+    for figure in figures:
+        for curve, colour in _coloured(figure):
+            names.setdefault(curve.name, _swatch(curve, colour))
+    names.pop("", None)
+    rows = (Markup("<li>{}{}</li>").format(swatch, name) for name, swatch in names.items())
+    key = Markup('<ul class="key">{}</ul>').format(Markup("").join(rows))
+    return Markup('{}{}<div class="panels">{}</div>').format(
+        Markup('<p class="soft">{}</p>').format(caption) if caption else "",
+        key if len(names) > 1 else "",
+        Markup("").join(zoom_figure(figure) for figure in figures),
+    )
+
+
+def _swatch(curve: ZoomCurve, colour: str) -> Markup:
+    """How a key shows a curve."""
+    if curve.mark:
+        sign = {"x": "\u00d7", BAR_MARK: "|"}.get(curve.mark, "\u25cf")
+        return Markup('<span class="mark" style="color:{}">{}</span>').format(colour, sign)
+    if curve.dashed:
+        ground = f"repeating-linear-gradient(90deg,{colour} 0 .4em,transparent .4em .65em)"
+    else:
+        ground = colour
+    return Markup('<span class="swatch" style="background:{}"></span>').format(ground)
+
+
 @lru_cache(maxsize=1)
 def zoom_script() -> Markup:
     """The library and what uses it, for the end of a page."""
@@ -153,6 +185,7 @@ def _drawing(figure: ZoomFigure, label: str) -> Markup:
         y_label=figure.unit,
         y_limits=figure.limits,
         circle=figure.circle,
+        y_log=figure.log,
     )
     if figure.panel:
         panel.title = figure.title
@@ -184,7 +217,7 @@ def _items(figure: ZoomFigure, curve: ZoomCurve, colour: str) -> list[Item]:
         curve.values,
         POINT_MARKS[curve.mark],
         colour,
-        size=2.8 if curve.mark == NODE_MARK else 4.0,
+        size=MARK_SIZES.get(curve.mark, 4.0),
         hollow=curve.mark == HOLLOW_MARK,
     )
     return [Uprights(x, low, high, colour), marks] if known else [marks]
@@ -198,6 +231,7 @@ def _numbers(figure: ZoomFigure) -> str:
         "group": figure.group,
         "title": figure.title if figure.panel else "",
         "circle": figure.circle,
+        "log": figure.log,
         "limits": figure.limits,
         "x": _column(figure.time_s),
         "curves": [_curve_numbers(curve, colour) for curve, colour in _coloured(figure)],

@@ -9,17 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from infield.reports.charts import Band as Area
-from infield.reports.charts import (
-    Boxes,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    Texts,
-    chart,
-    ratio_ticks,
-    text_width,
-)
+from infield.reports.charts import Boxes, Item, Line, Marks, Panel, Texts, chart, text_width
 from infield.reports.figures import (
     BLACK,
     BLUE,
@@ -311,8 +301,7 @@ def band_drawing(cells: Sequence[CellRecord], channels: Sequence[str]) -> Markup
 def _band_panel(rows: Sequence[CellRecord], bands: Sequence[Band]) -> Panel:
     x = np.array([bands.index(_band(c)) for c in rows], dtype=float)
     spread = 2.0 * np.sqrt(2.0 / np.maximum([c.dof for c in rows], 1.0))
-    low = np.log10(np.maximum(1.0 - spread, LEAST_RHO))
-    high = np.log10(1.0 + spread)
+    low, high = np.maximum(1.0 - spread, LEAST_RHO), 1.0 + spread
     boxes = [(a - 0.4, a + 0.4, b, c) for a, b, c in zip(x.tolist(), low.tolist(), high.tolist())]
     before = np.maximum([c.rho for c in rows], LEAST_RHO)
     after = np.maximum([c.rho_after for c in rows], LEAST_RHO)
@@ -322,13 +311,13 @@ def _band_panel(rows: Sequence[CellRecord], bands: Sequence[Band]) -> Panel:
     return Panel(
         items=[
             Boxes(boxes, PALE, name="the twin's own 2 sigma"),
-            Line(np.array(ends), np.zeros(2), GREY, width=0.9),
-            Marks(x, np.log10(before), "o", VERMILLION, name="before", size=6.0),
-            Marks(x, np.log10(after), "D", BLUE, name="with what was found", size=4.5),
+            Line(np.array(ends), np.ones(2), GREY, width=0.9),
+            Marks(x, before, "o", VERMILLION, name="before", size=6.0),
+            Marks(x, after, "D", BLUE, name="with what was found", size=4.5),
         ],
         x_limits=ends,
-        y_limits=(float(np.log10(limits[0])), float(np.log10(limits[1]))),
-        y_ticks=[(float(np.log10(value)), text) for value, text in ratio_ticks(*limits)],
+        y_limits=limits,
+        y_log=True,
     )
 
 

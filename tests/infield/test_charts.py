@@ -9,12 +9,14 @@ from infield.reports.charts import (
     MOST_ALONG_AXIS,
     Band,
     Boxes,
+    FarEdge,
     Line,
     Marks,
     Panel,
     Place,
     Uprights,
     chart,
+    log_ticks,
     round_step,
     text_width,
     tick_labels,
@@ -59,6 +61,58 @@ def test_a_logarithmic_axis_has_equal_decades():
     place = Place(0.0, 0.0, 300.0, 100.0, (0.1, 100.0), (0.0, 1.0), x_log=True)
     np.testing.assert_allclose(place.across([0.1, 1.0, 10.0, 100.0]), [0, 100, 200, 300])
     np.testing.assert_allclose(place.down([0.0, 1.0]), [100.0, 0.0])
+
+
+def test_logarithmic_panels_have_few_round_ticks_and_room_for_what_is_positive():
+    y = np.array([-1.0, 0.0, 3e-4, 0.02, 7.0])
+    svg = str(_drawn(Line(X[:5], y, "#abc"), y_log=True))
+    rows = re.findall(r'y="([\d.]+)" text-anchor="end">([\d.]+)<', svg)
+    down, value = np.array([(float(a), float(v)) for a, v in rows]).T
+    assert 2 <= value.size <= MOST_ALONG_AXIS and value.min() > 1e-4 and value.max() < 15.0
+    slope, offset = np.polyfit(np.log10(value), down - 0.36 * 9.5, 1)
+    (points,) = _paths(svg)
+    np.testing.assert_allclose(
+        points[-3:, 1], slope * np.log10(y[-3:]) + offset, atol=2 * TENTH + 0.1
+    )
+
+
+@pytest.mark.parametrize(
+    ("limits", "most", "labels"),
+    [
+        ((0.9, 11.0), 9, ["1", "2", "5", "10"]),
+        ((1e-3, 1.0), 9, ["0.001", "0.003", "0.01", "0.03", "0.1", "0.3", "1"]),
+        ((1e-3, 1e3), 4, ["0.01", "1", "100"]),
+        ((3.0, 4.5), 4, ["3.0", "3.5", "4.0", "4.5"]),
+    ],
+)
+def test_ticks_of_decades(limits, most, labels):
+    assert [text for _, text in log_ticks(limits, most)] == labels
+
+
+def test_equal_scales_and_far_edges():
+    """A square of the data is a square of the drawing; the far edges have numbers of their own."""
+    square = Line(np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0]), "#abc")
+    far = FarEdge([(0.5, "7.5")], "longitude [deg]"), FarEdge([(0.25, "45.2")], "latitude [deg]")
+    panel = Panel(items=[square], equal=True, far=far, x_limits=(-1.0, 2.0), y_limits=(-0.5, 1.5))
+    svg = str(chart([panel], "a map", width=6.0, height=6.0))
+    (points,) = _paths(svg)
+    assert np.ptp(points[:, 0]) == pytest.approx(np.ptp(points[:, 1]), abs=2 * TENTH)
+    at = {text: (float(x), float(y)) for x, y, text in _places(svg)}
+    assert at["7.5"][0] == pytest.approx(points[:, 0].mean(), abs=2 * TENTH)
+    assert at["7.5"][1] < points[:, 1].min() and at["longitude [deg]"][1] < at["7.5"][1]
+    assert at["45.2"][0] > points[:, 0].max()
+    middle = points[0, 1] - 0.25 * np.ptp(points[:, 1])
+    assert at["45.2"][1] - 0.36 * 9.5 == pytest.approx(middle, abs=2 * TENTH)
+
+
+def _places(svg):
+    return re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
+
+
+def test_a_cloud_is_one_path():
+    svg = str(_drawn(Marks(X, X, ".", "#123", size=1.8)))
+    (dots,) = re.findall(r'<path class="dots" d="([^"]*)"', svg)
+    assert dots.count("M") == dots.count("h0") == X.size
 
 
 @pytest.mark.parametrize("span", [3e-7, 0.013, 0.8, 1.0, 7.0, 83.0, 1234.0, 5e8])

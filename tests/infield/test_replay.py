@@ -496,8 +496,11 @@ def test_page_shows_both_tables_and_is_the_same_twice():
         and "scoring only" in page.lower()
         and "No stop of eight seconds" in page
     )
-    # radial, velocity, wander, attitude; no track, no GNSS; three that zoom
-    assert page.count("<svg") == 7 and page.count("wide zoom") == 3
+    # radial, wander; panels: velocities while parked and of the log, attitude; no track, no GNSS
+    assert page.count("<svg") == 9
+    assert (
+        page.count('<figure class="wide zoom">') == 1 and page.count('<figure class="zoom">') == 7
+    )
     library = "/*! https://github.com/leeoniya/uPlot"  # in a comment: it stands in the page
     assert "http" not in page.replace("http://www.w3.org", "").replace(library, "")
     rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in plain(document)["tables"]]

@@ -87,7 +87,7 @@
             ctx.stroke();
           }
           ctx.lineWidth = 1.4 * pixel;
-          if (curve.mark !== "|") shape(ctx, curve.mark, x, y, 3.6 * pixel);
+          if (curve.mark !== "|") shape(ctx, curve.mark, x, y, (curve.mark === "." ? 1.5 : 3.6) * pixel);
         });
       });
       ctx.restore();
@@ -116,8 +116,19 @@
     return tables.length > 1 ? uPlot.join(tables) : tables[0];
   }
 
-  function within(limits, strips) {
+  // 1, 2 or 5 times a power of ten, below or above a positive number
+  function round(value, up) {
+    var decade = Math.pow(10, Math.floor(Math.log10(value))), steps = [1, 2, 5, 10];
+    var fits = steps.filter(function (step) { return up ? step * decade >= value : step * decade <= value; });
+    return Number((decade * (up ? fits[0] : fits[fits.length - 1])).toPrecision(6));
+  }
+
+  function within(limits, strips, log) {
     return function (chart, low, high) {
+      if (log) {
+        if (!(low > 0)) return [0.1, 1];
+        return [round(low * 1.000001, false), round(high * 0.999999, true)];
+      }
       if (low === null || low === high) return limits || [(low || 0) - 1, (high || 0) + 1];
       var pad = 0.06 * (high - low), top = strips.length ? 2.5 * pad : pad; // a strip hides nothing
       return limits ? [Math.max(low - pad, limits[0]), Math.min(high + top, limits[1])] : [low - pad, high + top];
@@ -147,10 +158,11 @@
     var charts = groups[key] = groups[key] || [];
     var chart = new uPlot({
       title: told.title || undefined, width: place.clientWidth, height: height, series: series, bands: bands,
-      scales: { x: { time: false }, y: { range: within(told.limits, told.strips) } },
+      scales: { x: { time: false }, y: { distr: told.log ? 3 : 1, range: within(told.limits, told.strips, told.log) } },
       cursor: { sync: { key: key }, drag: { x: true, y: false } },
       axes: [Object.assign({ label: told.x_name, labelSize: 20, size: 34, values: function (u, at) { return at.map(plain); } }, ticks),
-        Object.assign({ label: told.unit, labelSize: 20, size: 62 }, told.circle ? { incrs: [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440], values: function (u, at, axis, space, step) { return at.map(step < 360 ? turned : plain); } } : {}, ticks)],
+        Object.assign({ label: told.unit, labelSize: 20, size: 62 }, told.circle ? { incrs: [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440], values: function (u, at, axis, space, step) { return at.map(step < 360 ? turned : plain); } }
+          : told.log ? { values: function (u, at) { return at.map(function (v) { return v === null ? null : plain(v); }); } } : {}, ticks)],
       hooks: { drawClear: [shaded(told)], draw: [marked(told)] }
     }, data, place);
     chart.all = [chart.scales.x.min, chart.scales.x.max];
