@@ -1,5 +1,7 @@
 """The application: site and routes together; each fault is a page of one line, no trace."""
 
+from typing import Any
+
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
@@ -16,6 +18,8 @@ from recal.web.site import SignInFirst, Site
 NO_FAULT = (
     "The program met a case it does not know. Nothing was changed; the server's log says more."
 )
+
+ADDRESS_LETTERS = 40  # letters of what an address holds; chosen: a line of a phone
 
 
 def build_app(settings: ServeSettings) -> Guard:
@@ -46,8 +50,7 @@ def _register_faults(app: FastAPI, site: Site) -> None:
 
     def of_query(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        said = "; ".join(f"{fault['loc'][-1]}: {fault['msg']}" for fault in error.errors())
-        return site.fault(400, said, request)
+        return site.fault(400, _wrong_address(error), request)
 
     def too_many(request: Request, error: Exception) -> Response:
         assert isinstance(error, TooManyGuesses)
@@ -69,6 +72,20 @@ def _register_faults(app: FastAPI, site: Site) -> None:
     app.add_exception_handler(TooManyGuesses, too_many)
     app.add_exception_handler(SignInFirst, sign_in)
     app.add_exception_handler(Exception, unknown)
+
+
+def _wrong_address(error: RequestValidationError) -> str:
+    """What the address of a page lacks or has wrong, and what it needs."""
+    said = [_wrong_part(fault) for fault in error.errors()]
+    return f"There is no page at this address: {'; '.join(said)}."
+
+
+def _wrong_part(fault: Any) -> str:  # one of pydantic, a mapping
+    name = fault["loc"][-1]
+    if fault["type"] == "missing":
+        return f"{name} is missing"
+    needed = fault.get("ctx", {}).get("expected", "a whole number from 1 on")
+    return f"{name} is {str(fault['input'])[:ADDRESS_LETTERS]!r}, needed {needed}"
 
 
 def _status(error: Exception) -> int:

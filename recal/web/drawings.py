@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from ins.records import AXES
 from recal.service.inputs.records import ThermalTable
@@ -23,14 +24,17 @@ from recal.service.results.pages import (
     NEW,
     OLD,
     PANEL_WIDTH,
+    VERMILLION,
     axis_text,
     in_style,
     new_figure,
     robust_limits,
     svg_text,
 )
+from recal.service.store import SessionEvidence
 
 MOST_KEPT = 64  # chosen: the latest 64; one that is gone is drawn again when asked for
+MOST_SESSIONS_DRAWN = 20  # sessions of a drawing, the latest; chosen: more hide each other
 LINES = {
     "factory": (GREY, ":"),
     "previous": (OLD, "--"),
@@ -57,12 +61,15 @@ class Drawings:
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
         self._lock = threading.Lock()
 
-    def bias_panels(self, lines: Sequence[Line]) -> list[Markup]:
+    def bias_panels(
+        self, lines: Sequence[Line], against: Sequence[SessionEvidence] = ()
+    ) -> list[Markup]:
         """Bias against temperature of the three gyros, a line for each table, U(k=2) bands but for
-        the factory one.
+        the factory one; against: sessions that contradict the last table, a point with its U each.
         """
-        key = ("bias", *((line.name, line.sha256) for line in lines))
-        return self._once(key, lambda: [_bias_panel(axis, lines) for axis in AXES])
+        seen = against[-MOST_SESSIONS_DRAWN:]
+        key = ("bias", *((line.name, line.sha256) for line in lines), *(e.run_sha256 for e in seen))
+        return self._once(key, lambda: [_bias_panel(axis, lines, seen) for axis in AXES])
 
     def trend(self, key: Hashable, document: ForecastDocument) -> Markup:
         """The drift of the most urgent units against the limit."""
@@ -100,9 +107,9 @@ def without_style_attributes(svg: Markup) -> Markup:
 
 
 @in_style
-def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
+def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvidence]) -> Markup:
     figure, axes = new_figure(width=PANEL_WIDTH, height=3.3)
-    ax, inner, outer = axes[0, 0], [], []
+    ax, inner, outer, band = axes[0, 0], [], [], np.zeros(0)
     for line in lines:
         colour, dashes = LINES[line.name]
         nodes = line.table.temperature_degC[AXES.index(axis)]
@@ -112,11 +119,15 @@ def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
             ax.fill_between(
                 T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0
             )
-            outer += [bias - 2 * sigma, bias + 2 * sigma]
+            band = np.concatenate([bias - 2 * sigma, bias + 2 * sigma])
+            outer.append(band)
         ax.plot(T, bias, dashes, color=colour)
         ax.plot(nodes, line.table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
         inner.append(bias)
-    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=8.0))
+    for session in against:
+        outer.append(_point(ax, AXES.index(axis), session))
+    # the band of the last table is seen whole: of a flat table nothing else gives the axis a scale
+    ax.set_ylim(*robust_limits(np.concatenate([*inner, band]), np.concatenate(outer), spans=8.0))
     axis_text(
         ax,
         title=f"Gyro {axis}: bias against temperature",
@@ -126,4 +137,16 @@ def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
     label = (
         f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
     )
+    if against:
+        label += f", and {len(against)} session{'s' if len(against) > 1 else ''} against it"
     return without_style_attributes(svg_text(figure, label))
+
+
+def _point(ax: Any, k: int, session: SessionEvidence) -> NDArray:
+    """Draw a session's bias of gyro k with U(k=2); the ends of its bar (2,) [deg/h]."""
+    T = session.temperature_degC[k]
+    bias = session.bias_deg_h[k] - session.bend_deg_h[k]
+    expanded = 2.0 * session.covariance[k][k] ** 0.5
+    look = {"color": VERMILLION, "markersize": 5, "elinewidth": 1.4, "capsize": 3}
+    ax.errorbar(T, bias, yerr=expanded, fmt="D", **look)
+    return np.array([bias - expanded, bias + expanded])

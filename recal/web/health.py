@@ -39,8 +39,8 @@ class Show(StrEnum):
 HEALTH_WORDS: Mapping[Health, tuple[str, str, str]] = {  # word, look, what to do
     Health.CONTRADICTED: ("contradicted", "bad", "Sessions contradict its table: look at them."),
     Health.BEYOND: ("beyond the limit", "bad", "Recalibrate it from its next session."),
-    Health.WAITS: ("decide", "fair", "A proposed update waits for a decision."),
-    Health.SOON: ("soon", "fair", "Its drift passes the limit within a quarter."),
+    Health.WAITS: ("to decide", "fair", "A proposed update waits for a decision."),
+    Health.SOON: ("near the limit", "fair", "Its drift passes the limit within a quarter."),
     Health.NO_TABLE: ("no table", "none", "It runs on the default of its technology."),
     Health.OLD: ("old table", "none", "Its table is older than a year."),
     Health.GOOD: ("good", "good", ""),

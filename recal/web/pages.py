@@ -23,6 +23,9 @@ from recal.web.site import Site
 Sort = Literal[
     "next", "serial", "technology", "changed", "proposals", "contradictions", "age", "drift"
 ]
+State = Literal[
+    "open", "out of date", "approved", "rejected", "all"
+]  # of proposals that are listed
 Number = Annotated[int, Query(ge=1, le=10**9)]
 HEALTH_SORTS: dict[str, Callable[[UnitHealth], Any]] = {
     "next": health.urgency,
@@ -109,7 +112,7 @@ def _register_units(app: FastAPI, site: Site) -> None:
             active = history[-1]
             context = {
                 "active": active,
-                "panels": site.drawings.bias_panels(lines),
+                "panels": site.drawings.bias_panels(lines, contradictions),
                 "lines": lines,
                 "rows": views.table_rows(active.table),
                 "contradictions": views.contradiction_rows(contradictions, active.table),
@@ -140,6 +143,7 @@ def _register_forecast(app: FastAPI, site: Site) -> None:
             shown=len(document.units),
             trends=trend_strips(document),
             date_words=date_words,
+            unit_page=views.forecast_address,
             drawing=site.drawings.trend(key, document) if document.units else None,
         )
 
@@ -185,7 +189,7 @@ def _register_revisions(app: FastAPI, site: Site) -> None:
 
 def _register_proposals(app: FastAPI, site: Site) -> None:
     @app.get("/proposals")
-    def proposals(request: Request, state: str = "open") -> HTMLResponse:
+    def proposals(request: Request, state: State = "open") -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             everything = opened.proposals()

@@ -36,6 +36,12 @@ TITLES = {
     500: "A fault of the program",
     503: "The store cannot be read",
 }
+NEXT = {
+    503: Markup(
+        "On the machine that holds the store, <code>recal table verify --store STORE</code> says"
+        " what is wrong with it."
+    )
+}
 FRAMED_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self';"
     " base-uri 'none'; form-action 'none'"
@@ -108,11 +114,20 @@ class Site:
 
     def fault(self, status: int, line: str, request: Request | None = None) -> HTMLResponse:
         """A page that says what is wrong; the store's address is not in it."""
-        line = line.replace(f"store {self.store_name}", "the store").replace(
-            self.store_name, "the store"
-        )
+        for text, shown in (
+            (f"no store at {self.store_name}", "the store is not where it was"),
+            (f"store {self.store_name}", "the store"),
+            (self.store_name, "the store"),
+        ):
+            line = line.replace(text, shown)
         return self.page(
-            request, "fault.html.j2", status, title=TITLES.get(status, f"Error {status}"), line=line
+            request,
+            "fault.html.j2",
+            status,
+            title=TITLES.get(status, f"Error {status}"),
+            line=line,
+            next=NEXT.get(status, ""),
+            sign_in=status == 403,
         )
 
     def framed(self, text: str) -> HTMLResponse:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ins.records import AXES
 from recal.service.inputs.records import TableDocument, ThermalTable
+from recal.service.priors.forecast_records import UnitForecast
 from recal.service.results.pages import decimals_for
 from recal.service.store import Proposal, Revision, SessionEvidence, UnitKey, UnitSummary
 from recal.service.tables import AxisDifference
@@ -76,6 +77,13 @@ def address(path: str, unit: UnitKey | None = None, **more: Any) -> str:
     )
     query = urlencode({**key, **more}, quote_via=quote)
     return f"{path}?{query}" if query else path
+
+
+def forecast_address(row: UnitForecast) -> str:
+    """The page of a unit of a forecast."""
+    return address(
+        "/unit", serial=row.imu_serial, technology=row.gyro_technology, mode=row.gyro_mode
+    )
 
 
 def sorted_units(

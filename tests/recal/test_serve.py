@@ -87,7 +87,8 @@ def test_units_are_listed_searched_and_sorted(visitor):
     assert [m in visitor.get("/?q=dither").text for m in ("SN-2", ">SN-1<")] == [True, False]
     down = visitor.get("/?sort=technology&down=true").text
     assert down.index(">SN-1<") < down.index(">SN-2<") and 'aria-sort="descending"' in down
-    assert "No unit matches zzz" in text_of(visitor.get("/?q=zzz"))
+    none = visitor.get("/?q=zzz")
+    assert "No unit matches “zzz”. Show all units" in text_of(none) and 'href="/">Show' in none.text
 
 
 def test_one_unit_shows_table_plot_history_and_proposals(visitor):
@@ -105,6 +106,8 @@ def test_one_unit_shows_table_plot_history_and_proposals(visitor):
     )
     with_mode = visitor.get("/unit?serial=SN-2&technology=fog&mode=dithered")
     assert with_mode.status_code == 200 and "Compare" not in text_of(with_mode)
+    assert "waits for a decision: proposal 1" in words and "waits" not in text_of(with_mode)
+    assert "1e" not in "".join(re.findall(r"<text.*?</text>", with_mode.text, re.DOTALL))
     assert visitor.get("/unit?serial=SN-2&technology=fog").status_code == 404
 
 
@@ -134,6 +137,7 @@ def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
         )
         assert "Revision 2 is active, but contradicted 1 session contradicts this table." in words
         assert "recal update RUN RUN --accept-step --commit --store STORE" in words
+        assert "session that contradicts it, U(k=2)" in words
         listed = text_of(visitor.get("/?sort=contradictions&down=true"))
         assert re.search(
             r"SN-1 contradicted .* rlg revision 2, update \w{12} \S+ \S+ – 1 1 by technology",
@@ -152,21 +156,27 @@ def test_two_revisions_are_compared(visitor):
 @pytest.mark.parametrize(
     "path, status, words",
     [
-        ("/unit?serial=SN-9&technology=rlg", 404, "no table for serial SN-9"),
-        ("/unit?serial=SN-1", 400, "technology: Field required"),
+        ("/unit?serial=SN-9&technology=rlg", 404, "no table for serial SN-9."),
+        ("/unit?serial=SN-1", 400, "at this address: technology is missing."),
         ("/diff?serial=SN-1&technology=rlg&before=9", 400, "no revision 9, needed 1 to 2"),
-        ("/?sort=colour", 400, "sort: Input should be"),
+        ("/?sort=colour", 400, "sort is 'colour', needed 'next', 'serial'"),
         (
             "/diff?serial=SN-1&technology=rlg&before=x",
             400,
-            "before: Input should be a valid integer",
+            "before is 'x', needed a whole number from 1 on.",
         ),
         ("/nothing", 404, "no page here"),
+        ("/proposals?state=banana", 400, "state is 'banana', needed 'open', 'out of date'"),
+        ("/?page=0", 400, "page is '0', needed a whole number from 1 on."),
         ("/proposal?serial=SN-1&technology=rlg&number=7", 400, "no proposal 7"),
         ("/unit?serial=a%00b&technology=rlg", 404, "no table"),
         ("/revision/report?serial=SN-1&technology=rlg&number=1", 404, "without a report"),
         ("/diagnosis?folder=none", 404, "no diagnosis"),
-        ("/proposal?serial=SN-1&technology=rlg&number=99999999999999999999", 400, "number: Input"),
+        (
+            "/proposal?serial=SN-1&technology=rlg&number=99999999999999999999",
+            400,
+            "needed a whole number",
+        ),
         ("/diff?serial=SN-1&technology=rlg&before=99999999999999999999", 400, ""),
     ],
 )
@@ -283,7 +293,9 @@ def test_approval_is_recorded_and_commits(fresh):
         assert again.status_code == 409 and "update again" in text_of(again)
         with TableStore.open(url) as store:
             assert len(store.history()) == 3 and store.proposals()[1].decision is None
-        assert "was decided once" in text_of(visitor.get(page))
+        decided = text_of(visitor.get(page))
+        assert "was decided once" in decided and "What changed" in decided
+        assert "revision 2, U(k=2) band" in decided and "table now" not in decided
 
 
 def test_rejection_and_rollback_carry_the_name_of_the_token(fresh):
@@ -415,9 +427,12 @@ def test_a_damaged_row_is_told_and_nothing_else_fails(tmp_path):
         assert (
             broken.status_code == 503
             and "the row was changed" in text_of(broken)
+            and "recal table verify --store STORE says what is wrong" in text_of(broken)
             and str(tmp_path) not in broken.text
         )
         assert visitor.get("/unit?serial=SN-2&technology=rlg").status_code == 200
+        (tmp_path / "recal.db").unlink()
+        assert "the store is not where it was." in text_of(visitor.get("/"))
 
 
 def test_hundreds_of_units_come_in_pages(tmp_path):
@@ -467,5 +482,6 @@ def test_the_forecast_lists_units_by_urgency_with_their_trend(visitor):
         "defaults of fog, each known to a factor of 3 (no priors are approved: recal fleet learn)"
         in said
     )
+    assert '<a href="/unit?serial=SN-1&amp;technology=rlg&amp;mode=">SN-1</a>' in page.text
     assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift") == 1
     assert visitor.get("/forecast").text == page.text

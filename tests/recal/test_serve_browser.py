@@ -92,6 +92,37 @@ def test_a_page_keeps_its_policy_and_fits_a_phone(browser, served, path):
     assert all(url.startswith((served[0], "data:")) for url in requests), requests
 
 
+WIDE_TABLES = """[...document.querySelectorAll(".scroll")].filter(e => e.scrollWidth > e.clientWidth + 1)
+    .map(e => e.ariaLabel)"""
+
+
+@pytest.mark.parametrize(
+    "path, width",
+    [("/", 1280), ("/proposals?state=all", 1280), ("/diff?serial=SN-1&technology=rlg", 390)],
+)
+def test_no_table_needs_to_be_pushed_sideways(browser, served, path, width):
+    """A serial of 85 letters without a space among the units; six columns on a phone."""
+    browser.size(width, mobile=width < 600)
+    browser.open(served[0] + path)
+    assert browser.evaluate("document.querySelectorAll('.scroll').length") >= 1
+    assert browser.evaluate(WIDE_TABLES) == []
+
+
+@pytest.mark.parametrize("path", ["/", UNIT, PROPOSAL.format(1)])
+def test_paper_holds_no_forms_and_no_way_around(browser, served, path):
+    browser.size(1000)
+    browser.open(served[0] + path)
+    shown = """[...document.querySelectorAll("form, button, .crumbs, main nav, .top a, .button, iframe")]
+        .filter(e => e.checkVisibility()).map(e => e.outerHTML.slice(0, 60))"""
+    assert browser.evaluate(shown) != []
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        assert browser.evaluate(shown) == []
+        assert "SN-1" in browser.evaluate("document.body.innerText")
+    finally:
+        browser.call("Emulation.setEmulatedMedia", media="")
+
+
 def test_every_field_and_link_has_a_name(browser, served):
     sign_in(browser, served[0])
     unnamed = """[...document.querySelectorAll("input:not([type=hidden], [hidden]), select, textarea")]
@@ -165,8 +196,8 @@ def test_no_other_site_can_frame_or_send_a_form(browser, served, tmp_path):
 
 @pytest.mark.slow
 def test_the_login_link_signs_in_once(browser, tmp_path):
-    """A browser that opens the printed link is signed in and stays so; a second click is refused,
-    also by a browser that knows nothing yet.
+    """A browser that opens the printed link is signed in and stays so, a second click included;
+    a browser that knows nothing yet is refused.
     """
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url)
@@ -177,10 +208,14 @@ def test_the_login_link_signs_in_once(browser, tmp_path):
         assert browser.evaluate("location.pathname + location.search") == "/"
         browser.open(base + UNIT)
         assert "Sign out" in browser.evaluate("document.body.innerText")
+        browser.open(base + link)  # again, by the browser that is signed in
+        assert browser.evaluate("location.pathname + location.search") == "/"
+        assert "Sign out" in browser.evaluate("document.body.innerText")
         browser.call("Network.clearBrowserCookies")
         browser.open(base + link)
         said = browser.evaluate("document.body.innerText")
         assert "This link was used already" in said and "Sign out" not in said
+        assert browser.evaluate("document.querySelector('main a[href=\"/signin\"]') !== null")
 
 
 def test_a_reviewer_decides_by_keyboard_alone(browser, served):
