@@ -72,8 +72,8 @@ TIME = "time of the log [min]"
 MOVED_M = 20.0
 MAP_INCHES = 6.5
 MOST_DEGREES = 4  # labels along a far edge: seven letters each
-SHOWN_SIGMAS = 6.0  # of an innovation; a rejected one beyond it stands at the edge
-NEAR_SIGMAS = 2.0
+DRAWN_SIGMAS = 6.0  # of an innovation; a rejected one beyond it stands at the edge
+SHADED_SIGMAS = 2.0
 LEAST_OFF = 1e-4  # of a fix from its prediction: no logarithm of zero
 
 
@@ -276,8 +276,8 @@ def _innovations(aided: AidedResult) -> Iterator[ZoomFigure]:
     history = aided.history
     assert history is not None
     minutes = history.fix_time_s / 60.0
-    ends, near = minutes[[0, -1]], np.full(2, NEAR_SIGMAS)
-    edge = SHOWN_SIGMAS - 0.4
+    ends, near = minutes[[0, -1]], np.full(2, SHADED_SIGMAS)
+    edge = DRAWN_SIGMAS - 0.4
     for row, kind in enumerate(KINDS):
         for k, name in enumerate(("north", "east", "down")):
             over = history.residual[:, 3 * row + k] / history.sigma[:, 3 * row + k]
@@ -299,7 +299,7 @@ def _innovations(aided: AidedResult) -> Iterator[ZoomFigure]:
                 "over sigma",
                 ends,
                 curves,
-                limits=(-SHOWN_SIGMAS, SHOWN_SIGMAS),
+                limits=(-DRAWN_SIGMAS, DRAWN_SIGMAS),
             )
 
 

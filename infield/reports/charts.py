@@ -28,7 +28,7 @@ ROOM_SHARE = 0.05  # of the data's span, left free at either end of an axis
 BESIDE_HANDLE_PT, HANDLE_PT = 17.0, 19.0  # length of a line in a legend
 ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 MOST_ALONG_AXIS = 9
-FEWEST_TICKS = 2  # one says where it is, and no scale
+FEWEST_TICKS = 2  # 1 says where it is, and no scale
 # chosen: 0.0001 is six letters, a tenth of a panel; labels of smaller steps have an exponent
 LEAST_PLAIN = 1e-4
 # Advance of DejaVu Sans in parts of the letter size, which the style sheet asks for.
@@ -47,7 +47,8 @@ LETTER_ADVANCE |= {"\u2212": 0.84, "m": 0.97, "w": 0.82, "W": 0.99, "M": 0.86, "
 USUAL_ADVANCE, CAPITAL_ADVANCE = 0.62, 0.7
 DASHED, DASH_DOT, DOTTED = "5.5 2.4", "9.6 2.4 1.5 2.4", "1.5 2.4"
 DOT = "."  # a mark that is one point of a path: for clouds
-TINY = 1e-300  # in place of what has no logarithm: far outside of every drawing
+# chosen: 1e-300, in place of what has no logarithm: far outside of every drawing
+LEAST_POSITIVE = 1e-300
 
 
 def text_width(text: str, letter: float = LETTER) -> float:
@@ -85,7 +86,7 @@ def _share(values: ArrayLike, limits: tuple[float, float], log: bool) -> NDArray
     (first, second), seen = limits, np.asarray(values, dtype=float)
     if log:
         first, second = math.log10(first), math.log10(second)
-        seen = np.log10(np.maximum(seen, TINY))
+        seen = np.log10(np.maximum(seen, LEAST_POSITIVE))
     return (seen - first) / (second - first)
 
 
@@ -378,6 +379,7 @@ class Panel:
     y_log: bool = False
     x_ticks: Sequence[tuple[float, str]] | None = None
     y_ticks: Sequence[tuple[float, str]] | None = None
+    x_step: float | None = None
     y_step: float | None = None
     x_room: float = ROOM_SHARE
     circle: bool = False
@@ -415,7 +417,7 @@ def _span(values: Sequence[NDArray], room: float, log: bool = False) -> tuple[fl
     found = np.concatenate([np.asarray(v, dtype=float).ravel() for v in values] or [np.zeros(0)])
     found = found[np.isfinite(found)]
     if log:
-        decades = np.log10(found[found > TINY])
+        decades = np.log10(found[found > LEAST_POSITIVE])
         low, high = _span([decades], room) if decades.size else (-1.0, 0.0)
         return 10.0**low, 10.0**high
     if not found.size:
@@ -481,20 +483,27 @@ def _x_ticks(panel: Panel, limits: tuple[float, float], width: float) -> _Ticks:
     if panel.x_ticks is not None:
         return list(panel.x_ticks)
     for most in range(MOST_ALONG_AXIS, 0, -1):
-        ticks = log_ticks(limits, most) if panel.x_log else round_ticks(limits, most)
+        ticks = log_ticks(limits, most) if panel.x_log else round_ticks(limits, most, panel.x_step)
         if sum(text_width(label) + LETTER for _, label in ticks) <= width:
             break
     return ticks
 
 
-def round_ticks(limits: tuple[float, float], most: int) -> _Ticks:
-    """At most so many round numbers within the limits, and one more."""
-    step = round_step(limits[1] - limits[0], most)
+def round_ticks(
+    limits: tuple[float, float], most: int, step: float | None = None
+) -> list[tuple[float, str]]:
+    """At most so many round numbers within the limits, and one more; or multiples of a step."""
+    step = step or round_step(limits[1] - limits[0], most)
     values = ticks_of(limits, step)
     return list(zip(values, tick_labels(values, step)))
 
 
-def log_ticks(limits: tuple[float, float], most: int = MOST_ALONG_AXIS) -> _Ticks:
+def whole_step(span: float, most: int) -> float:
+    """The least round step between whole numbers that makes at most so many of the span."""
+    return max(1.0, float(math.ceil(round_step(span, most))))
+
+
+def log_ticks(limits: tuple[float, float], most: int = MOST_ALONG_AXIS) -> list[tuple[float, str]]:
     """Ticks of a logarithmic axis: 1, 2 and 5 of each decade, 1 alone or whole decades farther
     apart, the first of these with at most so many of them; round numbers where there is no decade
     to stand in.

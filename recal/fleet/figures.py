@@ -13,15 +13,20 @@ from recal.service.results.pages import (
     BLUE,
     GREEN,
     GREY,
+    MOST_ALONG_AXIS,
     ORANGE,
     PALE,
     PANEL_WIDTH,
     VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Uprights,
+    chart,
     thinned,
+    whole_step,
 )
 
 OUTCOME_COLOURS = {
@@ -35,16 +40,14 @@ OUTCOME_COLOURS = {
     FleetOutcome.CRASHED: "#000000",
 }
 HIGHEST = 2.2  # times the 90th percentile: above it the ranking's axis is cut
+FEW_LABELS = 6  # along the axis of a count
 STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 
 
-@in_style
 def ranking_drawing(document: FleetDocument) -> Markup | None:
     """Predicted drift of every unit, the largest first, with what the new table leaves (1
     sigma).
     """
-    from matplotlib.ticker import MaxNLocator
-
     drifts = [
         (u.rank, u.drift.nm_h, u.drift.sigma_nm_h, u.drift.surprise_sigmas)
         for u in document.units
@@ -53,65 +56,54 @@ def ranking_drawing(document: FleetDocument) -> Markup | None:
     if not drifts:
         return None
     rank, nm_h, sigma, surprise = thinned(*zip(*drifts))
-    figure, axes = new_figure(height=3.0)
-    ax = axes[0, 0]
     top = max(HIGHEST * float(np.quantile(nm_h, 0.9)), 1.05 * float(np.median(nm_h + sigma)), 1e-6)
     far = surprise > document.criteria.surprise_sigmas
+    items: list[Item] = [Uprights(rank, nm_h - sigma, nm_h + sigma, PALE, width=1.0)]
     for mask, colour, mark, name in (
         (~far, BLUE, "o", "within what its table said"),
         (far, VERMILLION, "D", "beyond it"),
     ):
         if mask.any():
-            ax.errorbar(
-                rank[mask],
-                np.minimum(nm_h[mask], top),
-                sigma[mask],
-                fmt=mark,
-                color=colour,
-                ecolor=PALE,
-                markersize=3.5,
-                elinewidth=1.0,
-                label=name,
-            )
+            items.append(Marks(rank[mask], np.minimum(nm_h[mask], top), mark, colour, name))
     steps = [(u.rank, u.step_drift.nm_h) for u in document.units if u.drift and u.step_drift]
     if steps:
         rank_of_step, size = thinned(*zip(*steps))
-        ax.plot(
-            rank_of_step,
-            np.minimum(size, top),
-            "s",
-            color=ORANGE,
-            markersize=4.5,
-            label="a step against its table",
-        )
+        cut = np.minimum(size, top)
+        items.append(Marks(rank_of_step, cut, "s", ORANGE, "a step against its table", size=4.5))
     highest = max([float((nm_h + sigma).max()), *(size for _, size in steps)])
-    ax.set_ylim(0.0, 1.06 * min(top, highest))
-    ax.set_xlim(0.0, float(rank.max()) + 1.0)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.legend(loc="upper right")
-    axis_text(ax, title="Predicted drift by the change of the table, all units", x="rank", y="NM/h")
-    return svg_text(
-        figure, f"Predicted drift of {len(drifts)} units in NM/h, largest first, with sigma"
+    last = float(rank.max()) + 1.0
+    panel = Panel(
+        items=items,
+        title="Predicted drift by the change of the table, all units",
+        x_label="rank",
+        y_label="NM/h",
+        x_limits=(0.0, last),
+        y_limits=(0.0, 1.06 * min(top, highest)),
+        x_step=whole_step(last, MOST_ALONG_AXIS),
+        legend="above",
     )
+    label = f"Predicted drift of {len(drifts)} units in NM/h, largest first, with sigma"
+    return chart([panel], label, height=3.2)
 
 
-@in_style
 def coverage_drawing(document: FleetDocument) -> Markup | None:
     """How many units were seen in each band of temperature."""
     bands = document.coverage
     if not bands:
         return None
-    figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
-    ax = axes[0, 0]
-    ax.bar([b.low_degC + 2.5 for b in bands], [b.units for b in bands], width=4.6, color=GREEN)
-    ax.yaxis.get_major_locator().set_params(integer=True)
-    axis_text(ax, title="Units seen at a temperature", x="gyro temperature [°C]", y="units")
-    return svg_text(
-        figure, "Number of units with merged data in each 5 degC band of gyro temperature"
+    most = float(max(b.units for b in bands))
+    panel = Panel(
+        items=[Boxes([(b.low_degC + 0.2, b.low_degC + 4.8, 0.0, b.units) for b in bands], GREEN)],
+        title="Units seen at a temperature",
+        x_label="gyro temperature [°C]",
+        y_label="units",
+        y_limits=(0.0, 1.08 * most),
+        y_step=whole_step(most, FEW_LABELS),
     )
+    label = "Number of units with merged data in each 5 degC band of gyro temperature"
+    return chart([panel], label, width=PANEL_WIDTH, height=2.7)
 
 
-@in_style
 def tables_drawing(document: FleetDocument) -> Markup | None:
     """Age and sigma of the tables in the store."""
     tables = [u.table for u in document.units if u.table]
@@ -120,39 +112,43 @@ def tables_drawing(document: FleetDocument) -> Markup | None:
     against = np.array([t.contradictions > 0 for t in tables])
     age = np.array([t.age_days for t in tables])
     sigma = np.array([t.sigma_deg_h for t in tables])
-    figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
-    ax = axes[0, 0]
-    for mask, colour, mark, name in (
-        (~against, BLUE, "o", "not contradicted"),
-        (against, VERMILLION, "D", "contradicted"),
-    ):
-        if mask.any():
-            ax.plot(
-                age[mask], sigma[mask], mark, color=colour, markersize=4.0, alpha=0.8, label=name
-            )
-    ax.set_ylim(0.0, 1.3 * float(sigma.max()))  # room for the legend above the highest
-    ax.legend(loc="best")
-    axis_text(
-        ax, title="Stored tables: age and sigma", x="days since its newest data", y="sigma [deg/h]"
+    items: list[Item] = [
+        Marks(age[mask], sigma[mask], mark, colour, name)
+        for mask, colour, mark, name in (
+            (~against, BLUE, "o", "not contradicted"),
+            (against, VERMILLION, "D", "contradicted"),
+        )
+        if mask.any()
+    ]
+    panel = Panel(
+        items=items,
+        title="Stored tables: age and sigma",
+        x_label="days since its newest data",
+        y_label="sigma [deg/h]",
+        y_limits=(0.0, 1.1 * float(sigma.max())),
+        legend="above",
     )
-    return svg_text(figure, f"Age and sigma of {len(tables)} stored tables")
+    label = f"Age and sigma of {len(tables)} stored tables"
+    return chart([panel], label, width=PANEL_WIDTH, height=2.9)
 
 
-@in_style
 def progress_drawing(timing: TimingDocument) -> Markup | None:
     """Runs through against time, of this call."""
     curve = timing.curve
     if len(curve) < 2:
         return None
-    figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
-    ax = axes[0, 0]
     seconds, runs = thinned(*zip(*curve))
-    ax.plot(seconds / 60.0, runs, color=BLUE)
-    ax.set_xlim(left=0.0)
-    ax.set_ylim(bottom=0.0)
-    ax.yaxis.get_major_locator().set_params(integer=True)
-    axis_text(ax, title="Runs through in this call", x="minutes", y="runs")
-    return svg_text(figure, "Number of runs that are through against time")
+    panel = Panel(
+        items=[Line(seconds / 60.0, runs, BLUE)],
+        title="Runs through in this call",
+        x_label="minutes",
+        y_label="runs",
+        x_limits=(0.0, float(max(seconds.max() / 60.0, 1e-3))),
+        y_limits=(0.0, 1.05 * float(runs.max())),
+        y_step=whole_step(float(runs.max()), FEW_LABELS),
+    )
+    label = "Number of runs that are through against time"
+    return chart([panel], label, width=PANEL_WIDTH, height=2.7)
 
 
 def outcome_bar(counts: Mapping[str, int]) -> list[tuple[str, int, float, str]]:

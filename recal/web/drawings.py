@@ -1,7 +1,5 @@
 """Drawings and drawn reports of the page, each made once: tables never change, so their hashes are
 the keys.
-
-matplotlib keeps its style in one place for all threads, so one thread draws at a time.
 """
 
 import re
@@ -20,27 +18,32 @@ from recal.service.inputs.records import ThermalTable
 from recal.service.priors.forecast_page import trend_drawing
 from recal.service.priors.forecast_records import ForecastDocument
 from recal.service.results.pages import (
+    DASHED,
+    DOTTED,
     GREY,
     NEW,
     OLD,
     PANEL_WIDTH,
     VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
+    Band,
+    Item,
+    Marks,
+    Panel,
+    Uprights,
+    chart,
     robust_limits,
-    svg_text,
 )
+from recal.service.results.pages import Line as Curve
 from recal.service.store import SessionEvidence
 
 MOST_KEPT = 64  # chosen: the latest 64; one that is gone is drawn again when asked for
 MOST_SESSIONS_DRAWN = 20  # sessions of a drawing, the latest; chosen: more hide each other
 LINES = {
-    "factory": (GREY, ":"),
-    "previous": (OLD, "--"),
-    "active": (NEW, "-"),
-    "before": (OLD, "--"),
-    "after": (NEW, "-"),
+    "factory": (GREY, DOTTED),
+    "previous": (OLD, DASHED),
+    "active": (NEW, ""),
+    "before": (OLD, DASHED),
+    "after": (NEW, ""),
 }
 _STYLE_ATTRIBUTE = re.compile(r' style="([^"]*)"')
 
@@ -106,47 +109,48 @@ def without_style_attributes(svg: Markup) -> Markup:
     return Markup(_STYLE_ATTRIBUTE.sub(attributes, svg))
 
 
-@in_style
 def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvidence]) -> Markup:
-    figure, axes = new_figure(width=PANEL_WIDTH, height=3.3)
-    ax, inner, outer, band = axes[0, 0], [], [], np.zeros(0)
+    items: list[Item] = []
+    inner, outer, band = [], [], np.zeros(0)
     for line in lines:
-        colour, dashes = LINES[line.name]
+        colour, dash = LINES[line.name]
         nodes = line.table.temperature_degC[AXES.index(axis)]
         T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
         bias, sigma = line.table.bias_deg_h(axis, T), line.table.sigma_deg_h(axis, T)
         if line.name != "factory":  # a band for it, too, would hide the others
-            ax.fill_between(
-                T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0
-            )
-            band = np.concatenate([bias - 2 * sigma, bias + 2 * sigma])
+            low, high = bias - 2 * sigma, bias + 2 * sigma
+            items.append(Band(T, low, high, colour, 0.16))
+            band = np.concatenate([low, high])
             outer.append(band)
-        ax.plot(T, bias, dashes, color=colour)
-        ax.plot(nodes, line.table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
+        items.append(Curve(T, bias, colour, dash=dash))
+        items.append(Marks(nodes, line.table.bias_deg_h(axis, nodes), "s", colour, size=2.8))
         inner.append(bias)
-    for session in against:
-        outer.append(_point(ax, AXES.index(axis), session))
+    if against:
+        points, ends = _points(AXES.index(axis), against)
+        items += points
+        outer.append(ends)
     # the band of the last table is seen whole: of a flat table nothing else gives the axis a scale
-    ax.set_ylim(*robust_limits(np.concatenate([*inner, band]), np.concatenate(outer), spans=8.0))
-    axis_text(
-        ax,
+    limits = robust_limits(np.concatenate([*inner, band]), np.concatenate(outer), spans=8.0)
+    panel = Panel(
+        items=items,
         title=f"Gyro {axis}: bias against temperature",
-        x="gyro temperature [°C]",
-        y="bias [deg/h]",
+        x_label="gyro temperature [°C]",
+        y_label="bias [deg/h]",
+        y_limits=limits,
     )
-    label = (
-        f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
-    )
+    names = ", ".join(line.name for line in lines)
+    label = f"Bias of gyro {axis} against temperature: {names} table"
     if against:
         label += f", and {len(against)} session{'s' if len(against) > 1 else ''} against it"
-    return without_style_attributes(svg_text(figure, label))
+    drawing = chart([panel], label, width=PANEL_WIDTH, height=3.3)
+    return without_style_attributes(drawing)
 
 
-def _point(ax: Any, k: int, session: SessionEvidence) -> NDArray:
-    """Draw a session's bias of gyro k with U(k=2); the ends of its bar (2,) [deg/h]."""
-    T = session.temperature_degC[k]
-    bias = session.bias_deg_h[k] - session.bend_deg_h[k]
-    expanded = 2.0 * session.covariance[k][k] ** 0.5
-    look = {"color": VERMILLION, "markersize": 5, "elinewidth": 1.4, "capsize": 3}
-    ax.errorbar(T, bias, yerr=expanded, fmt="D", **look)
-    return np.array([bias - expanded, bias + expanded])
+def _points(k: int, sessions: Sequence[SessionEvidence]) -> tuple[list[Item], NDArray]:
+    """Each session's bias of gyro k with U(k=2), and the ends of their bars [deg/h]."""
+    T = np.array([session.temperature_degC[k] for session in sessions])
+    bias = np.array([session.bias_deg_h[k] - session.bend_deg_h[k] for session in sessions])
+    expanded = 2.0 * np.sqrt([session.covariance[k][k] for session in sessions])
+    low, high = bias - expanded, bias + expanded
+    bars = Uprights(T, low, high, VERMILLION, width=1.4)
+    return [bars, Marks(T, bias, "D", VERMILLION, size=5.0)], np.concatenate([low, high])

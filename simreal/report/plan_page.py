@@ -2,26 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import (
-    BLUE,
-    GREY,
-    VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
-)
+from infield.reports.charts import Boxes, Item, Line, Panel, Uprights, chart
+from infield.reports.figures import BLUE, PALE, VERMILLION
 from simreal.plan.pairs import PairVerdict
 from simreal.report.page import render_page
 from simreal.report.plan_records import PlanOfRecordings, PlanRecord, SizesRecord
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 BADGES = {
     PairVerdict.SEPARATED: "good",
@@ -110,7 +99,6 @@ def _banner(best: PlanOfRecordings) -> str:
     return "fair" if any(v.separates for v in verdicts) else "none"
 
 
-@in_style
 def _sizes(best: PlanOfRecordings) -> Markup | None:
     """Usual size of each effect of each pair in the plan, and the size from which it is told from
     its rival.
@@ -121,44 +109,43 @@ def _sizes(best: PlanOfRecordings) -> Markup | None:
             rows += [(p.a, p.b), (p.b, p.a)]
     if not rows:
         return None
-    figure, axes = new_figure(height=1.0 + 0.24 * len(rows))
-    ax: Axes = axes[0, 0]
-    labels = []
-    for y, (m, other) in enumerate(rows):
-        labels.append(f"{m.effect}  (rival {other.effect})")
-        low, high = np.clip(m.delta_usual, FLOOR_DELTA, ROOF_DELTA)
-        ax.plot(
-            [low, high],
-            [y, y],
-            color=BLUE,
-            linewidth=5.0,
-            alpha=0.55,
-            solid_capstyle="butt",
-            label="usual size" if y == 0 else None,
-        )
-        needed = max(m.delta_needed, m.delta_seen)
-        ax.plot(
-            min(needed, ROOF_DELTA),
-            y,
-            marker="|",
-            markersize=11,
-            markeredgewidth=2.2,
-            color=VERMILLION,
-            linestyle="none",
-            label="told from its rival from here on" if y == 0 else None,
-        )
-        if y % 4 == 3:
-            ax.axhline(y + 0.5, color=GREY, linewidth=0.4)
-    ax.set_xscale("log")
-    ax.set_xlim(FLOOR_DELTA, ROOF_DELTA)
-    ax.set_xticks(TICKS, [f"{t:g}" for t in TICKS])
-    ax.minorticks_off()
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    ax.set_yticks(range(len(rows)), labels)
-    axis_text(ax, x="size [sigmas of the noise of the whole plan]")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    return svg_text(
-        figure,
+    usual = [np.clip(m.delta_usual, FLOOR_DELTA, ROOF_DELTA).tolist() for m, _ in rows]
+    needed = [min(max(m.delta_needed, m.delta_seen), ROOF_DELTA) for m, _ in rows]
+    y = np.arange(len(rows), dtype=float)
+    ends = np.array([FLOOR_DELTA, ROOF_DELTA])
+    between: list[Item] = [Line(ends, np.full(2, k + 0.5), PALE, width=0.6) for k in y[3::4]]
+    panel = Panel(
+        items=[
+            *between,
+            Boxes(
+                [(low, high, k - 0.14, k + 0.14) for k, (low, high) in enumerate(usual)],
+                BLUE,
+                0.55,
+                name="usual size",
+            ),
+            Uprights(
+                np.array(needed),
+                y - 0.3,
+                y + 0.3,
+                VERMILLION,
+                width=2.2,
+                name="told from its rival from here on",
+            ),
+        ],
+        x_label="size [sigmas of the noise of the whole plan]",
+        x_limits=(FLOOR_DELTA, ROOF_DELTA),
+        y_limits=(len(rows) - 0.4, -0.6),
+        x_log=True,
+        x_ticks=[(value, f"{value:g}") for value in TICKS],
+        y_ticks=[
+            (float(k), f"{m.effect}  (rival {other.effect})") for k, (m, other) in zip(y, rows)
+        ],
+        grid_y=False,
+        legend="above",
+    )
+    return chart(
+        [panel],
         "Usual size of each effect in the recommended plan, and the size from which it is told from"
         " its rival",
+        height=1.0 + 0.24 * len(rows),
     )

@@ -483,5 +483,5 @@ def test_the_forecast_lists_units_by_urgency_with_their_trend(visitor):
         in said
     )
     assert '<a href="/unit?serial=SN-1&amp;technology=rlg&amp;mode=">SN-1</a>' in page.text
-    assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift") == 1
+    assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift of ") == 3
     assert visitor.get("/forecast").text == page.text

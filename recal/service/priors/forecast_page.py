@@ -1,12 +1,14 @@
 """forecast.html, and its drawings for the fleet's page and `recal serve`. Computes nothing."""
 
+import math
 from collections.abc import Sequence
 from datetime import date
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from infield.reports.figures import BLUE, GREY, PALE, axis_text, in_style, new_figure, svg_text
+from infield.reports.charts import DASHED, Band, Line, Panel, chart
+from infield.reports.figures import BLUE, GREY, PALE, PANEL_WIDTH
 from infield.reports.page import render_page
 from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
 from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
@@ -57,8 +59,14 @@ def forecast_html(document: ForecastDocument) -> str:
 
 
 def trend_drawing(document: ForecastDocument) -> Markup | None:
-    """The drift of the most urgent units and the limit; None without a unit."""
-    return _drawing(document.units[:UNITS_DRAWN], document.limit_nm_h) if document.units else None
+    """The drift of the most urgent units and the limit, side by side; None without a unit."""
+    if not document.units:
+        return None
+    figure = Markup('<figure><div class="drawing">{}</div></figure>')
+    drawn = (_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN])
+    return Markup('<div class="panels">{}</div>').format(
+        Markup("").join(figure.format(drawing) for drawing in drawn)
+    )
 
 
 def closer_drawing(document: ForecastDocument) -> Markup:
@@ -118,30 +126,30 @@ def _strip(unit: UnitForecast, limit_nm_h: float) -> Markup:
     )
 
 
-@in_style
-def _drawing(units: Sequence[UnitForecast], limit_nm_h: float) -> Markup:
-    columns = min(len(units), 3)
-    rows = -(-len(units) // columns)
-    figure, grid = new_figure(rows, columns, height=1.0 + 1.9 * rows)
-    for ax in grid.ravel()[len(units) :]:
-        ax.set_visible(False)
-    for unit, ax in zip(units, grid.ravel(), strict=False):
-        years = [_year(day) for day in unit.trend.date_utc]
-        drawn = np.array(years) <= years[0] + STRIP_YEARS
-        medians = np.array(unit.trend.median_nm_h)
-        # a unit far above the limit gets room for its median, so that it is no line along the edge
-        top = max(2.0 * limit_nm_h, ABOVE_MEDIAN * float(medians[drawn].max()))
-        median, high = (
-            np.minimum(values, DRAWN_AT * top) for values in (medians, unit.trend.high_nm_h)
-        )
-        ax.fill_between(years, median, high, color=PALE)
-        ax.plot(years, median, color=BLUE)
-        ax.axhline(limit_nm_h, color=GREY, linestyle="--", linewidth=1.0)
-        ax.set_xlim(years[0], years[0] + STRIP_YEARS)
-        ax.set_ylim(0.0, top)
-        axis_text(ax, title=unit.imu_serial, x="year", y="NM/h" if ax in grid[:, 0] else "")
-        ax.xaxis.set_major_formatter("{x:.0f}")
-    return svg_text(figure, "Predicted drift of the most urgent units against the limit")
+def _panel(unit: UnitForecast, limit_nm_h: float) -> Markup:
+    years = np.array([_year(day) for day in unit.trend.date_utc])
+    medians = np.array(unit.trend.median_nm_h)
+    ends = years[0] + np.array([0.0, STRIP_YEARS])
+    # a unit far above the limit gets room for its median, so that it is no line along the edge
+    top = max(2.0 * limit_nm_h, ABOVE_MEDIAN * float(medians[years <= ends[1]].max()))
+    median, high = (
+        np.minimum(values, DRAWN_AT * top) for values in (medians, unit.trend.high_nm_h)
+    )
+    panel = Panel(
+        items=[
+            Band(years, median, high, PALE, 1.0),
+            Line(years, median, BLUE),
+            Line(ends, np.full(2, limit_nm_h), GREY, width=1.0, dash=DASHED),
+        ],
+        title=unit.imu_serial,
+        x_label="year",
+        y_label="NM/h",
+        x_limits=(float(ends[0]), float(ends[1])),
+        y_limits=(0.0, top),
+        x_ticks=[(float(year), str(year)) for year in range(math.ceil(ends[0]), int(ends[1]) + 1)],
+    )
+    label = f"Predicted drift of {unit.imu_serial} against the limit"
+    return chart([panel], label, width=PANEL_WIDTH, height=2.6)
 
 
 def _year(day: str) -> float:

@@ -1,16 +1,13 @@
 """priors.html: the priors document as one page that fetches nothing. Computes nothing."""
 
-from typing import TYPE_CHECKING
-
+import numpy as np
 from markupsafe import Markup
 
 from infield.learning.parameters import PriorName
-from infield.reports.figures import BLUE, GREY, axis_text, in_style, new_figure, svg_text
+from infield.reports.charts import Boxes, Line, Marks, Panel, Uprights, chart
+from infield.reports.figures import BLUE, GREY
 from infield.reports.page import render_page, significant
 from recal.service.priors.document import PriorsDocument, TechnologyPriors
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PRIORS_VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
 PARAMETER_WORDS = {
@@ -51,26 +48,34 @@ def priors_html(document: PriorsDocument) -> str:
     )
 
 
-@in_style
 def _drawing(priors: TechnologyPriors) -> Markup:
     """Each parameter over its default: the technology as a bar, units as ticks."""
-    figure, grid = new_figure(height=3.6)
-    axes = grid[0, 0]
-    names = list(priors.technology.parameters)
-    for row, name in enumerate(reversed(names)):
-        _row(axes, priors, name, row)
-    axes.axvline(1.0, color=GREY, linewidth=1.0)
-    axes.set_xscale("log")
-    words = [SHORT_WORDS[PriorName(name)] for name in reversed(names)]
-    axes.set_yticks(range(len(names)), words)
-    axis_text(axes, x="times the default of the technology", y="")
-    return svg_text(figure, "Learnt parameters over their defaults")
-
-
-def _row(axes: "Axes", priors: TechnologyPriors, name: str, row: int) -> None:
-    value = priors.technology.parameters[name]
-    low, high = (end / value.default for end in value.interval_95)
-    axes.plot([low, high], [row, row], color=BLUE, linewidth=3.0, solid_capstyle="butt")
-    axes.plot([value.value / value.default], [row], "o", color=BLUE)
-    units = [u.parameters[name].value / value.default for u in priors.units if name in u.parameters]
-    axes.plot(units, [row - 0.25] * len(units), "|", color=GREY, markersize=5.0)
+    parameters = priors.technology.parameters
+    rows = {name: float(row) for row, name in enumerate(reversed(list(parameters)))}
+    bars, means, units = [], [], []
+    for name, row in rows.items():
+        value = parameters[name]
+        low, high = (end / value.default for end in value.interval_95)
+        bars.append((low, high, row - 0.07, row + 0.07))
+        means.append((value.value / value.default, row))
+        units += [
+            (u.parameters[name].value / value.default, row - 0.25)
+            for u in priors.units
+            if name in u.parameters
+        ]
+    at, level = np.array(means).T
+    seen, below = np.array(units).reshape(-1, 2).T
+    panel = Panel(
+        items=[
+            Line(np.ones(2), np.array([-0.6, len(rows) - 0.4]), GREY, width=1.0),
+            Boxes(bars, BLUE, name="technology, 95 %"),
+            Marks(at, level, "o", BLUE, size=6.0),
+            Uprights(seen, below - 0.09, below + 0.09, GREY, width=1.0, name="units"),
+        ],
+        x_label="times the default of the technology",
+        y_limits=(-0.6, len(rows) - 0.4),
+        x_log=True,
+        y_ticks=[(row, SHORT_WORDS[PriorName(name)]) for name, row in rows.items()],
+        legend="above",
+    )
+    return chart([panel], "Learnt parameters over their defaults", height=3.6)

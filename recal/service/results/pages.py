@@ -1,5 +1,19 @@
 """The drawing tools and the page environment that reports, fleet and web share."""
 
+from infield.reports.charts import (
+    DASHED,
+    DOTTED,
+    MOST_ALONG_AXIS,
+    Band,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Uprights,
+    chart,
+    whole_step,
+)
 from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
 from infield.reports.documents.update_records import MethodDocument, UpdateDocument, update_of
 from infield.reports.figures import (
@@ -12,9 +26,6 @@ from infield.reports.figures import (
     PALE,
     PANEL_WIDTH,
     VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
     robust_limits,
     svg_text,
     thinned,
@@ -31,8 +42,11 @@ from simreal.report.diagnosis_records import DiagnosisRecord
 
 __all__ = [
     "BLUE",
+    "DASHED",
+    "DOTTED",
     "GREEN",
     "GREY",
+    "MOST_ALONG_AXIS",
     "NEW",
     "NM_H_PER_DEG_H",
     "OLD",
@@ -40,17 +54,22 @@ __all__ = [
     "PALE",
     "PANEL_WIDTH",
     "VERMILLION",
+    "Band",
+    "Boxes",
+    "Item",
     "JsonObject",
+    "Line",
+    "Marks",
     "MethodDocument",
+    "Panel",
     "Step",
     "UpdateDocument",
-    "axis_text",
+    "Uprights",
+    "chart",
     "decimals_for",
     "diagnosis_lines",
     "estimated_of",
-    "in_style",
     "level_change",
-    "new_figure",
     "page_environment",
     "robust_limits",
     "sentence",
@@ -59,6 +78,7 @@ __all__ = [
     "thinned",
     "update_html",
     "update_of",
+    "whole_step",
 ]
 
 
