@@ -5,12 +5,18 @@
   "use strict";
   var figures = document.querySelectorAll("figure.zoom");
   if (!figures.length || typeof uPlot !== "function") return;
+  document.documentElement.classList.add("zooms"); // what says how to zoom is shown
   var groups = {};
   var style = getComputedStyle(document.documentElement);
   var INKS = { "#000000": "--ink", "#D55E00": "--old", "#0072B2": "--new", "#59636E": "--soft" };
+  var dark = window.matchMedia("(prefers-color-scheme: dark)");
   var STRIP = 8; // pixels: a phase along the top
+  var LEAST = 4; // pixels of a drag: less is a click
 
   function colour(name) { return style.getPropertyValue(name).trim() || "#59636e"; }
+
+  // the colour of a moment: a system that turns dark changes it
+  function now(name) { return function () { return colour(name); }; }
 
   function inkOf(curve) { return INKS[curve.colour] ? colour(INKS[curve.colour]) : curve.colour; }
 
@@ -18,9 +24,59 @@
 
   function showAll(charts) { charts.forEach(function (chart) { setRange([chart], chart.all[0], chart.all[1]); }); }
 
-  function move(charts, about, by) {
-    var x = charts[0].scales.x, span = x.max - x.min, middle = (x.max + x.min) / 2 + by * span;
-    setRange(charts, middle - span * about / 2, middle + span * about / 2);
+  // what the first of some drawings shows, moved and stretched, and never beyond all that they hold
+  function move(charts, first, about, by) {
+    var x = first.scales.x, span = (x.max - x.min) * about, low = (x.max + x.min) / 2 + by * (x.max - x.min) - span / 2;
+    var least = Math.min.apply(null, charts.map(function (chart) { return chart.all[0]; }));
+    var most = Math.max.apply(null, charts.map(function (chart) { return chart.all[1]; }));
+    span = Math.min(span, most - least);
+    low = Math.min(Math.max(low, least), most - span);
+    setRange(charts, low, low + span);
+  }
+
+  // A drag of mouse or finger across a drawing: what lies between its ends is shown by all drawings of the group, wherever the
+  // button is let go (uPlot itself takes the edge for an end as soon as a drag leaves the field, below it as well).
+  function dragged(chart, charts, down) {
+    var from = down.clientX, field = chart.over;
+
+    function value(x) {
+      var box = field.getBoundingClientRect();
+      return chart.posToVal(Math.min(Math.max(x - box.left, 0), box.width), "x");
+    }
+
+    function stretch(event) { return [value(Math.min(from, event.clientX)), value(Math.max(from, event.clientX))]; }
+
+    function marks(ends) {
+      charts.forEach(function (one) {
+        var left = Math.max(one.valToPos(ends[0], "x"), 0), right = Math.min(one.valToPos(ends[1], "x"), one.over.clientWidth);
+        one.setSelect({ left: left, top: 0, width: Math.max(right - left, 0), height: one.over.clientHeight }, false);
+      });
+    }
+
+    function moved(event) { marks(stretch(event)); }
+
+    function over(event) {
+      ["pointermove", "pointerup", "pointercancel"].forEach(function (kind, k) { document.removeEventListener(kind, k ? over : moved); });
+      setTimeout(function () { // what uPlot does of the same event comes first
+        charts.forEach(function (one) { one.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false); });
+        if (event.type !== "pointerup" || Math.abs(event.clientX - from) < LEAST) return;
+        var ends = stretch(event);
+        setRange(charts, ends[0], ends[1]);
+      }, 0);
+    }
+
+    document.addEventListener("pointermove", moved);
+    document.addEventListener("pointerup", over);
+    document.addEventListener("pointercancel", over);
+  }
+
+  function inked(chart, told) { // letters, lines and their names in the colours of the moment
+    var rows = chart.root.querySelectorAll(".u-legend .u-series");
+    told.curves.forEach(function (curve) {
+      var marker = rows[curve.at] && rows[curve.at].querySelector(".u-marker");
+      if (marker && !curve.mark) marker.style.borderColor = inkOf(curve);
+    });
+    chart.redraw(true, true);
   }
 
   function edges(chart, from, to) {
@@ -141,8 +197,7 @@
     var bands = [];
     var shown = told.circle ? turned : digits;
     told.curves.forEach(function (curve) {
-      var ink = inkOf(curve);
-      series.push({ label: curve.name || "-", class: curve.name ? "named" : "edge", stroke: ink, width: curve.mark ? 0 : 1.4,
+      series.push({ label: curve.name || "-", class: curve.name ? "named" : "edge", stroke: function () { return inkOf(curve); }, width: curve.mark ? 0 : 1.4,
         dash: curve.dashed ? [6, 4] : undefined, paths: curve.mark ? function () { return null; } : undefined,
         points: { show: false }, value: function (u, v) { return shown(v); } });
       if (!curve.low) return;
@@ -150,32 +205,33 @@
         series.push({ label: edge, class: "edge", stroke: "transparent", width: 0, points: { show: false },
           paths: curve.mark ? function () { return null; } : undefined, value: function () { return ""; } });
       });
-      if (!curve.mark) bands.push({ series: [series.length - 2, series.length - 1], fill: ink + "33" });
+      if (!curve.mark) bands.push({ series: [series.length - 2, series.length - 1], fill: function () { return inkOf(curve) + "33"; } });
     });
-    var ticks = { stroke: colour("--ink"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1 },
+    var ticks = { stroke: now("--ink"), grid: { stroke: now("--line"), width: 1 }, ticks: { stroke: now("--line"), width: 1 },
       font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
     var key = told.x_name + " " + told.group;
     var charts = groups[key] = groups[key] || [];
     var chart = new uPlot({
       title: told.title || undefined, width: place.clientWidth, height: height, series: series, bands: bands,
       scales: { x: { time: false }, y: { distr: told.log ? 3 : 1, range: within(told.limits, told.strips, told.log) } },
-      cursor: { sync: { key: key }, drag: { x: true, y: false } },
+      cursor: { sync: { key: key }, drag: { x: true, y: false, setScale: false } },
       axes: [Object.assign({ label: told.x_name, labelSize: 20, size: 34, values: function (u, at) { return at.map(plain); } }, ticks),
         Object.assign({ label: told.unit, labelSize: 20, size: 62 }, told.circle ? { incrs: [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440], values: function (u, at, axis, space, step) { return at.map(step < 360 ? turned : plain); } }
           : told.log ? { values: function (u, at) { return at.map(function (v) { return v === null ? null : plain(v); }); } } : {}, ticks)],
-      hooks: { drawClear: [shaded(told)], draw: [marked(told)] }
+      hooks: { drawClear: [shaded(told)], draw: [marked(told)],
+        ready: [function (made) { made.all = [made.scales.x.min, made.scales.x.max]; }] }
     }, data, place);
-    chart.all = [chart.scales.x.min, chart.scales.x.max];
-    place.addEventListener("dblclick", function () { showAll(charts); });
-    place.addEventListener("mouseup", function () {
-      setTimeout(function () { setRange(charts, chart.scales.x.min, chart.scales.x.max); }, 0);
+    chart.over.addEventListener("pointerdown", function (event) {
+      if (event.isPrimary && event.button === 0) dragged(chart, charts, event);
     });
+    place.addEventListener("dblclick", function () { showAll(charts); });
+    if (dark.addEventListener) dark.addEventListener("change", function () { inked(chart, told); });
     window.addEventListener("resize", function () { if (place.clientWidth) chart.setSize({ width: place.clientWidth, height: height }); });
     charts.push(chart);
     return charts;
   }
 
-  function buttons(charts) {
+  function buttons(charts, first) {
     var row = document.createElement("p");
     row.className = "zoomer";
     function add(text, act) {
@@ -186,7 +242,7 @@
       row.appendChild(button);
     }
     [["earlier", 1, -0.5], ["later", 1, 0.5], ["closer", 0.5, 0], ["wider", 2, 0]].forEach(function (one) {
-      add(one[0], function () { move(charts, one[1], one[2]); });
+      add(one[0], function () { move(charts, first, one[1], one[2]); });
     });
     add("all", function () { showAll(charts); });
     return row;
@@ -221,10 +277,11 @@
     if (strips.length) figure.insertBefore(stripKey(strips), figure.firstChild);
     figure.classList.add("live");
     var panels = figure.closest(".panels");
-    if (!panels) figure.insertBefore(buttons(charts), first);
+    var shown = charts[charts.length - 1];
+    if (!panels) figure.insertBefore(buttons(charts, shown), first);
     else if (!panels.dataset.live) {
       panels.dataset.live = "yes";
-      panels.after(buttons(charts));
+      panels.after(buttons(charts, shown));
     }
   }
 
