@@ -3,8 +3,8 @@ nothing compiled on the machine (an empty NUMBA_CACHE_DIR), and again.
 
     python benchmarks/first_run.py [COMMAND ...]
 
-COMMAND: demo, update, replay, list; all of them where none is given. Python's own byte code is made
-first, as pip makes it on installing.
+COMMAND: demo, update, replay, aided (a replay of a flight with satellite fixes), plan, list; all
+of them where none is given. Python's own byte code is made first, as pip makes it on installing.
 """
 
 import compileall
@@ -43,10 +43,22 @@ def commands(folder: Path, warm: Path) -> dict[str, tuple[str, ...]]:
     table = ("table", "export", "--revision", "1", "--store", url, "-o", "t.json")
     recal(*table, folder=folder, cache=warm)
     recal("table", "import", "t.json", folder=folder, cache=warm)
+    recal("simulate", "flight", "-o", "flight", "-q", folder=folder, cache=warm)
     return {
         "demo": ("demo", "-q", "--force"),
         "update": ("update", run, "-q", "--force"),
         "replay": ("replay", run, "-q", "--force"),
+        "aided": (
+            "replay",
+            "flight",
+            "--store",
+            "sqlite:///none.db",
+            "-o",
+            "aided",
+            "-q",
+            "--force",
+        ),
+        "plan": ("plan", "-q", "--force"),
         "list": ("table", "list"),
     }
 

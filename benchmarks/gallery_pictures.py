@@ -8,6 +8,7 @@ with 128 colours, less than 100 kB each.
 """
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -42,7 +43,7 @@ PAGES = (  # name, what makes it, the page
         (
             ("simulate", f"{GAP}/cold.toml", *LACKS, "-o", "cold"),
             ("simulate", f"{GAP}/hot.toml", *LACKS, "-o", "hot"),
-            ("diagnose", "cold", "hot", "--twin", f"{GAP}/twin.json", "-o", "diagnosis"),
+            ("diagnose", "cold", "hot", "--twin", "twin.json", "-o", "diagnosis"),
         ),
         "diagnosis/diagnosis.html",
     ),
@@ -75,6 +76,7 @@ TO_HEADING = """[...document.querySelectorAll("h2, h3")].find(
 
 def make(folder: Path) -> None:
     """Run the commands of the pages that are not there."""
+    shutil.copy(GAP / "twin.json", folder)  # its table is made beside it
     for _, commands, page in PAGES:
         if (folder / page).is_file():
             continue
