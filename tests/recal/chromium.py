@@ -1,18 +1,21 @@
-"""A headless Chromium, driven over its DevTools pipe: pages as a person sees them, forms as a
-browser sends them.
+"""A headless Chromium, driven by Playwright: pages as a person sees them, forms as a browser sends
+them.
 """
 
-import base64
-import json
-import os
 import shutil
-import subprocess
 import time
 from contextlib import contextmanager
 
 import pytest
 
 WAIT_S = 60.0
+HEARD = (
+    "Page.loadEventFired",
+    "Network.responseReceived",
+    "Network.requestWillBeSent",
+    "Log.entryAdded",
+    "Runtime.exceptionThrown",
+)
 
 
 def find_chromium():
@@ -28,72 +31,38 @@ def chromium(folder):
     program = find_chromium()
     if program is None:
         pytest.skip("no chromium on this machine")
-    commands_out, commands_in = os.pipe()  # the browser reads its file 3 and writes its file 4
-    answers_out, answers_in = os.pipe()
-
-    def into_place():
-        os.dup2(os.dup(commands_out), 3)
-        os.dup2(os.dup(answers_in), 4)
-
-    process = subprocess.Popen(
-        [
-            program,
-            "--headless=new",
-            "--remote-debugging-pipe",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--no-first-run",
-            "--disable-dev-shm-usage",
-            "--disable-background-networking",
-            f"--user-data-dir={folder}",
-            "about:blank",
-        ],
-        close_fds=False,
-        preexec_fn=into_place,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(commands_out), os.close(answers_in)
-    browser = Browser(commands_in, answers_out)
-    try:
-        browser.attach()
-        yield browser
-    finally:
-        process.kill()
-        process.wait()
-        os.close(commands_in), os.close(answers_out)
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with sync_api.sync_playwright() as playwright:
+        context = playwright.chromium.launch_persistent_context(
+            folder,
+            executable_path=program,
+            headless=True,
+            no_viewport=True,  # tests set sizes, of phones too
+            args=["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"],
+        )
+        try:
+            yield Browser(context.pages[0])
+        finally:
+            context.close()
 
 
 class Browser:
-    """One tab. `events`: what the page reported, `console`: what the browser complained about
-    (broken policies among it).
-    """
+    """One tab. `events`: what the page reported since it was opened."""
 
-    def __init__(self, commands, answers):
-        self._commands, self._answers, self._rest = commands, answers, b""
-        self._number, self._session, self.events = 0, None, []
-
-    def attach(self):
-        targets = self.call("Target.getTargets")["targetInfos"]
-        page = next(t for t in targets if t["type"] == "page")
-        self._session = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)[
-            "sessionId"
-        ]
+    def __init__(self, page):
+        self.page, self.events = page, []
+        self._tools = page.context.new_cdp_session(page)
         for domain in ("Page", "Network", "Log", "Runtime", "DOM"):
             self.call(f"{domain}.enable")
+        for name in HEARD:
+            self._tools.on(name, self._hear(name))
+
+    def _hear(self, name):
+        return lambda params: self.events.append({"method": name, "params": params})
 
     def call(self, method, **parameters):
-        """The answer to one command."""
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
-        if self._session:
-            message["sessionId"] = self._session
-        os.write(self._commands, json.dumps(message).encode() + b"\0")
-        while True:
-            answer = self._read()
-            if answer.get("id") == self._number:
-                assert "error" not in answer, (method, answer["error"])
-                return answer["result"]
+        """The answer to one command of the DevTools protocol."""
+        return self._tools.send(method, parameters)
 
     def open(self, url):
         """Go there and wait until everything is loaded; the document's HTTP status."""
@@ -105,7 +74,7 @@ class Browser:
         until = time.monotonic() + WAIT_S
         while not any(e["method"] == "Page.loadEventFired" for e in self.events):
             assert time.monotonic() < until, "the page did not load"
-            self._read()
+            self.page.wait_for_timeout(5)
         documents = [
             e
             for e in self.events
@@ -120,8 +89,8 @@ class Browser:
         return self.wait_loaded()
 
     def evaluate(self, code):
-        """The value of an expression in the page (the tester's, not the page's: that has no
-        script).
+        """The value of an expression in the page. Not Playwright's: that would evaluate a text,
+        which the policy of a page forbids.
         """
         found = self.call("Runtime.evaluate", expression=code, returnByValue=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
@@ -130,21 +99,11 @@ class Browser:
     def fill(self, selector, text):
         """Type into a field."""
         self.evaluate(f"document.querySelector({selector!r}).focus()")
-        self.call("Input.insertText", text=text)
+        self.page.keyboard.insert_text(text)
 
     def press(self, key):
         """Press and release Tab or Enter."""
-        code = {"Tab": 9, "Enter": 13}[key]
-        text = {"text": "\r"} if key == "Enter" else {}
-        for kind in ("keyDown", "keyUp"):
-            self.call(
-                "Input.dispatchKeyEvent",
-                type=kind,
-                key=key,
-                code=key,
-                windowsVirtualKeyCode=code,
-                **text,
-            )
+        self.page.keyboard.press(key)
 
     def size(self, width, height=900, *, mobile=False):
         self.call(
@@ -157,36 +116,10 @@ class Browser:
 
     def picture(self, path, *, full=False):
         """A PNG of the window, or of the whole page."""
-        more = {}
-        if full:
-            size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-            more = {
-                "clip": {
-                    "x": 0,
-                    "y": 0,
-                    "width": size["width"],
-                    "height": size["height"],
-                    "scale": 1,
-                },
-                "captureBeyondViewport": True,
-            }
-        path.write_bytes(
-            base64.b64decode(self.call("Page.captureScreenshot", format="png", **more)["data"])
-        )
+        self.page.screenshot(path=path, full_page=full)
 
     def complaints(self):
         """What the browser logged as a fault of the page since it was opened."""
         return [
             e["params"]["entry"]["text"] for e in self.events if e["method"] == "Log.entryAdded"
         ]
-
-    def _read(self):
-        while b"\0" not in self._rest:
-            piece = os.read(self._answers, 1 << 20)
-            assert piece, "the browser ended"
-            self._rest += piece
-        line, _, self._rest = self._rest.partition(b"\0")
-        message = json.loads(line)
-        if "method" in message:
-            self.events.append(message)
-        return message
