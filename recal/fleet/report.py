@@ -43,7 +43,7 @@ VERDICTS = {  # verdict: word, look, symbol, what it means
         "Refused",
         "none",
         "■",
-        "Nothing was merged: no run had anything to gain from.",
+        "Nothing was merged: no run could be used for the table of its unit.",
     ),
     FleetVerdict.BAD_INPUT: ("Bad input", "none", "■", "Nothing was merged: no run could be read."),
     FleetVerdict.FAILED: (

@@ -15,6 +15,7 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -484,3 +485,23 @@ def test_curves_are_live_in_a_browser(pages, tmp_path):
         assert not [e for e in browser.events if e["method"] == "Runtime.exceptionThrown"]
         # three tables; of a run temperature, heading, velocity, three residuals, two of the chain
         assert (first, both) == (3 + 8, 3 + 16)
+
+
+def test_tables_of_many_words_become_lists_on_a_phone():
+    """Of five columns and more, beginning with a run or with three of words: on 390 pixels such a
+    column was a letter wide and its row 800 pixels high. Classes: `stack` and the review page's
+    `rows` become lists.
+    """
+    root = Path(__file__).parents[2]
+    templates = [
+        p for room in ("infield", "simreal", "recal") for p in root.glob(f"{room}/**/*.j2")
+    ]
+    found = []
+    for path in templates:
+        for kind, head in re.findall(r"<table([^>]*)>(.*?)</thead>", path.read_text(), re.DOTALL):
+            columns = re.findall(r"<th\b([^>]*)>(\w*)", head)
+            words = [name for kind_of, name in columns if 'class="n"' not in kind_of]
+            many = len(words) >= 3 or words[:1] == ["run"]
+            if len(columns) >= 5 and many and not re.search(r"\b(stack|rows)\b", kind):
+                found.append((path.name, words))
+    assert len(templates) > 20 and found == []

@@ -231,7 +231,8 @@
     return charts;
   }
 
-  function buttons(charts, first) {
+  function buttons(charts, first, x_name) {
+    var sides = /^time\b|^year\b/.test(x_name) ? ["earlier", "later"] : ["lower", "higher"];
     var row = document.createElement("p");
     row.className = "zoomer";
     function add(text, act) {
@@ -241,7 +242,7 @@
       button.addEventListener("click", act);
       row.appendChild(button);
     }
-    [["earlier", 1, -0.5], ["later", 1, 0.5], ["closer", 0.5, 0], ["wider", 2, 0]].forEach(function (one) {
+    [[sides[0], 1, -0.5], [sides[1], 1, 0.5], ["closer", 0.5, 0], ["wider", 2, 0]].forEach(function (one) {
       add(one[0], function () { move(charts, first, one[1], one[2]); });
     });
     add("all", function () { showAll(charts); });
@@ -278,10 +279,10 @@
     figure.classList.add("live");
     var panels = figure.closest(".panels");
     var shown = charts[charts.length - 1];
-    if (!panels) figure.insertBefore(buttons(charts, shown), first);
+    if (!panels) figure.insertBefore(buttons(charts, shown, told.x_name), first);
     else if (!panels.dataset.live) {
       panels.dataset.live = "yes";
-      panels.after(buttons(charts, shown));
+      panels.after(buttons(charts, shown, told.x_name));
     }
   }
 
