@@ -173,6 +173,7 @@ def test_a_finger_zooms_as_the_mouse_does(browser, page):
     browser.size(390, mobile=True)
     browser.open(page)
     browser.call("Emulation.setTouchEmulationEnabled", enabled=True)
+    settle(browser)  # the drawings take the new width
     try:
         left, top, width, height = field(browser)
         along = [(left + share * width, top + height / 2) for share in (0.25, 0.4, 0.6, 0.75)]
