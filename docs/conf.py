@@ -20,6 +20,7 @@ root_doc = "index"
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
+smartquotes_action = "qe"  # no dashes: --commit is to be copied as it stands
 suppress_warnings = ["myst.header"]  # pages made by a study may begin at a lower level
 
 html_theme = "furo"

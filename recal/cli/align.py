@@ -31,7 +31,7 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Level, gyrocompass and find the phases; heading with an honest sigma.
+    """Find roll, pitch and heading of a parked unit with their sigmas, and the phases of the run.
 
     Example: recal align run-1 --json
     """

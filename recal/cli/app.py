@@ -21,8 +21,9 @@ COMMANDS = {  # the first paragraph of each command's help
         "Simulate one power-on session from a scenario and write it as a run with its reference."
     ),
     "look": (
-        "Look at any log: what it holds, how its sensors behave, and what it can be used for, each"
-        " use with the next command. Exit code 0, 3 where something is wrong, 4 where it is fit for"
+        "Say what a log of any known format holds, how its sensors behave, and what it can be "
+        "used for, each use with the next command. Exit code 0, 3 where something is wrong, 4 "
+        "where it is fit for"
         " nothing."
     ),
     "convert": (
@@ -30,37 +31,40 @@ COMMANDS = {  # the first paragraph of each command's help
         "that was dropped or repaired."
     ),
     "check": (
-        "Read a run; say what it holds, what is wrong and where. Exit code 0, or 3 where "
+        "Read a run, and say what it holds, what is wrong and where. Exit code 0, or 3 where "
         "something is wrong."
     ),
-    "align": "Level, gyrocompass and find the phases; heading with an honest sigma.",
+    "align": "Find roll, pitch and heading of a parked unit with their sigmas, and the phases "
+    "of the run.",
     "replay": (
         "Fly the log again with the stored table and with the one before it: drift in "
         "NM/h, old and new."
     ),
-    "update": ("Recalibrate: tilt rates -> bias points -> heading -> merged table, with a report."),
+    "update": (
+        "Measure the gyro biases in runs of a unit, merge them into its stored table, and report."
+    ),
     "misalignment": (
-        "Couplings of the level axes into each gyro, in arcsec with sigma, from stops on "
+        "Measure how much of each level axis a gyro feels, in arcsec with sigma, from stops on "
         "four azimuths 90 deg apart."
     ),
     "plan": (
-        "Which recordings would separate rival effects, and from which size each effect "
+        "Say which recordings would separate rival effects, and from which size on each effect "
         "is seen and told from its rival."
     ),
     "diagnose": (
-        "The gap between simulator and logs: where it lies, which effect causes it, how "
-        "far it shrinks with the effect."
+        "Say where simulator and logs disagree, which effect causes it, and how far the gap "
+        "shrinks with that effect."
     ),
     "serve": (
-        "Look at a store in a browser: tables, proposed updates, reports; approve, "
-        "reject, roll back."
+        "Review a store in a browser: see tables, proposed updates and reports; approve, reject"
+        " or roll back."
     ),
 }
 GROUPS = {  # what each group of commands says of itself
-    "table": "The stored thermal tables and their history.",
-    "thermal": "Thermal coefficients from chamber runs.",
-    "fleet": "Many runs of many units in one call.",
-    "twin": "The noise model of a unit, from its own logs.",
+    "table": "List, compare, import and export the stored thermal tables.",
+    "thermal": "Fit thermal coefficients to chamber runs.",
+    "fleet": "Recalibrate many units at once, and forecast their drift.",
+    "twin": "Fit the noise model of a unit to its own logs, and check it.",
 }
 MODULES = {
     "look": "recal.cli.logs.look",

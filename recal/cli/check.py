@@ -19,8 +19,8 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Read a run; say what it holds, what is wrong and where. Exit code 0, or 3 where something is
-    wrong.
+    """Read a run, and say what it holds, what is wrong and where. Exit code 0, or 3 where something
+    is wrong.
 
     Example: recal check flights/2026-03-01 --json
     """

@@ -51,8 +51,8 @@ def command(
     verbose: Verbose = False,
     seed: Seed = 0,
 ) -> None:
-    """The gap between simulator and logs: where it lies, which effect causes it, how far it shrinks
-    with the effect.
+    """Say where simulator and logs disagree, which effect causes it, and how far the gap shrinks
+    with that effect.
 
     Example: recal diagnose run-1 run-2 run-3 --twin twin.json -o diagnosis
     """

@@ -39,7 +39,9 @@ NOTES_SHOWN = 3  # kinds of notes on the terminal; all are in fleet.json
 LEARN_FOLDER, FORECAST_FOLDER = "recal-fleet-learn", "recal-fleet-forecast"
 
 app = typer.Typer(
-    rich_markup_mode=None, no_args_is_help=True, help="Many runs of many units in one call."
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Recalibrate many units at once, and forecast their drift.",
 )
 
 
@@ -53,7 +55,7 @@ class Pages(StrEnum):
 
 @app.callback()
 def fleet() -> None:
-    """Many runs of many units in one call."""
+    """Recalibrate many units at once, and forecast their drift."""
 
 
 @app.command("update", cls=Command)
@@ -220,7 +222,8 @@ def learn(
     verbose: Verbose = False,
     seed: Seed = 0,
 ) -> None:
-    """Turn-on, flicker, ageing and outliers of a fleet's units, from the sessions its store keeps.
+    """Learn turn-on, flicker, ageing and outliers of a fleet's units from the sessions that its
+    store keeps.
 
     Example: recal fleet learn --store sqlite:///recal.db
 
@@ -273,8 +276,8 @@ def forecast(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """When the free-inertial drift of each unit will pass a limit, the most urgent first, and which
-    session would put that off.
+    """Say when the free-inertial drift of each unit will pass a limit, the most urgent first, and
+    which session would put that off.
 
     Example: recal fleet forecast --store sqlite:///recal.db --limit 0.8
     """
@@ -311,7 +314,7 @@ def priors_list(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """The learnt priors of a store, their state and who decided, oldest first.
+    """List the learnt priors of a store, their state and who decided, oldest first.
 
     Example: recal fleet priors --store sqlite:///recal.db
     """

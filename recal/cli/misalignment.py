@@ -136,8 +136,8 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Couplings of the level axes into each gyro, in arcsec with sigma, from stops on four azimuths
-    90 deg apart.
+    """Measure how much of each level axis a gyro feels, in arcsec with sigma, from stops on four
+    azimuths 90 deg apart.
 
     A table (CSV) has the columns heading_deg or north_to_west_deg, and bias_x_deg_h, sigma_x_deg_h
     and so on.

@@ -76,8 +76,8 @@ def command(
     verbose: Verbose = False,
     seed: Seed = 0,
 ) -> None:
-    """Which recordings would separate rival effects, and from which size each effect is seen and
-    told from its rival.
+    """Say which recordings would separate rival effects, and from which size on each effect is seen
+    and told from its rival.
 
     Example: recal plan --twin twin.json --separate gyro_thermal_linear,gyro_warmup_transient
     """

@@ -69,7 +69,8 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Look at a store in a browser: tables, proposed updates, reports; approve, reject, roll back.
+    """Review a store in a browser: see tables, proposed updates and reports; approve, reject or
+    roll back.
 
     Example: recal serve --store sqlite:///recal.db --reports diagnoses
     """

@@ -86,11 +86,12 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Recalibrate: tilt rates -> bias points -> heading -> merged table, with a report.
+    """Measure the gyro biases in runs of a unit, merge them into its stored table, and report.
 
     Example: recal update run-1 run-2 --store sqlite:///recal.db --commit
 
-    For review instead (recal serve, recal table approve): recal update run-1 run-2 --propose
+    With --propose the new table waits for a second person, who decides in recal serve or by recal
+    table approve.
     """
     if commit and propose:
         raise typer.BadParameter(

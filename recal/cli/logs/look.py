@@ -23,9 +23,9 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Look at any log: what it holds, how its sensors behave, and what it can be used for, each
-    use with the next command. Exit code 0, 3 where something is wrong, 4 where it is fit for
-    nothing.
+    """Say what a log of any known format holds, how its sensors behave, and what it can be used
+    for, each use with the next command. Exit code 0, 3 where something is wrong, 4 where it is fit
+    for nothing.
 
     Example: recal look flight.bin -o flight-look
     """

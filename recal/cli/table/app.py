@@ -38,7 +38,9 @@ if TYPE_CHECKING:
     from recal.service.store import Revision, UnitRecord
 
 app = typer.Typer(
-    rich_markup_mode=None, no_args_is_help=True, help="The stored thermal tables and their history."
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="List, compare, import and export the stored thermal tables.",
 )
 
 
@@ -51,7 +53,7 @@ def list_(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Units and their revisions, newest last.
+    """List units and their revisions, newest last.
 
     Example: recal table list --store sqlite:///recal.db
     """
@@ -103,7 +105,7 @@ def show(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """One table with U(k=2); --json prints it as formats.md writes a table.
+    """Show one table with U(k=2); --json prints it as formats.md writes a table.
 
     Example: recal table show --serial SN-0042
     """
@@ -156,7 +158,7 @@ def diff(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """What changed between two revisions, by default from the previous to the active one.
+    """Show what changed between two revisions, by default from the previous to the active one.
 
     Example: recal table diff --serial SN-0042 --from factory
     """
@@ -204,7 +206,7 @@ def rollback(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """An older table becomes active again, bit for bit, as a new revision.
+    """Make an older table active again, bit for bit, as a new revision.
 
     Example: recal table rollback --serial SN-0042 --to factory
     """

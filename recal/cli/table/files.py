@@ -102,8 +102,8 @@ def export(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """A table to a file: .json keeps everything, .csv node values and sigmas; PX4 and ArduPilot get
-    a cubic.
+    """Write a table to a file: .json keeps everything, .csv node values and sigmas; PX4 and
+    ArduPilot get a cubic.
 
     Example: recal table export -o table.json --serial SN-0042
 
@@ -188,7 +188,7 @@ def import_(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """A table from a file becomes the active one; a unit's first is its factory table.
+    """Make a table from a file the active one; a unit's first is its factory table.
 
     Example: recal table import table.json --twin twin.json
 

@@ -77,8 +77,8 @@ def proposals(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Updates kept for review and what was decided; with NUMBER and -o, its update.json and
-    update.html.
+    """List the updates kept for review and what was decided; with NUMBER and -o, write its
+    update.json and update.html.
 
     Example: recal table proposals 3 --serial SN-0042 -o review
     """
@@ -119,7 +119,7 @@ def approve(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """A proposed table becomes the active one; refused where the active table has moved since.
+    """Make a proposed table the active one; refused where the active table has moved since.
 
     Example: recal table approve 3 --serial SN-0042 --reason "residuals white, 21 to 34 degC
     covered"
@@ -151,7 +151,7 @@ def reject(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """A proposed table is turned down; the active one stays, the proposal and the reason are kept.
+    """Turn a proposed table down; the active one stays, the proposal and the reason are kept.
 
     Example: recal table reject 3 --serial SN-0042 --reason "the aircraft was towed at minute 12"
     """

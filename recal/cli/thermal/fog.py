@@ -90,8 +90,8 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Fibre-optic gyro: K_T and K_delta of b = K_T(T) + K_delta(T) dT/dt from temperature ramps of
-    the resting unit.
+    """Fit K_T and K_delta of a fibre-optic gyro, b = K_T(T) + K_delta(T) dT/dt, to temperature
+    ramps of the resting unit.
 
     Example: recal thermal fog --fast chamber-fast --slow chamber-slow --check chamber-other -o fog
     """

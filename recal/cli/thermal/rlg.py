@@ -49,8 +49,8 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Ring-laser gyro: K1..K6 of b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff from
-    runs at rest.
+    """Fit K1..K6 of a ring-laser gyro, b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff,
+    to runs at rest.
 
     Example: recal thermal rlg chamber-1 chamber-2 --check chamber-3 -o rlg
     """

@@ -21,7 +21,7 @@ from recal.cli.console import (
 app = typer.Typer(
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="The noise model of a unit, from its own logs.",
+    help="Fit the noise model of a unit to its own logs, and check it.",
 )
 
 
@@ -50,7 +50,7 @@ class OfTechnology(StrEnum):
 
 @app.callback()
 def twin() -> None:
-    """The noise model of a unit, from its own logs."""
+    """Fit the noise model of a unit to its own logs, and check it."""
 
 
 @app.command("fit", cls=Command)
@@ -71,7 +71,7 @@ def fit(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """The noise of a unit from its parked time, each number with its sigma; what the runs cannot
+    """Fit the noise of a unit to its parked time, each number with its sigma; what the runs cannot
     tell is named, with the recording that would.
 
     Example: recal twin fit run-1 run-2 run-3 --start twin.json -o fitted/twin.json
@@ -108,8 +108,8 @@ def check(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Does the noise of a twin fit these runs, channel by channel and band by band? Exit code 0
-    where it fits, 5 where not, 4 where the runs hold too little rest.
+    """Say channel by channel and band by band whether the noise of a twin fits these runs. Exit
+    code 0 where it fits, 5 where not, 4 where the runs hold too little rest.
 
     Example: recal twin check run-4 --twin twin.json
     """
@@ -147,7 +147,7 @@ def import_(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """A twin from a noise model of Kalibr, imu_utils or a data sheet.
+    """Make a twin from a noise model of Kalibr, imu_utils or a data sheet.
 
     Example: recal twin import imu.yaml --from kalibr --serial SN-7 -o twin.json
     """
@@ -185,8 +185,8 @@ def export(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """A twin as Kalibr's imu.yaml, or as the arguments of pyins (JSON); on standard output without
-    -o.
+    """Write a twin as Kalibr's imu.yaml, or as the arguments of pyins (JSON); on standard output
+    without -o.
 
     Example: recal twin export twin.json --to kalibr -o imu.yaml
     """
