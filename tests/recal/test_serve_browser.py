@@ -144,6 +144,16 @@ def test_every_field_and_link_has_a_name(browser, served):
         assert len(ids) == len(set(ids)), path
 
 
+def test_the_tables_of_the_gyros_stand_in_a_line(browser, served):
+    browser.size(1280)
+    browser.open(served[0] + UNIT)
+    tops = (
+        "[...document.querySelectorAll('.tables .scroll')].map(e => e.getBoundingClientRect().top)"
+    )
+    found = browser.evaluate(tops)
+    assert len(found) == 3 and len(set(found)) == 1
+
+
 def test_drawings_are_seen(browser, served):
     browser.size(1200)
     browser.open(served[0] + UNIT)
