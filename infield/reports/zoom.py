@@ -51,6 +51,7 @@ BAND_ALPHA = 0.18  # of a band: two that overlap are still told apart
 BAR_MARK, HOLLOW_MARK, NODE_MARK = "|", "O", "n"
 POINT_MARKS = {"^": "^", "v": "v", "o": "o", "x": "x", "s": "s", NODE_MARK: "s", HOLLOW_MARK: "o"}
 POINT_MARKS |= {DOT: DOT}
+INKS = {BLACK: "var(--ink)", VERMILLION: "var(--old)", BLUE: "var(--new)", GREY: "var(--soft)"}
 MARK_SIZES = {NODE_MARK: 2.8, DOT: 1.8}  # points; 4 of the others
 
 
@@ -154,7 +155,8 @@ def zoom_panels(figures: Sequence[ZoomFigure], caption: str = "") -> Markup:
 
 
 def _swatch(curve: ZoomCurve, colour: str) -> Markup:
-    """How a key shows a curve."""
+    """How a key shows a curve: in the ink that `zoom.js` draws it with, in the dark as well."""
+    colour = INKS.get(colour, colour)
     if curve.mark:
         sign = {"x": "\u00d7", BAR_MARK: "|"}.get(curve.mark, "\u25cf")
         return Markup('<span class="mark" style="color:{}">{}</span>').format(colour, sign)

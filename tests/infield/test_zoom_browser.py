@@ -48,6 +48,7 @@ def panel(axis):
     known = {"low": wave - 0.1, "high": wave + 0.1}
     lines = [ZoomCurve(name="before", values=wave, **known, colour="#D55E00", dashed=True)]
     lines += [ZoomCurve(name="after", values=wave + 0.05, colour="#0072B2")]
+    lines += [ZoomCurve(name="points", values=wave, mark="o", colour="#000000")]
     more = {"x_name": "gyro temperature [°C]", "group": "tables", "panel": True}
     return ZoomFigure(title=f"Gyro {axis}", unit="deg/h", time_s=T, curves=lines, **more)
 
@@ -229,6 +230,8 @@ def test_the_dark_is_drawn_anew(browser):
     dark = browser.evaluate(LETTERS)
     assert all(least < 90 for least, _ in light) and all(most > 200 for _, most in dark)
     assert all(least > 120 for least, _ in dark), dark  # none of the dark letters is left
+    mark = "getComputedStyle(document.querySelector('.key .mark')).color"
+    assert browser.evaluate(mark) == "rgb(230, 234, 238)"  # black points are drawn in this, too
 
 
 def test_without_javascript_the_drawing_is_seen(started, page):
