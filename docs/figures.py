@@ -66,8 +66,15 @@ def save(figure: Any, name: str) -> None:
 def panels(n: int, *, height: float = 3.4) -> tuple[Any, list[Any]]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.6 * n, height), layout="constrained")
+    # 9.2 inches at most: wider ones are drawn smaller on the page, and their letters with them
+    figure = Figure(figsize=(min(4.6 * n, 9.2), height), layout="constrained")
     return figure, list(np.atleast_1d(figure.subplots(1, n)))
+
+
+def key(figure: Any, ax: Any) -> None:
+    """What the lines of a panel are, above all panels."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9, frameon=False)
 
 
 def session(
@@ -120,7 +127,7 @@ def draw_update(document: dict[str, Any], unit: Any) -> Any:
     for k, (axis, ax) in enumerate(zip(AXES, axes)):
         for table, colour, label in (
             (before, "#999999", "table before"),
-            (after, COLOURS[axis], "table after"),
+            (after, COLOURS["x"], "table after"),
         ):
             bias, sigma = table.bias_deg_h(k, degC), table.sigma_deg_h(k, degC)
             ax.plot(degC, bias, color=colour, label=label)
@@ -148,7 +155,7 @@ def draw_update(document: dict[str, Any], unit: Any) -> Any:
             xlabel="temperature [degC]",
             ylabel="bias [deg/h]" if k == 0 else "",
         )
-    axes[0].legend(fontsize=7)
+    key(figure, axes[0])
     return figure
 
 
@@ -174,7 +181,7 @@ def draw_merge(documents: list[dict[str, Any]], unit: Any) -> Any:
     right.set(
         title="what it is off by: |error|, one unit", xlabel="temperature [degC]", ylim=(0, None)
     )
-    left.legend(fontsize=7)
+    key(figure, left)
     return figure
 
 
@@ -209,7 +216,7 @@ def draw_observability(folder: Path) -> Any:
         xlabel="sigma after / sigma before",
         ylim=(3.6, -0.75),
     )
-    ax.legend(fontsize=7, loc="lower right")
+    key(figure, ax)
     return figure
 
 
@@ -226,7 +233,7 @@ def draw_heading() -> Any:
             ax.axvspan(*turned, color="#dddddd", lw=0)
         ax.set(title=title, xlabel="time since the start of the taxi [s]", ylim=(-25, 12))
     axes[0].set_ylabel("computed velocity [mm/s]")
-    axes[0].legend(fontsize=7, loc="lower left")
+    key(figure, axes[0])
     return figure
 
 
@@ -304,12 +311,12 @@ def draw_gap() -> Any:
             label="transient of power-on",
         )
         ax.set(
-            title=f"{start} start, |cosine| {cos:.3f}"
+            title=f"{start} start, {cos:.3f} alike"
             + (" of both runs" if len(traces) > 1 else ""),
             xlabel="min parked",
             yticks=[],
         )
-    axes[0].legend(fontsize=7)
+    key(figure, axes[0])
     return figure
 
 
