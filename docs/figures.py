@@ -311,8 +311,7 @@ def draw_gap() -> Any:
             label="transient of power-on",
         )
         ax.set(
-            title=f"{start} start, {cos:.3f} alike"
-            + (" of both runs" if len(traces) > 1 else ""),
+            title=f"{start} start, {cos:.3f} alike" + (" of both runs" if len(traces) > 1 else ""),
             xlabel="min parked",
             yticks=[],
         )
