@@ -15,7 +15,14 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
-from infield.reports.figures import FIGURE_WIDTH, LEAST_LETTER_PX, LETTER, SVG_DPI
+from infield.reports.figures import (
+    FIGURE_WIDTH,
+    LEAST_LETTER_PX,
+    LETTER,
+    PANEL_HEIGHT,
+    PANEL_WIDTH,
+    SVG_DPI,
+)
 from infield.reports.words.sentences import LARGEST_PLAIN
 from ins.robust import runs_of_true
 
@@ -538,6 +545,26 @@ def chart(
     height in inches, `label` is read aloud.
     """
     return _Chart(panels, SVG_DPI * width, SVG_DPI * height).svg(label)
+
+
+def side_by_side(panels: Sequence[Panel], label: str, *, height: float = PANEL_HEIGHT) -> Markup:
+    """Each panel as a drawing of its own, one below the other on a phone, and above them one key of
+    all names; label: of each drawing, after the panel's title; height in inches.
+    """
+    named = {item.name: item for panel in panels for item in panel.named}
+    sample = '<svg class="sample" viewBox="0 0 24 10" width="24" height="10" aria-hidden="true">'
+    key = Markup("").join(
+        Markup(f"<li>{sample}{item.sample(1.0, 5.0, 22.0)}</svg>{escape(name)}</li>")
+        for name, item in named.items()
+    )
+    drawings = (chart([p], f"{p.title}: {label}", width=PANEL_WIDTH, height=height) for p in panels)
+    figures = (
+        Markup('<figure><div class="drawing">{}</div></figure>').format(drawing)
+        for drawing in drawings
+    )
+    return Markup('<ul class="key">{}</ul><div class="panels">{}</div>').format(
+        key, Markup("").join(figures)
+    )
 
 
 class _Chart:

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
-PANEL_WIDTH = 4.3  # inches: one of two or three side by side, one below the other on a phone
+# inches: one of two or three side by side, one below the other on a phone; it is narrow, and its
+# bands want room
+PANEL_WIDTH, PANEL_HEIGHT = 4.3, 3.0
 SVG_DPI = 72  # of a drawing as SVG: a unit is a point
 MAX_POINTS = 2000  # of a curve
 PANEL_POINTS = 1000  # of a curve in a panel: 4 for each pixel across, so that a reader can zoom

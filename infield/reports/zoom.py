@@ -37,6 +37,7 @@ from infield.reports.figures import (
     GREEN,
     GREY,
     ORANGE,
+    PANEL_HEIGHT,
     PANEL_WIDTH,
     PURPLE,
     SKY,
@@ -46,7 +47,6 @@ from infield.reports.figures import (
 DIGITS = 6  # significant ones of a number in the page: a pixel of a drawing is a thousandth of it
 CURVE_COLOURS = (BLACK, GREEN, PURPLE, BLUE, VERMILLION, SKY, ORANGE, GREY)
 DRAWN_HEIGHT = 2.5  # inches
-PANEL_HEIGHT = 3.0  # inches: a panel is narrow, and its bands want room
 BAND_ALPHA = 0.18  # of a band: two that overlap are still told apart
 BAR_MARK, HOLLOW_MARK, NODE_MARK = "|", "O", "n"
 POINT_MARKS = {"^": "^", "v": "v", "o": "o", "x": "x", "s": "s", NODE_MARK: "s", HOLLOW_MARK: "o"}

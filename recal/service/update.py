@@ -113,9 +113,9 @@ class Update(Result[UpdateDocument]):
         matplotlib.figure.Figure
             Made without pyplot; `.savefig(path)` writes it.
         """
-        from recal.service.results.update_plot import update_figure
+        from recal.service.results.plots import figure_of, update_panels
 
-        return update_figure(self.table_before, self.table, self.points)
+        return figure_of(update_panels(self.table_before, self.table, self.points))
 
 
 def update(

@@ -1,29 +1,14 @@
 """twin.html: the document of a fit as one page that fetches nothing. Computes nothing."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
-from infield.reports.figures import (
-    BLACK,
-    BLUE,
-    PALE,
-    VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
-)
+from infield.reports.charts import DOT, Band, Item, Line, Marks, Panel, side_by_side
+from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
 from simreal.report.page import render_page
 from simreal.report.twin_records import ChannelRecord, TwinFitRecord
 from simreal.report.twin_words import PARAMETER_NAMES, needs_words, size_words
 from simreal.twin.fit.result import Needs, Parameter
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.figure import Figure
 
 GYRO_UNIT_DEG_H = 180.0 / np.pi * 3600.0
 ACCEL_UNIT_UG = 1e6 / 9.80665
@@ -43,10 +28,8 @@ def twin_html(document: TwinFitRecord) -> str:
         rests=_rests,
         headline=headline(document),
         banner=_banner(document),
-        allan=_svg(
-            allan_figure(document), "Allan deviation of each channel and of the fitted model"
-        ),
-        spectra=_svg(spectra_figure(document), "Spectrum of each channel and of the fitted model"),
+        allan=allan_drawing(document),
+        spectra=side_by_side(spectra_panels(document), "spectrum of data and fitted model"),
     )
 
 
@@ -74,70 +57,58 @@ def _rests(p: Parameter) -> str:
     return f"{p.seconds / 3600.0:.2g} h at rest"
 
 
-def _svg(figure: "Figure", label: str) -> Markup:
-    return svg_text(figure, label)
+def allan_drawing(document: TwinFitRecord) -> Markup:
+    """The Allan deviations for a page."""
+    return side_by_side(allan_panels(document), "Allan deviation of data and fitted model")
 
 
-@in_style
-def allan_figure(document: TwinFitRecord) -> "Figure":
+def allan_panels(document: TwinFitRecord) -> list[Panel]:
     """Allan deviations: data, model, and the band in which 95 % of such data lie."""
-    figure, axes = new_figure(2, 3, height=5.4)
-    for k, channel in enumerate(document.channels):
-        ax = axes.flat[_place(channel, k)]
+    panels = []
+    for channel in sorted(document.channels, key=_place):
         scale, unit = _unit(channel)
         tau = np.asarray(channel.tau_s)
         low, high = scale * np.asarray(channel.allan_low), scale * np.asarray(channel.allan_high)
+        items: list[Item] = []
         if np.isfinite(low).any():  # a model that the data contradict is not drawn
-            ax.fill_between(tau, low, high, color=PALE, label="95 % of such runs")
-            ax.plot(tau, scale * np.asarray(channel.allan_model), color=BLUE, label="model")
-        ax.plot(tau, scale * np.asarray(channel.allan), color=BLACK, linewidth=0.9, label="data")
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        axis_text(ax, title=channel.channel, x="averaging time [s]", y=f"[{unit}]")
-    _legend(figure, axes)
-    return figure
+            model = scale * np.asarray(channel.allan_model)
+            items = [
+                Band(tau, low, high, PALE, 1.0, "95 % of such runs"),
+                Line(tau, model, BLUE, "model"),
+            ]
+        items.append(Line(tau, scale * np.asarray(channel.allan), BLACK, "data", width=0.9))
+        panels.append(_panel(channel.channel, items, "averaging time [s]", unit))
+    return panels
 
 
-@in_style
-def spectra_figure(document: TwinFitRecord) -> "Figure":
+def spectra_panels(document: TwinFitRecord) -> list[Panel]:
     """Spectra: data in bands, model; a cross is a band that is left out, for the
     vehicle's own motion fills it or a filter empties it.
     """
-    figure, axes = new_figure(2, 3, height=5.4)
-    for k, channel in enumerate(document.channels):
-        ax = axes.flat[_place(channel, k)]
+    panels = []
+    for channel in sorted(document.channels, key=_place):
         scale, unit = _unit(channel)
         f, dof = np.asarray(channel.frequency_hz), np.asarray(channel.dof)
         power = scale * np.sqrt(np.asarray(channel.power))
         used = dof > 0
-        ax.plot(
-            f[used],
-            power[used],
-            color=BLACK,
-            linestyle="none",
-            marker=".",
-            markersize=3,
-            label="data",
-        )
+        items: list[Item] = [Marks(f[used], power[used], DOT, BLACK, "data", size=2.2)]
         if not used.all():
-            ax.plot(
-                f[~used],
-                power[~used],
-                color=VERMILLION,
-                linestyle="none",
-                marker="x",
-                markersize=3,
-                label="left out: the vehicle's, or above a filter's band",
-            )
-        ax.plot(f, scale * np.sqrt(np.asarray(channel.power_model)), color=BLUE, label="model")
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        axis_text(ax, title=channel.channel, x="frequency [Hz]", y=f"[{unit}/sqrt(Hz)]")
-    _legend(figure, axes)
-    return figure
+            left_out = "left out: the vehicle's, or above a filter's band"
+            items.append(Marks(f[~used], power[~used], "x", VERMILLION, left_out, size=3.0))
+        model = scale * np.sqrt(np.asarray(channel.power_model))
+        items.append(Line(f, model, BLUE, "model"))
+        panels.append(_panel(channel.channel, items, "frequency [Hz]", f"{unit}/sqrt(Hz)"))
+    return panels
 
 
-def _place(channel: ChannelRecord, k: int) -> int:
+def _panel(title: str, items: list[Item], x_label: str, unit: str) -> Panel:
+    return Panel(
+        items=items, title=title, x_label=x_label, y_label=f"[{unit}]", x_log=True, y_log=True
+    )
+
+
+def _place(channel: ChannelRecord) -> int:
+    """Gyros before accelerometers, x, y, z."""
     return "xyz".index(channel.channel[-1]) + 3 * channel.channel.startswith("accel")
 
 
@@ -145,12 +116,3 @@ def _unit(channel: ChannelRecord) -> tuple[float, str]:
     if channel.channel.startswith("gyro"):
         return GYRO_UNIT_DEG_H, "deg/h"
     return ACCEL_UNIT_UG, "ug"
-
-
-def _legend(figure: "Figure", axes: NDArray) -> None:
-    named: dict[str, Artist] = {}
-    for ax in axes.flat:
-        handles, labels = ax.get_legend_handles_labels()
-        named |= dict(zip(labels, handles))
-        ax.set_visible(bool(labels))
-    figure.legend(list(named.values()), list(named), loc="outside upper center", ncols=4)

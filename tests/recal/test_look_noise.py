@@ -8,7 +8,8 @@ import pytest
 
 from ins.records import AXES
 from recal.service.look.noise import shown_noise
-from simreal.report.twin_page import allan_figure
+from recal.service.results.plots import figure_of
+from simreal.report.twin_page import allan_panels
 from simreal.report.twin_records import ChannelRecord
 
 TAU = [1.0, 2.0, 4.0, 8.0, 16.0]
@@ -67,8 +68,11 @@ def test_a_model_that_the_data_contradict_is_left_out(fit, factor):
     assert shown.parameters is fit.parameters  # which numbers are told is for the fit to say
     drawn = {c.channel for c in shown.channels if np.isfinite(c.allan_low).any()}
     assert drawn == {"accel_x", "accel_y", "accel_z"}
-    figure = allan_figure(shown)
+    panels = allan_panels(shown)
+    assert [len(panel.items) for panel in panels] == [1, 1, 1, 3, 3, 3]
+    figure = figure_of(panels)
     assert [len(ax.lines) for ax in figure.axes] == [1, 1, 1, 2, 2, 2]
+    assert {ax.get_yscale() for ax in figure.axes} == {"log"}
 
 
 def test_channels_that_people_move_are_named_where_they_are_drawn(fit):

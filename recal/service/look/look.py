@@ -17,9 +17,10 @@ from recal.service.look.series import series_of
 from recal.service.look.uses import Judged, convert_command, uses_of
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
+from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
 from simreal.report.twin_document import twin_fit_document
-from simreal.report.twin_page import allan_figure
+from simreal.report.twin_page import allan_panels
 from simreal.report.twin_records import TwinFitRecord
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
@@ -70,7 +71,7 @@ class Looked(Result[LookDocument]):
         """
         if self.record.fitted is None:
             raise InputError(f"{self.record.run_id}: the log never rests, so no noise is drawn")
-        return allan_figure(self.record.fitted)
+        return figure_of(allan_panels(self.record.fitted))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """What the log is, what is wrong with it, and each use with its command."""

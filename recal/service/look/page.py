@@ -8,8 +8,8 @@ from markupsafe import Markup
 
 from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script
 from recal.service.look.records import Fit, LookDocument, LookVerdict, Use
-from recal.service.results.pages import page_environment, svg_text
-from simreal.report.twin_page import allan_figure
+from recal.service.results.pages import page_environment
+from simreal.report.twin_page import allan_drawing
 from simreal.report.twin_words import PARAMETER_NAMES, size_words
 
 LOOK_VERDICTS = {  # word, look, symbol
@@ -56,7 +56,7 @@ def look_html(document: LookDocument) -> str:
                 (figure.title, _zoom(name, figure, document))
                 for name, figure in document.series.items()
             ],
-            allan=None if fitted is None else _allan(document),
+            allan=None if fitted is None else allan_drawing(fitted),
             noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
             script=zoom_script(),
         )
@@ -66,12 +66,6 @@ def look_html(document: LookDocument) -> str:
 def _zoom(name: str, figure: ZoomFigure, document: LookDocument) -> Markup:
     spans = [(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
     return zoom_figure(replace(figure, spans=spans), CAPTIONS[name])
-
-
-def _allan(document: LookDocument) -> Markup:
-    assert document.fitted is not None
-    figure = allan_figure(document.fitted)
-    return svg_text(figure, "Allan deviation of each channel and of the fitted model")
 
 
 @lru_cache(maxsize=1)

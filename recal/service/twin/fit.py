@@ -13,10 +13,11 @@ from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.twin_table import twin_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
+from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
 from recal.service.results.text import result_text
 from simreal.report.twin_document import fitted_twin, no_rest_document, summary, twin_fit_document
-from simreal.report.twin_page import allan_figure, twin_html
+from simreal.report.twin_page import allan_panels, twin_html
 from simreal.report.twin_records import TwinFitRecord
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
@@ -61,7 +62,7 @@ class FittedTwin(Result[TwinFitRecord]):
         matplotlib.figure.Figure
             Made without pyplot; `.savefig(path)` writes it.
         """
-        return allan_figure(self.record)
+        return figure_of(allan_panels(self.record))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Each parameter with its sigma, or why it cannot be told."""
