@@ -12,20 +12,13 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from infield.misalignment.closed_forms import document_angles
 from infield.misalignment.couplings import measure_misalignment
 from infield.misalignment.harmonic_fit import level_rate_deg_h, north_to_west_rad
-from infield.reports.figures import (
-    BLACK,
-    BLUE,
-    VERMILLION,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
-)
+from infield.reports.figures import BLACK, BLUE, VERMILLION
 from ins.units import ARCSEC, DEG
 
 RATE = level_rate_deg_h(39.9 * DEG)
@@ -98,11 +91,10 @@ def of_runs(count: int) -> list[str]:
     return rows
 
 
-@in_style
-def drawing(z: NDArray) -> str:
+def drawing(z: NDArray) -> Figure:
     """One case with its curve, and the normalised errors of all against the normal curve."""
-    figure, axes = new_figure(1, 2, height=3.0)
-    left, right = axes[0]
+    figure = Figure(figsize=(10.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
     rng = np.random.default_rng(7)
     H = np.linspace(0.0, 360.0, 181)
     entries = np.array([0.3, -0.2, 0.5, -0.1]) * 1e-3
@@ -130,19 +122,14 @@ def drawing(z: NDArray) -> str:
         label="compensated",
     )
     left.legend()
-    axis_text(
-        left, title="zx 0.5 mrad, zy -0.1 mrad at 39.9 deg", x="heading, deg", y="bias, deg/h"
+    left.set(
+        title="zx 0.5 mrad, zy -0.1 mrad at 39.9 deg", xlabel="heading, deg", ylabel="bias, deg/h"
     )
     edges = np.linspace(-4.0, 4.0, 33)
     right.hist(z.ravel(), bins=edges, density=True, color=BLUE, alpha=0.5)
     right.plot(edges, np.exp(-(edges**2) / 2) / np.sqrt(2 * np.pi), color=BLACK)
-    axis_text(right, title=f"{z.size} couplings of 60 arcsec", x="error / sigma", y="density")
-    text = str(
-        svg_text(
-            figure, "Bias against heading with its fit; normalised errors against the normal curve"
-        )
-    )
-    return text.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
+    right.set(title=f"{z.size} couplings of 60 arcsec", xlabel="error / sigma", ylabel="density")
+    return figure
 
 
 def main() -> None:
@@ -159,7 +146,7 @@ def main() -> None:
     )
     print("\n".join(rows))
     if given.drawing:
-        given.drawing.write_text(drawing(z) + "\n", encoding="utf-8")
+        drawing(z).savefig(given.drawing, metadata={"Date": None})
 
 
 if __name__ == "__main__":

@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from infield.reports.documents.rlg import rlg_document
-from infield.reports.figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text
+from infield.reports.figures import BLACK, GREY, NEW, OLD
 from infield.thermal.gradient_runs import gradient_run
 from infield.thermal.reasons import ThermalNote, ThermalReason
 from infield.thermal.rlg.fit import five_minute_means
@@ -256,11 +257,10 @@ def page(cells: list[Cell], coarse: list[Cell], units: int, few: int, seconds: f
     return "\n".join(body)
 
 
-@in_style
-def drawing(found: RlgHeldOut, cells: list[Cell]) -> str:
+def drawing(found: RlgHeldOut, cells: list[Cell]) -> Figure:
     """A held-out run of one gyro before and after; the ratios of all units."""
-    figure, axes = new_figure(1, 2, height=3.0)
-    left, right = axes[0]
+    figure = Figure(figsize=(10.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
     time_s, values = found.means["x"]
     for column, (name, colour, mark) in enumerate(
         (
@@ -271,11 +271,10 @@ def drawing(found: RlgHeldOut, cells: list[Cell]) -> str:
         )
     ):
         left.plot(time_s / 60.0, values[:, column], mark, color=colour, markersize=4, label=name)
-    axis_text(
-        left,
+    left.set(
         title="held-out run, gyro x, means over five minutes",
-        x="time [min]",
-        y="bias less its mean [deg/h]",
+        xlabel="time [min]",
+        ylabel="bias less its mean [deg/h]",
     )
     left.legend(loc="best")
     bins = np.arange(0.5, 6.01, 0.125)
@@ -291,14 +290,13 @@ def drawing(found: RlgHeldOut, cells: list[Cell]) -> str:
             label={"after": "model", "temperature_only": "temperature alone"}[name],
         )
     right.axvline(1.2, color=GREY, linewidth=1.0)
-    axis_text(
-        right,
+    right.set(
         title=f"held-out residual over its noise, {len(cells)} gyros",
-        x="ratio (line: 1.2)",
-        y="gyros",
+        xlabel="ratio (line: 1.2)",
+        ylabel="gyros",
     )
     right.legend(loc="best")
-    return str(svg_text(figure, "Held-out residual of the ring-laser gradient model"))
+    return figure
 
 
 def main(units: int = UNITS) -> None:
@@ -319,8 +317,7 @@ def main(units: int = UNITS) -> None:
         before + BEGIN + "\n" + text + "\n" + END + rest.split(END)[1], encoding="utf-8"
     )
     assert first is not None
-    svg = drawing(first, cells).replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
-    PICTURE.write_text(svg + "\n", encoding="utf-8")
+    drawing(first, cells).savefig(PICTURE, metadata={"Date": None})
 
 
 if __name__ == "__main__":

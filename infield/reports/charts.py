@@ -1,8 +1,7 @@
 """Charts as inline SVG, written here: panels of lines, bands, marks and bars, one below the other.
 
-The drawings of an update, a replay, a diagnosis and of time series go this way: matplotlib took
-40 % of the CPU of an update. Lengths are points of the drawing, 72 to the inch; it fetches nothing,
-and equal charts give equal text.
+Every drawing of a page goes this way: matplotlib took 40 % of the CPU of an update. Lengths are
+points of the drawing, 72 to the inch; it fetches nothing, and equal charts give equal text.
 """
 
 import hashlib
@@ -406,8 +405,8 @@ class Panel:
         """Of x and of y."""
         extents = [item.extent() for item in self.items]
         return (
-            self.x_limits or _span([x for x, _ in extents], self.x_room, self.x_log),
-            self.y_limits or _span([y for _, y in extents], ROOM_SHARE, self.y_log),
+            self.x_limits or spanned([x for x, _ in extents], self.x_room, self.x_log),
+            self.y_limits or spanned([y for _, y in extents], ROOM_SHARE, self.y_log),
         )
 
 
@@ -419,13 +418,15 @@ class FarEdge:
     label: str
 
 
-def _span(values: Sequence[NDArray], room: float, log: bool = False) -> tuple[float, float]:
+def spanned(
+    values: Sequence[NDArray], room: float = ROOM_SHARE, log: bool = False
+) -> tuple[float, float]:
     """Least and greatest of all, with room at either end; positive ones where `log`."""
     found = np.concatenate([np.asarray(v, dtype=float).ravel() for v in values] or [np.zeros(0)])
     found = found[np.isfinite(found)]
     if log:
         decades = np.log10(found[found > LEAST_POSITIVE])
-        low, high = _span([decades], room) if decades.size else (-1.0, 0.0)
+        low, high = spanned([decades], room) if decades.size else (-1.0, 0.0)
         return 10.0**low, 10.0**high
     if not found.size:
         return 0.0, 1.0

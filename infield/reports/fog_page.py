@@ -1,24 +1,26 @@
 """thermal_fog.html: the ramp document as one page that fetches nothing. Computes nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.documents.fog import AxisDocument, CurveDocument, FogDocument
-from infield.reports.figures import (
-    AXIS_COLOURS,
-    BLACK,
-    GREY,
-    NEW,
-    OLD,
-    ORANGE,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
+from infield.reports.charts import (
+    DASHED,
+    DOT,
+    DOTTED,
+    Band,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    side_by_side,
+    spanned,
 )
+from infield.reports.documents.fog import AxisDocument, CurveDocument, FogDocument
+from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.page import render_page
 from infield.thermal.fog.model import HeldOut, curve_from
 from infield.thermal.reasons import ThermalVerdict
@@ -75,65 +77,68 @@ def _coefficients(fitted: AxisDocument) -> tuple[_Coefficient, _Coefficient]:
     )
 
 
-@in_style
 def coefficient_drawing(axis: str, fitted: AxisDocument) -> Markup:
     """Both coefficients of one gyro over temperature: band, piecewise model with breakpoints, the
     document's subtraction.
     """
-    figure, axes = new_figure(1, 2, height=3.2)
     T = np.array(fitted.temperature_degC)
-    for ax, row in zip(axes[0], _coefficients(fitted)):
+    panels = []
+    for row in _coefficients(fitted):
         value, sigma = np.array(row.value), np.array(row.sigma)
-        ax.fill_between(
-            T,
-            value - 2 * sigma,
-            value + 2 * sigma,
-            color=NEW,
-            alpha=0.25,
-            linewidth=0,
-            label="2 sigma",
-        )
-        ax.plot(T, value, color=NEW, label="exact separation")
+        marks = row.curve.breakpoints
+        intervals = [mark.interval_95_degC for mark in marks]
+        breaks = [mark.temperature_degC for mark in marks]
+        items: list[Item] = [
+            Boxes([(a, b, None, None) for a, b in intervals], ORANGE, 0.12),
+            Boxes([(T_break, T_break, None, None) for T_break in breaks], GREY, least=1.0),
+            Band(T, value - 2 * sigma, value + 2 * sigma, NEW, 0.25, "2 sigma"),
+            Line(T, value, NEW, "exact separation"),
+        ]
         if row.subtracted is not None:
-            ax.plot(
-                T,
-                np.array(row.subtracted, dtype=float),
-                color=OLD,
-                linestyle="--",
-                label="subtraction",
-            )
+            subtracted = np.array(row.subtracted, dtype=float)
+            items.append(Line(T, subtracted, OLD, "subtraction", dash=DASHED))
         pieces = curve_from(plain(row.curve))(T)
         if row.less_mean:
             pieces = pieces - np.mean(pieces)
-        ax.plot(T, pieces, color=BLACK, linestyle=":", linewidth=1.3, label="piecewise")
-        for mark in row.curve.breakpoints:
-            ax.axvline(mark.temperature_degC, color=GREY, linestyle=":", linewidth=1.2)
-            ax.axvspan(*mark.interval_95_degC, color=ORANGE, alpha=0.12, linewidth=0)
-        axis_text(ax, title=f"gyro {axis}: {row.name}", x="temperature [degC]", y=row.label)
-        ax.legend(loc="best")
-    return svg_text(figure, f"Temperature and rate coefficient of gyro {axis} over temperature")
+        items.append(Line(T, pieces, BLACK, "piecewise", width=1.3, dash=DOTTED))
+        panels.append(
+            Panel(
+                items=items,
+                title=f"gyro {axis}: {row.name}",
+                x_label="temperature [degC]",
+                y_label=row.label,
+            )
+        )
+    return side_by_side(panels, "coefficient over temperature")
 
 
-@in_style
 def _check_drawing(found: HeldOut) -> Markup:
     """Gyro output of a held-out ramp before and after, each less its mean."""
-    figure, axes = new_figure(1, 3, height=2.8, sharey=True)
+    clouds: dict[str, list[Item]] = {}
     for k, axis in enumerate(AXES):
-        ax, rows = axes[0, k], found.rows[:, k]
+        rows = found.rows[:, k]
         if rows.any():
-            raw = found.run.bias_deg_h[rows, k]
-            left = found.left_deg_h[rows, k]
             t = found.run.time_s[rows] / 60.0
-            ax.plot(t, raw - raw.mean(), ".", color=GREY, markersize=2.5, label="uncompensated")
-            ax.plot(
-                t,
-                left - left.mean(),
-                ".",
-                color=AXIS_COLOURS.get(axis, BLACK),
-                markersize=2.5,
-                label="compensated",
-            )
-        axis_text(ax, title=f"gyro {axis}", x="time [min]", y="bias [deg/h]" if k == 0 else "")
-        if k == 0 and rows.any():
-            ax.legend(loc="best")
-    return svg_text(figure, f"Held-out ramp {found.run.run_id} before and after compensation")
+            raw, left = found.run.bias_deg_h[rows, k], found.left_deg_h[rows, k]
+            clouds[axis] = [
+                Marks(t, raw - raw.mean(), DOT, GREY, "uncompensated", size=2.2),
+                Marks(t, left - left.mean(), DOT, NEW, "compensated", size=2.2),
+            ]
+    return before_and_after(clouds, found.run.run_id)
+
+
+def before_and_after(clouds: Mapping[str, list[Item]], run_id: str) -> Markup:
+    """Each gyro's output over a held-out run [min], what is drawn by axis, on one scale."""
+    items = [item for drawn in clouds.values() for item in drawn]
+    shared = spanned([item.extent()[1] for item in items])
+    panels = [
+        Panel(
+            items=drawn,
+            title=f"gyro {axis}",
+            x_label="time [min]",
+            y_label="bias [deg/h]",
+            y_limits=shared,
+        )
+        for axis, drawn in clouds.items()
+    ]
+    return side_by_side(panels, f"held-out run {run_id} before and after compensation")

@@ -2,32 +2,28 @@
 curve needs.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from markupsafe import Markup
 
 from infield.misalignment.reasons import MisalignmentVerdict
-from infield.reports.documents.misalignment import CouplingDocument, MisalignmentDocument
-from infield.reports.figures import (
-    AXIS_COLOURS,
-    BLUE,
-    GREY,
-    VERMILLION,
-    LineStyle,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
+from infield.reports.charts import (
+    DOTTED,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Uprights,
+    chart,
+    side_by_side,
 )
+from infield.reports.documents.misalignment import CouplingDocument, MisalignmentDocument
+from infield.reports.figures import BLACK, BLUE, GREY, VERMILLION
 from infield.reports.page import number, render_page
 from infield.reports.words.significance import measured_words
 from ins.records import AXES
 from ins.units import ARCSEC, DEG
 from ins.verdicts import Observability, plain
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 BANNERS = {
     MisalignmentVerdict.MEASURED: "good",
@@ -78,54 +74,63 @@ def _seen(document: MisalignmentDocument) -> list[CouplingDocument]:
     return [c for c in document.couplings if c.verdict is not Observability.NOT_OBSERVABLE]
 
 
-@in_style
 def _harmonics(document: MisalignmentDocument) -> Markup:
     """Bias against heading, gyro by gyro: as measured, the fitted curve, and after compensation."""
-    figure, axes = new_figure(1, 3, height=3.0, sharex=True)
     H = np.linspace(0.0, 360.0, 181)
     rate = document.level_earth_rate_deg_h
+    heading = np.array([s.heading_deg for s in document.stops])
+    panels = []
     for k, axis in enumerate(AXES):
-        ax, gyro = axes[0, k], document.gyros[axis]
+        gyro = document.gyros[axis]
         a, b = gyro.cos_arcsec * ARCSEC, gyro.sin_arcsec * ARCSEC
         curve = gyro.bias_deg_h + rate * (a * np.cos(H * DEG) + b * np.sin(H * DEG))
-        ax.plot(H, curve, color=AXIS_COLOURS[axis], label="fit")
-        measured = [s.bias_deg_h[k] for s in document.stops]
-        compensated = [s.compensated_deg_h[k] for s in document.stops]
-        _points(
-            ax, document, k, measured, {"fmt": "o", "color": VERMILLION, "label": "as measured"}
+        items: list[Item] = [
+            Line(H[[0, -1]], np.full(2, gyro.bias_deg_h), GREY, width=0.8, dash=DOTTED),
+            Line(H, curve, BLACK, "fit"),
+        ]
+        sigma = np.array([s.sigma_apart_deg_h[k] for s in document.stops])
+        for name, mark, colour, values in (
+            ("as measured", "o", VERMILLION, [s.bias_deg_h[k] for s in document.stops]),
+            ("compensated", "s", BLUE, [s.compensated_deg_h[k] for s in document.stops]),
+        ):
+            y = np.array(values)
+            items.append(Uprights(heading, y - sigma, y + sigma, colour, width=0.9))
+            items.append(Marks(heading, y, mark, colour, name))
+        panels.append(
+            Panel(
+                items=items,
+                title=f"gyro {axis}",
+                x_label="heading [deg]",
+                y_label="bias [deg/h]",
+                x_ticks=[(float(at), str(at)) for at in range(0, 361, 90)],
+            )
         )
-        _points(ax, document, k, compensated, {"fmt": "s", "color": BLUE, "label": "compensated"})
-        ax.axhline(gyro.bias_deg_h, color=GREY, linewidth=0.8, linestyle=":")
-        axis_text(ax, title=f"gyro {axis}", x="heading, deg", y="bias, deg/h" if k == 0 else "")
-        ax.set_xticks([0, 90, 180, 270, 360])
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return svg_text(figure, "Bias of each gyro against heading, before and after compensation")
+    return side_by_side(panels, "bias against heading, before and after compensation")
 
 
-def _points(
-    ax: "Axes", document: MisalignmentDocument, k: int, value_deg_h: list[float], style: LineStyle
-) -> None:
-    """Values of gyro k over the headings of the stops, with their sigmas."""
-    heading = [s.heading_deg for s in document.stops]
-    sigma = [s.sigma_apart_deg_h[k] for s in document.stops]
-    ax.errorbar(heading, value_deg_h, yerr=sigma, markersize=4, linewidth=0.9, capsize=2, **style)
-
-
-@in_style
 def _couplings(document: MisalignmentDocument) -> Markup | str:
     """Each observed coupling with one and two sigma."""
-    seen = _seen(document)
+    seen = _seen(document)[::-1]
     if not seen:
         return ""
-    figure, axes = new_figure(1, 1, height=0.8 + 0.35 * len(seen), width=7.0)
-    ax = axes[0, 0]
-    for row, c in enumerate(reversed(seen)):
-        value, sigma = c.value_arcsec, c.sigma_arcsec
-        ax.plot([value - 2 * sigma, value + 2 * sigma], [row, row], color=BLUE, linewidth=1.2)
-        ax.plot([value - sigma, value + sigma], [row, row], color=BLUE, linewidth=4.0, alpha=0.5)
-        ax.plot([value], [row], "o", color=BLUE, markersize=5)
-    ax.axvline(0.0, color=GREY, linewidth=0.8)
-    ax.set_yticks(range(len(seen)), [c.entry for c in reversed(seen)])
-    ax.set_ylim(-0.6, len(seen) - 0.4)
-    axis_text(ax, x="arcsec (thick: 1 sigma, thin: 2 sigma)")
-    return svg_text(figure, "Couplings with their sigma")
+    rows = np.arange(len(seen), dtype=float)
+    value = np.array([c.value_arcsec for c in seen])
+    sigma = np.array([c.sigma_arcsec for c in seen])
+
+    def bars(times: float, half: float) -> list[tuple[float, float, float | None, float | None]]:
+        ends = zip((value - times * sigma).tolist(), (value + times * sigma).tolist(), rows)
+        return [(low, high, row - half, row + half) for low, high, row in ends]
+
+    ends = -0.6, len(seen) - 0.4
+    panel = Panel(
+        items=[
+            Line(np.zeros(2), np.array(ends), GREY, width=0.8),
+            Boxes(bars(2.0, 0.03), BLUE),
+            Boxes(bars(1.0, 0.1), BLUE, 0.5),
+            Marks(value, rows, "o", BLUE, size=5.0),
+        ],
+        x_label="arcsec (thick: 1 sigma, thin: 2 sigma)",
+        y_limits=ends,
+        y_ticks=[(float(row), c.entry) for row, c in zip(rows, seen)],
+    )
+    return chart([panel], "Couplings with their sigma", height=0.8 + 0.35 * len(seen))

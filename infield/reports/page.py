@@ -3,7 +3,7 @@ the program shares.
 
 A report's template begins with `{% extends "base.html.j2" %}` and fills the blocks title, kind,
 subtitle, content and footer; `parts.html.j2` has the figure, badge, facts and nothing macros.
-Drawings come from `report_figures.svg_text`.
+Drawings come from `infield.reports.charts`.
 """
 
 import math

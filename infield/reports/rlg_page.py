@@ -5,18 +5,21 @@ figure of its own.
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.documents.rlg import RlgDocument
-from infield.reports.figures import (
-    BLACK,
-    GREY,
-    NEW,
-    OLD,
-    ORANGE,
-    axis_text,
-    in_style,
-    new_figure,
-    svg_text,
+from infield.reports.charts import (
+    DASH_DOT,
+    DASHED,
+    DOT,
+    DOTTED,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    chart,
+    side_by_side,
 )
+from infield.reports.documents.rlg import RlgDocument
+from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
+from infield.reports.fog_page import before_and_after
 from infield.reports.page import render_page
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalVerdict
@@ -49,12 +52,10 @@ def render(document: RlgDocument) -> str:
     )
 
 
-@in_style
 def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup:
     """One gyro over one run: five-minute means less their mean with the fit, and what each kind of
     term gives to it.
     """
-    figure, axes = new_figure(1, 2, height=2.9)
     k, b = AXES.index(a.axis), run.blocks
     rows = np.flatnonzero(run.usable)
     X = columns(
@@ -73,78 +74,60 @@ def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup
     values = np.column_stack([b.bias_deg_h[rows, k], X @ a.theta, X @ a.temperature_only, *kinds])
     means, time_s, _ = five_minute_means(b.time_s[rows], values)
     t, means = time_s / 60.0, means - means.mean(axis=0)
-    left, right = axes[0]
-    left.plot(t, means[:, 0], ".", color=GREY, markersize=3.5, label="measured")
-    left.plot(t, means[:, 2], color=OLD, linestyle="--", linewidth=1.1, label="temperature alone")
-    left.plot(t, means[:, 1], color=NEW, label="model")
-    for column, (name, colour, line) in enumerate(
-        (("temperature", BLACK, "-"), ("rate", ORANGE, "--"), ("gradients", NEW, "-.")), start=3
-    ):
-        right.plot(t, means[:, column], color=colour, linestyle=line, label=name)
-    axis_text(
-        left, title=f"gyro {a.axis}, run {b.run_id}", x="time [min]", y="bias less its mean [deg/h]"
+    parts = (("temperature", BLACK, ""), ("rate", ORANGE, DASHED), ("gradients", NEW, DASH_DOT))
+    left = Panel(
+        items=[
+            Marks(t, means[:, 0], DOT, GREY, "measured", size=2.8),
+            Line(t, means[:, 2], OLD, "temperature alone", width=1.1, dash=DASHED),
+            Line(t, means[:, 1], NEW, "model"),
+        ],
+        title=f"gyro {a.axis}, run {b.run_id}",
+        x_label="time [min]",
+        y_label="bias less its mean [deg/h]",
     )
-    axis_text(right, title="what each kind of term gives", x="time [min]", y="deg/h")
-    # above the curves, not over them
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3)
-    figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    return svg_text(
-        figure, f"Bias of gyro {a.axis} over run {b.run_id}: measured, model and parts of the model"
+    right = Panel(
+        items=[
+            Line(t, means[:, column], colour, name, dash=dash)
+            for column, (name, colour, dash) in enumerate(parts, start=3)
+        ],
+        title="what each kind of term gives",
+        x_label="time [min]",
+        y_label="deg/h",
     )
+    return side_by_side([left, right], f"gyro {a.axis} over run {b.run_id}")
 
 
-@in_style
 def order_drawing(a: AxisModel) -> Markup:
     """Held-out chi2 a row over the number of terms; the chosen order marked."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    figure, axes = new_figure(1, 1, height=2.3)
-    ax = axes[0, 0]
-    sizes, chi2 = [len(c.used) for c in a.orders], [c.chi2 for c in a.orders]
-    ax.plot(sizes, chi2, "o-", color=GREY, markersize=4)
-    ax.plot(
-        len(a.used),
-        a.choice.chi2,
-        "o",
-        color=NEW,
-        markersize=8,
-        label="chosen: " + " ".join(a.used),
+    sizes = np.array([len(c.used) for c in a.orders], dtype=float)
+    chi2 = np.array([c.chi2 for c in a.orders])
+    chosen = np.array([float(len(a.used))]), np.array([a.choice.chi2])
+    panel = Panel(
+        items=[
+            Line(sizes, chi2, GREY),
+            Marks(sizes, chi2, "o", GREY),
+            Marks(*chosen, "o", NEW, "chosen: " + " ".join(a.used), size=8.0),
+        ],
+        title=f"gyro {a.axis}: order",
+        x_label="terms",
+        y_label="held-out chi2 a row",
+        x_ticks=[(size, f"{size:g}") for size in sizes.tolist()],
+        y_log=True,
+        legend="above",
     )
-    ax.set_xticks(sizes)
-    ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
-    axis_text(ax, title=f"gyro {a.axis}: order", x="terms", y="held-out chi2 a row")
-    ax.legend(loc="best")
-    return svg_text(figure, f"Held-out misfit of gyro {a.axis} over the number of terms")
+    label = f"Held-out misfit of gyro {a.axis} over the number of terms"
+    return chart([panel], label, height=2.6)
 
 
-@in_style
 def _check_drawing(found: RlgHeldOut) -> Markup:
     """Five-minute means of a held-out run before and after, each less its mean."""
-    figure, axes = new_figure(1, 3, height=2.8, sharey=True)
-    for k, axis in enumerate(AXES):
-        ax = axes[0, k]
-        if axis in found.means:
-            time_s, values = found.means[axis]
-            for column, (name, colour, mark) in enumerate(
-                (
-                    ("uncompensated", GREY, "."),
-                    ("temperature alone", OLD, "--"),
-                    ("model", NEW, "-"),
-                    ("real time", BLACK, ":"),
-                )
-            ):
-                ax.plot(
-                    time_s / 60.0,
-                    values[:, column],
-                    mark,
-                    color=colour,
-                    markersize=3,
-                    linewidth=1.2,
-                    label=name,
-                )
-        axis_text(ax, title=f"gyro {axis}", x="time [min]", y="bias [deg/h]" if k == 0 else "")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return svg_text(figure, f"Held-out run {found.run.blocks.run_id} before and after compensation")
+    drawn: dict[str, list[Item]] = {}
+    for axis, (time_s, values) in found.means.items():
+        t = time_s / 60.0
+        drawn[axis] = [
+            Marks(t, values[:, 0], DOT, GREY, "uncompensated", size=2.6),
+            Line(t, values[:, 1], OLD, "temperature alone", width=1.2, dash=DASHED),
+            Line(t, values[:, 2], NEW, "model", width=1.2),
+            Line(t, values[:, 3], BLACK, "real time", width=1.2, dash=DOTTED),
+        ]
+    return before_and_after(drawn, found.run.blocks.run_id)

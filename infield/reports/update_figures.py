@@ -24,7 +24,6 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.update_records import PointDocument, UpdateDocument
 from infield.reports.figures import (
     AXIS_COLOURS,
-    AXIS_LINES,
     BLACK,
     GREEN,
     GREY,
@@ -56,7 +55,7 @@ PHASE_COLOURS = {
     "landing": YELLOW,
 }
 MINUTE = 60.0
-DASHES = {"-": "", "--": DASHED, "-.": DASH_DOT}  # of AXIS_LINES
+AXIS_DASHES = {"x": "", "y": DASHED, "z": DASH_DOT}
 LEAST_RATIO = 1e-4  # where a logarithmic axis of ratios begins at the latest
 TIME_AXIS, TEMPERATURE_AXIS = "time [min]", "gyro temperature [°C]"
 HEADING_UNIT = "heading [deg]"
@@ -331,7 +330,7 @@ def _temperature_panel(temperature: TemperatureDocument) -> Panel:
     items: list[Item] = []
     for k, axis in enumerate(AXES):
         t, value = thinned(temperature.time_s, [row[k] for row in temperature.gyro_degC])
-        colour, dash = AXIS_COLOURS[axis], DASHES[AXIS_LINES[axis]]
+        colour, dash = AXIS_COLOURS[axis], AXIS_DASHES[axis]
         name = f"gyro {axis}"
         items.append(Line(t / MINUTE, value, colour, name=name, width=1.3, dash=dash))
     return Panel(items=items, share=1.3, y_label="temp. [°C]", legend="beside")

@@ -28,7 +28,6 @@ from ins.verdicts import plain
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
 from tests.infield.mems_sessions import TWIN, blank, session, squared_error, unit, updated
 from tests.infield.sessions import with_header
-from tests.undrawn import figures_left_out
 
 LEVEL = EARTH_RATE_RAD_S / DEG_PER_HOUR * np.cos(45 * DEG)
 COLD_degC, WARM_degC = 21.5, 41.0
@@ -326,8 +325,7 @@ def test_the_report_lists_each_stretch():
     }
     # a quarter turn between 3 and 2 min
     assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
-    with figures_left_out():
-        page = update_html(update_of(found))
+    page = update_html(update_of(found))
     assert "2 stretches of rest" in page and "deg, by the gyros" in page
 
 

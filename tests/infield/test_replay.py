@@ -24,7 +24,6 @@ from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel,
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from ins.verdicts import plain
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
-from tests.undrawn import figures_left_out
 from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
@@ -333,8 +332,7 @@ def test_a_steady_roll_is_no_stop_whoever_looks(outside):
     flown = replay(steady_roll(outside), choices(flat()), QUIET, aided=False)
     active = flown.tables[0]
     table = plain(replay_document(flown, QUIET, store=None, version="1"))["tables"][0]
-    with figures_left_out():
-        page = render(replay_document(flown, QUIET, store=None, version="1"))
+    page = render(replay_document(flown, QUIET, store=None, version="1"))
     assert {s.seen_by for s in active.stops} == {"gnss" if outside == "positions" else outside}
     assert [round(s.end_s - s.start_s, -1) for s in active.stops] == [60.0]
     assert (
@@ -348,8 +346,7 @@ def test_a_fast_stop_that_the_imu_alone_sees_is_said_to_be_one():
     flown = replace(flown, tables=(replace(flown.tables[0], stops=(fast,)),))
     document = replay_document(flown, QUIET, store=None, version="1")
     assert plain(document)["tables"][0]["realign_at"] == ["imu"]
-    with figures_left_out():
-        page = render(document)
+    page = render(document)
     assert "at a stop that the IMU alone sees" in page and "may be a steady roll" in page
 
 

@@ -14,7 +14,6 @@ from infield.reports.replay_page import render
 from infield.reports.words.sentences import sentences
 from ins.units import DEG_PER_HOUR
 from tests.infield.aided_cases import flown, ideal, twin_of
-from tests.undrawn import figures_left_out
 
 RAW = [TableChoice(role="active", table=None, origin="none")]
 
@@ -36,8 +35,7 @@ def test_the_gyro_bias_of_a_mems_unit_does_not_end_a_replay(bias_deg_h):
         and found.aided.history is not None
         and found.aided.verdict == "aided"
     )
-    with figures_left_out():
-        page = render(replay_document(found, twin, store=None, version="1"))
+    page = render(replay_document(found, twin, store=None, version="1"))
     assert "No heading from rest (level only)" in page and "Aligned heading" not in page
 
 

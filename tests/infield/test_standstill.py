@@ -12,7 +12,6 @@ from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
-from tests.undrawn import figures_left_out
 
 
 def test_agreeing_odometer_and_gnss_say_nothing():
@@ -48,8 +47,7 @@ def test_a_dead_encoder_refuses_the_update_with_a_full_report():
     )
     assert result.outcome == "refused" and "dead encoder" in sentence(result.reasons[0])
     document = update_document(result, Kept(), version="test", table_before=data)
-    with figures_left_out():
-        assert "dead encoder" in update_html(document)
+    assert "dead encoder" in update_html(document)
 
 
 def test_a_stuck_thermometer_teaches_its_axis_nothing():

@@ -34,7 +34,7 @@ def drawn_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def folder(drawn_folder, undrawn):
+def folder(drawn_folder):
     """Where pages get no drawings."""
     return drawn_folder
 

@@ -18,7 +18,7 @@ DEFAULTS = "every sigma rests on the defaults of rlg; recal twin fit run -o twin
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch, undrawn):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "run", simulated().run)
     twin = replace(default_twin("rlg"), imu_serial="SN-0042")

@@ -22,7 +22,7 @@ FLIGHT = (*TAXI, TakeOff(lift_off_speed_m_s=70.0), Climb(height_m=200.0), Cruise
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch, undrawn):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = simulated(1, FLIGHT)
     write_run(tmp_path / "run", made.run, reference=made.reference)

@@ -58,7 +58,7 @@ def put_forward(serials=("SN-1",), *, shift_deg_h=0.001, run_id="run-1"):
             )
 
 
-def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder, undrawn):
+def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
     write_run(folder / "run", simulated().run)
     with TableStore.open(URL, create=True) as store:
         first = store.import_table(factory_dict())

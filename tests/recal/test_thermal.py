@@ -155,7 +155,7 @@ def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, f
     np.testing.assert_array_equal(spoiled.dtheta_rad[before], compensated.dtheta_rad[before])
 
 
-def test_a_surveyed_heading_gives_the_level_too(runs, undrawn):
+def test_a_surveyed_heading_gives_the_level_too(runs):
     folder, made = runs
     result, document = run_fog(folder, "--fast", made["surveyed"])
     unit = scenario_unit(read_scenario(folder / "surveyed.toml"))
@@ -182,7 +182,7 @@ def test_refusals_exit_4_and_say_what_is_needed(runs):
     assert "Refused" in (folder / "out" / "thermal_fog.html").read_text()
 
 
-def test_several_runs_may_follow_one_option(runs, undrawn):
+def test_several_runs_may_follow_one_option(runs):
     folder, made = runs
     result, document = run_fog(
         folder, "--fast", made["fast"], made["surveyed"], "--slow", made["slow"]

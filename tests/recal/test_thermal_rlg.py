@@ -139,7 +139,7 @@ def test_files_beside_the_json(runs, fitted):
     assert json.loads((out / "thermal_rlg.json").read_text())["schema"] == "recal.thermal_rlg/1"
 
 
-def test_the_default_output_is_recal_thermal(runs, undrawn, monkeypatch):
+def test_the_default_output_is_recal_thermal(runs, monkeypatch):
     folder, made = runs
     monkeypatch.chdir(folder)
     assert CliRunner().invoke(app, ["thermal", "rlg", str(made["a"]), "-q"]).exit_code == 0
@@ -149,7 +149,7 @@ def test_the_default_output_is_recal_thermal(runs, undrawn, monkeypatch):
     }
 
 
-def test_without_a_gradient_column_it_fits_and_says_so(runs, undrawn):
+def test_without_a_gradient_column_it_fits_and_says_so(runs):
     folder, made = runs
     run = read_run(made["a"])
     write_run(

@@ -33,7 +33,6 @@ from tests.infield.gradient_cases import TWIN, Unit, three_runs
 from tests.infield.ramp_cases import TWIN as FOG_TWIN
 from tests.infield.ramp_cases import Truth, ramp
 from tests.recal.verbs import simulate
-from tests.undrawn import figures_left_out
 from trajectories.runs.directory import read_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
 
@@ -75,8 +74,7 @@ duration_s = 60
 
 @pytest.fixture(scope="module", autouse=True)
 def without_drawings():
-    with figures_left_out():
-        yield
+    yield
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ STARTS = ("ambient", "cold", "hot")
 
 
 @pytest.fixture
-def stepped(tmp_path, undrawn):
+def stepped(tmp_path):
     """Three runs of a unit whose table is 0.05 deg/h off on x, and the store with that table."""
     url = f"sqlite:///{tmp_path}/recal.db"
     table = table_to_dict(

@@ -27,7 +27,6 @@ from infield.reports.figures import (
     PANEL_WIDTH,
     VERMILLION,
     robust_limits,
-    svg_text,
     thinned,
 )
 from infield.reports.page import _environment as page_environment
@@ -74,7 +73,6 @@ __all__ = [
     "robust_limits",
     "sentence",
     "stored_update_html",
-    "svg_text",
     "thinned",
     "update_html",
     "update_of",

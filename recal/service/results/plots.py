@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from infield.reports.charts import DASHED, Band, Item, Line, Marks, Panel, Uprights
-from infield.reports.figures import BLACK, FIGURE_WIDTH, NEW, OLD, axis_text, in_style
+from infield.reports.figures import BLACK, FIGURE_WIDTH, LETTER, NEW, OLD
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 from recal.service.results.update_words import Points
@@ -23,7 +23,32 @@ ROW_INCHES, KEY_INCHES = 2.8, 0.4
 CURVE_POINTS = 121
 
 
-@in_style
+STYLE: dict[str, float | str | bool | list[str]] = {
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": LETTER,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": LETTER,
+    "legend.fontsize": LETTER,
+    "legend.frameon": False,
+    "xtick.labelsize": LETTER,
+    "ytick.labelsize": LETTER,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E3E8ED",
+    "grid.linewidth": 0.7,
+    "axes.edgecolor": "#8C959F",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.5,
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+}
+
+
 def figure_of(panels: Sequence[Panel]) -> "Figure":
     """Panels of lines, bands, marks and uprights as one Figure, COLUMNS in a row, with one legend
     of all names. Made without pyplot.
@@ -33,25 +58,28 @@ def figure_of(panels: Sequence[Panel]) -> "Figure":
     TypeError
         For another item of a panel.
     """
+    from matplotlib import rc_context, rcParamsDefault
     from matplotlib.figure import Figure
 
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     size = (FIGURE_WIDTH * columns / COLUMNS, ROW_INCHES * rows + KEY_INCHES)
-    figure = Figure(figsize=size, layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
     named: dict[str, Artist] = {}
-    for ax in grid.flat[len(panels) :]:
-        ax.set_visible(False)
-    for panel, ax in zip(panels, grid.flat):
-        for item in panel.items:
-            _put(item, ax)
-        axis_text(ax, title=panel.title, x=panel.x_label, y=panel.y_label)
-        ax.set_xscale("log" if panel.x_log else "linear")
-        ax.set_yscale("log" if panel.y_log else "linear")
-        handles, labels = ax.get_legend_handles_labels()
-        named |= dict(zip(labels, handles))
-    figure.legend(list(named.values()), list(named), loc="outside upper center", ncols=4)
+    style: dict[Any, Any] = {**rcParamsDefault, **STYLE}
+    with rc_context(style):  # whatever the user's matplotlibrc says
+        figure = Figure(figsize=size, layout="constrained")
+        grid = figure.subplots(rows, columns, squeeze=False)
+        for ax in grid.flat[len(panels) :]:
+            ax.set_visible(False)
+        for panel, ax in zip(panels, grid.flat):
+            for item in panel.items:
+                _put(item, ax)
+            ax.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+            ax.set_xscale("log" if panel.x_log else "linear")
+            ax.set_yscale("log" if panel.y_log else "linear")
+            handles, labels = ax.get_legend_handles_labels()
+            named |= dict(zip(labels, handles))
+        figure.legend(list(named.values()), list(named), loc="outside upper center", ncols=4)
     return figure
 
 

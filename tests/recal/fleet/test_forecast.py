@@ -89,7 +89,7 @@ def test_a_session_puts_the_dates_off(unit):
     assert then.year_95 > before.year_95 and then.median[0] < before.median[0]
 
 
-def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch, undrawn):
+def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch):
     """Tables without a session: the older one first; MEMS units are named; an empty store is
     refused.
     """

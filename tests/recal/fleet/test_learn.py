@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 from infield.store.table_store import TableStore
 from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
-from tests.undrawn import figures_left_out
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
@@ -32,14 +31,13 @@ def made(tmp_path_factory):
         store.import_table(factory_dict())
     for k in range(3):
         words = ["update", str(folder / f"run-{k}"), "--commit", "--store", url, "-q"]
-        with figures_left_out():
-            done = CliRunner().invoke(app, [*words, "-o", str(folder / "out")])
+        done = CliRunner().invoke(app, [*words, "-o", str(folder / "out")])
         assert done.exit_code == 0, done.output
     return folder
 
 
 @pytest.fixture
-def folder(made, tmp_path, monkeypatch, undrawn):
+def folder(made, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("recal.db").write_bytes((made / "recal.db").read_bytes())
     return made
