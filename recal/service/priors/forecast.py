@@ -35,7 +35,7 @@ from ins.json_file import read_json_object
 from ins.records import InputError
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import PriorValue, TechnologyPriors, left_out_documents
-from recal.service.priors.forecast_page import forecast_html, outlook_words
+from recal.service.priors.forecast_page import NOT_LEARNT, forecast_html, outlook_words
 from recal.service.priors.forecast_records import (
     BestSession,
     ForecastDocument,
@@ -330,7 +330,7 @@ def _priors(choice: str, store: TableStore, technology: str) -> tuple[str, Techn
         return choice, technology_of(read_json_object(Path(choice)), choice, technology)
     record = store.priors_in_use(technology)
     if record is None:
-        return f"{defaults} (no priors are approved: recal fleet learn)", None
+        return f"{defaults} ({NOT_LEARNT})", None
     name = f"priors {record.number} of {technology}"
     return name, technology_of(json.loads(record.priors_json), name, technology)
 

@@ -13,6 +13,7 @@ from infield.reports.page import render_page
 from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
 from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
 
+NOT_LEARNT = "no priors are approved: recal fleet learn"  # of what a forecast rests on
 UNITS_DRAWN = 6  # units with their trend in the drawing
 DRAWN_AT = 0.985  # of the height of a drawing: where it shows what is above its frame
 ABOVE_MEDIAN = 1.15  # of the greatest median of a drawing: a little room above the line
@@ -55,6 +56,7 @@ def forecast_html(document: ForecastDocument) -> str:
         shown=ROWS_SHOWN,
         date_words=date_words,
         outlook_words=outlook_words,
+        to_learn=any(NOT_LEARNT in unit.rests_on and unit.sessions for unit in document.units),
     )
 
 

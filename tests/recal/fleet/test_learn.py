@@ -1,6 +1,7 @@
 """`recal fleet learn`, `priors`, `approve`, and `recal update --priors` on a small store."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -66,7 +67,9 @@ def test_learnt_approved_used_and_taken_back(folder):
     before = json.loads(recal("update", str(folder / "run-3"), "--json", "-o", "u").stdout)
     assert "priors" not in before and "rlg priors 1  open" in recal("fleet", "priors").stdout
     signed = ("--by", "K. Reviewer", "--reason", "fits")
+    assert _next_of_a_forecast().startswith("recal fleet learn")
     assert recal("fleet", "approve", "1", *signed).exit_code == 0
+    assert _next_of_a_forecast().startswith("recal update RUN")
     listed = recal("fleet", "priors").stdout
     assert "rlg priors 1  in use" in listed and "approved by K. Reviewer" in listed
     used = recal("update", str(folder / "run-3"), "--json", "-o", "u")
@@ -81,6 +84,11 @@ def test_learnt_approved_used_and_taken_back(folder):
     of_file = json.loads(recal(*words, "out/priors.json").stdout)
     assert of_file["priors"]["source"] == "out/priors.json"
     assert of_file["observability"] == after["observability"]
+
+
+def _next_of_a_forecast():
+    assert recal("fleet", "forecast", "-o", "f").exit_code == 0
+    return re.search(r'<pre class="command">(.*?)</pre>', Path("f/forecast.html").read_text())[1]
 
 
 def test_what_cannot_be_learnt_from_is_named(folder):
