@@ -33,6 +33,9 @@ AROUND_S, AROUND_ROWS, SHARE_OF_CHANGE = 10.0, 4, 0.5
 # a jump that comes back within this leaves the rest of the log as it was; chosen: 15 min, short
 # beside a session of an hour
 TRANSIENT_S = 900.0
+# Readings that differ by less are one: a second's mean of 20 readings of 21.1111 degC (70 degF)
+# differs from the next one by 4e-15, and a thermometer that was stuck all along looked alive
+READING_DECIMALS = 9
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
 HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
 # no two thermometers of one unit differ by more for long; above -25 degC, Fahrenheit for Celsius
@@ -126,9 +129,12 @@ class _Judge:
     """The columns as the faults are taken out of them one after the other."""
 
     def __init__(self, time_s: NDArray, columns: Mapping[str, NDArray]) -> None:
-        self.t, self.columns = time_s, columns
+        self.t = time_s
+        self.columns = {name: np.round(v, READING_DECIMALS) for name, v in columns.items()}
         self.valid = {name: np.isfinite(v) for name, v in columns.items()}
-        self.step = {name: reading_step_degC(v[self.valid[name]]) for name, v in columns.items()}
+        self.step = {
+            name: reading_step_degC(v[self.valid[name]]) for name, v in self.columns.items()
+        }
         self.faults: list[ThermometerFault] = []
 
     def add(self, name: str, kind: FaultKind, rows: NDArray, text: str) -> None:

@@ -6,8 +6,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from alignment.gyrocompass import rejected_share
 from infield.reports.words.sentences import sentence, sentences
-from infield.session.acceptance import judge_estimate
+from infield.session.acceptance import MAX_REJECTED_SHARE, judge_estimate
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import observability
 from infield.table.file import table_sha256
@@ -140,6 +141,18 @@ def test_all_thermometers_stuck_is_refused():
     assert "thermometers are stuck" in refused(replace(simulated(1).run, temperature=stuck))
 
 
+def test_a_stuck_thermometer_whose_means_round_differently_is_stuck():
+    """70 degF is 21.111... degC: means of a second differ by 4e-15, and the bias of a warm-up over
+    10 degC was taught to the table at 21.1 degC, up to 3 sigma wrong.
+    """
+    T = simulated(1).run.temperature
+    means = np.full_like(T.gyro_degC, (70.0 - 32.0) / 1.8)
+    means[::3] += 4e-15
+    assert np.ptp(means) > 0.0
+    stuck = TemperatureLog(time_s=T.time_s, gyro_degC=means)
+    assert "thermometers are stuck" in refused(replace(simulated(1).run, temperature=stuck))
+
+
 def test_one_stuck_thermometer_leaves_its_axis_alone():
     run, table = simulated(1).run, factory()
     gyro = run.temperature.gyro_degC.copy()
@@ -252,6 +265,26 @@ def test_residuals_beyond_the_noise_model_are_inconsistent():
     assert not verdict.accepted
     # too good is sound
     assert judge_estimate(replace(e, nis_mean=0.5), observability(e, hold_heading=True)).accepted
+
+
+def test_a_stop_that_the_gate_leaves_out_is_inconsistent():
+    """Sound at first: then most of the stops' measurements are beyond the gate, a small share of
+    all; a latitude entered 1 deg wrong taught the table 0.18 deg/h by what remained.
+    """
+    e = estimate(1)
+    assert judge_estimate(e, observability(e, hold_heading=True)).accepted
+    tally = e.navigated.filter.tally
+    stops = tally.normalised["stop"]
+    few = max(1, len(stops) // 10)
+    rejected = [(4000.0 + k, "stop") for k in range(len(stops) - few)]
+    thrown = replace(tally, rejected=rejected, normalised={**tally.normalised, "stop": stops[:few]})
+    fitted = replace(e.solution.fitted, filter=_with_tally(e.solution.filter, thrown))
+    told = replace(e.solution, fitted=fitted)
+    assert rejected_share(told) < MAX_REJECTED_SHARE
+    without = replace(e, solution=told)
+    verdict = judge_estimate(without, observability(e, hold_heading=True))
+    assert verdict.outcome == "inconsistent"
+    assert sentence(verdict.reasons[0]).startswith("stop: ")
 
 
 def test_a_gate_that_leaves_out_a_quarter_is_inconsistent():
