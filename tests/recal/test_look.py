@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import recal
 from ins.records import AXES
 from recal.cli.app import app
 from recal.service.look.records import Fit, Use
+from trajectories.runs.directory import write_run
 
 SITE_LATITUDE_DEG = 45.0  # of the packaged scenarios
 # of the latitude by gyros: 5 deg/h of bias is 20 deg of it, the simulated unit's 0.01 far less
@@ -63,6 +65,18 @@ def test_a_parked_run_is_fit_for_all_but_aided_replay(looked):
     }
     assert {use.use for use in looked.uses} == set(Use)
     assert all(use.command for use in looked.uses if use.fit is not Fit.NO)
+
+
+def test_a_rest_too_short_for_an_update_is_fit_for_no_table(simulated):
+    """Two minutes were called fit, and `recal update` refused them: it needs 300 s."""
+    run = recal.read_run(simulated / "run")
+    for seconds, fit in ((120.0, "no"), (420.0, "yes")):
+        short = replace(run, imu=run.imu.between(-np.inf, seconds), phases=())
+        write_run(simulated / f"short-{seconds:.0f}", short)
+        looked = recal.look(simulated / f"short-{seconds:.0f}")
+        table = next(use for use in looked.uses if use.use is Use.TABLE)
+        assert table.fit == fit, table.why
+        assert ("from 5 min or more" in table.why) == (fit == "no")
 
 
 def test_the_noise_is_the_simulated_one(looked):

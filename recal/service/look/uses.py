@@ -10,8 +10,9 @@ import numpy as np
 from alignment.reasons import AlignmentVerdict
 from infield.aided.flight import FEWEST_FIXES
 from infield.reports.documents.alignment import AlignmentDocument
+from infield.session.acceptance import MIN_MERGED_REST_S
 from infield.session.parked.stretches import find_rests
-from ins.records import Run
+from ins.records import PARKED_PHASES, Run
 from recal.service.look.records import AssumedDocument, Fit, Use, UseDocument
 from simreal.report.twin_records import TwinFitRecord
 
@@ -31,6 +32,7 @@ class UseReason(StrEnum):
     NEVER_PARKED = "never_parked"
     TEMPERATURES = "temperatures"
     NARROW = "narrow"
+    SHORT_REST = "short_rest"
     NO_TEMPERATURE = "no_temperature"
     FIXES = "fixes"
     NO_FIXES = "no_fixes"
@@ -58,6 +60,10 @@ USE_WORDS: Mapping[UseReason, str] = {
     UseReason.NARROW: (
         "The unit rests with its gyros at {low_degC:.1f} to {high_degC:.1f} degC only. The table"
         " can be renewed in this narrow range."
+    ),
+    UseReason.SHORT_REST: (
+        "The unit stands still for {rest_min:.1f} min, and a table is renewed from"
+        " {needed_min:.0f} min or more. Half an hour while the gyros warm up is a good session."
     ),
     UseReason.NO_TEMPERATURE: (
         "The log holds no gyro temperature, and a bias without its temperature has no place in a"
@@ -173,6 +179,10 @@ def _table(judged: Judged) -> UseDocument:
         return _use(Use.TABLE, Fit.NO, UseReason.NEVER_PARKED)
     if not mems and judged.aligned.verdict is not AlignmentVerdict.ALIGNED:
         return _use(Use.TABLE, Fit.NO, UseReason.NOT_ALIGNED, why=_first_reason(judged.aligned))
+    still_s = _still_s(judged.aligned)
+    if not mems and still_s < MIN_MERGED_REST_S:
+        still, needed = still_s / 60.0, MIN_MERGED_REST_S / 60.0
+        return _use(Use.TABLE, Fit.NO, UseReason.SHORT_REST, rest_min=still, needed_min=needed)
     low, high = np.nanmin(run.temperature.gyro_degC), np.nanmax(run.temperature.gyro_degC)
     narrow = bool(high - low < NARROW_DEGC)
     return _use(
@@ -183,6 +193,12 @@ def _table(judged: Judged) -> UseDocument:
         low_degC=float(low),
         high_degC=float(high),
     )
+
+
+def _still_s(aligned: AlignmentDocument) -> float:
+    """Seconds of the parked phases that the alignment used, as an update counts them."""
+    parked_s = sum(p.end_s - p.start_s for p in aligned.phases if p.phase in PARKED_PHASES)
+    return parked_s * aligned.used_percent / 100.0
 
 
 def _replay(judged: Judged) -> UseDocument:
