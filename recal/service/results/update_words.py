@@ -8,6 +8,7 @@ from infield.reports.documents.parked import effect_words, stretch_words
 from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import (
     EffectsCompared,
+    ObservedDocument,
     UpdateDocument,
     ZeroRateEffect,
     update_of,
@@ -16,6 +17,7 @@ from infield.reports.table_known import table_known
 from infield.session.hysteresis import ACTED_ON
 from infield.session.reasons import ThermalAction
 from ins.json_file import JsonObject
+from ins.verdicts import Observability
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -158,8 +160,17 @@ def _axis_lines(document: UpdateDocument, *, verbose: bool) -> list[str]:
                 f" {deg_h_text(table.U_after_k2_deg_h)} deg/h over {table.low_degC:.0f} to"
                 f" {table.high_degC:.0f} degC"
             )
-        lines.append(line + (f"; {seen.advice}" if seen.advice and verbose else ""))
+        unsaid = verbose or _not_by_its_sigma(seen)
+        lines.append(line + (f"; {seen.advice}" if seen.advice and unsaid else ""))
     return lines
+
+
+def _not_by_its_sigma(seen: ObservedDocument) -> bool:
+    """Whether a gyro taught nothing although its sigma fell by more than half: its thermometer
+    failed, and the numbers of its line do not say so.
+    """
+    fell = seen.sigma_after_deg_h < 0.5 * seen.sigma_before_deg_h  # "observed", docs/glossary.md
+    return fell and seen.verdict is Observability.NOT_OBSERVABLE
 
 
 def deg_h_text(value: float) -> str:

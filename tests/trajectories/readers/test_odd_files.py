@@ -195,12 +195,13 @@ WRONG = [
     (WARM * 100, {}, "hundredths\\? scale = 0.01"),
     (WARM * 1000, {}, "thousandths\\? scale = 0.001"),
     (WARM, {"unit": "K"}, "degC taken for kelvin"),
+    (WARM * 1.8 + 52.0, {"unit": "K"}, 'degF taken for kelvin\\? unit = "degF"'),
     (0 * WARM + 3e9, {}, "counts\\? unit and scale"),
 ]
 
 
 @pytest.mark.parametrize(
-    ("values", "keys", "line"), WRONG, ids=["K", "centi", "milli", "not K", "counts"]
+    ("values", "keys", "line"), WRONG, ids=["K", "centi", "milli", "not K", "degF not K", "counts"]
 )
 @pytest.mark.parametrize("apart", [False, True], ids=["rows", "file"])
 def test_temperatures_in_another_unit_are_refused(tmp_path, values, keys, line, apart):
@@ -229,8 +230,16 @@ def test_single_wild_temperatures_are_left_out_and_stuck_ones_said(tmp_path):
         "log.csv: all 6000 temperatures are 0 degC: a thermometer that is stuck, or missing?"
         in made.record.notes
     )
-    with pytest.raises(InputError, match="temperature columns T hold no complete row"):
+    with pytest.raises(InputError, match=r"temperature column T has no value, needed one$"):
         convert(tmp_path, noisy() | {"T": WARM * np.nan}, keys)
+    three = {"temperature": {"columns": ["T", "U", "V"]}}
+    empty = {"T": WARM, "U": WARM, "V": WARM * np.nan}
+    with pytest.raises(InputError, match=r"column V has no value, needed one beside T U$"):
+        convert(tmp_path, noisy() | empty, three)
+    turns = {"T": WARM, "U": np.where(np.arange(N) % 2, WARM, np.nan)}
+    turns["V"] = np.where(np.arange(N) % 2, np.nan, WARM)
+    with pytest.raises(InputError, match=r"columns T U V hold no complete row, needed one$"):
+        convert(tmp_path, noisy() | turns, three)
 
 
 SENSOR = {"unit": "deg/h"}

@@ -4,7 +4,7 @@ Values are scaled to SI by their named unit, turned into body axes, cleaned of d
 listed), and shifted so that run time starts at 0: the first row then ends the first interval.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -160,21 +160,22 @@ def _with_own(
     time_s = clean.clock_s - log.time_shift_s
     rows = rows[(time_s[rows] >= 0) & (time_s[rows] <= log.imu.end_s)]
     rows = rows[np.argsort(time_s[rows], kind="stable")]
-    body, notes = plausible_degC(body_temperatures(columns, part, keys.axes)[rows], label)
+    degC = body_temperatures(columns, part, keys.axes)[rows]
+    body, notes = plausible_degC(degC, label, unit=part.unit)
     found = second_means(time_s[rows], body)
     if found is None:
-        raise InputError(f"map: temperature columns {' '.join(part.columns)} hold no complete row")
+        raise InputError(f"{label}: {_no_temperature(part.columns, columns)}")
     return replace(log, temperature=found, notes=(*log.notes, *notes))
 
 
 def plausible_degC(
-    gyro_degC: NDArray, label: str, *, asked_for: bool = True
+    gyro_degC: NDArray, label: str, *, asked_for: bool = True, unit: str = "degC"
 ) -> tuple[NDArray, list[str]]:
     """Readings (n,) or (n, 3) with NaN where no sensor shows such a value, and notes on those, and
     on one that never changes.
 
-    InputError where half of them or more are such and a map asked for them: a wrong unit, which is
-    named where one would fit.
+    unit: the one that the map declares. InputError where half of them or more are such and a map
+    asked for them: a wrong unit, which is named where one would fit.
     """
     with np.errstate(invalid="ignore"):
         sane = (gyro_degC >= PLAUSIBLE_DEGC[0]) & (gyro_degC <= PLAUSIBLE_DEGC[1])
@@ -191,7 +192,7 @@ def plausible_degC(
         )
         needed = f"needed {PLAUSIBLE_DEGC[0]:g} to {PLAUSIBLE_DEGC[1]:g}"
         if asked_for and 2 * wild_rows >= all_rows:
-            raise InputError(f"{told}, {needed}: {_other_unit(float(np.median(wild)))}")
+            raise InputError(f"{told}, {needed}: {_other_unit(float(np.median(wild)), unit)}")
         notes.append(Note(f"{told}, {needed}: left out", About.TEMPERATURE))
     good = gyro_degC[sane]
     if good.size > 100 and np.ptp(good) == 0.0:
@@ -202,15 +203,31 @@ def plausible_degC(
     return np.where(sane, gyro_degC, np.nan), notes
 
 
-def _other_unit(degC: float) -> str:
-    """The unit in which a value that was taken for degC would be a usual temperature."""
-    usual = (
+def _no_temperature(names: Sequence[str], columns: Mapping[str, NDArray]) -> str:
+    """What keeps the columns of temperatures from a row in which all of them have a value."""
+    empty = [name for name in names if not np.isfinite(columns[name]).any()]
+    if not empty:
+        return f"temperature columns {' '.join(names)} hold no complete row, needed one"
+    told = f"temperature column {' '.join(empty)} has no value"
+    if len(empty) == len(names):
+        return f"{told}, needed one"
+    return f"{told}, needed one beside {' '.join(n for n in names if n not in empty)}"
+
+
+def _other_unit(degC: float, unit: str) -> str:
+    """The unit in which a value that was taken for degC, as the map's unit has it, would be a usual
+    temperature.
+    """
+    raw = (degC - CELSIUS[unit][1]) / CELSIUS[unit][0]
+    usual = [
         (degC - 273.15, 'kelvin? unit = "K"'),
         (degC + 273.15, "degC taken for kelvin?"),
         (0.1 * degC, "tenths? scale = 0.1"),
         (0.01 * degC, "hundredths? scale = 0.01"),
         (1e-3 * degC, "thousandths? scale = 0.001"),
-    )
+    ]
+    if unit == "K":  # 91 degF taken for kelvin are -182 degC: no tenth of a kelvin is such
+        usual[2:] = [((raw - 32.0) / 1.8, 'degF taken for kelvin? unit = "degF"')]
     return next(
         (told for value, told in usual if USUAL_DEGC[0] <= value <= USUAL_DEGC[1]),
         "counts? unit and scale in the map",

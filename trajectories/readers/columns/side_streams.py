@@ -285,7 +285,8 @@ def _with_temperature(
     time_s = _run_time(log, _clock(columns, part, keys))
     rows = np.flatnonzero((time_s >= 0) & (time_s <= log.imu.end_s))
     rows = rows[np.argsort(time_s[rows], kind="stable")]
-    degC, notes = plausible_degC(body_temperatures(columns, part, keys.axes)[rows], label)
+    body = body_temperatures(columns, part, keys.axes)[rows]
+    degC, notes = plausible_degC(body, label, unit=part.unit)
     found = second_means(time_s[rows], degC)
     if found is None:
         raise InputError(
