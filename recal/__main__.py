@@ -18,7 +18,8 @@ gc.set_threshold(GARBAGE_AFTER)
 def main() -> None:
     code = _run()
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None where the shell closed it (>&-)
+            sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -320,6 +321,15 @@ def test_standard_output_on_a_full_disk_is_said():
         3,
         "recal: standard output: No space left on device\n",
     )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes a stream")
+def test_a_closed_standard_output_is_no_crash(tmp_path):
+    """`recal ... >&-`: Python has no standard output then; it ended in a traceback, exit code 1."""
+    recal = f"{shlex.quote(sys.executable)} -m recal table list --store sqlite:///{tmp_path}/no.db"
+    done = subprocess.run(f"{recal} >&-", shell=True, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    assert done.returncode == 3
+    assert done.stderr == f"recal: no store at sqlite:///{tmp_path}/no.db\n"
 
 
 def test_files_are_written_together_or_not_at_all(tmp_path):
