@@ -1,21 +1,31 @@
-"""Makes docs/tutorial.ipynb of docs/tutorial.md: the session of the tutorial, a step a cell.
+"""Makes docs/tutorial.ipynb of docs/tutorial.md: the session of the tutorial, a step a cell, with
+what each prints and draws.
 
 Example: python docs/notebook.py
 """
 
+import io
 import json
+import os
 import re
+import tempfile
+from contextlib import redirect_stdout
 from pathlib import Path
+from typing import Any
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent.absolute()
 STEPS = {  # first words of a cell's code, and what the cell is for
     "import recal": "Load the program.",
     "simulated =": "Simulate the hour of one aged unit. A log of your own: `recal.read_run`.",
     "aligned =": "Find attitude and heading, each with one standard deviation.",
     "result =": "Recalibrate the table. Nothing is stored yet.",
-    "result.to_html": "Write the report, and draw both tables.",
+    "result.to_html": "Write the report, and draw both tables with the points of the run.",
     "with recal.open_store": "Commit the new table under a name.",
 }
+
+
+OF_THE_PAGE = " You can also run it as a [notebook](tutorial.ipynb)."
+SHOWN = "result.plot()"  # a line that a notebook shows the value of
 
 
 def cells_of(code: str) -> list[list[str]]:
@@ -32,8 +42,10 @@ def notebook(page: str) -> dict[str, object]:
     """The tutorial's title and each step as a cell with a sentence before it."""
     match = re.search(r"^```python\n(.*?)^```$", page, re.M | re.S)
     assert match is not None
-    cells: list[dict[str, object]] = [_text(page.split("```")[0].strip())]
-    for lines in cells_of(match[1]):
+    head = page.split("```")[0].strip().replace(OF_THE_PAGE, "")
+    cells: list[dict[str, object]] = [_text(head)]
+    names: dict[str, Any] = {}
+    for lines in cells_of(match[1].replace('.savefig("update.svg")', "")):
         cells.append(
             _text(next(text for words, text in STEPS.items() if lines[0].startswith(words)))
         )
@@ -43,7 +55,7 @@ def notebook(page: str) -> dict[str, object]:
                 "execution_count": None,
                 "id": f"cell-{len(cells)}",
                 "metadata": {},
-                "outputs": [],
+                "outputs": _outputs(lines, names),
                 "source": _lines("\n".join(lines)),
             }
         )
@@ -52,6 +64,22 @@ def notebook(page: str) -> dict[str, object]:
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
     return {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+
+
+def _outputs(lines: list[str], names: dict[str, Any]) -> list[dict[str, object]]:
+    """What a cell prints, and what its last line shows."""
+    printed, last = io.StringIO(), lines[-1]
+    with redirect_stdout(printed):
+        exec("\n".join(lines[:-1] if last.startswith(SHOWN) else lines), names)
+        shown = eval(last, names) if last.startswith(SHOWN) else None
+    found: list[dict[str, object]] = []
+    if printed.getvalue():
+        text = _lines(printed.getvalue())
+        found.append({"output_type": "stream", "name": "stdout", "text": text})
+    if shown is not None:
+        data = {"image/svg+xml": _lines(shown._repr_svg_()), "text/plain": [repr(shown)]}
+        found.append({"output_type": "display_data", "data": data, "metadata": {}})
+    return found
 
 
 def _text(markdown: str) -> dict[str, object]:
@@ -63,5 +91,8 @@ def _lines(text: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    made = notebook((HERE / "tutorial.md").read_text("utf-8"))
+    page = (HERE / "tutorial.md").read_text("utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        made = notebook(page)
     (HERE / "tutorial.ipynb").write_text(json.dumps(made, indent=1) + "\n", "utf-8")

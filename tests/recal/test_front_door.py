@@ -95,8 +95,21 @@ def test_the_notebook_is_the_session_of_the_tutorial():
     """Every code cell, one after the other, is the block that the test above runs."""
     cells = json.loads((ROOT / "docs/tutorial.ipynb").read_text("utf-8"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    lines = block("docs/tutorial.md").splitlines()
+    lines = block("docs/tutorial.md").replace('.savefig("update.svg")', "").splitlines()
     assert "\n".join(code).splitlines() == [line for line in lines if line]
+    outputs = [output for cell in cells for output in cell.get("outputs", ())]
+    printed = "".join("".join(o["text"]) for o in outputs if o["output_type"] == "stream")
+    said = (ROOT / "docs/tutorial.md").read_text("utf-8").split("It prints:\n\n```\n")[1]
+    assert [*map(float, NUMBER.findall(printed))] == pytest.approx(
+        [*map(float, NUMBER.findall(said.split("```")[0]))], abs=LAST_DIGITS
+    )
+    (drawn,) = [o["data"] for o in outputs if o["output_type"] == "display_data"]
+    assert "Gyro z" in "".join(drawn["image/svg+xml"])
+
+
+def test_a_figure_shows_itself_in_a_notebook(result):
+    svg = result.plot()._repr_svg_()
+    assert "<svg" in svg and svg.count("Gyro") == 3 and svg == result.plot()._repr_svg_()
 
 
 def test_the_readme_begins_as_the_tutorial_does():

@@ -2,13 +2,14 @@
 the pages, side by side.
 """
 
+import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from infield.reports.charts import DASHED, Band, Item, Line, Marks, Panel, Uprights
-from infield.reports.figures import BLACK, FIGURE_WIDTH, LETTER, NEW, OLD
+from infield.reports.figures import BLACK, LETTER, NEW, OLD
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 from recal.service.results.update_words import Points
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = 3
-ROW_INCHES, KEY_INCHES = 2.8, 0.4
+COLUMN_INCHES, ROW_INCHES, KEY_INCHES = 2.9, 2.8, 0.4  # three columns fit a notebook
 CURVE_POINTS = 121
 
 
@@ -51,7 +52,7 @@ STYLE: dict[str, float | str | bool | list[str]] = {
 
 def figure_of(panels: Sequence[Panel]) -> "Figure":
     """Panels of lines, bands, marks and uprights as one Figure, COLUMNS in a row, with one legend
-    of all names. Made without pyplot.
+    of all names. Made without pyplot; a notebook shows it.
 
     Raises
     ------
@@ -61,13 +62,22 @@ def figure_of(panels: Sequence[Panel]) -> "Figure":
     from matplotlib import rc_context, rcParamsDefault
     from matplotlib.figure import Figure
 
+    class Shown(Figure):
+        """A Figure that a notebook shows without pyplot."""
+
+        def _repr_svg_(self) -> str:
+            text = io.StringIO()
+            with rc_context({"svg.fonttype": "none", "svg.hashsalt": "recal"}):
+                self.savefig(text, format="svg", metadata={"Date": None})
+            return text.getvalue()
+
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    size = (FIGURE_WIDTH * columns / COLUMNS, ROW_INCHES * rows + KEY_INCHES)
+    size = (COLUMN_INCHES * columns, ROW_INCHES * rows + KEY_INCHES)
     named: dict[str, Artist] = {}
     style: dict[Any, Any] = {**rcParamsDefault, **STYLE}
     with rc_context(style):  # whatever the user's matplotlibrc says
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Shown(figsize=size, layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False)
         for ax in grid.flat[len(panels) :]:
             ax.set_visible(False)
