@@ -56,7 +56,7 @@ def notebook(page: str) -> dict[str, object]:
                 "id": f"cell-{len(cells)}",
                 "metadata": {},
                 "outputs": _outputs(lines, names),
-                "source": _lines("\n".join(lines)),
+                "source": _lines("\n".join(lines).strip()),
             }
         )
     for k, cell in enumerate(cells):
