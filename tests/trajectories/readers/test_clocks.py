@@ -106,6 +106,20 @@ def test_a_clock_that_is_set_back_is_refused(tmp_path, back_s):
     assert made is None or made.run.imu.rows == 3000
 
 
+def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
+    """150 of 18,000 rows have times that were written before: few, and a hole in the motion that
+    no time shows. Half a second of them is read.
+    """
+    columns = {name: np.concatenate([values] * 3) for name, values in noisy().items()}
+    steps = np.arange(3 * N) * 0.01
+    rng = np.random.default_rng(3)
+    columns["wz"] += 0.1 * rng.standard_normal(steps.size)  # no row is like another
+    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001: .* 15[01] rows have"):
+        convert(tmp_path, columns | {"t": steps - 1.5 * (steps >= 90.0)})
+    made = convert(tmp_path, columns | {"t": steps - 0.5 * (steps >= 90.0)})
+    assert any("dropped: time repeats or goes back" in note for note in made.record.notes)
+
+
 def test_one_garbled_time_costs_one_row(tmp_path):
     """Ahead by less than a second: the rows behind it are not late, and it does not stay between
     two others.

@@ -112,6 +112,7 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
             f"{label}: {dropped} of {inside.size} rows are damaged (first row"
             f" {inside[faults[worst][0]] + 1}: {worst}): {hint}"
         )
+    _refuse_lost_time(parts[0], faults[BACKWARD], inside, label)
     notes += [
         f"{label}: {row_ranges(inside[rows])} dropped: {why}"
         for why, rows in faults.items()
@@ -258,6 +259,23 @@ def _fitting(time_s: NDArray, kept: NDArray, late: NDArray) -> NDArray:
     return order[
         (room[at] > 0.5 * nominal_s) & (room[at + 1] > 0.5 * nominal_s) & np.isfinite(room[at])
     ]
+
+
+def _refuse_lost_time(time_s: NDArray, late: NDArray, inside: NDArray, label: str) -> None:
+    """InputError where rows one after the other, for longer than a gap may be, carry times that
+    were written already and are no copies: the clock was set back, and what happened meanwhile is
+    a hole in the motion that no time shows.
+    """
+    late = np.sort(late)
+    for block in np.split(late, np.flatnonzero(np.diff(late) > 1) + 1):
+        if block.size and time_s[block[-1]] - time_s[block[0]] > MAX_GAP_S:
+            before_s, first_s = np.nanmax(time_s[: block[0]]), time_s[block[0]]
+            raise InputError(
+                f"{label}: clock goes back by {before_s - first_s:.3f} s at row"
+                f" {inside[block[0]] + 1}: set back, or logs joined? {block.size} rows have times"
+                f" that were written before, needed at most {MAX_GAP_S:g} s of such; --to-s or"
+                " --from-s takes one side"
+            )
 
 
 def _refuse_gaps(steps: NDArray, log_s: NDArray, rows: NDArray, label: str) -> None:
