@@ -73,6 +73,14 @@ def test_a_report_is_written_over_by_its_own_command_only(name, folder):
         assert f"out/{other}: exists" in str(run(name).exception)
 
 
+def test_results_do_not_go_between_the_files_of_a_run(folder):
+    (folder / "run-1").mkdir()
+    (folder / "run-1/run.json").write_text("{}")
+    with pytest.raises(InputError, match=r"run-1: holds a run, .* name another folder"):
+        need_free_report(folder / "run-1", "alignment.json", "recal.alignment/1")
+    need_free_report(folder / "run-1", "alignment.json", "recal.alignment/1", force=True)
+
+
 def test_a_diagnosis_does_not_write_over_the_twin_that_it_reads(folder):
     (folder / "twin.json").write_text("{}")
     (folder / "diagnosis.json").write_text('{"schema": "recal.diagnosis/1"}')

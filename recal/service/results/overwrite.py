@@ -36,7 +36,8 @@ Own = Callable[[Peeked], bool]
 def need_free_report(
     folder: Path, name: str, schema: str, others: Sequence[str] = (), *, force: bool = False
 ) -> None:
-    """A folder may take a command's files: its `name` is of `schema`, or none of them is there.
+    """A folder may take a command's files: its `name` is of `schema`, or none of them is there, and
+    it holds no run, of whose files results would be foreign ones.
 
     Parameters
     ----------
@@ -59,6 +60,11 @@ def need_free_report(
     if force:
         return
     document = folder / name
+    if (folder / "run.json").exists():
+        raise InputError(
+            f"{folder}: holds a run, and results would lie between its files; name another folder"
+            " (-o), or give --force"
+        )
     if document.exists():
         if peeked(document).schema != schema:
             raise _refusal(document, f"no {schema} of an earlier call")
