@@ -59,10 +59,10 @@ def _register_door(app: FastAPI, site: Site) -> None:
 
     @app.get("/login")
     def sign_in_once(request: Request, ticket: str = "") -> Response:
-        if site.session(request) is not None:  # the link was clicked again in the same browser
-            return RedirectResponse("/", 303)
         peer = request.client.host if request.client else ""
         session_id = site.door.sign_in_once(ticket, peer)
+        if session_id is None and site.session(request) is not None:
+            return RedirectResponse("/", 303)  # clicked again by a browser that is signed in
         if session_id is None:
             raise Refused(403, USED_LINK)
         answer = RedirectResponse("/", 303)

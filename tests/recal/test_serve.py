@@ -15,6 +15,7 @@ pytest.importorskip("fastapi")
 
 from infield.store.table_store import TableStore
 from recal.web import pages
+from recal.web.settings import token_of
 from tests.infield import stores
 from tests.recal.serving import NAMED_TOKEN, Visitor, put_unit, serving
 
@@ -334,6 +335,20 @@ def test_rejection_and_rollback_carry_the_name_of_the_token(fresh):
             store.active().note == "rolled back by R. Eviewer: wrong run"
             and store.active().restored_number == 1
         )
+
+
+def test_a_fresh_login_link_says_who_decides_from_now_on(tmp_path):
+    """In a browser where another person is signed in; a second click changes nothing."""
+    url, ticket = f"sqlite:///{tmp_path}/recal.db", "0123456789abcdef-ticket"
+    put_unit(url)
+    with (
+        serving(url, ticket=token_of(ticket, "B. Second", source="test")) as base,
+        Visitor(base, follow_redirects=True) as visitor,
+    ):
+        assert "B. Second" not in visitor.sign_in().text
+        for _ in range(2):
+            page = visitor.get(f"/login?ticket={ticket}")
+            assert page.status_code == 200 and "B. Second" in page.text
 
 
 @pytest.mark.parametrize(
