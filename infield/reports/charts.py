@@ -6,7 +6,7 @@ points of the drawing, 72 to the inch; it fetches nothing, and equal charts give
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -559,12 +559,14 @@ def side_by_side(panels: Sequence[Panel], label: str, *, height: float = PANEL_H
         for name, item in named.items()
     )
     drawings = (chart([p], f"{p.title}: {label}", width=PANEL_WIDTH, height=height) for p in panels)
-    figures = (
-        Markup('<figure><div class="drawing">{}</div></figure>').format(drawing)
-        for drawing in drawings
-    )
-    return Markup('<ul class="key">{}</ul><div class="panels">{}</div>').format(
-        key, Markup("").join(figures)
+    return Markup('<ul class="key">{}</ul>{}').format(key, in_panels(drawings))
+
+
+def in_panels(drawings: Iterable[Markup]) -> Markup:
+    """Drawings of panels as elements of a page: side by side, one below the other on a phone."""
+    figure = Markup('<figure><div class="drawing">{}</div></figure>')
+    return Markup('<div class="panels">{}</div>').format(
+        Markup("").join(figure.format(drawing) for drawing in drawings)
     )
 
 

@@ -14,6 +14,7 @@ PANEL_WIDTH, PANEL_HEIGHT = 4.3, 3.0
 SVG_DPI = 72  # of a drawing as SVG: a unit is a point
 MAX_POINTS = 2000  # of a curve
 PANEL_POINTS = 1000  # of a curve in a panel: 4 for each pixel across, so that a reader can zoom
+CURVE_POINTS = 121  # of a table's curve beside its nodes
 MAX_DOTS = 700  # of a cloud: 2 or 3 for each pixel across a panel; each is an element of the page
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -38,6 +39,11 @@ def thinned(
     n = len(arrays[0])
     rows = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) if n else np.arange(0)
     return tuple(a[rows] for a in arrays)
+
+
+def drawn_temperatures(nodes_degC: NDArray) -> NDArray:
+    """Where the curve of a table with these nodes (n,) is drawn: at them and evenly between."""
+    return np.union1d(nodes_degC, np.linspace(nodes_degC[0], nodes_degC[-1], CURVE_POINTS))
 
 
 def robust_limits(

@@ -191,15 +191,20 @@ def _classes(curves: Sequence[ZoomCurve], top_m: float) -> list[ZoomCurve]:
 
 def _parked_velocity(parked: list[TableReplay]) -> Iterator[ZoomFigure]:
     """North and east velocity while parked: all of it is error."""
+    errors = [(t, t.parked.time_s, t.parked.velocity_m_s) for t in parked if t.parked is not None]
+    return _velocities(errors, "velocity while parked", SINCE)
+
+
+def _velocities(
+    tracks: Sequence[tuple[TableReplay, NDArray, NDArray]], title: str, x_name: str, **more: Any
+) -> Iterator[ZoomFigure]:
+    """North and east of velocities (n, 2 or 3) [m/s] at times (n,) [s], a curve for each table."""
     for k, name in enumerate(("North", "East")):
         curves = []
-        for t in parked:
-            assert t.parked is not None
-            minutes, velocity = thinned(
-                t.parked.time_s / 60, t.parked.velocity_m_s[:, k], most=PANEL_POINTS
-            )
+        for t, time_s, velocity_m_s in tracks:
+            minutes, velocity = thinned(time_s / 60, velocity_m_s[:, k], most=PANEL_POINTS)
             curves.append(_curve(t, minutes, velocity))
-        yield _panel(f"{name} velocity while parked", "velocity [m/s]", SINCE, curves)
+        yield _panel(f"{name} {title}", "velocity [m/s]", x_name, curves, **more)
 
 
 def _wander(parked: list[TableReplay]) -> Markup:
@@ -254,15 +259,8 @@ def _closer(document: ReplayDocument, flown: list[TableReplay]) -> Iterator[Zoom
     """Velocity of each table's flight over the log, the parked span shaded."""
     span = document.parked_span
     shaded = () if span is None else ((span.start_s / 60, span.end_s / 60),)
-    for k, name in enumerate(("North", "East")):
-        curves = []
-        for t in flown:
-            assert t.history is not None
-            minutes, velocity = thinned(
-                t.history.time_s / 60, t.history.v_n_m_s[:, k], most=PANEL_POINTS
-            )
-            curves.append(_curve(t, minutes, velocity))
-        yield _panel(f"{name} velocity", "velocity [m/s]", TIME, curves, spans=shaded)
+    tracks = [(t, t.history.time_s, t.history.v_n_m_s) for t in flown if t.history is not None]
+    return _velocities(tracks, "velocity", TIME, spans=shaded)
 
 
 def _against(drifts: Sequence[tuple[TableReplay, Any]], name: str) -> Iterator[ZoomFigure]:

@@ -35,6 +35,7 @@ from infield.reports.figures import (
     PURPLE,
     SKY,
     YELLOW,
+    drawn_temperatures,
     robust_limits,
     thinned,
 )
@@ -87,7 +88,7 @@ def bias_figure(
         if table is None:
             continue
         nodes = table.temperature_degC[AXES.index(axis)]
-        T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
+        T = drawn_temperatures(nodes)
         line = table_curve(
             name, T, table.bias_deg_h(axis, T), table.sigma_deg_h(axis, T), colour=colour
         )

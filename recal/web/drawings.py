@@ -31,6 +31,7 @@ from recal.service.results.pages import (
     Panel,
     Uprights,
     chart,
+    drawn_temperatures,
     robust_limits,
 )
 from recal.service.results.pages import Line as Curve
@@ -115,7 +116,7 @@ def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvide
     for line in lines:
         colour, dash = LINES[line.name]
         nodes = line.table.temperature_degC[AXES.index(axis)]
-        T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
+        T = drawn_temperatures(nodes)
         bias, sigma = line.table.bias_deg_h(axis, T), line.table.sigma_deg_h(axis, T)
         if line.name != "factory":  # a band for it, too, would hide the others
             low, high = bias - 2 * sigma, bias + 2 * sigma

@@ -122,12 +122,10 @@ def drag(browser, start, end, *, number=0, below=0.0):
     y = top + height / 2
     mouse(browser, "mousePressed", left + start * width, y)
     for share in (0.5 * (start + end), end):
-        browser.call("Input.dispatchMouseEvent", type="mouseMoved", buttons=1, button="left",
-                     x=left + share * width, y=y)  # fmt: skip
+        mouse(browser, "mouseMoved", left + share * width, y, clicks=0)
     last = top + height + below if below else y
     if below:
-        browser.call("Input.dispatchMouseEvent", type="mouseMoved", buttons=1, button="left",
-                     x=left + end * width, y=last)  # fmt: skip
+        mouse(browser, "mouseMoved", left + end * width, last, clicks=0)
     mouse(browser, "mouseReleased", left + end * width, last)
     settle(browser)
     return width

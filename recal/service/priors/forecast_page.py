@@ -7,7 +7,7 @@ from datetime import date
 import numpy as np
 from markupsafe import Markup, escape
 
-from infield.reports.charts import DASHED, Band, Line, Panel, chart
+from infield.reports.charts import DASHED, Band, Line, Panel, chart, in_panels
 from infield.reports.figures import BLUE, GREY, PALE, PANEL_WIDTH
 from infield.reports.page import render_page
 from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
@@ -64,11 +64,7 @@ def trend_drawing(document: ForecastDocument) -> Markup | None:
     """The drift of the most urgent units and the limit, side by side; None without a unit."""
     if not document.units:
         return None
-    figure = Markup('<figure><div class="drawing">{}</div></figure>')
-    drawn = (_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN])
-    return Markup('<div class="panels">{}</div>').format(
-        Markup("").join(figure.format(drawing) for drawing in drawn)
-    )
+    return in_panels(_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN])
 
 
 def closer_drawing(document: ForecastDocument) -> Markup:

@@ -26,6 +26,7 @@ from infield.reports.figures import (
     PALE,
     PANEL_WIDTH,
     VERMILLION,
+    drawn_temperatures,
     robust_limits,
     thinned,
 )
@@ -67,6 +68,7 @@ __all__ = [
     "chart",
     "decimals_for",
     "diagnosis_lines",
+    "drawn_temperatures",
     "estimated_of",
     "level_change",
     "page_environment",

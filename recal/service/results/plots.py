@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from infield.reports.charts import DASHED, Band, Item, Line, Marks, Panel, Uprights
-from infield.reports.figures import BLACK, LETTER, NEW, OLD
+from infield.reports.charts import (
+    DASHED,
+    EDGE_COLOUR,
+    GRID_COLOUR,
+    TITLE_PT,
+    Band,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Uprights,
+)
+from infield.reports.figures import BLACK, LETTER, NEW, OLD, drawn_temperatures
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 from recal.service.results.update_words import Points
@@ -21,14 +32,12 @@ if TYPE_CHECKING:
 
 COLUMNS = 3
 COLUMN_INCHES, ROW_INCHES, KEY_INCHES = 2.9, 2.8, 0.4  # three columns fit a notebook
-CURVE_POINTS = 121
-
 
 STYLE: dict[str, float | str | bool | list[str]] = {
     "font.family": ["sans-serif"],
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": LETTER,
-    "axes.titlesize": 10.0,
+    "axes.titlesize": TITLE_PT,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.labelsize": LETTER,
@@ -38,9 +47,9 @@ STYLE: dict[str, float | str | bool | list[str]] = {
     "ytick.labelsize": LETTER,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": "#E3E8ED",
+    "grid.color": GRID_COLOUR,
     "grid.linewidth": 0.7,
-    "axes.edgecolor": "#8C959F",
+    "axes.edgecolor": EDGE_COLOUR,
     "axes.linewidth": 0.8,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -120,8 +129,7 @@ def update_panels(before: ThermalTable, after: ThermalTable, points: Points) -> 
         items: list[Item] = []
         tables = zip((before, after), (OLD, NEW), (DASHED, ""), ("before", "after"))
         for table, colour, dash, name in tables:
-            nodes = table.temperature_degC[AXES.index(axis)]
-            T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], CURVE_POINTS))
+            T = drawn_temperatures(table.temperature_degC[AXES.index(axis)])
             bias, band = table.bias_deg_h(axis, T), 2.0 * table.sigma_deg_h(axis, T)
             items.append(Band(T, bias - band, bias + band, colour, 0.16))
             items.append(Line(T, bias, colour, name, dash=dash))

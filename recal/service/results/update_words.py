@@ -17,7 +17,7 @@ from infield.reports.table_known import table_known
 from infield.session.hysteresis import ACTED_ON
 from infield.session.reasons import ThermalAction
 from ins.json_file import JsonObject
-from ins.verdicts import Observability
+from ins.verdicts import OBSERVED_BELOW, Observability
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -169,7 +169,7 @@ def _not_by_its_sigma(seen: ObservedDocument) -> bool:
     """Whether a gyro taught nothing although its sigma fell by more than half: its thermometer
     failed, and the numbers of its line do not say so.
     """
-    fell = seen.sigma_after_deg_h < 0.5 * seen.sigma_before_deg_h  # "observed", docs/glossary.md
+    fell = seen.sigma_after_deg_h < OBSERVED_BELOW * seen.sigma_before_deg_h
     return fell and seen.verdict is Observability.NOT_OBSERVABLE
 
 

@@ -151,8 +151,8 @@ def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) ->
         if np.median(steps) == 0:
             return "stamps too coarse? rate_hz in the map instead of [time]"
         k = int(np.argmin(steps))
-        told = f"clock goes back by {-steps[k]:.3f} s at row {stamped[k + 1] + 1}"
-        return f"{told}: set back, or logs joined? --to-s or --from-s takes one side"
+        told = _goes_back(-steps[k], stamped[k + 1] + 1)
+        return f"{told} --to-s or --from-s takes one side"
     if worst == NOT_FINITE_ROW:
         gyro, accel = (int(np.isfinite(v).all(axis=1).sum()) for v in (w, f))
         if max(gyro, accel) > 1.5 * min(gyro, accel):
@@ -161,6 +161,10 @@ def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) ->
                 " that have both"
             )
     return "wrong columns or units?"
+
+
+def _goes_back(by_s: float, row: int) -> str:
+    return f"clock goes back by {by_s:.3f} s at row {row}: set back, or logs joined?"
 
 
 def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str, NDArray], NDArray]:
@@ -271,10 +275,9 @@ def _refuse_lost_time(time_s: NDArray, late: NDArray, inside: NDArray, label: st
         if block.size and time_s[block[-1]] - time_s[block[0]] > MAX_GAP_S:
             before_s, first_s = np.nanmax(time_s[: block[0]]), time_s[block[0]]
             raise InputError(
-                f"{label}: clock goes back by {before_s - first_s:.3f} s at row"
-                f" {inside[block[0]] + 1}: set back, or logs joined? {block.size} rows have times"
-                f" that were written before, needed at most {MAX_GAP_S:g} s of such; --to-s or"
-                " --from-s takes one side"
+                f"{label}: {_goes_back(before_s - first_s, inside[block[0]] + 1)} {block.size} rows"
+                f" have times that were written before, needed at most {MAX_GAP_S:g} s of such;"
+                " --to-s or --from-s takes one side"
             )
 
 
