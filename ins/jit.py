@@ -26,10 +26,6 @@ try:
     import numba
 except ImportError:  # the plain-Python path
     numba = None  # type: ignore[assignment]
-try:
-    from ins.compiler.pipeline import KernelCompiler
-except (ImportError, AttributeError):  # another numba: its own compiler, with more work
-    KernelCompiler = None  # type: ignore[assignment, misc]
 
 # no_cfunc_wrapper: nobody hands a kernel on as a C function; without it 7 % less to compile.
 # error_model: a division by zero gives inf or NaN as in numpy, and the filters refuse what is not
@@ -64,10 +60,8 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     if config is None or config.DISABLE_JIT:
         return function
     options = {**JIT_OPTIONS, **options}
-    if KernelCompiler is not None:
-        options = {"pipeline_class": KernelCompiler, **options}
-        if options.get("no_cpython_wrapper"):
-            return numba.njit(**options)(function)  # there is nothing of it to keep
+    if options.get("no_cpython_wrapper"):
+        return numba.njit(**options)(function)  # there is nothing of it to keep
     source = Path(function.__code__.co_filename)
     # None: in a zip, or a .pyc alone
     folder = cache_folder(source.parent) if source.is_file() else None

@@ -1,1 +1,0 @@
-"""How numba compiles the kernels, behind `ins.jit`: the same code with less work."""
