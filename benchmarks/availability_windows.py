@@ -21,7 +21,7 @@ from infield.table.file import table_from_dict
 from ins.records import Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.runs.cut import cut_run
+from tests.cut import cut_run
 from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park

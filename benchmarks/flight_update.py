@@ -40,7 +40,7 @@ from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.records import AXES, GnssLog, GyroNoise, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.runs.cut import cut_run
+from tests.cut import cut_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,

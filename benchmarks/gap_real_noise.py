@@ -50,8 +50,8 @@ from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.locate import cells_of, measure_cells
 from simreal.inference.noise_hypotheses import Squares
 from simreal.twin.write_back import fitted_items, twin_with_causes
+from tests.cut import cut_run
 from trajectories.readers.conversion import convert_log
-from trajectories.runs.cut import cut_run
 
 LOGS = ("ln100", "calgary", "apm", "copter-imu1", "copter-imu2", "copter-imu3")
 PLACEBO = "copter-imu3"

@@ -18,13 +18,13 @@ from ins.records import OdometerLog, Phase, Run, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG
 from recal.service.inputs.unit_inputs import table_of_unknown_unit
+from tests.cut import cut_run
+from tests.faults import clipped_accelerometer, shock, stuck_at_full_scale
 from tests.infield import aided_cases, azimuth_cases, mems_flights, mems_sessions
 from tests.scenarios.study import DEFAULT_TWIN, table_to_zero
 from trajectories.readers.conversion import convert_log
-from trajectories.runs.cut import cut_run
 from trajectories.runs.imu_stream import imu_log
 from trajectories.simulator.chamber import ChamberProfile
-from trajectories.simulator.faults import clipped_accelerometer, shock, stuck_at_full_scale
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,

@@ -23,6 +23,8 @@ import numpy as np
 
 from alignment.motion import kinds
 from alignment.navigation_filter import StepPlan, filter_steps, views_of
+from benchmarks.navigation_batch import navigate_batch
+from benchmarks.navigation_batch_errors import SensorErrors
 from ins import earth
 from ins.attitude import (
     dcm_from_euler,
@@ -35,9 +37,7 @@ from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.records import ImuLog, NavState, Site
-from ins.strapdown.batch import navigate_batch
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.strapdown.sensor_errors import SensorErrors
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 
 HOUR_S, DT_S, STEP_S = 3600.0, 0.005, 0.1

@@ -18,8 +18,8 @@ from ins.json_file import read_toml
 from ins.records import Run
 from ins.robust import runs_of_true
 from ins.units import DEG_PER_HOUR
+from tests.cut import cut_run
 from trajectories.readers.conversion import convert_log
-from trajectories.runs.cut import cut_run
 from trajectories.runs.directory import write_run
 
 ROOT = Path(__file__).parents[1]

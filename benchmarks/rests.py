@@ -22,7 +22,7 @@ from infield.session.pipeline import update_calibration
 from ins.records import Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.runs.cut import cut_run
+from tests.cut import cut_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park
 from trajectories.simulator.sensors import ideal_sensors

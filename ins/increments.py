@@ -64,22 +64,6 @@ def increments_from_rates(
     )
 
 
-def mean_rates(imu: ImuLog) -> tuple[NDArray, NDArray]:
-    """Mean angular rate and specific force of each interval.
-
-    Parameters
-    ----------
-    imu : ImuLog
-        n rows.
-
-    Returns
-    -------
-    omega_ib_b, f_ib_b : ndarray, shape (n, 3)
-        In rad/s and m/s^2, body axes.
-    """
-    return imu.dtheta_rad / imu.dt_s[:, None], imu.dv_m_s / imu.dt_s[:, None]
-
-
 def coning(imu: ImuLog) -> NDArray:
     """Rotation vector of each interval less the sum of its angle increments.
 

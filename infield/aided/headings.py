@@ -77,7 +77,6 @@ FIRST_STEP = (3, 2)
 # m and m/s: sides of the cube that a wild position or velocity is in; chosen: 200 m are two blocks
 # of a street, 20 m/s a car's speed
 WILD = (200.0, 20.0)
-STEP_PAIRS = {(i, j) for i in range(len(SENSOR_STEPS)) for j in range(len(RECEIVER_STEPS))}
 LARGEST_WALK = 32.0  # `WIDE` of `infield.aided.antenna`
 HEADING = AIDED_THETA.start + 2  # theta about down
 NOISE_ROUNDS = 3  # of noise and headings in turn; the third has changed neither on any log here

@@ -1,3 +1,1 @@
-"""Strapdown mechanization: one trajectory (`mechanization`, `loop`) and many at once (`batch`), by
-the same formulas (`kernel`).
-"""
+"""Strapdown mechanization (`mechanization`, `loop`) by the formulas of `kernel`."""

@@ -1,5 +1,5 @@
-"""The formulas of a strapdown step in the Earth frame, for strapdown_loop and batch_kernel. Import
-lazily: loads numba.
+"""The formulas of a strapdown step in the Earth frame, for `loop`. Import lazily: loads
+numba.
 
 Without numba, or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are
 tuples, matrices tuples of nine in row order; SI and radians, silent. No sine and no cosine of

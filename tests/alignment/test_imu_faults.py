@@ -10,12 +10,12 @@ import pytest
 from alignment.motion import imu_faults
 from alignment.motion.seconds import seconds_of
 from tests.alignment.parked import ideal_of, simulate
+from tests.faults import clipped_accelerometer, stuck_at_full_scale
 from tests.infield.sessions import PARKED as HALF_HOUR
 from tests.infield.sessions import estimate_of, simulated
 from tests.scenarios.gate_study import swaying
 from trajectories.runs.imu_stream import imu_log
 from trajectories.simulator.environments.kinds import Environment
-from trajectories.simulator.faults import clipped_accelerometer, stuck_at_full_scale
 from trajectories.simulator.segments import Park, Stop, Straight
 from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push
 

@@ -23,9 +23,9 @@ from ins.filters.aided_records import fixes_of
 from ins.noise import flicker_walk
 from ins.records import TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR
+from tests.cut import cut_run
 from tests.infield.aided_cases import LEVER_M, SITE, errors, flown, ideal, normalised, twin_of
 from tests.infield.test_replay import choices, flat, never_rests
-from trajectories.runs.cut import cut_run
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
 
 PARK_S = 180.0

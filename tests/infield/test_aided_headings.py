@@ -13,8 +13,8 @@ from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.records import Run, Survey
 from ins.units import DEG
+from tests.cut import cut_run
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of
-from trajectories.runs.cut import cut_run
 from trajectories.simulator.segments import Segment, Stop, Straight, Turn
 
 PARK_S = 60.0

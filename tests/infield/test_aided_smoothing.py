@@ -9,9 +9,9 @@ from infield.aided.smoothing import LEAST_WEIGHT
 from infield.replay.free_inertial import TableChoice, replay
 from ins.filters.aided_smoother import smoothed
 from ins.units import DEG
+from tests.cut import cut_run
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of
 from tests.infield.test_aided_headings import fly, slow
-from trajectories.runs.cut import cut_run
 
 OUT = ((300.0, 330.0), (400.0, 430.0))
 

@@ -19,6 +19,7 @@ from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason
 from ins.earth import displacement_ned
 from ins.units import DEG_PER_HOUR, MICRO_G, PPM
+from tests.cut import cut_run
 from tests.infield.flown_cases import (
     bin_errors,
     flown,
@@ -30,7 +31,6 @@ from tests.infield.flown_cases import (
     solution,
 )
 from tests.infield.sessions import SETTINGS, TWIN, factory
-from trajectories.runs.cut import cut_run
 
 # of an error's size: what steps of a second and the loop that holds the height leave of it
 LINEAR_SHARE = 0.02

@@ -19,10 +19,10 @@ from infield.session.reasons import FlightReason, SessionReason
 from ins.filters.states import AIDED_THETA
 from ins.units import MILLIRADIAN
 from ins.verdicts import Outcome
+from tests.cut import cut_run
 from tests.infield.aided_cases import motion_errors
 from tests.infield.flown_cases import bin_errors, flown
 from tests.infield.sessions import SETTINGS, TWIN, factory
-from trajectories.runs.cut import cut_run
 
 SEEDS = range(1, 7)
 FLIES_S, LANDS_S = 1100.0, 2200.0

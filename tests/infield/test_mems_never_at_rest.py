@@ -17,10 +17,10 @@ from infield.session.reasons import FlightReason, ParkedReason
 from infield.table.thermal_table import AgeingModel
 from ins.attitude import dcm_from_rotation_vector
 from ins.verdicts import Outcome
+from tests.cut import cut_run
 from tests.infield import mems_away
 from tests.infield.mems_away import SETTINGS, bin_errors, simulated
 from tests.infield.test_flown_mems import led_astray
-from trajectories.runs.cut import cut_run
 
 # 15 s after it begins to roll, to the end: no second of it stands
 ROLLS_S = mems_away.PARKED_S + 15.0

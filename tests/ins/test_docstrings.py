@@ -14,13 +14,11 @@ FOLDER = Path(ins.__file__).parent
 # Parts of compiled loops are documented by one sentence: what Python calls has all its sections.
 KERNELS = [path for path in FOLDER.rglob("*.py") if "ins.jit import" in path.read_text("utf-8")]
 KERNELS.append(FOLDER / "strapdown/loop.py")
-KERNELS.append(FOLDER / "strapdown/batch_kernel.py")
 MODULES = sorted(set(FOLDER.rglob("*.py")) - set(KERNELS))
 CALLED_FROM_PYTHON = {
     "filters/aided_kernel.py": {"run"},
     "filters/error_kernel.py": {"run", "system", "transition"},
     "strapdown/body_forces.py": {"turned_forces"},
-    "strapdown/batch_kernel.py": {"integrate_tile"},
     "strapdown/loop.py": {"integrate"},
 }
 HAS_EXAMPLES = [path for path in MODULES if ">>> " in path.read_text("utf-8")]

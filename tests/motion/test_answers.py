@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import motion_answers
 from benchmarks.motion_runs import LEFT_OUT, RECORDED, SIMULATED
-from trajectories.runs.cut import cut_run
+from tests.cut import cut_run
 
 NAMED = (*SIMULATED, *RECORDED)
 SMALL_BYTES = 300_000

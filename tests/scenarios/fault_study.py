@@ -17,9 +17,9 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AXES, Run, TwinModel
 from ins.units import DEG
 from tests.alignment.parked import PRIOR_DEG_H, TEN_MINUTES, ideal_of, simulate
+from tests.faults import stuck_at_full_scale
 from tests.scenarios.gate_study import GUARD_S, log_uniform
 from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, ideal, prior_table, table_to_zero
-from trajectories.simulator.faults import stuck_at_full_scale
 from trajectories.simulator.session import simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.unit_truth import aged_unit

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ins.records import ImuLog, InputError, Site, Span
+from tests.cut import cut_run
 from tests.trajectories.run_cases import F_B, W_B, full_run
-from trajectories.runs.cut import cut_run
 from trajectories.runs.directory import read_run, write_run
 
 

@@ -22,9 +22,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.navigation_batch_errors import SensorErrors
 from ins.records import ImuLog, InputError, NavState
 from ins.strapdown.mechanization import VerticalChannel
-from ins.strapdown.sensor_errors import SensorErrors
 from ins.strapdown.start import (
     EpochEnds,
     check_initial,
@@ -125,7 +125,7 @@ def navigate_batch(
 
     Pinned by: tests/ins/test_batch.py (bit for bit against `navigate` of the perturbed log)
     """
-    from ins.strapdown.batch_kernel import TILE
+    from benchmarks.navigation_batch_kernel import TILE
 
     job = _Job(imu, initial, errors, epoch_s, vertical or VerticalChannel())
     tiles = [range(a, min(a + TILE, job.runs)) for a in range(0, job.runs, TILE)]
@@ -179,7 +179,7 @@ class _Job:
 
     def fly(self, tile: range) -> None:
         """Navigate the runs of one tile and write their states."""
-        from ins.strapdown import batch_kernel as kernel
+        from benchmarks import navigation_batch_kernel as kernel
 
         own = _own_increments(self, tile, kernel.TILE)
         a, b = self.first, min(self.first + CHUNK_ROWS, self.shared.time_s.size)
@@ -218,7 +218,7 @@ class _Job:
         """The flat array of the kernel with the tile's starts and errors, and its biases (bins, 6,
         TILE).
         """
-        from ins.strapdown import batch_kernel as kernel
+        from benchmarks import navigation_batch_kernel as kernel
 
         F = np.zeros((kernel.TILE_SIZE, kernel.TILE))
         # the last run fills the tile

@@ -9,17 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks import navigation_batch as batch
+from benchmarks.navigation_batch import navigate_batch
+from benchmarks.navigation_batch_errors import SensorErrors
 from ins.attitude import dcm_from_euler
 from ins.records import InputError, NavState, Site
-from ins.strapdown import batch
-from ins.strapdown.batch import navigate_batch
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.strapdown.sensor_errors import SensorErrors
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
-
-from .test_mechanization import HOLD, at_rest
-from .test_mechanization_records import random_walk
-from .test_navigator import SERIES
+from tests.ins.test_mechanization import HOLD, at_rest
+from tests.ins.test_mechanization_records import random_walk
+from tests.ins.test_navigator import SERIES
 
 ROWS = 150
 
