@@ -14,7 +14,7 @@ from infield.aided.flight import navigate_aided
 from infield.aided.noise import Flown, Model
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
-from ins.filters.aided_records import Antenna, fixes_of
+from ins.filters.aided_records import Antenna, Fixes, fixes_of
 from ins.records import Run, Site
 from ins.units import MICRO_G
 from tests.infield.aided_cases import (
@@ -184,6 +184,57 @@ def test_velocities_that_are_not_the_way_of_the_positions_are_found():
         replace(gnss, v_n_m_s=fast),
     ):
         assert contradicted(fixes(replace(sound, gnss=other))) is None
+
+
+# WGS-84: semi-major axis [m] and squared eccentricity
+A_M, E2 = 6378137.0, (2.0 - 1.0 / 298.257223563) / 298.257223563
+CRUISE_M = 10_000.0
+
+
+def radii(lat):
+    """Radii of the ways north and east at cruise height [m]; the east one times cos(lat)."""
+    across = A_M / np.sqrt(1.0 - E2 * np.sin(lat) ** 2)
+    along = across * (1.0 - E2) / (1.0 - E2 * np.sin(lat) ** 2)
+    return along + CRUISE_M, (across + CRUISE_M) * np.cos(lat)
+
+
+def long_flight(lat_deg, course_deg, turn_deg) -> Fixes:
+    """An hour of perfect fixes at 230 m/s on a course that turns evenly: the way of the velocities
+    on the ellipsoid, by the midpoint rule.
+    """
+    t = np.arange(0.0, 3600.5, 0.5)
+    course = np.radians(course_deg + turn_deg * t / t[-1])
+    v_n = 230.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros(t.size)])
+    place = np.radians(np.tile([lat_deg, 7.0], (t.size, 1)))
+    for k in range(0, t.size - 2, 2):
+        place[k + 1] = place[k] + 0.5 * v_n[k, :2] / radii(place[k, 0])
+        place[k + 2] = place[k] + v_n[k + 1, :2] / radii(place[k + 1, 0])
+    lat, lon = place[::2].T
+    level, up = radii(lat)[1], (A_M / np.sqrt(1.0 - E2 * np.sin(lat) ** 2)) * (1.0 - E2) + CRUISE_M
+    return Fixes(
+        time_s=t[::2],
+        r_e_m=np.column_stack([level * np.cos(lon), level * np.sin(lon), up * np.sin(lat)]),
+        v_n_m_s=v_n[::2],
+        sigma_position_m=np.ones((lat.size, 3)),
+        sigma_velocity_m_s=np.full((lat.size, 3), 0.05),
+    )
+
+
+@pytest.mark.parametrize(
+    ("lat_deg", "course_deg", "turn_deg"),
+    [(45.0, 90.0, 0.0), (70.0, -90.0, 0.0), (30.0, 0.0, 0.0), (-60.0, 225.0, 0.0), (83.0, 0, 360)],
+)
+def test_long_flights_do_not_contradict_themselves(lat_deg, course_deg, turn_deg):
+    """Perfect fixes; with sums in each fix's own north and east it was 89 to 248 sigmas. Half an
+    hour later velocities of 10 m/s eastward that the positions do not go are found, and they alone.
+    """
+    fixes = long_flight(lat_deg, course_deg, turn_deg)
+    assert contradicted(fixes) is None
+    wrong = (fixes.time_s > 1800.0) & (fixes.time_s <= 1840.0)
+    east = np.where(wrong, 10.0, 0.0)[:, None] * np.array([0.0, 1.0, 0.0])
+    seen = contradicted(replace(fixes, v_n_m_s=fixes.v_n_m_s + east))
+    assert seen is not None and seen.components == "east" and seen.sigmas > 10.0
+    assert seen.rows[wrong].all() and not seen.rows[np.abs(fixes.time_s - 1820.0) > 31.0].any()
 
 
 @pytest.mark.slow
