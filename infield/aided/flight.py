@@ -21,7 +21,7 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
 from infield.aided.antenna import Fitted, SeenAntenna, fit_model
 from infield.aided.checks import Widened, contradicted, mounting_note, site_note, without_repeats
-from infield.aided.flights import Beginning, Flights, options_of
+from infield.aided.flights import Beginning, Flights, Given, options_of
 from infield.aided.grade import Weak, graded
 from infield.aided.headings import HeadingOpen, Sky
 from infield.aided.left_out import (
@@ -105,9 +105,11 @@ class AidedResult:
 
     declared_nis: mean NIS of position and velocity with the noise as declared, before any scale
     (`capped_nis`); flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter
-    follows it. every: fixes, those that were left out
-    among them. smooth: gives the solution that all fixes make; smoothed: that solution, and
-    smoothed_scores: its outages. mounting: of a unit whose vehicle is held by its wheels.
+    follows it. fixes: as declared; given: what the filter was given, which whoever flies the log
+    again takes; scales: how far that is from what was declared, to be told. every: fixes, those
+    that were left out among them. smooth: gives the solution that all fixes make; smoothed: that
+    solution, and smoothed_scores: its outages. mounting: of a unit whose vehicle is held by its
+    wheels.
     """
 
     verdict: AidedVerdict
@@ -117,6 +119,7 @@ class AidedResult:
     found: FoundStart | None = None
     history: AidedHistory | None = None
     fixes: Fixes | None = None
+    given: Given | None = None
     scales: NoiseScales = field(default_factory=NoiseScales)
     antenna: SeenAntenna | None = None
     declared_nis: tuple[float, float] = (float("nan"), float("nan"))
@@ -199,6 +202,14 @@ def warming_walk(log: TemperatureLog | None) -> float:
     return float(max(far, default=0.0))
 
 
+def warmed_accel_walk(run: Run) -> float:
+    """The random walk of the accelerometers' biases [m/s^2/sqrt(s)] that their slope over
+    temperature makes of a run's warming.
+    """
+    slope = ACCEL_SLOPE_ug_degC[run.header.gyro_technology] * MICRO_G
+    return slope * warming_walk(run.temperature)
+
+
 def navigate_aided(
     run: Run,
     imu: ImuSource,
@@ -242,8 +253,7 @@ def navigate_aided(
 
     noise = aided_noise(twin, header.gyro_technology)
     noise = replace(noise, accel_scale=max(noise.accel_scale, header.accepted_accel_scale))
-    slope = ACCEL_SLOPE_ug_degC[header.gyro_technology] * MICRO_G
-    warmed = slope * warming_walk(run.temperature)
+    warmed = warmed_accel_walk(run)
     noise = replace(noise, accel_walk=float(np.hypot(noise.accel_walk, warmed)))
     if header.gyro_technology in LEVEL_UNITS:
         noise = replace(noise, deflection_rad=DEFLECTION_arcsec * ARCSEC)
@@ -306,6 +316,7 @@ def navigate_aided(
         found=found,
         history=history,
         fixes=fixes,
+        given=flights.given(fitted.model),
         notes=notes,
         scales=scales,
         antenna=fitted.antenna,

@@ -113,6 +113,16 @@ class Beginning:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """What a log was flown with: noise of sensors and receiver, and fixes, whose times are the
+    receiver's, with the sigmas that were taken.
+    """
+
+    noise: AidedNoise
+    fixes: Fixes
+
+
 @dataclass(frozen=True)
 class Flights:
     """Flies the log as often as it is asked to; a start is looked for once for each antenna, and a
@@ -225,19 +235,25 @@ class Flights:
             navigator.feed(piece)
         return navigator.finish(), navigator.tape
 
+    def given(self, model: Model) -> Given:
+        """What the filter is given under a model."""
+        scales = model.scales
+        return Given(
+            noise=scales.of(self.noise, *self.declared_m, self.declared_other_m),
+            fixes=self.fixes.scaled(scales.position, scales.velocity),
+        )
+
     def navigator(
         self, found: FoundStart, model: Model, *, keep_tape: bool = False
     ) -> AidedNavigator:
         """The filter under a model, from a start; its delays are those beyond the lesser one."""
-        base_s = _base_s(model)
-        fixes = self.fixes.scaled(model.scales.position, model.scales.velocity)
-        fixes, _ = with_usual_motion(fixes, self.usual, self.imu.end_s)
-        fixes = fixes.earlier(base_s)
+        base_s, given = _base_s(model), self.given(model)
+        fixes, _ = with_usual_motion(given.fixes, self.usual, self.imu.end_s)
         options = options_of(self.technology, self.stands)
         return AidedNavigator(
             found.start,
-            model.scales.of(self.noise, *self.declared_m, self.declared_other_m),
-            fixes,
+            given.noise,
+            fixes.earlier(base_s),
             antenna=model.antenna.later(-base_s),
             options=replace(options, keep_tape=keep_tape, wheels=self.wheels),
         )
