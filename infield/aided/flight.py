@@ -191,12 +191,15 @@ def aided_noise(twin: TwinModel, technology: str | None = None) -> AidedNoise:
 
 def warming_walk(log: TemperatureLog | None) -> float:
     """The random walk [degC/sqrt(s)] that goes as far as the gyros' temperature does, in whatever
-    time is the worst; 0 where none is logged.
+    time is the worst; 0 where none is logged. A thermometer that misses a row is taken from its own
+    rows before and after.
     """
-    if log is None:
+    if log is None or not np.isfinite(log.gyro_degC).any():
         return 0.0
     every = np.arange(log.time_s[0], log.time_s[-1], WARMED_S)
-    degC = np.interp(every, log.time_s, np.nanmean(log.gyro_degC, axis=1))
+    seen = [(column, np.isfinite(column)) for column in log.gyro_degC.T]
+    axes = [np.interp(every, log.time_s[ok], column[ok]) for column, ok in seen if ok.any()]
+    degC = np.mean(axes, axis=0)
     lags = [2**k for k in range(int(np.log2(max(every.size - 1, 1))) + 1) if 2**k < every.size]
     far = [np.abs(degC[lag:] - degC[:-lag]).max() / np.sqrt(lag * WARMED_S) for lag in lags]
     return float(max(far, default=0.0))
@@ -279,9 +282,9 @@ def navigate_aided(
         why = flights.start(antenna)
         assert isinstance(why, Reason)
         return replace(_refused(why, role), fixes=fixes, stands=stands)
+    fitted, flights, contradicts, widened = _less_contradicted(flights, fitted)
     found = flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
-    fitted, flights, contradicts, widened = _less_contradicted(flights, fitted)
     fitted, flights, without_fixes = _as_usual(flights, fitted)
     open_heading: tuple[Reason, ...] = ()
     if found.method is StartMethod.ALL_HEADINGS:

@@ -126,7 +126,8 @@ class Given:
 @dataclass(frozen=True)
 class Flights:
     """Flies the log as often as it is asked to; a start is looked for once for each antenna, and a
-    part of the log flown once for each model: of such a flight what the fixes say is kept alone.
+    part of the log flown once for each model: of such a flight what the fixes say is kept alone. A
+    copy with something replaced begins with nothing found.
     """
 
     imu: ImuSource
@@ -139,9 +140,9 @@ class Flights:
     wheels: Wheels = NO_WHEELS
     usual: UsualMotion | None = None
     declared_other_m: tuple[float, float] = (0.0, 0.0)
-    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
-    held: list[ImuLog] = field(default_factory=list)
     row_s: float = FIT_ROW_S
+    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict, init=False)
+    held: list[ImuLog] = field(default_factory=list, init=False)
     summed: dict[float, tuple[ImuLog, ...]] = field(default_factory=dict, init=False)
     tried: dict[bytes, AidedHistory] = field(default_factory=dict, init=False)
 

@@ -10,12 +10,14 @@ import pytest
 
 from infield.aided.antenna import BOTH, NOTHING_FREED, Freed, antenna_sigmas, material
 from infield.aided.checks import contradicted
-from infield.aided.flight import navigate_aided
+from infield.aided.flight import aided_noise, navigate_aided, warming_walk
+from infield.aided.flights import Flights
 from infield.aided.noise import Flown, Model
+from infield.aided.reasons import AidedReason
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.filters.aided_records import Antenna, Fixes, fixes_of
-from ins.records import Run, Site
+from ins.records import Run, Site, TemperatureLog
 from ins.units import MICRO_G
 from tests.infield.aided_cases import (
     SITE,
@@ -235,6 +237,45 @@ def test_long_flights_do_not_contradict_themselves(lat_deg, course_deg, turn_deg
     seen = contradicted(replace(fixes, v_n_m_s=fixes.v_n_m_s + east))
     assert seen is not None and seen.components == "east" and seen.sigmas > 10.0
     assert seen.rows[wrong].all() and not seen.rows[np.abs(fixes.time_s - 1820.0) > 31.0].any()
+
+
+def test_widened_fixes_have_a_start_of_their_own():
+    """A copy of the flights with other fixes begins with these, not with the start of the old."""
+    run = flown(ideal(PARK_S), twin_of("mems"), 1).run
+    narrow = fixes(run)
+    wide = replace(narrow, sigma_position_m=100.0 * narrow.sigma_position_m)
+    begun = []
+
+    def begin(late, lever_arm_m):
+        begun.append(float(late.sigma_position_m[0, 0] / narrow.sigma_position_m[0, 0]))
+        return AidedReason.NO_FIXES
+
+    noise, antenna = aided_noise(twin_of("mems")), Antenna(lever_arm_m=np.zeros(3))
+    flights = Flights(run.imu, narrow, noise, (0.5, 0.75, 0.03), (), "mems", begin)
+    flights.start(antenna)
+    list(flights.pieces(200.0, whole=False))
+    other = replace(flights, fixes=wide)
+    other.start(antenna)
+    other.start(antenna)
+    assert begun == [1.0, 100.0]
+    assert flights.held and not other.held
+
+
+def test_a_missed_temperature_warms_nothing():
+    """A ramp of 1 degC/min, gyro z 20 degC warmer: with a row that no thermometer has, rows that x
+    alone misses, and a thermometer that never reads, the walk is that of the ramp.
+    """
+    t = np.arange(0.0, 1200.0, 10.0)
+    degC = np.column_stack([t / 60.0, t / 60.0, t / 60.0 + 20.0])
+    ramp = warming_walk(TemperatureLog(time_s=t, gyro_degC=degC))
+    assert ramp == pytest.approx(np.sqrt(960.0) / 60.0)  # the longest lag, 16 min
+    missed = degC.copy()
+    missed[30], missed[50:60, 0], missed[-1] = np.nan, np.nan, np.nan
+    assert warming_walk(TemperatureLog(time_s=t, gyro_degC=missed)) == pytest.approx(ramp, rel=0.02)
+    missed[:, 2] = np.nan
+    assert warming_walk(TemperatureLog(time_s=t, gyro_degC=missed)) == pytest.approx(ramp, rel=0.02)
+    silent = np.full(degC.shape, np.nan)
+    assert warming_walk(TemperatureLog(time_s=t, gyro_degC=silent)) == 0.0
 
 
 @pytest.mark.slow
