@@ -6,7 +6,7 @@ and noise, its feedback filter.
 LOGS as in `benchmarks.real_drives`; the outages are at the same shares of the time that has fixes.
 pyins is given what aided replay found
 of the log beside what was declared: where and at which attitude it starts and how sure that is, the
-factors on the noise, the lever arm, the delay of the fixes. Its states are position, velocity,
+noise, the lever arm, the delay of the fixes. Its states are position, velocity,
 attitude, biases, scale factors and misalignments. Scored: level RMS in each outage, against the
 fixes that were left out. Prints a Markdown table; it is part of docs/real_drives.md.
 """
@@ -20,14 +20,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.real_drives import Source, converted, fly, sources, stretches
-from infield.aided.flight import AidedResult, aided_noise
-from infield.aided.left_out import without
+from infield.aided.flight import AidedResult
 from ins.attitude import dcm_from_euler, euler_from_dcm
 from ins.earth import displacement_ned, geodetic_from_ecef
 from ins.filters.aided_records import Fixes
 from ins.filters.states import AIDED_ACCEL, AIDED_GYRO, AIDED_POS, AIDED_THETA, AIDED_VEL
 from ins.records import ImuLog, InputError, Run
-from ins.twin_file import default_twin
 
 Spans = tuple[tuple[float, float], ...]
 
@@ -61,20 +59,17 @@ def measurements(fixes: Fixes, lever_arm_m: NDArray, after_s: float) -> list:
     return found
 
 
-def theirs(run: Run, found: AidedResult, left_out: Spans) -> pd.DataFrame:
+def theirs(run: Run, found: AidedResult) -> pd.DataFrame:
     """The trajectory of pyins."""
     from pyins import filters, inertial_sensor, util
 
-    assert found.found is not None and found.antenna is not None and found.every is not None
-    start, scales, antenna = found.found.start, found.scales, found.antenna.antenna
-    technology = run.header.gyro_technology
-    noise = scales.of(aided_noise(default_twin(technology), technology), 0.0, 0.0, 0.0)
+    assert found.found is not None and found.antenna is not None and found.given is not None
+    start, antenna, noise = found.found.start, found.antenna.antenna, found.given.noise
     sigma = np.sqrt(np.diag(start.covariance))
     at, state = np.zeros(9), start.state
     at[:3] = np.degrees(state.site.lat_rad), np.degrees(state.site.lon_rad), state.site.height_m
     at[3:6], at[6:] = state.v_n_m_s, np.degrees(euler_from_dcm(state.C_nb))
-    fixes = without(found.every, left_out).earlier(antenna.delay_s)
-    fixes = fixes.scaled(scales.position, scales.velocity)
+    fixes = found.given.fixes.earlier(antenna.delay_s)
     log = run.imu.between(state.time_s + 1e-6, run.imu.end_s)
     misaligned = np.full((3, 3), noise.misalignment_rad)
     np.fill_diagonal(misaligned, noise.gyro_scale)
@@ -140,7 +135,7 @@ def compared(source: Source, path: Path) -> list[str]:
     if found is None or found.history is None or found.found is None:
         return []
     try:
-        trajectory = theirs(run, found, left_out)
+        trajectory = theirs(run, found)
     except (ValueError, np.linalg.LinAlgError) as error:
         return [f"| `{source.path}` | | | pyins: {error} |"]
     lines = []

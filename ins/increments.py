@@ -191,8 +191,8 @@ def _slope_weight(dt_s: NDArray) -> NDArray:
     return np.where(ratio <= MAX_INTERVAL_RATIO, ratio**2 / (6 * (1 + ratio)), 0.0)
 
 
-def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Rotation and velocity over longer intervals, each of one or more rows.
+def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+    """Rotation, velocity and way over longer intervals, each of one or more rows.
 
     Parameters
     ----------
@@ -208,6 +208,8 @@ def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray]:
         Rotation over each interval, C_b(j-1)b(j).
     dv_m_s : ndarray, shape (k, 3)
         Integral of specific force, in the body frame of the interval's start.
+    way_m : ndarray, shape (k, 3)
+        Integral of that velocity, likewise; the force is even within a row.
 
     Notes
     -----
@@ -216,13 +218,16 @@ def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray]:
     ends = np.asarray(ends, dtype=np.int64)
     starts = np.concatenate([[0], ends[:-1]])
     angles, pushes = rotation_vectors(imu), velocity_increments(imu)
-    C, dv = np.tile(np.eye(3), (ends.size, 1, 1)), np.zeros((ends.size, 3))
+    C = np.tile(np.eye(3), (ends.size, 1, 1))
+    dv, way = np.zeros((ends.size, 3)), np.zeros((ends.size, 3))
     for k in range(int((ends - starts).max(initial=0))):
         of = np.flatnonzero(starts + k < ends)
         row = starts[of] + k
-        dv[of] += np.einsum("kij,kj->ki", C[of], pushes[row])
+        pushed = np.einsum("kij,kj->ki", C[of], pushes[row])
+        way[of] += (dv[of] + 0.5 * pushed) * imu.dt_s[row, None]
+        dv[of] += pushed
         C[of] = C[of] @ dcm_from_rotation_vector(angles[row])
-    return C, dv
+    return C, dv, way
 
 
 def summed(imu: ImuLog, start_s: float, step_s: float) -> ImuLog:

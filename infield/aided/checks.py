@@ -110,18 +110,21 @@ def contradicted(fixes: Fixes) -> Contradicted | None:
     """Where the positions go another way than the velocities over spans of 1 to 10 s; None where
     nowhere.
 
-    The velocities' errors count as one error over a span, and the difference in age of the two as
-    AGE_S, so that only what no honest receiver does is found. A leap of the positions, or a wild
-    fix, is none of it: the filter has its own way with these.
+    Both are summed in Earth axes: north and east turn on the way, at 230 m/s eastward and 45 deg
+    of latitude by 7 deg in an hour. A difference is resolved where its span begins. The velocities'
+    errors count as one error over a span, and the difference in age of the two as AGE_S, so that
+    only what no honest receiver does is found. A leap of the positions, or a wild fix, is none of
+    it: the filter has its own way with these.
     """
     whole = np.isfinite(fixes.r_e_m).all(axis=1) & np.isfinite(fixes.v_n_m_s).all(axis=1)
     seen = np.flatnonzero(whole)
     if seen.size < FEWEST_WAYS:
         return None
     t, v, r_e = fixes.time_s[seen], fixes.v_n_m_s[seen], fixes.r_e_m[seen]
-    lat, lon, _ = geodetic_from_ecef(r_e[:1])
-    dt = np.diff(t)[:, None]
-    off = (r_e - r_e[0]) @ dcm_en(lat, lon)[0] - _summed(0.5 * (v[1:] + v[:-1]) * dt)
+    lat, lon, _ = geodetic_from_ecef(r_e)
+    C_en, dt = dcm_en(lat, lon), np.diff(t)[:, None]
+    v_e = np.einsum("kij,kj->ki", C_en, v)
+    off_e = r_e - r_e[0] - _summed(0.5 * (v_e[1:] + v_e[:-1]) * dt)
     place = np.maximum(fixes.sigma_position_m[seen], LEAST_PLACE_M)
     speed = np.maximum(fixes.sigma_velocity_m_s[seen], LEAST_SPEED_M_S)
     way = _summed(0.5 * (speed[1:] + speed[:-1]) * dt)
@@ -133,13 +136,13 @@ def contradicted(fixes: Fixes) -> Contradicted | None:
         a = np.flatnonzero(last < t.size)
         a = a[piece[last[a]] == piece[a]]
         b = last[a]
-        apart = np.abs(off[b] - off[a])
+        apart = np.abs(np.einsum("kji,kj->ki", C_en[a], off_e[b] - off_e[a]))
         variance = place[a] ** 2 + place[b] ** 2 + (way[b] - way[a]) ** 2
         variance += (AGE_S * (v[b] - v[a])) ** 2 + between[b] - between[a]
         over = apart / np.sqrt(variance)
         for k, axis in zip(*np.nonzero(over > CONTRADICTS_SIGMAS), strict=True):
             of = slice(a[k], b[k] + 1)
-            steps = np.sort(np.abs(np.diff(off[of, axis])))
+            steps = np.sort(np.abs(np.diff(off_e[of] @ C_en[a[k], :, axis])))
             if steps[-2:].sum() > LEAP_SHARE * apart[k, axis]:
                 continue
             most = max(most, float(over[k, axis]))

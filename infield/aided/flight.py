@@ -21,7 +21,7 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
 from infield.aided.antenna import Fitted, SeenAntenna, fit_model
 from infield.aided.checks import Widened, contradicted, mounting_note, site_note, without_repeats
-from infield.aided.flights import Beginning, Flights, options_of
+from infield.aided.flights import Beginning, Flights, Given, options_of
 from infield.aided.grade import Weak, graded
 from infield.aided.headings import HeadingOpen, Sky
 from infield.aided.left_out import (
@@ -105,9 +105,11 @@ class AidedResult:
 
     declared_nis: mean NIS of position and velocity with the noise as declared, before any scale
     (`capped_nis`); flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter
-    follows it. every: fixes, those that were left out
-    among them. smooth: gives the solution that all fixes make; smoothed: that solution, and
-    smoothed_scores: its outages. mounting: of a unit whose vehicle is held by its wheels.
+    follows it. fixes: as declared; given: what the filter was given, which whoever flies the log
+    again takes; scales: how far that is from what was declared, to be told. every: fixes, those
+    that were left out among them. smooth: gives the solution that all fixes make; smoothed: that
+    solution, and smoothed_scores: its outages. mounting: of a unit whose vehicle is held by its
+    wheels.
     """
 
     verdict: AidedVerdict
@@ -117,6 +119,7 @@ class AidedResult:
     found: FoundStart | None = None
     history: AidedHistory | None = None
     fixes: Fixes | None = None
+    given: Given | None = None
     scales: NoiseScales = field(default_factory=NoiseScales)
     antenna: SeenAntenna | None = None
     declared_nis: tuple[float, float] = (float("nan"), float("nan"))
@@ -188,15 +191,26 @@ def aided_noise(twin: TwinModel, technology: str | None = None) -> AidedNoise:
 
 def warming_walk(log: TemperatureLog | None) -> float:
     """The random walk [degC/sqrt(s)] that goes as far as the gyros' temperature does, in whatever
-    time is the worst; 0 where none is logged.
+    time is the worst; 0 where none is logged. A thermometer that misses a row is taken from its own
+    rows before and after.
     """
-    if log is None:
+    if log is None or not np.isfinite(log.gyro_degC).any():
         return 0.0
     every = np.arange(log.time_s[0], log.time_s[-1], WARMED_S)
-    degC = np.interp(every, log.time_s, np.nanmean(log.gyro_degC, axis=1))
+    seen = [(column, np.isfinite(column)) for column in log.gyro_degC.T]
+    axes = [np.interp(every, log.time_s[ok], column[ok]) for column, ok in seen if ok.any()]
+    degC = np.mean(axes, axis=0)
     lags = [2**k for k in range(int(np.log2(max(every.size - 1, 1))) + 1) if 2**k < every.size]
     far = [np.abs(degC[lag:] - degC[:-lag]).max() / np.sqrt(lag * WARMED_S) for lag in lags]
     return float(max(far, default=0.0))
+
+
+def warmed_accel_walk(run: Run) -> float:
+    """The random walk of the accelerometers' biases [m/s^2/sqrt(s)] that their slope over
+    temperature makes of a run's warming.
+    """
+    slope = ACCEL_SLOPE_ug_degC[run.header.gyro_technology] * MICRO_G
+    return slope * warming_walk(run.temperature)
 
 
 def navigate_aided(
@@ -242,8 +256,7 @@ def navigate_aided(
 
     noise = aided_noise(twin, header.gyro_technology)
     noise = replace(noise, accel_scale=max(noise.accel_scale, header.accepted_accel_scale))
-    slope = ACCEL_SLOPE_ug_degC[header.gyro_technology] * MICRO_G
-    warmed = slope * warming_walk(run.temperature)
+    warmed = warmed_accel_walk(run)
     noise = replace(noise, accel_walk=float(np.hypot(noise.accel_walk, warmed)))
     if header.gyro_technology in LEVEL_UNITS:
         noise = replace(noise, deflection_rad=DEFLECTION_arcsec * ARCSEC)
@@ -269,9 +282,9 @@ def navigate_aided(
         why = flights.start(antenna)
         assert isinstance(why, Reason)
         return replace(_refused(why, role), fixes=fixes, stands=stands)
+    fitted, flights, contradicts, widened = _less_contradicted(flights, fitted)
     found = flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
-    fitted, flights, contradicts, widened = _less_contradicted(flights, fitted)
     fitted, flights, without_fixes = _as_usual(flights, fitted)
     open_heading: tuple[Reason, ...] = ()
     if found.method is StartMethod.ALL_HEADINGS:
@@ -306,6 +319,7 @@ def navigate_aided(
         found=found,
         history=history,
         fixes=fixes,
+        given=flights.given(fitted.model),
         notes=notes,
         scales=scales,
         antenna=fitted.antenna,

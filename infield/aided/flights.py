@@ -113,10 +113,21 @@ class Beginning:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """What a log was flown with: noise of sensors and receiver, and fixes, whose times are the
+    receiver's, with the sigmas that were taken.
+    """
+
+    noise: AidedNoise
+    fixes: Fixes
+
+
 @dataclass(frozen=True)
 class Flights:
     """Flies the log as often as it is asked to; a start is looked for once for each antenna, and a
-    part of the log flown once for each model: of such a flight what the fixes say is kept alone.
+    part of the log flown once for each model: of such a flight what the fixes say is kept alone. A
+    copy with something replaced begins with nothing found.
     """
 
     imu: ImuSource
@@ -129,9 +140,9 @@ class Flights:
     wheels: Wheels = NO_WHEELS
     usual: UsualMotion | None = None
     declared_other_m: tuple[float, float] = (0.0, 0.0)
-    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
-    held: list[ImuLog] = field(default_factory=list)
     row_s: float = FIT_ROW_S
+    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict, init=False)
+    held: list[ImuLog] = field(default_factory=list, init=False)
     summed: dict[float, tuple[ImuLog, ...]] = field(default_factory=dict, init=False)
     tried: dict[bytes, AidedHistory] = field(default_factory=dict, init=False)
 
@@ -225,19 +236,25 @@ class Flights:
             navigator.feed(piece)
         return navigator.finish(), navigator.tape
 
+    def given(self, model: Model) -> Given:
+        """What the filter is given under a model."""
+        scales = model.scales
+        return Given(
+            noise=scales.of(self.noise, *self.declared_m, self.declared_other_m),
+            fixes=self.fixes.scaled(scales.position, scales.velocity),
+        )
+
     def navigator(
         self, found: FoundStart, model: Model, *, keep_tape: bool = False
     ) -> AidedNavigator:
         """The filter under a model, from a start; its delays are those beyond the lesser one."""
-        base_s = _base_s(model)
-        fixes = self.fixes.scaled(model.scales.position, model.scales.velocity)
-        fixes, _ = with_usual_motion(fixes, self.usual, self.imu.end_s)
-        fixes = fixes.earlier(base_s)
+        base_s, given = _base_s(model), self.given(model)
+        fixes, _ = with_usual_motion(given.fixes, self.usual, self.imu.end_s)
         options = options_of(self.technology, self.stands)
         return AidedNavigator(
             found.start,
-            model.scales.of(self.noise, *self.declared_m, self.declared_other_m),
-            fixes,
+            given.noise,
+            fixes.earlier(base_s),
             antenna=model.antenna.later(-base_s),
             options=replace(options, keep_tape=keep_tape, wheels=self.wheels),
         )

@@ -16,6 +16,7 @@ Units: deg/h, (deg/h)^2.  Source: physics.md 6.8; the sum is tested against the 
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,12 +193,17 @@ def _parked_shares(
 
 
 def _merged(
-    parts: Parts, table: ThermalTable, sessions: Sequence[_Measured], held: Sequence[str]
+    parts: Parts,
+    table: ThermalTable,
+    sessions: Sequence[_Measured],
+    held: Sequence[str],
+    last: NDArray | None = None,
 ) -> Parts:
     """The parts after sessions were merged at once; the common part of held axes stays put.
 
-    Behind the table's own parameters there may be others, of which `parts` knows and the table
-    does not (coefficients of a rate term).
+    Behind the table's own parameters there may be others, of which `parts` knows and the table does
+    not: what it goes between sessions, coefficients of a rate term. last: takes them to the
+    parameters of the table of the last session.
     """
     P = np.asarray(sum(parts.values()))
     H = np.vstack([s.H for s in sessions])
@@ -207,10 +213,9 @@ def _merged(
     M = 0.5 * (M + M.T)
     W = np.linalg.inv(np.eye(len(P)) + P @ H.T @ M @ H)
     gain = W @ P @ H.T
-    moved = np.eye(len(P))
-    n = table.n_parameters
-    moved[:n, :n] -= common_parts(table, held)
-    K, left = moved @ gain @ M, np.eye(len(P)) - moved @ (np.eye(len(P)) - W)
+    last = np.eye(len(P)) if last is None else last
+    moved = last - common_parts(table, held) @ last
+    K, left = moved @ gain @ M, last - moved @ (np.eye(len(P)) - W)
     G = moved @ gain @ (np.eye(len(T)) - M @ T)
     after: Parts = {source: left @ D @ left.T for source, D in parts.items()}
     for source, S in _sums([s.departs for s in sessions], [len(s.H) for s in sessions]):
@@ -244,12 +249,28 @@ def _with_rate_terms(result: UpdateResult, sessions: Sequence[SessionResult]) ->
     n, terms = table.n_parameters, int(np.count_nonzero(fitted))
     start: Parts = {VarianceSource.STORED_TABLE: result.before.covariance}
     start = _before_session(start, result.before, table, _span(sessions))
-    parts = {source: block_diag(D, np.zeros((terms, terms))) for source, D in start.items()}
+    walks = n * (len(sessions) - 1)
+    rest = np.zeros((walks + terms, walks + terms))
+    parts = {source: block_diag(D, rest) for source, D in start.items()}
+    for k, (earlier, later) in enumerate(pairwise(s.merged for s in sessions)):
+        assert earlier is not None and later is not None
+        own = slice(n * (k + 1), n * (k + 2))
+        parts[VarianceSource.AGEING][own, own] = later.before.covariance - earlier.table.covariance
     vague = (VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology]) ** 2
-    parts[VarianceSource.HEATING_AND_COOLING] = block_diag(np.zeros((n, n)), vague * np.eye(terms))
+    of_terms = block_diag(np.zeros((n + walks, n + walks)), vague * np.eye(terms))
+    parts[VarianceSource.HEATING_AND_COOLING] = of_terms
     brought = [_with_coefficients(s, table, result.terms, (twin, settings)) for s in sessions]
-    after = _merged(parts, table, brought, _held(sessions))
-    return {source: D[:n, :n] for source, D in after.items()}
+    brought = [_walked(b, k, len(sessions), n) for k, b in enumerate(brought)]
+    last = np.hstack([np.eye(n)] * len(sessions) + [np.zeros((n, terms))])
+    aged = table.replaced(covariance=last @ sum(parts.values()) @ last.T)
+    return _merged(parts, aged, brought, _held(sessions), last)
+
+
+def _walked(session: _Measured, k: int, count: int, n: int) -> _Measured:
+    """Session k of several, which reads the table of n parameters and what that went until then."""
+    H, columns = session.H[:, :n], session.H[:, n:]
+    walks = [H if j <= k else np.zeros_like(H) for j in range(count)]
+    return replace(session, H=np.hstack([*walks, columns]))
 
 
 def _with_coefficients(

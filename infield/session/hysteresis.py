@@ -45,7 +45,8 @@ class SessionLikelihood:
     """What one session measured: information (3N, 3N) and vector (3N,) about its biases less
     `reference` [deg/h].
 
-    bins: on the table of the moment; sense (N, 3): mean heating sense over each bin, -1 to 1.
+    bins: on the table of the moment; sense (N, 3): mean heating sense over each bin, -1 to 1;
+    gained (n, n): by what the table's covariance grew since the session before, None: by nothing.
     """
 
     bins: SessionBins
@@ -53,6 +54,7 @@ class SessionLikelihood:
     vector: NDArray
     reference_deg_h: NDArray
     sense: NDArray
+    gained: NDArray | None = None
 
     def regressor(self, kind: ThermalKind) -> NDArray:
         """Columns (3N, 3), one an axis, of the rate or the sense of each bin; zero where no
@@ -135,16 +137,20 @@ def joint_with(
 ) -> JointPosterior:
     """Table and terms from all sessions at once, each with what the terms add to its bins (3N, k).
 
-    The terms are k; the sessions' bins must stand on this table.
+    The terms are k; the sessions' bins must stand on this table. The table walks from session to
+    session by what its covariance gains; what comes out is the table of the last one.
     """
-    values, vectors = np.linalg.eigh(table.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))  # parameters = table + root v, v ~ N(0, I)
-    n, count = table.n_parameters, sessions[0][1].shape[1] if sessions else 0
+    roots = [_root(table.covariance)]
+    roots += [_root(s.gained) for s, _ in sessions if s.gained is not None]
+    walk = np.hstack(roots)  # parameters at the last = table + walk v, v ~ N(0, I)
+    n, count = walk.shape[1], sessions[0][1].shape[1] if sessions else 0
     vague = VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology]
     information = np.diag(np.concatenate([np.ones(n), np.full(count, vague**-2)]))
-    vector = np.zeros(n + count)
+    vector, walked = np.zeros(n + count), roots.pop(0).shape[1]
     for s, columns in sessions:
-        J = np.hstack([s.bins.H @ root, columns])
+        walked += 0 if s.gained is None else roots.pop(0).shape[1]
+        until = np.where(np.arange(n) < walked, walk, 0.0)
+        J = np.hstack([s.bins.H @ until, columns])
         own = np.eye(len(J)) + s.information @ s.bins.own
         L, e = np.linalg.solve(own, s.information), np.linalg.solve(own, s.vector)
         offset = s.bins.table_deg_h - s.reference_deg_h
@@ -152,8 +158,15 @@ def joint_with(
         vector += J.T @ (e - L @ offset)
     P = np.linalg.inv(0.5 * (information + information.T))
     mean = P @ vector
-    covariance = root @ P[:n, :n] @ root.T
-    return JointPosterior(root @ mean[:n], 0.5 * (covariance + covariance.T), mean[n:], P[n:, n:])
+    covariance = walk @ P[:n, :n] @ walk.T
+    return JointPosterior(walk @ mean[:n], 0.5 * (covariance + covariance.T), mean[n:], P[n:, n:])
+
+
+def _root(P: NDArray) -> NDArray:
+    """R (n, rank) with R R' = P."""
+    values, vectors = np.linalg.eigh(P)
+    seen = values > 0.0
+    return np.asarray(vectors[:, seen] * np.sqrt(values[seen]))
 
 
 def with_free_common(table: ThermalTable) -> ThermalTable:

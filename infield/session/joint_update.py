@@ -7,13 +7,14 @@ One flight shows s only as far as its cruise is not taken for a colder part of t
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.session.acceptance import judge_merge
 from infield.session.bins import rebinned
+from infield.session.disagreement import Step, utc, widened_for
 from infield.session.flown.worth import LEAST_FLIGHTS, FlightTerm
 from infield.session.hysteresis import (
     VAGUE_TERM,
@@ -34,10 +35,34 @@ from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.session.wrong_facts import Learnt, suspicions
 from infield.table.merge import hold_common, merge_posterior
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.noise import DEFAULT_SIGMA_deg_h
-from ins.records import AXES, TwinModel
+from ins.records import AXES, Run, TwinModel
 from ins.verdicts import Observability
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """How a unit's table goes on from run to run: it ages, and steps that are followed widen it."""
+
+    ageing: AgeingModel = field(default_factory=AgeingModel)
+    steps: tuple[Step, ...] = ()
+
+    def until(self, table: ThermalTable, run: Run, before: Run | None) -> ThermalTable:
+        """The table at the start of a run. before: the last run that it holds, None: it is as it
+        was made.
+        """
+        since = utc(table.created_utc)
+        due = [s for s in self.steps if utc(s.since_utc) <= utc(run.header.start_utc)]
+        if before is not None:
+            held = utc(before.header.start_utc)
+            since = max(since, held)
+            due = [s for s in due if utc(s.since_utc) > held]
+        days = (utc(run.header.start_utc) - since).total_seconds() / 86400.0
+        return widened_for(table, due).aged(days, self.ageing)
+
+
+STILL = Walk()  # nothing ages
 
 
 def likelihood_of(
@@ -55,11 +80,29 @@ def likelihood_of(
     return SessionLikelihood(bins, information, vector, estimate.bins.table_deg_h, sense)
 
 
+def likelihoods_of(
+    sessions: Sequence[SessionResult],
+    table: ThermalTable,
+    twin: TwinModel,
+    settings: SessionSettings,
+    walk: Walk,
+) -> list[SessionLikelihood]:
+    """What sessions measured, in the order of their start, and how the table went on in between."""
+    found, before = [], None
+    for session in sessions:
+        gained = walk.until(table, session.run, before).covariance - table.covariance
+        data = likelihood_of(session, table, twin, settings)
+        found.append(replace(data, gained=gained))
+        before = session.run
+    return found
+
+
 def with_thermal_terms(
     sessions: Sequence[SessionResult],
     table: ThermalTable,
     twin: TwinModel,
     settings: SessionSettings,
+    walk: Walk = STILL,
 ) -> tuple[tuple[ThermalTerm, ...], list[SessionResult], ThermalTable | None]:
     """Terms, the sessions judged again and the merged table; (terms, sessions as they were, None)
     where none is found.
@@ -71,6 +114,8 @@ def with_thermal_terms(
 
     One session alone names a term and acts on none: a real one repeats, and of healthy units 3 to 6
     % show one by chance.
+
+    table: as it was before the sessions.
     """
     merged = [s for s in sessions if s.merged is not None]
     agreeing = [s for s in merged if s.verdict.accepted]
@@ -79,7 +124,7 @@ def with_thermal_terms(
         if not chosen:
             continue
         wide = covering(table, chosen)
-        data = [likelihood_of(s, wide, twin, settings) for s in chosen]
+        data = likelihoods_of(chosen, wide, twin, settings, walk)
         terms = find_terms(
             wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data]
         )
@@ -90,7 +135,7 @@ def with_thermal_terms(
             )
         if not any(term.found for term in terms):
             continue
-        again, after = _merged_again(chosen, wide, terms, twin, settings)
+        again, after = _merged_again(chosen, data, wide, terms, twin, settings, walk)
         if all(s.verdict.accepted for s in again):
             new = {id(old): s for old, s in zip(chosen, again)}
             return terms, [new.get(id(s), s) for s in sessions], after
@@ -100,9 +145,7 @@ def with_thermal_terms(
         )
     if len(agreeing) < len(merged):
         wide = covering(table, merged)
-        terms = _or_a_wrong_session(
-            terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged]
-        )
+        terms = _or_a_wrong_session(terms, wide, likelihoods_of(merged, wide, twin, settings, walk))
     return terms, list(sessions), None
 
 
@@ -141,16 +184,19 @@ def covering(table: ThermalTable, sessions: Sequence[SessionResult]) -> ThermalT
 
 def _merged_again(
     sessions: Sequence[SessionResult],
+    measured: Sequence[SessionLikelihood],
     table: ThermalTable,
     terms: Sequence[ThermalTerm],
     twin: TwinModel,
     settings: SessionSettings,
+    walk: Walk,
 ) -> tuple[list[SessionResult], ThermalTable]:
     """Each session judged with the terms in its prior, one after the other; then the table from all
-    of them at once.
+    of them at once. measured: on this table.
     """
-    current, again, joint = table, [], []
+    current, again, before = table, [], None
     for session in sessions:
+        current, before = walk.until(current, session.run, before), session.run
         held = [a.axis for a in session.seen if a.verdict is Observability.NOT_OBSERVABLE]
         data = likelihood_of(session, current, twin, settings)
         m0, C, m1, P1 = posterior_with(data, *with_terms(data, terms))
@@ -161,11 +207,13 @@ def _merged_again(
         verdict = judge_merge(merged, estimate, suspected)
         again.append(replace(session, merged=merged, verdict=verdict))
         current = merged.table
-        joint.append(_with_widened(likelihood_of(session, table, twin, settings), terms))
     fitted = [term.action is ThermalAction.RATE_TERM_FITTED for term in terms]
     if not any(fitted):
         return again, current
+    joint = [_with_widened(data, terms) for data in measured]
     found = joint_posterior(table, joint, ThermalKind.RATE, fitted)
+    gained = [data.gained for data in joint if data.gained is not None]
+    table = table.replaced(covariance=table.covariance + sum(gained))
     unseen = [
         a
         for k, a in enumerate(AXES)
@@ -194,6 +242,7 @@ def find_flight_terms(
     table: ThermalTable,
     twin: TwinModel,
     settings: SessionSettings,
+    walk: Walk = STILL,
 ) -> tuple[FlightTerm, ...]:
     """One term a gyro; empty where fewer than LEAST_FLIGHTS sessions were joined by their flight.
 
@@ -204,8 +253,8 @@ def find_flight_terms(
         return ()
     used = [_as_usual(s) for s in sessions if s.merged is not None]
     free = with_free_common(covering(table, used))
-    data = [(likelihood_of(s, free, twin, settings), _columns(s)) for s in used]
-    found = joint_with(free, data)
+    data = likelihoods_of(used, free, twin, settings, walk)
+    found = joint_with(free, [(d, _columns(s)) for d, s in zip(data, used)])
     sigma = np.sqrt(np.diag(found.terms_covariance))
     return tuple(
         FlightTerm(

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from alignment.reasons import AlignmentVerdict
-from infield.session.disagreement import SessionEvidence, Step, find_steps, utc, widened_for
+from infield.session.disagreement import SessionEvidence, Step, find_steps, utc
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.marks import UnitMarks
-from infield.session.joint_update import find_flight_terms, with_thermal_terms
+from infield.session.joint_update import Walk, find_flight_terms, with_thermal_terms
 from infield.session.log import applied_table_of, with_applied_table_undone
 from infield.session.one_run import OnRecord, take_run
 from infield.session.points import session_evidence
@@ -74,10 +74,11 @@ def update_calibration(
     _check_unit(runs, table, twin)
 
     def take(steps: tuple[Step, ...], wider: SessionSettings) -> _Taken:
-        return _take(runs, table, twin, wider, ageing, history, steps)
+        return _take(runs, table, twin, wider, Walk(ageing=ageing, steps=steps), history)
 
     taken = take((), settings)
-    flight_terms = find_flight_terms(taken.sessions, table, twin, settings)
+    walk = Walk(ageing=ageing)
+    flight_terms = find_flight_terms(taken.sessions, table, twin, settings, walk)
     found = [abs(term.value_deg_h) for term in flight_terms if term.found]
     if found:
         settings = settings.with_shift(table.gyro_technology, max(found))
@@ -121,19 +122,14 @@ def _take(
     table: ThermalTable,
     twin: TwinModel,
     settings: SessionSettings,
-    ageing: AgeingModel,
+    walk: Walk,
     history: UnitHistory,
-    steps: tuple[Step, ...],
 ) -> _Taken:
-    """One run after the other; the table is widened before the first run at or after each step's
-    date.
-    """
-    current, waiting = table, list(steps)
+    """One run after the other, on the table as it went on until its start."""
+    current = table
     sessions: list[SessionResult] = []
     merged_runs: list[Run] = []
     for run in sorted(runs, key=lambda r: utc(r.header.start_utc)):
-        due = [step for step in waiting if utc(step.since_utc) <= utc(run.header.start_utc)]
-        current, waiting = widened_for(current, due), [step for step in waiting if step not in due]
         repeated = history.already_merged(run.sha256) or any(
             run.sha256 == m.sha256 for m in merged_runs
         )
@@ -142,7 +138,7 @@ def _take(
         agreeing = [s.marks for s in sessions if s.verdict.accepted and s.marks is not None]
         result = take_run(
             raw,
-            current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),
+            walk.until(current, run, merged_runs[-1] if merged_runs else None),
             twin,
             settings,
             repeated,
@@ -154,11 +150,7 @@ def _take(
             current = result.merged.table.replaced(
                 created_utc=_later(current.created_utc, run.header.start_utc)
             )
-    oldest = min(
-        (_days_between(table.created_utc, s.run.header.start_utc) for s in sessions), default=0.0
-    )
-    base = widened_for(table, steps).aged(oldest, ageing)
-    terms, judged, joint = with_thermal_terms(sessions, base, twin, settings)
+    terms, judged, joint = with_thermal_terms(sessions, table, twin, settings, walk)
     if joint is not None:
         merged_runs = [s.run for s in judged if s.verdict.accepted and s.merged is not None]
         last = max((run.header.start_utc for run in merged_runs), key=utc)
@@ -204,10 +196,6 @@ def _check_unit(runs: Sequence[Run], table: ThermalTable, twin: TwinModel) -> No
 
 def _unit(key: tuple[str, str, str]) -> str:
     return " ".join(part for part in key if part)
-
-
-def _days_between(earlier_utc: str, later_utc: str) -> float:
-    return max((utc(later_utc) - utc(earlier_utc)).total_seconds() / 86400.0, 0.0)
 
 
 def _overall(sessions: Sequence[SessionResult]) -> tuple[Outcome, tuple[Reason, ...]]:

@@ -93,9 +93,9 @@ SLOW_OTHER_LEVEL, SLOW_OTHER_DOWN = 12, 13
 # of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
 # states, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER, HAS_SCALES = 0, 1, 2, 3, 4, 5
-# what a step carries over the end of a piece, at places 0 to 32: NIS and count of the standing
-# updates so far; seconds and steps so far
-DT, V_BEFORE, RATE, REJECTED_SINCE = 0, 1, 4, 7
+# what a step carries over the end of a piece, at places 0 to 33: seconds between positions that
+# were rejected; NIS and count of the standing updates so far; seconds and steps so far
+DT, V_BEFORE, RATE, REJECTED_S = 0, 1, 4, 7
 STAND_NIS, STOOD, CLOCK, STEPS = 8, 9, 10, 11
 # and at 12 to 17 the variance that leaps of the positions add to their slow errors, fading with
 # these: of the one and of the other type of fixes, NED
@@ -105,9 +105,10 @@ LEAPT = 12
 STEADY, STEADY_STEPS, LATEST = 18, 21, 22
 # and of the shaking, at 25 to 31: the last row's specific force, body axes, the mean square of its
 # changes from row to row, the mean over SHAKEN_S of the root of that, its least and its most; at 32
-# the rows of the step
+# the rows of the step, at 33 the seconds at the latest position that was rejected (0: none since
+# one was used)
 FORCE_BEFORE, SHAKING, SHAKEN_LATELY, SHAKEN_LEAST, SHAKEN_MOST = 25, 28, 29, 30, 31
-STEP_ROWS, CARRY = 32, 33
+STEP_ROWS, REJECTED_AT, CARRY = 32, 33, 34
 # of what is taken off: biases of gyros and accelerometers, scales and misalignments, slow errors,
 # lever arm, delays, deflection of the vertical
 B_SCALE, B_SLOW, B_SLOW_VEL, B_LEVER, B_DELAY, B_VELOCITY_DELAY = 6, 18, 24, 27, 30, 31
@@ -131,6 +132,9 @@ OTHER = 12
 UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 POLE_TAN = 1e6
 UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
+# gaps between rejected positions that make a filter lost, however long they are: an outage counts
+# as a fifth of the time at most; chosen
+FEWEST_GAPS = 5.0
 # squared sigmas of the specific force of a step, three components, beyond which it has changed:
 # chi-square of 3, 1e-3 of noise; and the steps that its latest mean is of, and its mean at most
 CHANGED, LATEST_STEPS, STEADY_AT_MOST = 16.27, 10.0, 1500.0
@@ -140,6 +144,7 @@ SHAKEN_S = 2.0  # chosen: of 100 rows at 50 Hz the shaking is known to 7 %
 # integral of the squared difference of the shaking and its mean over SHAKEN_S after a jump from 0
 # to 1, over SHAKEN_S: of sqrt(1 - exp(-u)) less its exponential mean, by numbers
 OF_A_JUMP = 0.2954
+ROUNDING_S = 1e-6  # of sums of intervals
 TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
 # only kernels call it: less to compile, but a call from Python would end the process
@@ -566,6 +571,39 @@ def jump(P, seen, slow, leapt):
 
 
 @inner
+def count_rejected(carry, reset_s):
+    """Count a rejected position; True: the filter is lost, for it rejects them for reset_s (0: no).
+
+    The time between rejected positions counts, each gap for no more than its share.
+    """
+    if carry[REJECTED_AT] > 0.0:
+        carry[REJECTED_S] += min(carry[CLOCK] - carry[REJECTED_AT], reset_s / FEWEST_GAPS)
+    carry[REJECTED_AT] = carry[CLOCK]
+    return 0.0 < reset_s <= carry[REJECTED_S] + ROUNDING_S
+
+
+@inner
+def begin_anew(z, H, x, P, variance, slow, carry, settings, room, tape, taped):
+    """Widen P by what a position of a lost filter is off: z (6,) as in `take_fix`; variance (3,) of
+    its velocity.
+
+    JUMPED where the velocity fits: the positions leapt. Else RESET: position and velocity are begun
+    anew.
+    """
+    seen = np.zeros(6)
+    for i in range(6):
+        seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
+    if isfinite(z[3]):
+        nis, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], variance, room, ALL)
+        if nis <= settings[GATE]:
+            jump(P, seen, slow, carry[LEAPT:STEADY])
+            return JUMPED
+    restart(P, seen)
+    write_restart(tape, taped)
+    return RESET
+
+
+@inner
 def leave_trail(trail, carry, row, steady):
     """Write the step that ends now: row (36,) is the strapdown output there, steady (3,) its
     specific force with less noise.
@@ -648,26 +686,20 @@ def take_fix(
         z[3 + i] = row[V_N_AT + i] - at_velocity[i] + swung[i] + bias[B_SLOW_VEL + i] - fix[3 + i]
         H[i, D_] = -(row[V_N_AT + i] - at_position[i] + swings[i])
         H[3 + i, E_] = -at_velocity[6 + i]
-    seen = np.zeros(6)
-    lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
-    anew = RESET
-    if lost and isfinite(z[0]):
-        for i in range(6):
-            seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
-        if isfinite(z[3]):
-            off, _ = update(x.copy(), P.copy(), H[3:6], z[3:6], fix[9:12], room, ALL)
-            if off <= settings[GATE]:
-                anew = JUMPED
-        if anew == JUMPED:
-            jump(P, seen, slow, carry[LEAPT:STEADY])
-        else:
-            restart(P, seen)
-            write_restart(tape, taped)
+    first = BELOW_LEVER if settings[CONSIDER] > 0.0 else ALL
+    became = USED
     used, read = False, np.zeros(N, np.int64)
     for kind in range(2):
         a = 3 * kind
         if not isfinite(z[a]):
             continue
+        x_new, P_new = x.copy(), P.copy()
+        of = (H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], room, first)
+        nis, loglik = update(x_new, P_new, *of)
+        if kind == 0 and nis > settings[GATE] and count_rejected(carry, settings[RESET_S]):
+            became = begin_anew(z, H, x, P, fix[9:12], slow, carry, settings, room, tape, taped)
+            x_new, P_new = x.copy(), P.copy()
+            nis, loglik = update(x_new, P_new, *of)
         for i in range(3):
             s, y = fix[6 + a + i], z[a + i]
             count = 0
@@ -683,23 +715,18 @@ def take_fix(
                     s += H[a + i, j] * P[j, k] * H[a + i, k]
             out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
-        x_new, P_new = x.copy(), P.copy()
-        first = BELOW_LEVER if settings[CONSIDER] > 0.0 else ALL
-        nis, loglik = update(
-            x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], room, first
-        )
         out[F_NIS + kind] = nis
-        if nis <= settings[GATE] or lost:
+        if nis <= settings[GATE]:
             for i in range(N):
                 x[i] = x_new[i]
                 for j in range(N):
                     P[i, j] = P_new[i, j]
             write_down(H[a : a + 3], room, tape, taped)
-            out[F_USED + kind] = anew if lost else USED
+            out[F_USED + kind] = became
             out[F_LOGLIK + kind] = loglik
             used = True
             if kind == 0:
-                carry[REJECTED_SINCE] = 0.0
+                carry[REJECTED_S] = carry[REJECTED_AT] = 0.0
         else:
             out[F_USED + kind] = REJECTED
             out[F_LOGLIK + kind] = loglik + 0.5 * (nis - settings[GATE])
@@ -1034,5 +1061,3 @@ def run(
         C = dcm_ne(local_frame(triple(state, R)))
         put_triple(carry, AT_BEFORE, rotate(C, triple(state, V)))
         carry[DT] = carry[STEP_ROWS] = 0.0
-        if carry[REJECTED_SINCE] > 0.0 or (j >= 0 and fix_out[j, F_USED] == REJECTED):
-            carry[REJECTED_SINCE] += step_s

@@ -246,7 +246,8 @@ class AidedOptions:
     stand_sigma_m_s, stand_rate_rad_s : float
         Sigmas of these; the gyros' noise adds to the second.
     reset_s : float
-        A solution whose fixes were all rejected for so long is begun anew at the next.
+        A solution whose positions are rejected one after the other for so long is begun anew; a
+        gap between two of them counts for a fifth of that at most.
     output_s : float
         Interval of the rows.
     keep_covariance : bool

@@ -49,8 +49,10 @@ def ideal(rate_hz=20.0):
 
 
 @lru_cache(maxsize=8)
-def simulated(seed, *, errors=SLOW):
-    """A unit of the blank table's prior, with scales and misalignments that nobody declares."""
+def simulated(seed, *, errors=SLOW, gnss=TWIN.gnss):
+    """A unit of the blank table's prior, with scales and misalignments that nobody declares; gnss:
+    white noise of its receiver.
+    """
     gyro = replace(TWIN.gyro, scale_factor_ppm=SCALE_PPM, misalignment_mrad=MISALIGNMENT_MRAD)
     rng = np.random.default_rng([seed, 21])
     plan = SessionPlan(
@@ -60,7 +62,9 @@ def simulated(seed, *, errors=SLOW):
         with_phases=False,
         gnss_lever_arm_m=ARM_M,
     )
-    made = simulate_run(ideal(), WARM_UP, unit(seed), replace(TWIN, gyro=gyro), rng=rng, plan=plan)
+    made = simulate_run(
+        ideal(), WARM_UP, unit(seed), replace(TWIN, gyro=gyro, gnss=gnss), rng=rng, plan=plan
+    )
     return with_flight_errors(made, ideal(), errors, rng)
 
 

@@ -10,12 +10,14 @@ import pytest
 
 from infield.aided.antenna import BOTH, NOTHING_FREED, Freed, antenna_sigmas, material
 from infield.aided.checks import contradicted
-from infield.aided.flight import navigate_aided
+from infield.aided.flight import aided_noise, navigate_aided, warming_walk
+from infield.aided.flights import Flights
 from infield.aided.noise import Flown, Model
+from infield.aided.reasons import AidedReason
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
-from ins.filters.aided_records import Antenna, fixes_of
-from ins.records import Run, Site
+from ins.filters.aided_records import Antenna, Fixes, fixes_of
+from ins.records import Run, Site, TemperatureLog
 from ins.units import MICRO_G
 from tests.infield.aided_cases import (
     SITE,
@@ -184,6 +186,96 @@ def test_velocities_that_are_not_the_way_of_the_positions_are_found():
         replace(gnss, v_n_m_s=fast),
     ):
         assert contradicted(fixes(replace(sound, gnss=other))) is None
+
+
+# WGS-84: semi-major axis [m] and squared eccentricity
+A_M, E2 = 6378137.0, (2.0 - 1.0 / 298.257223563) / 298.257223563
+CRUISE_M = 10_000.0
+
+
+def radii(lat):
+    """Radii of the ways north and east at cruise height [m]; the east one times cos(lat)."""
+    across = A_M / np.sqrt(1.0 - E2 * np.sin(lat) ** 2)
+    along = across * (1.0 - E2) / (1.0 - E2 * np.sin(lat) ** 2)
+    return along + CRUISE_M, (across + CRUISE_M) * np.cos(lat)
+
+
+def long_flight(lat_deg, course_deg, turn_deg) -> Fixes:
+    """An hour of perfect fixes at 230 m/s on a course that turns evenly: the way of the velocities
+    on the ellipsoid, by the midpoint rule.
+    """
+    t = np.arange(0.0, 3600.5, 0.5)
+    course = np.radians(course_deg + turn_deg * t / t[-1])
+    v_n = 230.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros(t.size)])
+    place = np.radians(np.tile([lat_deg, 7.0], (t.size, 1)))
+    for k in range(0, t.size - 2, 2):
+        place[k + 1] = place[k] + 0.5 * v_n[k, :2] / radii(place[k, 0])
+        place[k + 2] = place[k] + v_n[k + 1, :2] / radii(place[k + 1, 0])
+    lat, lon = place[::2].T
+    level, up = radii(lat)[1], (A_M / np.sqrt(1.0 - E2 * np.sin(lat) ** 2)) * (1.0 - E2) + CRUISE_M
+    return Fixes(
+        time_s=t[::2],
+        r_e_m=np.column_stack([level * np.cos(lon), level * np.sin(lon), up * np.sin(lat)]),
+        v_n_m_s=v_n[::2],
+        sigma_position_m=np.ones((lat.size, 3)),
+        sigma_velocity_m_s=np.full((lat.size, 3), 0.05),
+    )
+
+
+@pytest.mark.parametrize(
+    ("lat_deg", "course_deg", "turn_deg"),
+    [(45.0, 90.0, 0.0), (70.0, -90.0, 0.0), (30.0, 0.0, 0.0), (-60.0, 225.0, 0.0), (83.0, 0, 360)],
+)
+def test_long_flights_do_not_contradict_themselves(lat_deg, course_deg, turn_deg):
+    """Perfect fixes; with sums in each fix's own north and east it was 89 to 248 sigmas. Half an
+    hour later velocities of 10 m/s eastward that the positions do not go are found, and they alone.
+    """
+    fixes = long_flight(lat_deg, course_deg, turn_deg)
+    assert contradicted(fixes) is None
+    wrong = (fixes.time_s > 1800.0) & (fixes.time_s <= 1840.0)
+    east = np.where(wrong, 10.0, 0.0)[:, None] * np.array([0.0, 1.0, 0.0])
+    seen = contradicted(replace(fixes, v_n_m_s=fixes.v_n_m_s + east))
+    assert seen is not None and seen.components == "east" and seen.sigmas > 10.0
+    assert seen.rows[wrong].all() and not seen.rows[np.abs(fixes.time_s - 1820.0) > 31.0].any()
+
+
+def test_widened_fixes_have_a_start_of_their_own():
+    """A copy of the flights with other fixes begins with these, not with the start of the old."""
+    run = flown(ideal(PARK_S), twin_of("mems"), 1).run
+    narrow = fixes(run)
+    wide = replace(narrow, sigma_position_m=100.0 * narrow.sigma_position_m)
+    begun = []
+
+    def begin(late, lever_arm_m):
+        begun.append(float(late.sigma_position_m[0, 0] / narrow.sigma_position_m[0, 0]))
+        return AidedReason.NO_FIXES
+
+    noise, antenna = aided_noise(twin_of("mems")), Antenna(lever_arm_m=np.zeros(3))
+    flights = Flights(run.imu, narrow, noise, (0.5, 0.75, 0.03), (), "mems", begin)
+    flights.start(antenna)
+    list(flights.pieces(200.0, whole=False))
+    other = replace(flights, fixes=wide)
+    other.start(antenna)
+    other.start(antenna)
+    assert begun == [1.0, 100.0]
+    assert flights.held and not other.held
+
+
+def test_a_missed_temperature_warms_nothing():
+    """A ramp of 1 degC/min, gyro z 20 degC warmer: with a row that no thermometer has, rows that x
+    alone misses, and a thermometer that never reads, the walk is that of the ramp.
+    """
+    t = np.arange(0.0, 1200.0, 10.0)
+    degC = np.column_stack([t / 60.0, t / 60.0, t / 60.0 + 20.0])
+    ramp = warming_walk(TemperatureLog(time_s=t, gyro_degC=degC))
+    assert ramp == pytest.approx(np.sqrt(960.0) / 60.0)  # the longest lag, 16 min
+    missed = degC.copy()
+    missed[30], missed[50:60, 0], missed[-1] = np.nan, np.nan, np.nan
+    assert warming_walk(TemperatureLog(time_s=t, gyro_degC=missed)) == pytest.approx(ramp, rel=0.02)
+    missed[:, 2] = np.nan
+    assert warming_walk(TemperatureLog(time_s=t, gyro_degC=missed)) == pytest.approx(ramp, rel=0.02)
+    silent = np.full(degC.shape, np.nan)
+    assert warming_walk(TemperatureLog(time_s=t, gyro_degC=silent)) == 0.0
 
 
 @pytest.mark.slow

@@ -11,15 +11,20 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks import flight_update as flights
+from infield.aided.flight import warmed_accel_walk
 from infield.reports.documents.parked import budget_terms
 from infield.session.flown import without_heading
+from infield.session.flown.about import begun
 from infield.session.flown.gates import DOUBTED_SIGMAS
 from infield.session.flown.priors import Further
 from infield.session.reasons import FlightReason
 from infield.session.settings import SessionSettings
-from ins.records import GnssLog
+from ins.filters.aided_records import AidedNoise
+from ins.records import FixType, GnssLog
 from tests.infield import mems_away
+from tests.infield.aided_cases import gauss_markov
 from tests.infield.mems_away import MISALIGNMENT_MRAD, SCALE_PPM, SETTINGS, bin_errors, simulated
+from tests.infield.test_aided_grade import moved
 
 # two-sided: 1 in 1000 of right sigmas, over as many degrees of freedom as there are
 CHANCE = 5e-4
@@ -98,6 +103,86 @@ def test_without_a_receiver_there_is_no_way():
     silent = mems_away.taken(replace(simulated(0).run, gnss=None))
     assert silent.flight is None
     assert (unasked(0).estimate.parked.stretch >= 0).all()
+
+
+# white and slow errors of level positions, fixed and float solutions, as a receiver tells them [m]
+FIXED_M, FLOAT_M = (0.014, 0.056), (0.1, 0.4)
+
+
+def rtk(seed):
+    """A session whose receiver changes between fixed and float solutions every 10 to 30 s, and says
+    of each fix what its white noise is.
+    """
+    quiet = replace(
+        mems_away.TWIN.gnss, sigma_horizontal_m=FIXED_M[0], sigma_vertical_m=1.5 * FIXED_M[0]
+    )
+    errors = replace(mems_away.SLOW, slow_position_m=0.0)
+    made = simulated(seed, errors=errors, gnss=quiet)
+    gnss, rng = made.run.gnss, np.random.default_rng([seed, 83])
+    floats = np.searchsorted(np.cumsum(rng.uniform(10.0, 30.0, 200)), gnss.time_s) % 2 == 1
+    slow = [gauss_markov(gnss.time_s, rng, sigma, 200.0) for sigma in (FIXED_M[1], FLOAT_M[1])]
+    off = np.where(floats[:, None], slow[1], slow[0])
+    off += np.where(floats[:, None], FLOAT_M[0], 0.0) * rng.standard_normal(off.shape)
+    level = np.where(floats, FLOAT_M[0], FIXED_M[0])
+    told = replace(
+        moved(gnss, off * [1.0, 1.0, 1.5]),
+        sigma_horizontal_m=level,
+        sigma_vertical_m=1.5 * level,
+        fix_type=np.where(floats, FixType.FLOAT, FixType.FIXED).astype(float),
+    )
+    return replace(made, run=replace(made.run, gnss=told))
+
+
+def test_the_filter_of_the_bins_has_the_noise_that_a_log_was_flown_with():
+    """Both slow errors as they are; as large as assumed where there are none. Of the walk of the
+    accelerometers' biases, 100 micro-g a degC and the warming: the slopes are states.
+    """
+    known = mems_away.known(simulated(0).run)
+    warmed = warmed_accel_walk(known.run)
+    flown = AidedNoise(
+        arw=1e-4,
+        vrw=2e-3,
+        gyro_walk=3e-6,
+        accel_walk=float(np.hypot(5e-5, warmed)),
+        slow_level_m=FIXED_M[1],
+        slow_other_level_m=FLOAT_M[1],
+        slow_velocity_m_s=0.003,
+    )
+    noise = without_heading._noise(known, flown)
+    assert noise.accel_walk == pytest.approx(5e-5) and warmed > 0.0
+    assert replace(noise, accel_walk=flown.accel_walk) == flown
+    none = replace(flown, slow_level_m=0.0, slow_velocity_m_s=0.0)
+    noise, priors = without_heading._noise(known, none), SETTINGS.flight
+    assert noise.slow_level_m == priors.slow_position_m
+    assert noise.slow_velocity_m_s == priors.slow_velocity_m_s
+
+
+@pytest.mark.slow
+def test_ways_with_fixes_of_two_types_are_within_their_sigmas(monkeypatch):
+    """Three sessions: joined, the bins within their sigmas, the slow error of the float solutions
+    found to a factor of 2, that of the fixed ones not beyond twice its size. Factors on each type's
+    own sigma, applied to the twin's 0.5 m, made 1.5 m of the one and nothing of the other.
+    """
+    seen = []
+
+    def see(believed):
+        seen.append(believed.noise)
+        return begun(believed)
+
+    monkeypatch.setattr(without_heading, "begun", see)
+    nees, count = 0.0, 0
+    for seed in range(3):
+        made = rtk(seed)
+        result = mems_away.taken(made.run)
+        assert result.flight.joined is not None, result.flight.reasons
+        error = bin_errors(made, result.estimate).ravel()
+        nees += error @ np.linalg.solve(result.estimate.covariance, error)
+        count += error.size
+        fixed, floats = sorted([seen[-1].slow_level_m, seen[-1].slow_other_level_m])
+        assert 0.0 < fixed < 2.0 * FIXED_M[1]
+        assert 0.5 * FLOAT_M[1] < floats < 2.0 * FLOAT_M[1]
+    low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], count)
+    assert low < nees < high
 
 
 def led_astray(log: GnssLog) -> GnssLog:

@@ -1,5 +1,7 @@
 """Heating against cooling: what a term does to the table, and what is not taken for one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ from infield.session.hysteresis import (
     posterior_with,
     with_terms,
 )
-from infield.session.joint_update import with_thermal_terms
+from infield.session.joint_update import Walk, likelihoods_of, with_thermal_terms
 from infield.session.reasons import ThermalAction, ThermalKind, VarianceSource
 from infield.session.results import UpdateResult
 from infield.table.merge import merge_posterior
@@ -70,9 +72,47 @@ def test_joint_posterior_without_a_term_is_the_merge_one_after_the_other():
     assert joint.covariance == pytest.approx(current.covariance, abs=1e-7)
 
 
-def test_a_fitted_rate_term_has_its_part_of_the_variance():
+# a year of it: 5 times the sigma that one of these sessions has of a level gyro
+AGEING = AgeingModel(common_deg_h_sqrt_year=0.02, shape_deg_h_sqrt_year=0.01)
+
+
+def a_year_apart(sessions):
+    """The sessions, each a year after the one before."""
+    dated = []
+    for k, session in enumerate(sessions):
+        header = replace(session.run.header, start_utc=f"{2026 + k}-03-01T05:00:00Z")
+        dated.append(replace(session, run=replace(session.run, header=header)))
+    return dated
+
+
+def test_sessions_a_year_apart_together_are_the_merge_one_after_the_other():
+    """The table ages before each: 14 and 12 months. Aged up to the first alone, the joint table was
+    surer than the one that was merged one after the other.
+    """
+    table, _, sessions = pair()
+    dated = a_year_apart(sessions)
+    data = likelihoods_of(dated, table, TWIN, SETTINGS, Walk(ageing=AGEING))
+    joint = joint_posterior(table, data, ThermalKind.RATE, (False, False, False))
+    current = table
+    for session, months in zip(dated, (424.0 + 5.0 / 24.0, 365.0)):
+        current = current.aged(months, AGEING)
+        d = bins_of(session, current)
+        added = np.zeros_like(d.vector), np.zeros_like(d.information)
+        current = merge_posterior(current, d.bins.H, *posterior_with(d, *added)).candidate
+    assert table.parameters + joint.change == pytest.approx(current.parameters, abs=2e-5)
+    assert joint.covariance == pytest.approx(current.covariance, abs=1e-7)
+    still = joint_posterior(
+        table, [bins_of(s, table) for s in dated], ThermalKind.RATE, [False] * 3
+    )
+    x = table.values_of("x")
+    assert np.diag(joint.covariance)[x].min() > 2.0 * np.diag(still.covariance)[x].min()
+
+
+@pytest.mark.parametrize("ageing", [AgeingModel(), AGEING])
+def test_a_fitted_rate_term_has_its_part_of_the_variance(ageing):
     table, _, sessions = pair(rate=0.05)
-    terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
+    dated, walk = a_year_apart(sessions), Walk(ageing=ageing)
+    terms, judged, after = with_thermal_terms(dated, table, TWIN, SETTINGS, walk)
     assert terms[0].action is ThermalAction.RATE_TERM_FITTED
     runs = tuple(s.run for s in judged)
     result = UpdateResult(
@@ -83,7 +123,7 @@ def test_a_fitted_rate_term_has_its_part_of_the_variance():
         sessions=tuple(judged),
         twin=TWIN,
         settings=SETTINGS,
-        ageing=AgeingModel(),
+        ageing=ageing,
         merged_runs=runs,
         terms=terms,
     )

@@ -440,6 +440,105 @@ def test_a_lasting_shift_without_velocities_is_begun_anew():
     assert resets.size == 1 and 360.0 <= t[resets[0]] <= 363.0
 
 
+def fitted_start(made, twin):
+    """The truth, known as well as the Monte Carlo's starts are."""
+    return AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
+
+
+def gated(fixes_changed):
+    """A MEMS flight whose filter is begun anew after 10 s: fixes (n,) as changed, and history."""
+    twin = twin_of("mems", flicker=False)
+    made = flown(ideal(), twin, 5)
+    fixes = fixes_changed(fixes_from(made, twin))
+    start = fitted_start(made, twin)
+    return made, navigated(made, start, aided_noise(twin), fixes, reset_s=10.0)
+
+
+def seen_at(fixes, seconds):
+    return np.isin(np.round(fixes.time_s), seconds)[:, None]
+
+
+def without_fixes(fixes, gone):
+    hole = np.where(gone, np.nan, 0.0)
+    return replace(fixes, r_e_m=fixes.r_e_m + hole, v_n_m_s=fixes.v_n_m_s + hole)
+
+
+OUTAGE = np.arange(201, 212)
+
+
+def test_an_outage_does_not_disarm_the_gate():
+    """A fix 1 km off, 11 s without fixes, a fix 1 km off: both are rejected. The second was taken,
+    500 m off, for the outage ran the clock of rejected fixes.
+    """
+
+    def wild(fixes):
+        fixes = without_fixes(fixes, seen_at(fixes, OUTAGE))
+        far = np.where(seen_at(fixes, [200, 212]), 1000.0 / np.sqrt(3.0), 0.0)
+        return replace(fixes, r_e_m=fixes.r_e_m + far)
+
+    made, history = gated(wild)
+    k = int(np.argmin(np.abs(history.fix_time_s - 212.0)))
+    assert (history.used[[k - 12, k], 0] == 1).all() and history.nis[k, 0] > 1e4
+    assert (history.used[k + 1 :] == 2).all()
+    assert np.abs(errors(made, history)[210:, :3]).max() < 5.0
+
+
+def test_a_fix_that_fits_is_no_leap_and_velocities_keep_their_gate():
+    """After a fix 1 km off and 11 s without fixes come velocities 50 m/s off without a position:
+    rejected. Then positions that fit: used, no leap.
+    """
+
+    def wild(fixes):
+        fixes = without_fixes(fixes, seen_at(fixes, OUTAGE))
+        far = np.where(seen_at(fixes, [200]), 1000.0, 0.0)
+        alone = seen_at(fixes, [212, 213, 214])
+        hole, fast = np.where(alone, np.nan, 0.0), np.where(alone, 50.0, 0.0)
+        return replace(fixes, r_e_m=fixes.r_e_m + far + hole, v_n_m_s=fixes.v_n_m_s + fast)
+
+    made, history = gated(wild)
+    k = int(np.argmin(np.abs(history.fix_time_s - 212.0)))
+    assert (history.used[k : k + 3, 1] == 1).all()
+    assert (history.used[k + 3 :] == 2).all()
+    assert np.abs(errors(made, history)[210:, :3]).max() < 5.0
+
+
+@pytest.mark.parametrize("every_s", [1, 4, 15])
+def test_a_lasting_leap_is_followed_however_seldom_fixes_come(every_s):
+    """300 m from 350 s on: no sooner than after 10 s, and after five fixes in a row at most that
+    are further apart.
+    """
+
+    def leapt(fixes):
+        seldom = np.round(fixes.time_s) % every_s != 0
+        far = np.where((fixes.time_s > 350.0)[:, None], 300.0, 0.0)
+        fixes = without_fixes(fixes, seldom[:, None])
+        return replace(fixes, r_e_m=fixes.r_e_m + far)
+
+    _, history = gated(leapt)
+    leaps = history.fix_time_s[history.used[:, 0] == 4]
+    assert leaps.size == 1 and not (history.used[:, 0] == 3).any()
+    assert 360.0 <= leaps[0] <= 352.0 + max(11.0, 6.0 * every_s)
+
+
+def test_a_lost_filter_is_begun_anew():
+    """A solution 3.6 km and 50 m/s off that takes itself for good: begun anew after 10 s."""
+    twin = twin_of("mems", flicker=False)
+    made = flown(ideal(), twin, 5)
+    error = np.zeros(15)
+    error[POS], error[VEL] = [3000.0, -2000.0, 100.0], [40.0, 30.0, 0.0]
+    start = replace(fitted_start(made, twin), state=truth_at(made, error=error))
+    fixes = fixes_from(made, twin)
+    history = navigated(made, start, aided_noise(twin), fixes, reset_s=10.0)
+    anew = history.fix_time_s[history.used[:, 0] == 3]
+    assert anew.size == 1 and 10.0 <= anew[0] <= 14.0
+    assert np.abs(errors(made, history)[60:, :3]).max() < 10.0
+
+
 def merged(imu, rows: int, first: int):
     """The log with `rows` of its rows summed to one, the first of them alone in one of `first`."""
     ends = np.arange(first, imu.rows + 1, rows)

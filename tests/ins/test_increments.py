@@ -212,7 +212,7 @@ def test_joined_intervals_turn_and_push_as_their_rows_do():
     rng = np.random.default_rng(4)
     rows = log(0.3 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))
     ends = np.array([1, 2, 9, 30, 40])
-    C, dv = increments.joined(rows, ends)
+    C, dv, _ = increments.joined(rows, ends)
     turns, pushes = increments.rotation_vectors(rows), increments.velocity_increments(rows)
     for k, (a, b) in enumerate(zip([0, *ends[:-1]], ends)):
         at, gained = Rotation.identity(), np.zeros(3)
@@ -225,13 +225,15 @@ def test_joined_intervals_turn_and_push_as_their_rows_do():
     steady = log(
         np.tile([0.0, 0.0, rate * dt], (n, 1)), np.tile([force * dt, 0.0, 0.0], (n, 1)), dt
     )
-    C, dv = increments.joined(steady, [n])
+    C, dv, way = increments.joined(steady, [n])
     np.testing.assert_allclose(
         C[0], dcm_from_rotation_vector([0.0, 0.0, rate * n * dt]), atol=1e-12
     )
     angle = rate * n * dt
     expected = force / rate * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
     np.testing.assert_allclose(dv[0], expected, atol=1e-9)
+    expected = force / rate**2 * np.array([1.0 - np.cos(angle), angle - np.sin(angle), 0.0])
+    np.testing.assert_allclose(way[0], expected, atol=force * rate * n * dt**3 / 6.0)
 
 
 def test_summed_rows_meet_at_the_start_and_leave_gaps_alone():

@@ -41,12 +41,13 @@ PLACE_ERROR, SPEED_ERROR, TILT_ERROR, ACCEL_ERROR = (
     slice(6, 9),
     slice(9, 12),
 )
-SLOW_POSITION, SLOW_VELOCITY = slice(12, 15), slice(15, 18)
+# of the receiver; of the positions of one type of fixes, and of the other
+SLOW_POSITION, SLOW_OTHER, SLOW_VELOCITY = slice(12, 15), slice(15, 18), slice(18, 21)
 OF_SPEED = list(range(SPEED_ERROR.start, SPEED_ERROR.stop))
 # flicker of the gyros within a bin: Gauss-Markov processes of these shares of its length, a factor
 # of FLICKER_STEP apart; slower flicker is what the bins tell, faster is below white noise
 FLICKER_SHARES, FLICKER_STEP = np.array([0.0125, 0.05, 0.2]), 4.0
-WANDER = slice(18, 18 + 3 * FLICKER_SHARES.size)
+WANDER = slice(SLOW_VELOCITY.stop, SLOW_VELOCITY.stop + 3 * FLICKER_SHARES.size)
 FADING = slice(SLOW_POSITION.start, WANDER.stop)  # states that come and go
 MOVING_ERRORS, FIRST_FURTHER = (
     9,
@@ -193,7 +194,8 @@ def over(flt: AboutFilter, steps: Steps, believed: Believed) -> None:
         pushed = C @ steps.dv_b_m_s[k]
         before = v
         v = v + pushed - 0.5 * cross(turn, pushed) + steps.pull_m_s2[at] * dt
-        way = way + 0.5 * (v + before) * dt
+        lagging = C @ (steps.way_b_m[k] - 0.5 * dt * steps.dv_b_m_s[k])
+        way = way + 0.5 * (v + before) * dt + lagging
         _predict(flt, steps, k, reading.of(flt, steps, k, C), reading)
         C = (UNIT_MATRIX - skew(turn)) @ C @ steps.C_bb[k]
         if steps.fix[k] >= 0:
@@ -266,20 +268,10 @@ class Reading:
 
 def _begin(flt: AboutFilter, believed: Believed) -> None:
     """Motion and slow errors as where a stretch begins."""
-    noise = believed.noise
-    fresh = np.array(
-        [
-            *[BEGIN_M] * 3,
-            *[BEGIN_SPEED_M_S] * 3,
-            *[BEGIN_TILT_RAD] * 2,
-            BEGIN_HEADING_RAD,
-            *[noise.slow_level_m] * 2,
-            noise.slow_down_m,
-            *[noise.slow_velocity_m_s] * 3,
-            *[believed.wander_rad_s] * (WANDER.stop - WANDER.start),
-        ]
-    )
-    states = np.r_[0:MOVING_ERRORS, 12:FIRST_FURTHER]
+    _, fading = _fading(believed)
+    tilt = [*[BEGIN_TILT_RAD] * 2, BEGIN_HEADING_RAD]
+    fresh = np.array([*[BEGIN_M] * 3, *[BEGIN_SPEED_M_S] * 3, *tilt, *fading])
+    states = np.r_[0:MOVING_ERRORS, FADING]
     flt.x[states] = 0.0
     flt.P[states, :] = 0.0
     flt.P[:, states] = 0.0
@@ -364,12 +356,18 @@ def _predict(flt: AboutFilter, steps: Steps, k: int, read: Read, reading: Readin
 
 
 def _fading(believed: Believed) -> tuple[NDArray, NDArray]:
-    """States that come and go: time constants and sigmas (15,)."""
+    """States that come and go: time constants and sigmas (18,)."""
     noise = believed.noise
-    level, speed, wander = noise.slow_level_m, noise.slow_velocity_m_s, believed.wander_rad_s
     flicker_s = np.repeat(FLICKER_SHARES * believed.bin_s, 3)
-    seconds = np.concatenate([[noise.slow_s] * 3, [noise.slow_velocity_s] * 3, flicker_s])
-    sigmas = [level, level, noise.slow_down_m, *[speed] * 3, *[wander] * flicker_s.size]
+    seconds = np.concatenate([[noise.slow_s] * 6, [noise.slow_velocity_s] * 3, flicker_s])
+    sigmas = [
+        *[noise.slow_level_m] * 2,
+        noise.slow_down_m,
+        *[noise.slow_other_level_m] * 2,
+        noise.slow_other_down_m,
+        *[noise.slow_velocity_m_s] * 3,
+        *[believed.wander_rad_s] * flicker_s.size,
+    ]
     return seconds, np.array(sigmas)
 
 
@@ -389,7 +387,7 @@ def _take_fix(flt: AboutFilter, steps: Steps, k: int, course: Course, believed: 
         H = _rows(
             (PLACE_ERROR, UNIT_MATRIX),
             (TILT_ERROR, -skew(arm)),
-            (SLOW_POSITION, UNIT_MATRIX),
+            (SLOW_OTHER if steps.fix_of_other_type[fix] else SLOW_POSITION, UNIT_MATRIX),
             (lever, C),
             (delays[:1], -(v + swing)[:, None]),
         )

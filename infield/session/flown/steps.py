@@ -35,14 +35,14 @@ class Steps:
     NED; pull_m_s2 (R, 3): gravity and Coriolis; stands (R,).
 
     row (K,): the last row at or before a step's start; closes (K,): the step ends at the next row;
-    dt_s (K,), C_bb (K, 3, 3), dv_b_m_s (K, 3): the increments; angle_b_rad (K, 3), force_b_m_s2
-    (K, 3): sum of angles, mean specific force; turn_n_rad (K, 3): of the frame; warmer_degC (K,):
-    than at the start of the log; bin (K,); flies (K,): under way, in the air or
-    on wheels, where vibration may change what gyros read; fix (K,): the fix at the
-    end, -1: none; late_s (K,): the end is so much later.
+    dt_s (K,), C_bb (K, 3, 3), dv_b_m_s (K, 3): the increments; way_b_m (K, 3): of the velocity that
+    they gain; angle_b_rad (K, 3), force_b_m_s2 (K, 3): sum of angles, mean specific force;
+    turn_n_rad (K, 3): of the frame; warmer_degC (K,): than at the start of the log; bin (K,); flies
+    (K,): under way, in the air or on wheels, where vibration may change what gyros read; fix (K,):
+    the fix at the end, -1: none; late_s (K,): the end is so much later.
 
     fix_time_s (F,), fix_way_m (F, 3): from the row before to the antenna, NED; fix_v_n_m_s (F, 3),
-    fix_rate_b_rad_s (F, 3): of the body there; fix_variance (F, 6).
+    fix_rate_b_rad_s (F, 3): of the body there; fix_variance (F, 6); fix_of_other_type (F,).
     """
 
     time_s: NDArray
@@ -56,6 +56,7 @@ class Steps:
     dt_s: NDArray
     C_bb: NDArray
     dv_b_m_s: NDArray
+    way_b_m: NDArray
     angle_b_rad: NDArray
     force_b_m_s2: NDArray
     turn_n_rad: NDArray
@@ -69,6 +70,7 @@ class Steps:
     fix_v_n_m_s: NDArray
     fix_rate_b_rad_s: NDArray
     fix_variance: NDArray
+    fix_of_other_type: NDArray
 
 
 def steps_between(
@@ -109,6 +111,7 @@ def steps_between(
         dt_s=dt,
         C_bb=log.C_bb,
         dv_b_m_s=log.dv_b_m_s,
+        way_b_m=log.way_b_m,
         angle_b_rad=log.angle_b_rad,
         force_b_m_s2=log.dv_b_m_s / dt[:, None],
         turn_n_rad=(earth + transport)[row] * dt[:, None],
@@ -124,6 +127,7 @@ def steps_between(
         fix_variance=np.hstack(
             [fixes.sigma_position_m[here] ** 2, fixes.sigma_velocity_m_s[here] ** 2]
         ),
+        fix_of_other_type=fixes.other_type[here],
     )
 
 
@@ -137,6 +141,7 @@ class _Increments:
     dt_s: NDArray
     C_bb: NDArray
     dv_b_m_s: NDArray
+    way_b_m: NDArray
     angle_b_rad: NDArray
     fix_rate_b_rad_s: NDArray
 
@@ -158,7 +163,7 @@ def _increments(imu: ImuSource, t: NDArray, rows: Where, fix_s: NDArray) -> _Inc
     fix[np.searchsorted(ends, at_fix)] = here  # of several in one row, the last
     starts = np.concatenate([[before], ends[:-1] + 1])
     edges = ends + 1 if before == 0 else np.concatenate([[before], ends + 1])
-    C_bb, dv = joined(log.between(-np.inf, float(log.time_s[ends[-1]])), edges)
+    C_bb, dv, way = joined(log.between(-np.inf, float(log.time_s[ends[-1]])), edges)
     own = slice(int(before > 0), None)
     inside = slice(None, int(ends[-1]) + 1)
     return _Increments(
@@ -168,6 +173,7 @@ def _increments(imu: ImuSource, t: NDArray, rows: Where, fix_s: NDArray) -> _Inc
         dt_s=np.add.reduceat(log.dt_s[inside], starts),
         C_bb=C_bb[own],
         dv_b_m_s=dv[own],
+        way_b_m=way[own],
         angle_b_rad=np.add.reduceat(log.dtheta_rad[inside], starts, axis=0),
         fix_rate_b_rad_s=_rates(log, fix_s[here]),
     )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.aided.flight import AidedResult, aided_noise, navigate_aided
+from infield.aided.flight import AidedResult, navigate_aided, warmed_accel_walk
 from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
@@ -176,8 +176,8 @@ def _estimated(
     left_out: FlightEvidence,
 ) -> FlightEvidence:
     """The bins of rests and ways together, judged."""
-    history, fixes = result.history, result.fixes
-    assert history is not None and fixes is not None
+    history, given = result.history, result.given
+    assert history is not None and given is not None
     spans = [(float(history.time_s[s][0]), float(history.time_s[s][-1])) for s in stretches]
     alone = None if isinstance(ground, Rests) else ground
     bins, is_away = _all_bins(known, None if alone is None else alone.bins, spans)
@@ -185,13 +185,12 @@ def _estimated(
         ground = never_at_rest(bins, _begun(result), ground.left_out)
     after = _after_rests(ground, bins, ~is_away)
     believed = _believed(known, result, bins, after, is_away)
-    scaled = fixes.scaled(result.scales.position, result.scales.velocity)
     flt = begun(believed)
     for rows in stretches:
         steps = steps_between(
             imu,
             history,
-            scaled,
+            given.fixes,
             rows,
             temperature=known.temperature,
             bin_ends_s=bins.end_s[is_away],
@@ -263,7 +262,7 @@ def _believed(
     technology = known.run.header.gyro_technology
     accepted_ppm = known.run.header.accepted_accel_scale / PPM
     scale_ppm = {technology: max(priors.accel_scale_ppm[technology], accepted_ppm)}
-    assert result.antenna is not None
+    assert result.antenna is not None and result.given is not None
     every = laid_out(
         replace(priors, accel_scale_ppm=priors.accel_scale_ppm | scale_ppm),
         technology,
@@ -283,7 +282,7 @@ def _believed(
     P[:n, :n] = np.diag(layout.sigma**2)
     P[n:, n:] = covariance
     return Believed(
-        noise=_noise(known, result),
+        noise=_noise(known, result.given.noise),
         antenna=result.antenna.antenna,
         layout=layout,
         mean=x,
@@ -322,21 +321,22 @@ def _layout(every: Layout, found: NDArray) -> Layout:
     return Layout(every.first, size, at)
 
 
-def _noise(known: KnownRun, result: AidedResult) -> AidedNoise:
-    """The noise that the solution needed, and slow errors of the receiver no smaller than assumed:
-    a solution without the gyros' scales among its states cannot tell the two apart.
+def _noise(known: KnownRun, flown: AidedNoise) -> AidedNoise:
+    """The noise that the log was flown with, less what is a state here: the slope of the
+    accelerometers over temperature. Where it was flown without slow errors of the receiver, they
+    are as large as assumed, for the likelihood of a flight does not show small ones.
     """
     gnss, priors = known.twin.gnss, known.settings.flight
-    declared = gnss.sigma_horizontal_m, gnss.sigma_vertical_m, gnss.sigma_velocity_m_s
-    noise = result.scales.of(aided_noise(known.twin), *declared)
-    if noise.slow_level_m < priors.slow_position_m:
+    unheld = flown.accel_walk**2 - warmed_accel_walk(known.run) ** 2
+    noise = replace(flown, accel_walk=float(np.sqrt(max(unheld, 0.0))))
+    if noise.slow_level_m == 0.0:
         noise = replace(
             noise,
             slow_level_m=priors.slow_position_m,
-            slow_down_m=priors.slow_position_m * declared[1] / declared[0],
+            slow_down_m=priors.slow_position_m * gnss.sigma_vertical_m / gnss.sigma_horizontal_m,
             slow_s=priors.slow_position_s,
         )
-    if noise.slow_velocity_m_s < priors.slow_velocity_m_s:
+    if noise.slow_velocity_m_s == 0.0:
         noise = replace(
             noise,
             slow_velocity_m_s=priors.slow_velocity_m_s,

@@ -18,6 +18,7 @@ from recal.fleet.records import (
     UnitTask,
     outcome_of,
 )
+from recal.service.store import moment
 
 # of a task whose worker died; chosen: one that ends 3 workers is the cause itself
 MOST_ATTEMPTS = 3
@@ -48,7 +49,7 @@ class UnitQueue:
         return self.summary_task()
 
     def summary_task(self) -> UnitTask:
-        ordered = sorted(self.outcomes, key=lambda o: (o.start_utc, o.run_id, o.path))
+        ordered = sorted(self.outcomes, key=lambda o: (moment(o.start_utc), o.run_id, o.path))
         unit = ordered[0].unit
         assert unit is not None
         return UnitTask(unit=unit, outcomes=tuple(ordered), pages=self.pages)

@@ -10,7 +10,8 @@ from ins.records import InputError
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet, wrong_clock
-from recal.fleet.records import PlannedRun
+from recal.fleet.pools.dispatch import UnitQueue
+from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 
@@ -150,3 +151,25 @@ def test_folders_of_odd_names_stay_inside_and_apart():
     ]
     first, second = map(run_folder, runs)
     assert first.startswith("20251231T230000Z-_.._r-") and first < second
+
+
+def test_a_summary_has_its_runs_in_the_order_of_their_time():
+    """Offsets and fractions of a second, which text puts in another order."""
+    in_time = (
+        "2026-03-01T23:30:00+05:00",
+        "2026-03-01T20:00:00Z",
+        "2026-03-01T20:00:00.5Z",
+        "2026-03-01T15:30:00-05:00",
+    )
+    outcomes = [
+        RunOutcome(
+            path=f"r{k}",
+            outcome=FleetOutcome.COMMITTED,
+            imu_serial="SN-1",
+            gyro_technology="rlg",
+            start_utc=start,
+        )
+        for k, start in enumerate(in_time)
+    ]
+    queue = UnitQueue("SN-1", (), outcomes[::-1], "none")
+    assert tuple(o.start_utc for o in queue.summary_task().outcomes) == in_time
