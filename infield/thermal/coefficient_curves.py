@@ -1,8 +1,8 @@
 """Least squares for b = K_T(T) + K_delta(T) dT/dt over block means, the slow drift of each power-on
-marginalised.
+marginalised::
 
-    y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k,   r = dT/dt [degC/min], e ~ N(0,
-    sigma_k^2), t ~ N(0, C)
+    y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k
+    r = dT/dt [degC/min],   e ~ N(0, sigma_k^2),   t ~ N(0, C)
 
 C holds turn-on, flicker and rate random walk of each run over its bins
 (`merge.session_covariance`). Smooth curves are cubic B-splines under a penalty on differences of
