@@ -1,5 +1,5 @@
 """First attitude of a parked vehicle from gravity carried in the inertial frame: motion of the body
-is signal there, not noise.
+is signal there, not noise::
 
     C_nb(0) = C_ne C_ei(0) C_ib0, f_i = C_ib0 C_b0b(t) f_b, -g_i(t) = C_ie(t) C_en (0, 0, -g)
 

@@ -1,7 +1,7 @@
 """A place that swings about where it is moored, as states of the filter.
 
 A vehicle on a moored ship, on jacks or on a soft quay strays further in a minute than one on its
-gear, and comes back: its place is a damped oscillator that something drives,
+gear, and comes back: its place is a damped oscillator that something drives::
 
     x'' + 2 zeta w x' + w^2 x = white noise,    RMS of x: swing_m
 
@@ -9,7 +9,7 @@ while the place of a vehicle that rolls unseen walks off and never returns. Each
 own oscillator, with three states behind the filter's bins: two hold its place in turn (the new one
 beside the old one), one its velocity. They are moved on by assignments, which need no kernel of
 their own and are exact for steps of any length: with e1, e2 the oscillator's noise over a step,
-cov(e1, e2) = [[q11, q12], [q12, q22]] and c = q12 / q11,
+cov(e1, e2) = [[q11, q12], [q12, q22]] and c = q12 / q11::
 
     new = a11 old + a12 velocity + e1
     velocity = (a21 - c a11) old + (a22 - c a12) velocity + c new + e2',   var(e2') = q22 - q12 c

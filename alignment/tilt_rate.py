@@ -2,10 +2,10 @@
 5,527,003, steps (e) to (g).
 
 The rate of the acceleration is the tilt rate times g only for minutes; over an hour the Schuler and
-Coriolis terms are as large. The bracket of physics.md 6.3 removes them:
+Coriolis terms are as large. The bracket of physics.md 6.3 removes them::
 
-    u_N = +[ v_E'' + ws^2 v_E - 2 Omega sinL v_N' ] / g        u_E = -[ v_N'' + ws^2 v_N + 2 Omega
-    sinL v_E' ] / g
+    u_N = +[ v_E'' + ws^2 v_E - 2 Omega sinL v_N' ] / g
+    u_E = -[ v_N'' + ws^2 v_N + 2 Omega sinL v_E' ] / g
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,7 @@ whole of it.
 
 The same tilt rates as `alignment.tilt_rate`, from a filter (US 5,527,003, abstract) instead of
 windows cut out of the velocity, and with what came afterwards: nothing here is real-time. Per 10 s
-step, errors of a parked solution (physics.md 6.2, drift-angle form; theta' = u is autonomous):
+step, errors of a parked solution (physics.md 6.2, drift-angle form; theta' = u is autonomous)::
 
     v_N' = -g (theta_E + p_N / R_N) - 2 Omega sinL v_E     p' = v     theta' = u + angle random walk
     v_E' =  g (theta_N - p_E / R_E) + 2 Omega sinL v_N                u' = random walk

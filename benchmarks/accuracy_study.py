@@ -1,8 +1,8 @@
 """Estimator sigma, actual RMS error and Cramer-Rao bound of each gyro, for all rows of physics.md
 6.7 and the realistic taxi.
 
-    python -m benchmarks.accuracy_study [--runs 50] [--rows NAME ...] [--latitudes 0 45 ...] [--jobs
-    2] [-o docs]
+    python -m benchmarks.accuracy_study [--runs 50] [--rows NAME ...] [--latitudes 0 45 ...]
+        [--jobs 2] [-o docs]
 
 writes accuracy.md, .json and .svg. Scores are kept in RUNS.jsonl (--keep) as they come, a few seeds
 of every cell at a time: what was interrupted goes on, more --runs add to it, and --draw draws what

@@ -1,9 +1,10 @@
 """The exact Bayesian merge, in one batch: what any sequential merge of the same sessions can reach
-at best.
+at best::
 
-    departures of session k from the factory table  d_k = H_k beta + t_k,  beta ~ N(0, P0),  t_k ~
-    N(0, T_k) what the session alone says of d_k              information L_k, vector l_k (L_k may
-    leave directions open)
+    departures of session k from the factory table  d_k = H_k beta + t_k
+                                                    beta ~ N(0, P0),  t_k ~ N(0, T_k)
+    what the session alone says of d_k              information L_k, vector l_k
+                                                    (L_k may leave directions open)
 
 With t_k integrated out, (I + L T)^-1 L and (I + L T)^-1 l take the place of L and l; all sessions
 are summed and solved once. Written apart from infield.table.merge: information form, no gain, no

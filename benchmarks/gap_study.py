@@ -1,8 +1,8 @@
-"""Seeded blind trials of `recal diagnose`: issue 4, "Figures to reach".
+"""Seeded blind trials of `recal diagnose`: issue 4, "Figures to reach"::
 
-    python -m benchmarks.gap_study --out TRIALS.jsonl [--cells 12 none ...] [--seeds 0:20] [--jobs
-    1] [--until 16:30] python -m benchmarks.gap_study --out TRIALS.jsonl --draw docs [--commit HASH
-    ...] [--speed FILE]
+    python -m benchmarks.gap_study --out TRIALS.jsonl [--cells 12 none ...] [--seeds 0:20]
+        [--jobs 1] [--until 16:30]
+    python -m benchmarks.gap_study --out TRIALS.jsonl --draw docs [--commit HASH ...] [--speed FILE]
 
 appends a record for each trial as it is done: what was interrupted goes on. --draw writes
 gap_study.md, .json and .svg; records of other commits than those asked for only enter the table of

@@ -1,8 +1,8 @@
 """R1, R2, R5: how often the gates of the collected data do what they should, with 95 %
 Clopper-Pearson intervals.
 
-    python -m benchmarks.gate_rates [--runs 200] [--only motion|latitude|clipping] [-o
-    docs/rates_gate.md]
+    python -m benchmarks.gate_rates [--runs 200] [--only motion|latitude|clipping]
+        [-o docs/rates_gate.md]
 
 prints a Markdown table and writes it. All seeded: the same command gives the same numbers.
 """

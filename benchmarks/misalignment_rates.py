@@ -1,8 +1,8 @@
 """R21: gyro misalignment from four azimuths over seeded simulations, and the drawing in
 docs/misalignment.svg.
 
-    python -m benchmarks.misalignment_rates [--seeds 200] [--runs 40] [--drawing
-    docs/misalignment.svg]
+    python -m benchmarks.misalignment_rates [--seeds 200] [--runs 40]
+        [--drawing docs/misalignment.svg]
 
 prints Markdown. `--seeds`: tables of biases, no time at all; `--runs`: whole runs, about 1 s of CPU
 each, 0: none.

@@ -5,12 +5,12 @@ flight.
 differs between runs is the initial state and either the sensor errors laid over one shared log
 (`SensorErrors`: nothing of the size of the log is made for a run) or the log itself. Each run comes
 out with the bits that `navigate` gives for it alone, whatever the number of threads and whichever
-runs are beside it; the sums over epochs that NavHistory has are not made.
+runs are beside it; the sums over epochs that NavHistory has are not made::
 
-    errors = SensorErrors(gyro_bias_rad_s=bias)                    # (runs, 3), or (runs, bins, 3)
-    with edges_s flown = navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=2)
-    flown.lat_rad, flown.v_n_m_s                                   # (runs, epochs), (runs, epochs,
-    3)
+    # bias: (runs, 3), or (runs, bins, 3) with edges_s
+    errors = SensorErrors(gyro_bias_rad_s=bias)
+    flown = navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=2)
+    flown.lat_rad, flown.v_n_m_s  # (runs, epochs), (runs, epochs, 3)
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,5 +1,5 @@
 """Errors of many gyro and accelerometer triads, run by run, as they change the increments of one
-shared log.
+shared log::
 
     dtheta' = (I + M) dtheta + b dt + sigma sqrt(dt) n        and the same for dv, in body axes
 

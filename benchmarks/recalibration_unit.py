@@ -3,11 +3,12 @@ against truth.
 
 All rules see the same sessions. `update_calibration` makes our table and, on the way, what each
 session measured; from that come the exact merge's evidence and the baselines' points, in two kinds,
-so that no baseline is shown at its worse:
+so that no baseline is shown at its worse::
 
-    measured   the points of `update.json`: each temperature for itself, nothing assumed of the bias
-    between them smoothed   the same measurement where the departure from the factory table is a
-    constant and a smooth small curve
+    measured   the points of `update.json`: each temperature for itself, nothing assumed of the
+               bias between them
+    smoothed   the same measurement where the departure from the factory table is a constant and
+               a smooth small curve
 """
 
 from collections.abc import Mapping, Sequence

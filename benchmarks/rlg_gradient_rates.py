@@ -1,8 +1,8 @@
 """Figures of requirement R19: the ring-laser gradient model over simulated units, on a run that
 nothing was fitted to.
 
-    python -m benchmarks.rlg_gradient_rates [UNITS]     prints the table, puts it into
-    docs/rlg_gradient.md, draws the svg
+    python -m benchmarks.rlg_gradient_rates [UNITS]
+        prints the table, puts it into docs/rlg_gradient.md, draws the svg
 
 Each unit has its own curve, ageing and terms; its four runs are those of the scenarios
 rlg_gradient_1, 2, 3 and check, IMU and thermometers simulated as a whole. 200 units: about 15 CPU

@@ -1,8 +1,8 @@
 """Measured rates of requirements R4 and R15 to R18 as one Markdown table, with 95 % intervals
 (Clopper-Pearson).
 
-    python -m benchmarks.thermal_rates [RUNS]     prints the table and writes docs/rates_thermal.md;
-    200 runs: 6 CPU min
+    python -m benchmarks.thermal_rates [RUNS]
+        prints the table and writes docs/rates_thermal.md; 200 runs: 6 CPU min
 """
 
 import sys

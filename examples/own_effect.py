@@ -2,7 +2,7 @@
 by the air stream).
 
 Three things: parameters with units and usual sizes, what the runs must hold, the trace of one unit
-of each coefficient. To have it in every diagnosis, a package declares it in its pyproject.toml:
+of each coefficient. To have it in every diagnosis, a package declares it in its pyproject.toml::
 
     [project.entry-points."recal.effects"]
     fan = "my_package.fan:FAN"

@@ -1,11 +1,11 @@
 """Real processes without their start-up time: a server that has imported everything and forks one
-for each job.
+for each job::
 
     with ForkServer() as forks:
         jobs = [forks.start("tests.infield.store_writer:work", url, name) for name in "ab"]
         outcomes = [forks.wait(job) for job in jobs]
-        outcome = forks.run_and_kill("tests.forks:recal", ["update", "run", "--commit"], since=1,
-        after_s=0.01)
+        update = ["update", "run", "--commit"]
+        outcome = forks.run_and_kill("tests.forks:recal", update, since=1, after_s=0.01)
 
 A job is a function of a module with JSON arguments. Its standard output is part of the outcome;
 SIGKILL may come a time after its start, or after its n-th write transaction began, on the clock of

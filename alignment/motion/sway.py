@@ -4,7 +4,7 @@ A roll of half a degree in twelve seconds turns a unit by 0.2 deg/s, a hundred t
 MEMS gyro over a second, and by next to nothing in ten minutes: an angle that comes back adds up to
 no rate. As white noise it would hide the bias; as what it is it costs the mean over an hour a
 degree an hour at most. The spectrum of the rates' seconds tells the two apart: what it says of the
-means over bins is
+means over bins is::
 
     cov(i, j) = sum over f of S(f) Re(a_i(f) conj(a_j(f))) df
 

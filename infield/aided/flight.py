@@ -1,8 +1,8 @@
 """A logged session navigated with its satellite fixes: an inertial solution held by GNSS, with
-sigmas that were tested.
+sigmas that were tested::
 
-    compensated log -> where it stands -> start (gyrocompass while parked, else satellite
-    velocities) -> filter -> noise judged
+    compensated log -> where it stands
+        -> start (gyrocompass while parked, else satellite velocities) -> filter -> noise judged
 
 Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part of the free-inertial
 flights.

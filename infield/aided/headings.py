@@ -1,5 +1,5 @@
 """A start where the heading is unknown: flights of a first stretch from headings all round the
-compass, weighed by the likelihood of their innovations.
+compass, weighed by the likelihood of their innovations::
 
     level at the beginning of the fixes -> COARSE headings -> noise that the stretch needs
     -> weights -> FINE headings about the likeliest -> heading and its sigma

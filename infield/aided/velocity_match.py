@@ -1,9 +1,9 @@
 """Attitude of a moving unit from satellite velocities: the force its accelerometers feel, turned by
 its gyros, against the change of velocity that the receiver sees. Heading comes from level
-acceleration; at a constant velocity there is none.
+acceleration; at a constant velocity there is none::
 
-    v(t2) - v(t1) - g dt + (2 omega_ie + omega_en) x v dt  =  C_nb0 (integral of C_b0b f dt + change
-    of C_b0b (omega x lever))
+    v(t2) - v(t1) - g dt + (2 omega_ie + omega_en) x v dt
+        = C_nb0 (integral of C_b0b f dt + change of C_b0b (omega x lever))
 
 solved for C_nb0 by singular values (Wahba's problem; Groves 2013, section 5.6; Wu and Pan, IEEE
 T-AES 49(2), 2013).

@@ -1,7 +1,7 @@
 """When the free-inertial drift of a unit will pass a limit, and which session would put that off.
 
 The error e of a unit's table at the temperatures where it works is what the sessions leave of it
-(`FleetLikelihood`), and ages on as the learnt parameters say. The drift of a power-on at time t is
+(`FleetLikelihood`), and ages on as the learnt parameters say. The drift of a power-on at t is::
 
     D(t) = 60 NM/h per deg/h * sqrt(mean over T of (e_x^2 + e_y^2) + 2 (turn-on^2 + flicker^2))
 

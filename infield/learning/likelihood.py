@@ -1,7 +1,7 @@
 """How likely the sessions of many units are under given parameters: the model of the table merge,
 exact in its Gaussian part.
 
-A unit's table ages between its sessions (`ThermalTable.aged`), session i measures
+A unit's table ages between its sessions (`ThermalTable.aged`), session i measures::
 
     y_i = H_i x(t_i) + t_i + v_i,    t_i: turn-on, flicker, rate random walk;  v_i: measurement
 

@@ -2,7 +2,7 @@
 positions at once.
 
 The tilt of what the unit stands on keeps its place in the room while the unit turns, its
-accelerometers' biases turn with it:
+accelerometers' biases turn with it::
 
     f_x(H) = o_x + p cosH + q sinH,     f_y(H) = o_y - p sinH + q cosH
 

@@ -1,5 +1,5 @@
 """Reading a table of azimuths and self-calibrated gyro biases (CSV), for those who have the biases
-but not the logs.
+but not the logs::
 
     heading_deg,bias_x_deg_h,bias_y_deg_h,bias_z_deg_h,sigma_x_deg_h,sigma_y_deg_h,sigma_z_deg_h
 

@@ -1,7 +1,7 @@
 """The closed forms of the fibre-optic misalignment document, with its errors put right and one of
 them kept to be shown.
 
-Model as printed, (18) to (20), alpha: azimuth of x, positive from north to west, w_N = Omega cosL:
+Model as printed, (18) to (20), alpha: azimuth of x, positive from north to west, w_N = Omega cosL::
 
     kx = kx' - w_N cos(alpha - pi/2) sin(exy)
     ky = ky' + w_N cos(alpha - pi/2) sin(eyx)

@@ -1,11 +1,11 @@
 """Gyro misalignment from the biases that a unit shows on several azimuths: harmonic least squares
-with redundancy.
+with redundancy::
 
     k_i(H) = k'_i + w_N [a_i cosH + b_i sinH],   w_N = Omega cosL,  H: heading, clockwise from north
 
 k_i is what gyro i reads beyond the Earth rate that an ideal gyro would see there. At rest and
 level, body axes x forward, y right, z down, the sensor model of `ins.compensation` (entry ij:
-sensitivity of gyro i to rate about j) makes
+sensitivity of gyro i to rate about j) makes::
 
     x: a = s_x, b = -M_xy      y: a = M_yx, b = -s_y      z: a = M_zx, b = -M_zy
 
@@ -114,8 +114,9 @@ def fit_azimuths(
     ----------
     heading_rad : shape (m,)
     bias_deg_h : shape (m, 3), measured - true
-    covariance : shape (3m, 3m) [(deg/h)^2], order x, y, z of stop 0, then of stop 1 ...; positive
-    definite unknown : shape (3m, q) [deg/h per rad], or None
+    covariance : shape (3m, 3m) [(deg/h)^2]
+        Order x, y, z of stop 0, then of stop 1 ...; positive definite.
+    unknown : shape (3m, q) [deg/h per rad], or None
         What q further unknowns, of which nothing is known before, do to the biases (an azimuth that
         nobody measured).
     own_axis_sigma_rad : float or None

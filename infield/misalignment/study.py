@@ -1,8 +1,8 @@
 """Misalignment from runs on several azimuths, or from a table of biases: the spine of `recal
-misalignment`.
+misalignment`::
 
-    runs -> stops -> biases with covariance -> couplings, verdicts, accelerometer offsets -> a twin
-    that carries them
+    runs -> stops -> biases with covariance -> couplings, verdicts, accelerometer offsets
+        -> a twin that carries them
 """
 
 from collections.abc import Callable, Sequence

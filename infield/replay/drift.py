@@ -1,14 +1,13 @@
 """How far a free-inertial solution drifts, in aviation's measures: against a parked position,
-against an outside track.
+against an outside track::
 
     rate_nm_h      radial position error at the end of the span / hours since navigation began
-    (radial error rate) rms_rate_nm_h  RMS radial error over the span / RMS time over the span: the
-    slope of the straight line through the
-                   start that has the error's own RMS; less at the mercy of the Schuler phase at the
-                   end than rate_nm_h
-    drift_class    "2T+2" where the error stays within 2 T + 2 NM at every time T [h] of the span,
-    else "3T+3", else
-                   "beyond 3T+3"
+                   (radial error rate)
+    rms_rate_nm_h  RMS radial error over the span / RMS time over the span: the slope of the
+                   straight line through the start that has the error's own RMS; less at the
+                   mercy of the Schuler phase at the end than rate_nm_h
+    drift_class    "2T+2" where the error stays within 2 T + 2 NM at every time T [h] of the
+                   span, else "3T+3", else "beyond 3T+3"
 
 A constant tilt rate u from rest gives R u (1 - sin(w t)/(w t)) t of position error, w the Schuler
 rate: 60 NM/h for each deg/h over whole periods of 84.4 min, and between 0 and 1.22 times that in

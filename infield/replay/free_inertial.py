@@ -1,8 +1,8 @@
 """A logged session flown again with each of several tables: align, then navigate free-inertially to
-the end of the log.
+the end of the log::
 
-    raw log -> less the table -> gyrocompass on the alignment phase -> navigation -> drift while
-    parked, ground speed at later stops, error against GNSS
+    raw log -> less the table -> gyrocompass on the alignment phase -> navigation
+        -> drift while parked, ground speed at later stops, error against GNSS
 
 The alignment is computed anew with each table, since its heading error is that table's own. Nothing
 is aided but the vertical channel; beside these flights, a run with GNSS is navigated with it once

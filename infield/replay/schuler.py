@@ -1,5 +1,5 @@
 """Schuler period of a parked free-inertial solution, fitted to its velocity error; what a healthy
-unit shows is 84.4 min.
+unit shows is 84.4 min::
 
     v(t) = a + b t + c cos(w t) + s sin(w t),  north and east with one w
 

@@ -1,13 +1,13 @@
 """Where the variance of an updated table comes from: parts that add up to all of it.
 
-A merge is linear, so that the error of the table after it is, with W = I - K H,
+A merge is linear, so that the error of the table after it is, with W = I - K H::
 
     e+ = W e - K (t + v),   K = W P H' M,   M = (R + T)^-1 = L (I + T L)^-1
 
 of the table before (e), of how the session departs from it (t, covariance T) and of how well the
 session measures itself (v, covariance R, information L = R^-1). All three are sums of independent
 sources, and so is the covariance after it: W D W' of each part D of the table before, K T_i K' of
-each part of T, and of a source whose part in the information is N_i = L R_i L
+each part of T, and of a source whose part in the information is N_i = L R_i L::
 
     K R_i K' = W P H' (I - M T) N_i (I - T M) H P W'.
 

@@ -3,20 +3,24 @@ update at once.
 
 Two descriptions are tried on each axis beside the table, with the joint covariance of each
 session's points, so that heading, turn-on and everything else that a session's points share cancels
-in the difference:
+in the difference::
 
-    rate   bias = table(T) + r dT/dt            r in deg/h per degC/min: a gradient follows the rate
-    of change sense  bias = table(T) + s sigma(T history)  sigma from -1 (cooling) to +1 (heating)
-    over WIDTH_degC of turn-round
+    rate   bias = table(T) + r dT/dt               r in deg/h per degC/min: a gradient follows the
+                                                   rate of change
+    sense  bias = table(T) + s sigma(T history)    sigma from -1 (cooling) to +1 (heating) over
+                                                   WIDTH_degC of turn-round
 
 A rate term is physical and repeats: it is fitted, and the table becomes the bias at a steady
 temperature, with r estimated jointly and its uncertainty carried. True hysteresis depends on a past
 that the log may not hold: it is not fitted, the sigma of the points is widened by it instead.
 
 Per session, with x the bias beyond what was subtracted, the data say exp(-x'Lx/2 + e'x)
-(`measurement_information`); its own departure t ~ N(0, T) is integrated out: L' = (I + L T)^-1 L,
-e' = (I + L T)^-1 e. Source: Bayesian linear regression with a Gaussian prior, P^-1 + J'L'J (Bishop
-2006, eq. 3.50, 3.51).
+(`measurement_information`); its own departure t ~ N(0, T) is integrated out::
+
+    L' = (I + L T)^-1 L,    e' = (I + L T)^-1 e
+
+Source: Bayesian linear regression with a Gaussian prior, P^-1 + J'L'J (Bishop 2006, eq. 3.50,
+3.51).
 """
 
 from collections.abc import Sequence

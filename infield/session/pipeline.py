@@ -1,8 +1,11 @@
 """The spine: runs of one unit and its stored table in, a judged update out.
 
-read temperature -> find the rest -> estimate the session -> judge it -> merge it -> judge the
-merge -> next run then over all runs: heating against cooling (hysteresis), sessions that agree
-against the table (disagreement)
+Its steps, run by run::
+
+    read temperature -> find the rest -> estimate the session -> judge it
+        -> merge it -> judge the merge -> next run
+    then over all runs: heating against cooling (hysteresis),
+        sessions that agree against the table (disagreement)
 """
 
 from collections.abc import Callable, Sequence

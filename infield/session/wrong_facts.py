@@ -4,7 +4,7 @@ scale, an axis, a gyro that steps.
 Such a fact changes every bin's bias by a known pattern times an unknown size. The chi-square of a
 whole session (some 48 degrees of freedom) hardly feels one pattern; along the pattern itself its
 size and sigma come in closed form from what the filter learnt. With the bins' prior N(0, C) and
-posterior N(m, P), the evidence about b -> b + s x is
+posterior N(m, P), the evidence about b -> b + s x is::
 
     g = C^-1 m,   M = C^-1 - C^-1 P C^-1,   x = s'g / s'M s,   sigma_x = 1 / sqrt(s'M s)
 

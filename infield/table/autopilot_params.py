@@ -1,8 +1,9 @@
-"""Thermal gyro parameters of PX4 and ArduPilot: names, units, signs, and the files that hold them.
+"""Thermal gyro parameters of PX4 and ArduPilot: names, units, signs, and the files that hold them::
 
-    PX4        rate = raw - (X0 + X1 x + X2 x^2 + X3 x^3),  x = T - TREF, T held within TMIN..TMAX
-    [rad/s] ArduPilot  rate = raw - p(T - 35) + p(Tcal - 35),  p(x) = (GYR1 x + GYR2 x^2 + GYR3 x^3)
-    / 1e6    [rad/s]
+    PX4        rate = raw - (X0 + X1 x + X2 x^2 + X3 x^3)    [rad/s]
+               x = T - TREF, T held within TMIN..TMAX
+    ArduPilot  rate = raw - p(T - 35) + p(Tcal - 35)         [rad/s]
+               p(x) = (GYR1 x + GYR2 x^2 + GYR3 x^3) / 1e6
 
 Both subtract what the gyro reads above the truth, as a table does. ArduPilot has no constant: it
 measures its offsets at a start, at Tcal (INS_GYRn_CALTEMP). Values live as float32 on board. Axes

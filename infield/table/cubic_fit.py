@@ -1,5 +1,5 @@
 """The thermal table of one unit as one cubic a gyro, which is all that small autopilots can hold,
-and what that costs.
+and what that costs::
 
     bias(T) = c0 + c1 x + c2 x^2 + c3 x^3 [deg/h], x = T - reference
 

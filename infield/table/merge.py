@@ -1,8 +1,9 @@
 """Bayesian merge of one session into the thermal table, with everything one session has in common
-kept in common.
+kept in common::
 
     session bias points  b = H beta + t,   t ~ N(0, T): turn-on, flicker, rate random walk,
-    misalignment measured             y = b + v,        v ~ N(0, R)
+                                           misalignment
+    measured             y = b + v,        v ~ N(0, R)
 
 Two forms of the same update: `merge_points` from y and R, `merge_posterior` from a filter that
 carried b as states (prior m0 = H beta, C = H P H' + T; posterior m1, P1) and so may have left
@@ -110,14 +111,20 @@ class SessionPoints:
 class MergeResult:
     """One merge, with its evidence.
 
-    table : the merged table, or the table as it was where the session is not `consistent` with it.
-    candidate : the merged table in any case.
-    innovation_deg_h (m,), innovation_covariance (m, m): session less table, and what was expected
-    of it. before: the table as it was.
-    gain (n, m): parameters per innovation. nis, dof, band : innovation' S^-1 innovation, its
-    chi-square degrees of freedom and 99.9 % band. axis_z (3,): mean change of each axis's nodes
-    over its expected standard deviation; a shift of one axis that
-        a large dof would hide shows here.
+    Attributes
+    ----------
+    table, candidate, before : ThermalTable
+        The merged table, or the table as it was where the session is not `consistent` with it;
+        the merged table in any case; the table as it was.
+    innovation_deg_h, innovation_covariance : shape (m,), (m, m)
+        Session less table, and what was expected of it.
+    gain : shape (n, m)
+        Parameters per innovation.
+    nis, dof, band
+        innovation' S^-1 innovation, its chi-square degrees of freedom and 99.9 % band.
+    axis_z : shape (3,)
+        Mean change of each axis's nodes over its expected standard deviation; a shift of one axis
+        that a large dof would hide shows here.
     """
 
     table: ThermalTable
@@ -168,7 +175,7 @@ def merge_posterior(
 ) -> MergeResult:
     """Merge what a filter learnt of the session biases b; H (m, n), means (m,), covariances (m, m).
 
-    prior: N(m0, C), C = H P H' + T with this table's P; posterior: N(m1, P1). With K = P H' C^-1
+    prior: N(m0, C), C = H P H' + T with this table's P; posterior: N(m1, P1). With K = P H' C^-1::
 
         beta+ = beta + K (m1 - m0),   P+ = P - K (C - P1) K'
 

@@ -49,14 +49,19 @@ class ThermalTable(TemperatureModel):
 
     Parameters
     ----------
-    temperature_degC : three arrays, each strictly increasing, at least two nodes; the axes may
-    differ. parameters : shape (n,) [deg/h; deg/h/degC], the order given at the top of this module.
-    covariance : shape (n, n), symmetric and positive semidefinite, units to match. provenance :
-    what the file says of the parent and the runs; carried, never interpreted here.
+    temperature_degC : three arrays
+        Each strictly increasing, at least two nodes; the axes may differ.
+    parameters : shape (n,) [deg/h; deg/h/degC]
+        In the order given at the top of this module.
+    covariance : shape (n, n)
+        Symmetric and positive semidefinite, units to match.
+    provenance : mapping
+        What the file says of the parent and the runs; carried, never interpreted here.
 
     Raises
     ------
-    InputError : a shape, an order, a value or the covariance is not what is written here.
+    InputError
+        A shape, an order, a value or the covariance is not what is written here.
     """
 
     imu_serial: str

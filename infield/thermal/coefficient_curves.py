@@ -1,23 +1,33 @@
 """Least squares for b = K_T(T) + K_delta(T) dT/dt over block means, the slow drift of each power-on
-marginalised.
+marginalised::
 
-    y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k,   r = dT/dt [degC/min], e ~ N(0,
-    sigma_k^2), t ~ N(0, C)
+    y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k
+    r = dT/dt [degC/min],   e ~ N(0, sigma_k^2),   t ~ N(0, C)
 
 C holds turn-on, flicker and rate random walk of each run over its bins
 (`merge.session_covariance`). Smooth curves are cubic B-splines under a penalty on differences of
 their coefficients, its weights averaged over their evidence (Eilers, Marx (1996); Wood (2017),
 section 6.2); any other basis goes unpenalised. A level common to all rows belongs to K_T.
+
+What no smooth curve follows (a ripple of the bias over temperature) is a variance component of
+either curve, the same in all runs and both ways::
+
+    K_T(T) = B_T(T) theta_T + u_T(T),   K_d(T) = B_d(T) theta_d + u_d(T)
+    E u(T) u(T + d) = s^2 (1 + a) exp(-a),   a = sqrt(3) d / ROUGH_LENGTH_degC      (Matern, 3/2)
+
+Its sizes s are those of best evidence, 0 where they gain less than ROUGH_NATS, against noise that
+is larger than declared everywhere; s^2 is part of the variance of a curve at a temperature.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.sparse import csr_array, hstack
 
 from infield.table.least_squares import NormalEquations, Solution
 from infield.thermal.blocks import AxisBlocks
@@ -29,6 +39,16 @@ PENALTY_STEPS = np.arange(
     -3.0, 2.51, 0.5
 )  # log10 of a difference over the smallest sigma: what is tried
 FLAT = 1e-13  # relative precision added so that a null space of the penalty has a factor
+# what no smooth curve follows: bins of its values, and over how much they go together; ripples of
+# 3 to 12 degC are within it (power a frequency at 3 degC: 30 % of that at 12), and splines 3 degC
+# apart follow longer ones
+ROUGH_degC, ROUGH_LENGTH_degC = 0.5, 0.75
+# its sizes that are tried, over the white noise of a block (K_delta: at the fastest rate)
+ROUGH_STEPS = np.r_[0.0, 10.0 ** np.arange(-1.2, 1.31, 0.1)]
+ROUGH_START = 8  # 0.3 of the white noise: the climb to what most ripples have is short
+# log evidence that a size must gain: 8 % of gyros without a ripple do (half of chi2 with one
+# degree of freedom beyond 2); with none asked for, half of them did, and sigmas were 20 % too large
+ROUGH_NATS = 1.0
 # log evidence below the best by more than this has no share; e^-3 is 5 % of the best
 NEGLIGIBLE_NATS = 3.0
 Basis = Callable[[NDArray], NDArray]
@@ -37,7 +57,8 @@ Basis = Callable[[NDArray], NDArray]
 @dataclass(frozen=True)
 class CurveFit:
     """Both curves: bases, coefficients (T first), covariance; chi2 of the residual over `rows`
-    rows.
+    rows; rough: variance of each curve that its basis does not follow, chi2_bare: of the residual
+    with that in it.
     """
 
     bases: tuple[Basis, ...]
@@ -47,6 +68,8 @@ class CurveFit:
     chi2: float
     rows: int
     effective: float
+    rough: NDArray
+    chi2_bare: float
 
     def part(self, which: int) -> slice:
         start = sum(self.sizes[:which])
@@ -60,8 +83,11 @@ class CurveFit:
         return rows @ self.theta[part], rows @ self.covariance[part, part] @ rows.T
 
     def at(self, which: int, temperature_degC: NDArray) -> tuple[NDArray, NDArray]:
-        """Value and covariance of a curve (0: K_T, 1: K_delta) at temperatures (k,)."""
-        return self.linear(which, self.bases[which](temperature_degC))
+        """Value and covariance of a curve (0: K_T, 1: K_delta) at temperatures (k,), what its basis
+        does not follow included.
+        """
+        value, P = self.linear(which, self.bases[which](temperature_degC))
+        return value, P + self.rough[which] * _together(temperature_degC)
 
     @property
     def dof(self) -> float:
@@ -69,24 +95,28 @@ class CurveFit:
 
 
 class Reduced:
-    """The blocks with their drift marginalised: M = W - W D (D'WD + C^-1)^-1 D'W, D the indicator
-    of the bins.
+    """The blocks with what is random in them marginalised: M = W - W G (G'WG + Q)^-1 G'W.
+
+    G: indicators of the drift bins, Q their precision C^-1; rough: s of what K_T and K_delta have
+    in each bin of temperature, each with columns of its own (K_delta's times the rate).
+    log_evidence: -log det(W M^-1) / 2, what the sizes of C and s cost.
     """
 
-    def __init__(self, blocks: AxisBlocks) -> None:
-        self.blocks, self.weight = blocks, blocks.sigma_deg_h**-2.0
-        self._bins = blocks.drift.shape[0]
-        root, lower = cho_factor(
-            blocks.drift + np.diag(1e-9 * np.diag(blocks.drift) + 1e-30), lower=True
+    def __init__(self, blocks: AxisBlocks, rough: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.blocks, self.weight, self.rough = blocks, blocks.sigma_deg_h**-2.0, rough
+        G, Q = _random_effects(blocks, rough)
+        self._weighted = G.multiply(self.weight[:, None]).T.tocsr()
+        inner = Q + (self._weighted @ G).toarray()
+        self._factor = cho_factor(0.5 * (inner + inner.T), lower=True)
+        self.log_evidence = 0.5 * float(np.linalg.slogdet(Q)[1]) - float(
+            np.log(np.diag(self._factor[0])).sum()
         )
-        precision = cho_solve((root, lower), np.eye(self._bins))
-        precision[np.diag_indices(self._bins)] += np.bincount(blocks.bin, self.weight, self._bins)
-        self._factor = cho_factor(0.5 * (precision + precision.T), lower=True)
 
     def product(self, A: NDArray, B: NDArray) -> NDArray:
         """A' M B for columns of rows."""
-        return A.T @ (self.weight[:, None] * B) - self._binned(A).T @ cho_solve(
-            self._factor, self._binned(B)
+        left, right = self._weighted @ A, self._weighted @ B
+        return np.asarray(
+            A.T @ (self.weight[:, None] * B) - left.T @ cho_solve(self._factor, right)
         )
 
     def normal(self, X: NDArray) -> NormalEquations:
@@ -111,34 +141,103 @@ class Reduced:
         """Least squares with given penalties, their weights from the evidence; None: that curve is
         free.
         """
-        X = self.design(bases)
-        normal = self.normal(X)
-        sizes = tuple(basis(self.blocks.temperature_degC[:1]).shape[1] for basis in bases)
-        penalties = [*penalties, *[None] * (len(sizes) - len(penalties))]
-        solve = partial(_solve, normal, sizes, penalties)
-        scale = float(self.blocks.sigma_deg_h.min())
-        weight, found = _weighed(
-            lambda at: solve([(scale * 10.0 ** PENALTY_STEPS[k]) ** -2.0 for k in at]), penalties
-        )
-        theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))
-        P = sum(
-            w * (one.covariance + np.outer(one.x - theta, one.x - theta))
-            for w, one in zip(weight, found)
-        )
-        return CurveFit(
-            bases=tuple(bases),
-            sizes=sizes,
-            theta=theta,
-            covariance=P,
-            chi2=normal.misfit(theta),
-            rows=self.weight.size,
-            effective=float(np.trace(P @ normal.A)),
-        )
+        return _averaged(lambda at: self, (), bases, penalties)[1]
 
-    def _binned(self, A: NDArray) -> NDArray:
-        out = np.zeros((self._bins, A.shape[1]))
-        np.add.at(out, self.blocks.bin, self.weight[:, None] * A)
-        return out
+
+def fit_rough(
+    blocks: AxisBlocks, bases: Sequence[Basis], penalties: Sequence[NDArray | None]
+) -> tuple[Reduced, CurveFit]:
+    """The fit of curves that may have more than their bases follow, and the blocks with as much of
+    it as the data show best.
+    """
+    sigma = float(blocks.sigma_deg_h.min())
+    of_rate = sigma / float(np.abs(blocks.rate_degC_min).max())
+
+    @cache
+    def at_sizes(at: tuple[int, ...]) -> Reduced:
+        return Reduced(blocks, (sigma * ROUGH_STEPS[at[0]], of_rate * ROUGH_STEPS[at[1]]))
+
+    return _averaged(at_sizes, (ROUGH_STEPS.size,) * 2, bases, penalties)
+
+
+def _averaged(
+    reduced_at: Callable[[tuple[int, ...]], Reduced],
+    sizes_tried: tuple[int, ...],
+    bases: Sequence[Basis],
+    penalties: Sequence[NDArray | None],
+) -> tuple[Reduced, CurveFit]:
+    """Least squares averaged over the weights of the penalties at the best sizes of what is rough.
+
+    reduced_at: the blocks at steps of these sizes, of which so many are tried.
+    """
+    first = reduced_at((0,) * len(sizes_tried))
+    T = first.blocks.temperature_degC
+    X = first.design(bases)
+    sizes = tuple(basis(T[:1]).shape[1] for basis in bases)
+    penalties = [*penalties, *[None] * (len(sizes) - len(penalties))]
+    scale = float(first.blocks.sigma_deg_h.min())
+    count = len(penalties)
+
+    @cache
+    def normal_at(steps: tuple[int, ...]) -> NormalEquations:
+        return reduced_at(steps).normal(X)
+
+    def solve(at: tuple[int, ...]) -> Solution:
+        weights = [(scale * 10.0 ** PENALTY_STEPS[k]) ** -2.0 for k in at[:count]]
+        normal = normal_at(at[count:])
+        found = _solve(normal, sizes, penalties, weights)
+        cost = reduced_at(at[count:]).log_evidence - ROUGH_NATS * np.count_nonzero(at[count:])
+        misfit = normal.c - normal.b @ found.x
+        noisier = max(misfit / normal.rows, 1.0)  # all variances this many times as large
+        cost += 0.5 * (misfit - misfit / noisier - normal.rows * np.log(noisier))
+        return replace(found, log_evidence=found.log_evidence + cost)
+
+    steps = [1 if penalty is None else PENALTY_STEPS.size for penalty in penalties]
+    start = tuple(n // 2 for n in steps) + (ROUGH_START,) * len(sizes_tried)
+    at, weight, found = _weighed(solve, start, (*steps, *sizes_tried), count)
+    theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))
+    P = sum(
+        w * (one.covariance + np.outer(one.x - theta, one.x - theta))
+        for w, one in zip(weight, found)
+    )
+    normal, best = normal_at(at[count:]), reduced_at(at[count:])
+    fit = CurveFit(
+        bases=tuple(bases),
+        sizes=sizes,
+        theta=theta,
+        covariance=P,
+        chi2=normal.misfit(theta),
+        rows=T.size,
+        effective=float(np.trace(P @ normal.A)),
+        rough=np.square(best.rough),
+        chi2_bare=normal_at((0,) * len(sizes_tried)).misfit(theta),
+    )
+    return best, fit
+
+
+def _together(temperature_degC: NDArray) -> NDArray:
+    """Correlation (k, k) of what is rough at temperatures (k,): Matern's with exponent 3/2."""
+    apart = np.abs(np.subtract.outer(temperature_degC, temperature_degC))
+    a = np.sqrt(3.0) * apart / ROUGH_LENGTH_degC
+    return np.asarray((1.0 + a) * np.exp(-a))
+
+
+def _random_effects(blocks: AxisBlocks, rough: tuple[float, float]) -> tuple[csr_array, NDArray]:
+    """Columns G (n, m) of what is random in the blocks, and its precision Q (m, m)."""
+    rows = np.arange(blocks.bin.size)
+    drift = blocks.drift
+    root, lower = cho_factor(drift + np.diag(1e-9 * np.diag(drift) + 1e-30), lower=True)
+    columns = [csr_array((np.ones(rows.size), (rows, blocks.bin)), (rows.size, len(drift)))]
+    precisions = [cho_solve((root, lower), np.eye(len(drift)))]
+    if any(rough):
+        steps = np.floor(blocks.temperature_degC / ROUGH_degC)
+        centres, bins = np.unique(steps, return_inverse=True)
+        alike = np.linalg.inv(_together(ROUGH_degC * centres))
+    for s, value in zip(rough, (np.ones(rows.size), blocks.rate_degC_min)):
+        if s > 0.0:
+            columns.append(csr_array((value, (rows, bins)), (rows.size, centres.size)))
+            precisions.append(s**-2.0 * alike)
+    return hstack(columns, format="csr"), np.asarray(block_diag(*precisions))
 
 
 def smooth_basis(
@@ -231,38 +330,41 @@ def _solve(
 
 
 def _weighed(
-    solve: Callable[[Sequence[int]], Solution], penalties: Sequence[NDArray | None]
-) -> tuple[NDArray, list[Solution]]:
-    """Solutions around the best steps of the penalties, each with its share of the evidence.
+    solve: Callable[[tuple[int, ...]], Solution],
+    start: tuple[int, ...],
+    count: Sequence[int],
+    averaged: int,
+) -> tuple[tuple[int, ...], NDArray, list[Solution]]:
+    """The best steps, of so many each, and around them in the first `averaged` the shares of the
+    evidence with their solutions; the others are sizes, which may be 0 at once.
 
     A single best step takes the smoothness for known: the intervals of 200 simulated units were
     then 15 % too short.
     """
-    free = [which for which, penalty in enumerate(penalties) if penalty is not None]
-    at = (len(PENALTY_STEPS) // 2,) * len(penalties)
+    at = start
     tried: dict[tuple[int, ...], Solution] = {at: solve(at)}
 
-    def neighbours(at: tuple[int, ...]) -> list[tuple[int, ...]]:
-        near = [
-            (*at[:which], at[which] + sense, *at[which + 1 :])
-            for which in free
-            for sense in (-1, 1)
-        ]
-        return [key for key in near if 0 <= min(key) and max(key) < len(PENALTY_STEPS)]
+    def neighbours(at: tuple[int, ...], which: Sequence[int]) -> list[tuple[int, ...]]:
+        near = []
+        for k in which:
+            steps = {at[k] - 1, at[k] + 1} | ({0} if k >= averaged else set())
+            near += [(*at[:k], n, *at[k + 1 :]) for n in steps if 0 <= n < count[k]]
+        return near
 
     while True:  # climb
-        tried.update({key: solve(key) for key in neighbours(at) if key not in tried})
+        near = neighbours(at, range(len(at)))
+        tried.update({key: solve(key) for key in near if key not in tried})
         top = max(tried, key=lambda key: tried[key].log_evidence)
         if top == at:
             break
         at = top
-    best, todo, seen = tried[at].log_evidence, [at], {at}
+    best, todo, around = tried[at].log_evidence, [at], {at}
     while todo:  # and look around
-        for key in neighbours(todo.pop()):
-            if key not in seen:
-                seen.add(key)
+        for key in neighbours(todo.pop(), range(averaged)):
+            if key not in around:
+                around.add(key)
                 tried.setdefault(key, solve(key))
                 todo += [key] if tried[key].log_evidence > best - NEGLIGIBLE_NATS else []
-    kept = [found for found in tried.values() if found.log_evidence >= best - NEGLIGIBLE_NATS]
-    weight = np.exp([found.log_evidence - best for found in kept])
-    return weight / weight.sum(), kept
+    kept = [one for key in around if (one := tried[key]).log_evidence >= best - NEGLIGIBLE_NATS]
+    weight = np.exp([one.log_evidence - best for one in kept])
+    return at, weight / weight.sum(), kept

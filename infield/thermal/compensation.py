@@ -7,13 +7,13 @@ the table stays the bias of the settled unit.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.temperature_model import TemperatureModel
 from infield.thermal.gradient_runs import gradient_lines
+from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermometer.causal_rate import causal_rates, time_constant_s
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature
 from ins.compensation import compensate, corrected
@@ -24,9 +24,6 @@ PARTS = ("all", "rates")
 
 
 BiasSeries = Callable[[NDArray], NDArray]
-# the change of a bias is taken over a minute, as the rates are that models are fitted to
-# (RAMP_BLOCK_S of `thermal.ramp_runs`)
-CHANGE_OVER_S = 60.0
 
 
 def bias_deg_h(
@@ -70,9 +67,9 @@ def batch_series(
     def change(values: NDArray) -> NDArray:
         before, after = (
             np.stack([np.interp(nodes + s, nodes, column) for column in values.T], axis=1)
-            for s in (-0.5 * CHANGE_OVER_S, 0.5 * CHANGE_OVER_S)
+            for s in (-0.5 * RAMP_BLOCK_S, 0.5 * RAMP_BLOCK_S)
         )
-        return np.asarray((after - before) / CHANGE_OVER_S)
+        return np.asarray((after - before) / RAMP_BLOCK_S)
 
     bias = _not_late(model, readings, change, part)
     return lambda time_s: np.stack([np.interp(time_s, nodes, column) for column in bias.T], axis=1)
@@ -126,15 +123,39 @@ def compensate_causal(
     )
 
 
-def both_ways(run: Run, model: TemperatureModel) -> tuple[Run, Run]:
-    """A run with temperatures less the model: with those of the whole run smoothed, and in
-    real-time order.
+def means_both_ways(run: Run, model: TemperatureModel, time_s: NDArray) -> tuple[NDArray, NDArray]:
+    """What either way takes out of the blocks of a run: with the whole run's temperatures smoothed,
+    and in real-time order.
+
+    Which ten-second sums a block is made of is judged on the log as it came. Taken out of the rows
+    first, a step of a late thermometer (600 s times its rate) would pass for a bump, and the
+    blocks of the two logs would no longer be those of the same minutes.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Centres of the blocks, each RAMP_BLOCK_S long.
+
+    Returns
+    -------
+    smoothed, real_time : ndarray, shape (n, 3) [deg/h]
+        Mean of the model's bias over each block.
+
+    Raises
+    ------
+    ValueError
+        A run without temperatures.
     """
-    imu, log = run.imu.whole(), run.temperature
+    log = run.temperature
     if log is None:
         raise ValueError(f"run {run.header.run_id}: no gyro temperature, needed to compensate it")
-    batch = compensate_batch(imu, model, log, gyro_temperature(log))
-    return replace(run, imu=batch), replace(run, imu=compensate_causal(imu, model, log))
+    seconds = time_s[:, None] + np.arange(0.5, RAMP_BLOCK_S) - 0.5 * RAMP_BLOCK_S
+
+    def means(series: BiasSeries) -> NDArray:
+        return np.asarray(series(seconds.ravel()).reshape(*seconds.shape, 3).mean(axis=1))
+
+    smoothed = batch_series(model, log, gyro_temperature(log))
+    return means(smoothed), means(causal_series(model, log))
 
 
 def less(imu: ImuSource, series: BiasSeries) -> ImuSource:

@@ -1,10 +1,10 @@
 """A stored thermal model (`recal thermal rlg|fog`) before the table: its rate and gradient terms
 leave the log.
 
-The table stays the bias of the settled unit:
+The table stays the bias of the settled unit::
 
-    raw log - (rates + gradients) -> update, replay with the table          residual table = table -
-    settled part of the model
+    raw log - (rates + gradients) -> update, replay with the table
+    residual table = table - settled part of the model
 
 Taking out the settled part as well and learning a table of the residual is the same sum in another
 order; kept apart like this a table means the same with a model and without one, and a store needs

@@ -3,7 +3,7 @@ between. Import lazily.
 
 Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the
 solution is, twelve constants of the sensors, two of the vertical, nine of the receiver and five of
-its antenna:
+its antenna::
 
     P 0-2    position [m]; p' = v - omega_en x p
     V 3-5    velocity [m/s]; v' = theta x f - (2 omega_ie + omega_en) x v

@@ -2,13 +2,13 @@
 down.
 
 The modified form of Bryson and Frazier: from the end to the beginning, adjoints lambda (43,) and
-Lambda (43, 43) gather what later fixes say of the errors, and at each row
+Lambda (43, 43) gather what later fixes say of the errors, and at each row::
 
     x_s = -P lambda,    P_s = P - P Lambda P
 
 with the filter's P. No covariance is inverted, and process noise does not enter: a solution that
 was begun anew needs no case of its own. Bierman (1977), section X.5; Bierman, Automatica 9 (1973),
-503-511, for scalar measurements:
+503-511, for scalar measurements::
 
     lambda <- (1 - K H)' lambda - H' y / s,    Lambda <- (1 - K H)' Lambda (1 - K H) + H' H / s
 

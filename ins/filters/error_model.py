@@ -1,16 +1,19 @@
 """Errors of a strapdown solution, linear, in a form that is regular and free of the specific force.
 
-States are errors computed - true of a free-running navigation solution, NED, horizontal channels:
+States are errors computed - true of a free-running navigation solution, NED, horizontal channels::
 
-    w      velocity error against the true velocity resolved in the computed frame, w = dv - theta x
-    v p      position error [m] theta  attitude error less the rotation that belongs to p ("drift
-    angle", psi-angle)
+    w      velocity error against the true velocity resolved in the computed frame,
+           w = dv - theta x v
+    p      position error [m]
+    theta  attitude error less the rotation that belongs to p ("drift angle", psi-angle)
 
 With omega_ie, omega_en at the computed position, g down and eps = C_nb (gyro bias), del = C_nb
-(accelerometer bias):
+(accelerometer bias)::
 
-    w'     = -theta x g - g p/R + del - (2 omega_ie + omega_en) x w + v x (omega_ie x theta) + v x
-    eps p'     = w + theta x v - omega_en x p theta' = -(omega_ie + omega_en) x theta + eps
+    w'     = -theta x g - g p/R + del - (2 omega_ie + omega_en) x w
+             + v x (omega_ie x theta) + v x eps
+    p'     = w + theta x v - omega_en x p
+    theta' = -(omega_ie + omega_en) x theta + eps
 
 Derived from the psi-angle error equations (Benson 1975; Groves 2013, ch. 14) by w = dv - theta x v;
 physics.md 6.2 and 6.5 are the parked and level-taxi cases. A heading error does not enter w: that

@@ -142,7 +142,7 @@ def fit_fog(
     pairs, model = fit_models(study)
     told("testing on the runs that were held out" if check else "writing the report")
     tested = zip(check, groups[2]) if study.axes else ()
-    checks = [held_out(read_one(given), run, model, noise) for given, run in tested]
+    checks = [held_out(read_one(given), run, model) for given, run in tested]
     found = fog_document(
         study,
         pairs,

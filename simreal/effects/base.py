@@ -72,13 +72,19 @@ class AddedNoise:
     """Noise that an effect adds to one channel, per unit of its coefficient squared (variances
     add).
 
-    Densities of a channel of rate (gyro, rad/s) or specific force (accel, m/s^2):
-    white: two-sided PSD; flicker: B^2; walk: K^2 [per s]; markov: variance with correlation
-    markov_tau_s; bounded: variance of a white, bounded angle or velocity whose difference is read
-    (quantisation); sway: variance of the velocity of the twin's sway oscillator, level
-    accelerometers only. profile: (n,) variance factor over the run's instants where the noise is
-    not steady; None: 1. temperature: variance of the thermometer's white noise [degC^2]. odometer,
-    gnss: variance of a sample.
+    Densities of a channel of rate (gyro, rad/s) or specific force (accel, m/s^2), then the others::
+
+        white     two-sided PSD
+        flicker   B^2
+        walk      K^2 [per s]
+        markov    variance with correlation time markov_tau_s
+        bounded   variance of a white, bounded angle or velocity whose difference is read
+                  (quantisation)
+        sway      variance of the velocity of the twin's sway oscillator, level accelerometers only
+        sample    variance of a sample: odometer, gnss; of temperature [degC^2] the thermometer's
+                  white noise
+        profile   (n,) variance factor over the run's instants where the noise is not steady;
+                  None: 1
     """
 
     channel: str
@@ -97,11 +103,19 @@ class AddedNoise:
 class Effect(Protocol):
     """The protocol that users' own effects follow as well.
 
-    id : short key, unique. name : as in reports (effects.md section 2). targets : channels it may
-    sit on. repeats : "R" repeats from run to run (one coefficient for all), "P" has one of its own
-    in each run, "E" is an event of one run, "S" stochastic.
-    coefficients, shape : its parameters. rivals : names it is easily confused with, and why it
-    matters.
+    Attributes
+    ----------
+    id, name : str
+        Short key, unique; name as in reports (effects.md section 2).
+    targets : tuple of str
+        Channels it may sit on.
+    repeats : str
+        "R" repeats from run to run (one coefficient for all), "P" has one of its own in each run,
+        "E" is an event of one run, "S" stochastic.
+    coefficients, shape : tuples
+        Its parameters.
+    rivals : tuple of str
+        Names it is easily confused with, and why it matters.
     """
 
     @property

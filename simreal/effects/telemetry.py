@@ -22,21 +22,38 @@ TRACES_AT_ONCE = 64
 class Telemetry:
     """A run at n instants `time_s` (since power-on), each the middle of an interval `dt_s` long.
 
-    run_index : which of the runs under study; effects that repeat do not look at it.
-    rate_rad_s, force_m_s2 (n, 3) : true body rate (Earth rate included) and specific force, as
-    estimated. C_nb (n, 3, 3), v_n_m_s (n, 3) : attitude and velocity. speed_m_s (n,) : along body
-    x. turn_rad_s (n,) : rate of the
-        heading. kind (n,) : PARKED, ROLLING or AIRBORNE. lat_rad, height_m : of the site.
-    temperature_degC, temperature_rate_degC_min (n, 3) : of the gyros, smoothed; None where not
-    logged. accel_degC (n, 3) : of the accelerometers (the gyros' where not logged). gradient_degC
-    (n, 3), block_degC,
-        ambient_degC (n,) : None where not logged.
-    vibration_m2_s4, swing_rad2_s2 (n, 3) : variance of the specific force and of the rate within
-    each second beyond that of the parked rows. at_range (n, 6) : share of each second's rows at the
-    end of the sensor's range (gyros, accelerometers; below 0 at the lower end). above_m (n,) :
-    height over the site, by GNSS; None where none is logged.
-    table_deg_h (n, 3) : the twin's table at these temperatures. heading_known : False where nothing
-    shows north.
+    Attributes
+    ----------
+    run_index : int
+        Which of the runs under study; effects that repeat do not look at it.
+    rate_rad_s, force_m_s2 : shape (n, 3)
+        True body rate (Earth rate included) and specific force, as estimated.
+    C_nb, v_n_m_s : shape (n, 3, 3), (n, 3)
+        Attitude and velocity.
+    speed_m_s, turn_rad_s : shape (n,)
+        Speed along body x; rate of the heading.
+    kind : shape (n,)
+        PARKED, ROLLING or AIRBORNE.
+    lat_rad, height_m : float
+        Of the site.
+    temperature_degC, temperature_rate_degC_min : shape (n, 3)
+        Of the gyros, smoothed; None where not logged.
+    accel_degC : shape (n, 3)
+        Of the accelerometers (the gyros' where not logged).
+    gradient_degC, block_degC, ambient_degC : shape (n, 3), (n,), (n,)
+        None where not logged.
+    vibration_m2_s4, swing_rad2_s2 : shape (n, 3)
+        Variance of the specific force and of the rate within each second beyond that of the parked
+        rows.
+    at_range : shape (n, 6)
+        Share of each second's rows at the end of the sensor's range (gyros, accelerometers; below 0
+        at the lower end).
+    above_m : shape (n,)
+        Height over the site, by GNSS; None where none is logged.
+    table_deg_h : shape (n, 3)
+        The twin's table at these temperatures.
+    heading_known : bool
+        False where nothing shows north.
     """
 
     run_index: int

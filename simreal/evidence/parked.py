@@ -1,5 +1,5 @@
 """The parked stretch of a run: ten-second means less what the twin expects, whitened with the
-twin's own noise.
+twin's own noise::
 
     r_c = b_c(t) + (A phi)_c + noise,   c = gyro x, y, z, accelerometer x, y, z
 

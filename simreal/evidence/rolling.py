@@ -4,7 +4,7 @@ data and every signature.
 The nominal solution starts at the end of the parked stretch; its errors obey
 `ins.filters.error_model`, and the wheels (no side slip), odometer, GNSS and stops measure them as
 in `infield.session.navigated.taxi_heading`. The filter is linear, so its gains are worked out once
-and then replayed: a column is the data, or what an effect would add to them.
+and then replayed: a column is the data, or what an effect would add to them::
 
     e- = Phi e + u,   nu = H e- + m,   e+ = e- - K nu
 

@@ -1,8 +1,8 @@
 """diagnose(runs, twin): where simulator and logs disagree, which effect causes it, how far the gap
-shrinks with it.
+shrinks with it::
 
-runs -> views -> whitened evidence -> cells -> attribution -> what is left -> shrink on held-out
-data -> twin with effects
+    runs -> views -> whitened evidence -> cells -> attribution -> what is left
+        -> shrink on held-out data -> twin with effects
 """
 
 from collections.abc import Callable, Sequence

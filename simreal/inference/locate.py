@@ -1,11 +1,10 @@
 """Where the gap lies: sums of squares in cells of channel, kind of motion and octave band, and what
-is left at the end.
+is left at the end::
 
-    D = n/2 (rho - 1 - ln rho) - 1/2 nats,   rho = mean square over expectation, n degrees of
-    freedom
+    D = n/2 (rho - 1 - ln rho) - 1/2 nats
 
-two-sided: a twin that is too noisy has a gap as well. Levels come from replicates of the twin's own
-noise.
+with rho the mean square over its expectation, of n degrees of freedom; two-sided: a twin that is
+too noisy has a gap as well. Levels come from replicates of the twin's own noise.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""Bayes factors of single effects, in closed form, given what has been selected already.
+"""Bayes factors of single effects, in closed form, given what has been selected already::
 
-    log BF = log mean_v sum_i [ y_i^2 w_i / (2 (1 + w_i)) - ln(1 + w_i) / 2 ],   w_i = v lambda_i /
-    lambda_max
+    log BF = log mean_v sum_i [ y_i^2 w_i / (2 (1 + w_i)) - ln(1 + w_i) / 2 ]
+    w_i = v lambda_i / lambda_max
 
 y_i: products of the data with the effect's principal signatures, orthogonal to the selected
 effects, unit length; lambda_i: their squared lengths in units of the catalogue's typical

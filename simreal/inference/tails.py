@@ -2,7 +2,7 @@
 
 The upper TAIL of the n replicates, k of them, is taken for exponential. A new value passes the
 replicate below them with probability (k + 1) / (n + 1), and beyond it, as the mean b of the tail is
-known from k values only, not exponentially but with
+known from k values only, not exponentially but with::
 
     P(start + t) = (k + 1) / (n + 1) (1 + t / (k b))^-k,
 

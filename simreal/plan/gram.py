@@ -2,7 +2,7 @@
 signatures.
 
 An effect of size Delta (norm of its whitened signature) is told from a rival, which adapts its
-shape and coefficients as well as it can, by what is left of it,
+shape and coefficients as well as it can, by what is left of it::
 
     Delta^2 (1 - cos^2) / 2 >= ln 19 nats   (95 % odds),
 

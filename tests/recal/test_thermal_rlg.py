@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from infield.thermal.gradient_runs import gradient_lines, gradient_run
 from ins.records import InputError, TemperatureLog
 from ins.twin_file import default_twin
+from ins.units import DEG, DEG_PER_HOUR
 from recal.cli.app import app
 from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_run, write_run
@@ -126,6 +127,47 @@ def test_terms_of_simulated_chamber_runs(runs, fitted):
             row["over_temperature_only"] <= 0.5
             and row["causal_after_deg_h"] <= 0.5 * row["temperature_only_deg_h"]
         )
+
+
+def follows(values, tau_s):
+    """First-order lag of values a second apart, by its recursion."""
+    out, keep = np.array(values, dtype=float), np.exp(-1.0 / tau_s)
+    for i in range(1, out.size):
+        out[i] = values[i] + keep * (out[i - 1] - values[i])
+    return out
+
+
+def heated(run, seed):
+    """The run with gyros of white noise and 0.8 deg/h per degC of a heater's line, which its
+    thermometer reads 600 s late in steps of 0.15 degC.
+    """
+    second = np.arange(0.0, run.imu.end_s + 1.0)
+    line = follows(np.where(second % 1200.0 < 600.0, 6.0, 0.0), 1200.0)
+    imu, log = run.imu.whole(), run.temperature
+    bias = 0.8 * np.interp(imu.time_s, second, line) * DEG_PER_HOUR * imu.dt_s
+    white = 0.002 * DEG * np.sqrt(imu.dt_s / 3600.0)
+    gyro = np.random.default_rng(seed).standard_normal(imu.dtheta_rad.shape) * white[:, None]
+    gyro[:, 0] += bias
+    read = 0.15 * np.round(follows(line, 600.0) / 0.15)
+    lines = np.full_like(log.gyro_degC, np.nan)
+    lines[:, 0] = np.interp(log.time_s, second, read)
+    return replace(
+        run, imu=replace(imu, dtheta_rad=gyro), temperature=replace(log, gradient_degC=lines)
+    )
+
+
+def test_a_heater_whose_thermometer_lags_by_ten_minutes(runs):
+    folder, made = runs
+    for seed, name in enumerate(("a", "b", "check")):
+        write_run(folder / f"late-{name}", heated(read_run(made[name]), seed))
+    fitted_to = (folder / "late-a", folder / "late-b")
+    result, document = run_rlg(folder, *fitted_to, "--check", folder / "late-check")
+    assert result.exit_code == 0
+    found = document["axes"]["x"]
+    assert abs(found["lag"]["lines_s"] - 600.0) < 4.0 * found["lag"]["sigma_lines_s"]
+    left = document["check"][0]["axes"]["x"]
+    assert left["after_deg_h"] < 0.25 * left["before_deg_h"]
+    assert left["after_deg_h"] < left["causal_after_deg_h"] < left["before_deg_h"]
 
 
 def test_files_beside_the_json(runs, fitted):

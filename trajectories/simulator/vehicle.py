@@ -1,13 +1,15 @@
 """What the vehicle does beyond its motion: sway, crab, side noise, yaw creep, people, gusts, a
 tug's bump.
 
-All are laid over an ideal run to second order in angle, with the truth moved alike:
-- a velocity dv_n moves the position, adds C_bn (d(dv_n)/dt + 2 omega_ie x dv_n) to the specific
-force, and turns the
-  local level by rho = (cosL dlon, -dlat, -sinL dlon), which the gyros see;
-- a rotation of the body by the vector q (body axes) gives dtheta' = exp(-q) dtheta + dq - q_before
-x q / 2,
-  turns the specific force, and its heading part turns the course of rolling.
+All are laid over an ideal run to second order in angle, with the truth moved alike. A velocity
+dv_n moves the position, adds to the specific force and turns the local level by rho, which the
+gyros see; a rotation of the body by the vector q (body axes) turns the specific force, and its
+heading part turns the course of rolling::
+
+    f'      = f + C_bn (d(dv_n)/dt + 2 omega_ie x dv_n)
+    rho     = (cosL dlon, -dlat, -sinL dlon)
+    dtheta' = exp(-q) dtheta + dq - q_before x q / 2
+
 Left out: changes of gravity with the displacement, (displacement / R) x speed: 0.5 mm/s at 200 m/s
 after 17 m of crab.
 """

@@ -1,34 +1,39 @@
 """The `aided` part of replay.json, and the columns of navigation_aided.parquet, from an
-`infield.aided.flight.AidedResult`.
+`infield.aided.flight.AidedResult`::
 
-verdict, reasons, notes   "aided", "inconsistent" or "refused"
-table                     role of the table that the log was compensated with
-start                     time_s, method ("gyrocompass", "velocity matching"), the stretch it was
-found on, heading and its
-                          first sigma
-end                       attitude, velocity, biases at the end, each with its sigma
-fixes                     count, and of each kind: used, rejected; by_type[]: fix_type ("single",
-                          "corrected", "float", "fixed", "unknown"), count, rejected, bad, bad_share
-rejected[]                time_s, kind, nis, and the residual over its sigma, NED; at most MOST of
-them, in order of time outages[]                 start_s, end_s without a used position, sigma_m
-(level) at the end, off_m: what the next fix was off resets_s, leaps_s         when the solution was
-begun anew, and when the positions leapt while the velocities fitted
-outage_scores[]           stretches whose fixes were left out (--outage): level and vertical error
-RMS and at the last fix, sigma there, error over sigma
-grade                     "good", "degraded" or "inconsistent"
-degraded[]                start_s, end_s, why (a code), words
-standing[]                start_s, end_s: taken as measurements of no velocity
-consistency               overall, position, velocity: nis_mean, dof, band_95; standing; is_test:
-false where noise was fitted noise                     factors on the declared sigmas, those at the
-largest that is tried, declared_nis (before any factor) antenna                   lever_arm_m (with
-sigma) and delay_s of the solution, what of them was taken from the fixes, and
-                          `seen`: what the fixes say with both free; null where that could not be
-                          flown
-smoothed                  with --smooth: sigmas of the solution that all fixes make beside the
-filter's (first row, median, largest), its outage_scores and scoring_only
-wheels                    with --vehicle: measurements used and rejected, how the vehicle stands in
-the unit's axes
-scoring_only              against the run's reference: RMS errors, and squared error over variance
+    verdict, reasons, notes   "aided", "inconsistent" or "refused"
+    table                     role of the table that the log was compensated with
+    start                     time_s, method ("gyrocompass", "velocity matching"), the stretch it
+                              was found on, heading and its first sigma
+    end                       attitude, velocity, biases at the end, each with its sigma
+    fixes                     count, and of each kind: used, rejected; by_type[]: fix_type
+                              ("single", "corrected", "float", "fixed", "unknown"), count,
+                              rejected, bad, bad_share
+    rejected[]                time_s, kind, nis, and the residual over its sigma, NED; at most
+                              MOST of them, in order of time
+    outages[]                 start_s, end_s without a used position, sigma_m (level) at the end,
+                              off_m: what the next fix was off
+    resets_s, leaps_s         when the solution was begun anew, and when the positions leapt while
+                              the velocities fitted
+    outage_scores[]           stretches whose fixes were left out (--outage): level and vertical
+                              error RMS and at the last fix, sigma there, error over sigma
+    grade                     "good", "degraded" or "inconsistent"
+    degraded[]                start_s, end_s, why (a code), words
+    standing[]                start_s, end_s: taken as measurements of no velocity
+    consistency               overall, position, velocity: nis_mean, dof, band_95; standing;
+                              is_test: false where noise was fitted
+    noise                     factors on the declared sigmas, those at the largest that is tried,
+                              declared_nis (before any factor)
+    antenna                   lever_arm_m (with sigma) and delay_s of the solution, what of them
+                              was taken from the fixes, and `seen`: what the fixes say with both
+                              free; null where that could not be flown
+    smoothed                  with --smooth: sigmas of the solution that all fixes make beside the
+                              filter's (first row, median, largest), its outage_scores and
+                              scoring_only
+    wheels                    with --vehicle: measurements used and rejected, how the vehicle
+                              stands in the unit's axes
+    scoring_only              against the run's reference: RMS errors, and squared error over
+                              variance
 """
 
 from collections.abc import Mapping, Sequence

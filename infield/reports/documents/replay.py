@@ -1,5 +1,5 @@
 """`replay.json`, schema recal.replay/1: what `infield.replay.free_inertial` found, in units of the
-border.
+border::
 
     verdict, reasons, notes     "replayed", "refused" or "inconsistent"; notes hold for any verdict
     run_id, run_sha256, imu_serial, gyro_technology, store, noise_model, version
@@ -7,30 +7,29 @@ border.
     alignment_span, parked_span {start_s, end_s}
     tables[]                    role ("active", "previous"), origin, revision, sha256, notes, and:
       alignment                 as alignment.json: attitude at the end of the alignment, sigmas,
-      verdict, reasons parked                    a drift (below) against the parked position
+                                verdict, reasons
+      parked                    a drift (below) against the parked position
       predicted                 sigma_nm_h and sigma_end_speed_m_s of that drift;
-      level_gyro_sigma_deg_h (north gyro,
-                                mean over the span), rule_of_thumb_nm_h = 60 NM/h per deg/h of it;
-                                seen_over_sigma
+                                level_gyro_sigma_deg_h (north gyro, mean over the span),
+                                rule_of_thumb_nm_h = 60 NM/h per deg/h of it; seen_over_sigma
       schuler                   period_min with sigma_period_min and amplitude_m_s of the parked
-      velocity's swing, null with a
-                                reason where it cannot be fitted; expected_period_min = 2 pi
-                                sqrt(R/g)
-      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median), max_m_s,
-      realign, seen_by
-                                ("gnss", "odometer"; "imu": neither covers it, it may be a steady
-                                roll)
+                                velocity's swing, null with a reason where it cannot be fitted;
+                                expected_period_min = 2 pi sqrt(R/g)
+      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median),
+                                max_m_s, realign, seen_by ("gnss", "odometer"; "imu": neither
+                                covers it, it may be a steady roll)
       realign                   any residual ground speed above 5 kt while standing
       realign_at                where that was: "parked", or seen_by of the stops
       gnss                      a drift against GNSS after the parked span, null where none is
-      logged scoring_only              reference: a drift against it after the parked span;
-      heading_error_mrad, in sigmas too
+                                logged
+      scoring_only              reference: a drift against it after the parked span;
+                                heading_error_mrad, in sigmas too
     difference                  active less previous: NM/h, heading, and what the tables' own
-    difference predicts of the
-                                heading and of the position at the end of the parked span; null
-                                without two flights
+                                difference predicts of the heading and of the position at the end
+                                of the parked span; null without two flights
     aided                       the solution with GNSS (infield.reports.documents.aided), null
-    without GNSS or with --no-aided definitions                 of the measures, in words
+                                without GNSS or with --no-aided
+    definitions                 of the measures, in words
 
 A drift: hours, end_radial_error_nm (and _m), max_radial_error_nm, rate_nm_h, rms_rate_nm_h,
 end_speed_m_s, max_speed_m_s, end_speed_kt, drift_class, limit_2t_2_nm, limit_3t_3_nm at the end.

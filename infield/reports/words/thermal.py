@@ -149,7 +149,7 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ThermalNote.NO_THERMOMETER: "gyro {axis}: no thermometer, left out",
     ThermalNote.SIGMAS_WIDENED: (
         "gyro {axis}: the residual scatters {times:.2f} times as much as white noise and the twin's"
-        " drift say: sigmas are widened by that"
+        " drift say: the sigmas allow for it"
     ),
     ThermalNote.DROPPED: "gyro {axis}: {why}",
     ThermalNote.COLLINEAR: _collinear,

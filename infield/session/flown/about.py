@@ -4,7 +4,7 @@ among its states: for units whose own solution does not stand free for a flight 
 The aided solution (`infield.aided`) says where a stretch begins, and where gravity and Coriolis are
 looked up; from there on the increments are integrated anew, and each second what the filter found
 of position, velocity and attitude is taken off. So no bias of the aided filter is used, and nothing
-that its start was found with counts twice. Errors, computed - true, resolved north, east, down:
+that its start was found with counts twice. Errors, computed - true, resolved north, east, down::
 
     p' = v
     v' = theta x f + C del

@@ -1,15 +1,14 @@
 """Earth rate in the body axes of a unit that stands on unknown headings, over all stretches of a
-log.
+log::
 
-    e_s = Omega cosL (f_s cosH_s - r_s sinH_s) - Omega sinL d_s,   f, r, d: forward, right, down of
-    the levelled unit
+    e_s = Omega cosL (f_s cosH_s - r_s sinH_s) - Omega sinL d_s
 
-The vertical part is known by gravity. The level part of a stretch is one error of all its points,
-mean 0, variance (Omega cosL)^2 / 2 on either level axis. Between stretches the headings differ by
-turns D that the gyros give:
+with f, r, d the forward, right and down axes of the levelled unit. The vertical part is known by
+gravity. The level part of a stretch is one error of all its points, mean 0, variance (Omega cosL)^2
+/ 2 on either level axis. Between stretches the headings differ by turns D that the gyros give::
 
-    E[e_s e_t'] = (Omega cosL)^2 / 2 exp(-var(D) / 2) (cosD (f_s f_t' + r_s r_t') - sinD (f_s r_t' -
-    r_s f_t'))
+    E[e_s e_t'] = (Omega cosL)^2 / 2 exp(-var(D) / 2)
+                  (cosD (f_s f_t' + r_s r_t') - sinD (f_s r_t' - r_s f_t'))
 
 which is one error where the unit was not turned (D = 0), the opposite one after half a turn, none
 in common after an unknown one. Where the gyros do not say how far it turned, an unknown heading and

@@ -1,18 +1,18 @@
 """Zero-rate bias of a parked unit against temperature, for gyros too uncertain to find a heading at
-rest (MEMS).
+rest (MEMS)::
 
-    rate_k = b_k + e_s + noise,   e_s = Earth rate in body axes, one and the same vector for a
-    stretch s of rest
+    rate_k = b_k + e_s + noise
 
-Levelled by gravity, the vertical part of e is known (-Omega sinL along down), the level part is
-not: on an unknown heading it is uniform on a circle of Omega cosL, mean 0, variance (Omega cosL)^2
-/ 2 on either level direction. It is one common error of all points of a stretch, not one of each
-point, and a surveyed heading takes it away; what stretches of one log have in common of it is for
-the turns between them to say (`infield.session.parked.earth`). b_k are the session's biases over
-bins, with the joint prior of table and twin that every session has (`infield.session.bins`): one
-turn-on, while flicker and random walk go on between the stretches. Where it does not stand there is
-no bin. Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001),
-eq. (1.4.14-1).
+with e_s the Earth rate in body axes, one and the same vector for a stretch s of rest. Levelled by
+gravity, the vertical part of e is known (-Omega sinL along down), the level part is not: on an
+unknown heading it is uniform on a circle of Omega cosL, mean 0, variance (Omega cosL)^2 / 2 on
+either level direction. It is one common error of all points of a stretch, not one of each point,
+and a surveyed heading takes it away; what stretches of one log have in common of it is for the
+turns between them to say (`infield.session.parked.earth`). b_k are the session's biases over bins,
+with the joint prior of table and twin that every session has (`infield.session.bins`): one turn-on,
+while flicker and random walk go on between the stretches. Where it does not stand there is no bin.
+Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001), eq.
+(1.4.14-1).
 """
 
 from dataclasses import replace

@@ -3,9 +3,12 @@ worst rounding error.
 
 Temperature t = T 2^f as an integer; a breakpoint is rounded to it before the polynomials are moved
 there. In a segment of reach 2^s degC, v = (t - t_j) 2^-(f + s) lies in [0, 1] and is a shift, not a
-division. Horner's rule with coefficients a_k 2^F and one rounded shift per step:  y <- round(y (t -
-t_j) 2^-(f + s)) + a_k.  Each rounding is at most half of 2^-F and |v| <= 1, so the worst error is
-(2 degree + 1) / 2 of 2^-F, beside what rounding T itself does.
+division. Horner's rule with coefficients a_k 2^F and one rounded shift per step::
+
+    y <- round(y (t - t_j) 2^-(f + s)) + a_k
+
+Each rounding is at most half of 2^-F and |v| <= 1, so the worst error is (2 degree + 1) / 2 of
+2^-F, beside what rounding T itself does.
 """
 
 from dataclasses import dataclass

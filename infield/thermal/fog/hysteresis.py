@@ -1,4 +1,4 @@
-"""Hysteresis of a fibre-optic gyro: the bias warming is not the bias cooling, whatever the rate.
+"""Hysteresis of a fibre-optic gyro: the bias warming is not the bias cooling, whatever the rate::
 
     b = K_T(T) + K_delta(T) dT/dt + h s_0 + sum_j d_j (s_j - s_0),   s from -1 (cooling) to 1
 

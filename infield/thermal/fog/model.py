@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.temperature_model import TemperatureModel
-from infield.thermal.compensation import both_ways
+from infield.thermal.compensation import means_both_ways
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise
-from infield.thermal.ramp_runs import RampRun, ramp_run
+from infield.thermal.ramp_runs import RampRun
 from infield.thermal.study import check_fitted
-from ins.records import InputError, Run, TwinModel
+from ins.records import InputError, Run
 
 SCHEMA = "recal.thermal_fog/1"
 
@@ -155,11 +155,10 @@ class HeldOut:
         return self.run.sigma_deg_h
 
 
-def held_out(run: Run, raw: RampRun, model: FogModel, twin: TwinModel) -> HeldOut:
-    """What the model leaves of a run's ramps: its increments are compensated both ways and averaged
-    as `raw` was.
-    """
-    batch, causal = (ramp_run(left, twin).bias_deg_h for left in both_ways(run, model))
+def held_out(run: Run, raw: RampRun, model: FogModel) -> HeldOut:
+    """What the model leaves of a run's ramps, `raw`, taken out of their blocks both ways."""
+    taken = means_both_ways(run, model, raw.time_s)
+    batch, causal = (raw.bias_deg_h - bias for bias in taken)
     rows = raw.steady[:, None] & model.inside(raw.temperature_degC)
     size = np.full((3, 3), np.nan)
     for k in range(3):

@@ -1,12 +1,12 @@
 """Fibre-optic gyro: temperature coefficient K_T(T) and rate coefficient K_delta(T) from chamber
-ramps (CN 106017511).
+ramps (CN 106017511)::
 
-    b(T, dT/dt) = K_T(T) + K_delta(T) dT/dt        b [deg/h], dT/dt [degC/min], K_delta [deg/h per
-    degC/min]
+    b(T, dT/dt) = K_T(T) + K_delta(T) dT/dt
 
-Three ways: `document_subtraction` as the document has it, which leaves K_delta times the slow rate
-inside K_T; `exact_separation`, two equations in two unknowns; `up_down`, the fast pair alone. The
-estimate is the exact separation as a least-squares fit over all blocks, each with its own rate
+with b in deg/h, dT/dt in degC/min, K_delta in deg/h per degC/min. Three ways:
+`document_subtraction` as the document has it, which leaves K_delta times the slow rate inside K_T;
+`exact_separation`, two equations in two unknowns; `up_down`, the fast pair alone. The estimate is
+the exact separation as a least-squares fit over all blocks, each with its own rate
 (`coefficient_curves`). Source: physics.md section 5.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.blocks import AxisBlocks, axis_blocks
-from infield.thermal.coefficient_curves import Basis, CurveFit, Reduced, smooth_basis
+from infield.thermal.coefficient_curves import Basis, CurveFit, Reduced, fit_rough, smooth_basis
 from infield.thermal.fog.hysteresis import (
     FREE_SIZE,
     Hysteresis,
@@ -102,7 +102,8 @@ class AxisFit:
     document, two_ramps, fast_ramps: closed forms on smooth curves of single ramps (subtraction,
     exact separation, up and down), None where the runs lack the ramps.
 
-    scatter: chi2 of the residual per degree of freedom, before the sigmas were widened by its root.
+    scatter: chi2 of the residual per degree of freedom by noise and drift alone. The sigmas hold
+    it: what repeats at a temperature as a ripple of the curves (`fit_rough`), the rest as noise.
     level_deg_h, level_sigma_deg_h: mean of K_T over the grid, and how well it is known apart from
     Earth rate. hysteresis: taken out of `reduced` where the runs tell it; the curves' covariance
     has what is not known of it.
@@ -251,12 +252,10 @@ def _fit_axis(
     apart = bool(slow) and {leg.direction for run in runs for leg in run.legs} == {"up", "down"}
     blocks, terms = (with_sense(blocks, runs, k), 3) if apart else (blocks, 2)
     reduced, fit = _fitted(blocks, terms)
-    scatter = fit.chi2 / max(fit.dof, 1.0)
-    if scatter > INFLATE_ABOVE:
-        wider = np.sqrt(scatter)
-        blocks = replace(
-            blocks, sigma_deg_h=blocks.sigma_deg_h * wider, drift=blocks.drift * scatter
-        )
+    scatter, left = fit.chi2_bare / max(fit.dof, 1.0), fit.chi2 / max(fit.dof, 1.0)
+    if left > INFLATE_ABOVE:
+        wider = np.sqrt(left)
+        blocks = replace(blocks, sigma_deg_h=blocks.sigma_deg_h * wider, drift=blocks.drift * left)
         reduced, fit = _fitted(blocks, terms)
     T = blocks.temperature_degC
     low, high = np.ceil(T.min() / GRID_degC) * GRID_degC, np.floor(T.max() / GRID_degC) * GRID_degC
@@ -264,7 +263,7 @@ def _fit_axis(
     curves = _curves(fit, grid, _rate_share(runs, k))
     if apart:
         hysteresis = hysteresis_of(fit)
-        reduced = Reduced(without(blocks, hysteresis))
+        reduced = Reduced(without(blocks, hysteresis), reduced.rough)
     else:
         hysteresis = no_more_than(twin.gyro.turn_on_deg_h)
         curves = _unsure(curves, hysteresis, max(run.rate for run in fast))
@@ -304,15 +303,18 @@ def _unsure(curves: Curves, hysteresis: Hysteresis, rate_degC_min: float) -> Cur
     return replace(curves, K_delta_covariance=P)
 
 
+def _smooth(blocks: AxisBlocks) -> tuple[Basis, NDArray]:
+    """The smooth basis over the range of the blocks, and its penalty."""
+    T = blocks.temperature_degC
+    return smooth_basis(float(T.min()), float(T.max()))
+
+
 def _fitted(blocks: AxisBlocks, terms: int = 2) -> tuple[Reduced, CurveFit]:
-    """Smooth curves over the range of the blocks; terms 1: K_T alone, 3: with hysteresis."""
-    basis, penalty = smooth_basis(
-        float(blocks.temperature_degC.min()), float(blocks.temperature_degC.max())
-    )
-    reduced = Reduced(blocks)
+    """Curves over the range of the blocks; terms 3: with hysteresis."""
+    basis, penalty = _smooth(blocks)
     bases: list[Basis] = [basis, basis, each_width]
     penalties = [penalty, penalty, FREE_SIZE]
-    return reduced, reduced.fit(bases[:terms], penalties[:terms])
+    return fit_rough(blocks, bases[:terms], penalties[:terms])
 
 
 def _rate_share(runs: Sequence[RampRun], k: int) -> float:
@@ -361,7 +363,8 @@ def _ramp_curve(
         for leg in run.legs:
             if leg.direction == direction:
                 blocks = axis_blocks([run], k, twin, rows=[np.arange(leg.start, leg.end)])
-                value = _fitted(blocks, 1)[1].at(KT, grid)[0]
+                basis, penalty = _smooth(blocks)
+                value = Reduced(blocks).fit([basis], [penalty]).at(KT, grid)[0]
                 T = blocks.temperature_degC
                 return (
                     np.where((grid >= T.min()) & (grid <= T.max()), value, np.nan),

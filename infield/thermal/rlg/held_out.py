@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.compensation import both_ways
+from infield.thermal.compensation import means_both_ways
 from infield.thermal.gradient_runs import GradientRun, gradient_run
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermal.rlg.fit import AxisModel, five_minute_means, noise_of_means
@@ -41,12 +41,12 @@ def held_out_run(
     *,
     settle_s: float = 600.0,
 ) -> RlgHeldOut:
-    """Compensates the increments both ways and averages them; left out: settle_s, in which the
-    causal filter starts.
+    """Takes the model's bias out of the blocks both ways; left out: settle_s, in which the causal
+    filter starts.
     """
     raw = gradient_run(run, twin)
-    batch, causal = (gradient_run(left, twin).blocks.bias_deg_h for left in both_ways(run, model))
     b, rms, noise, means = raw.blocks, {}, {}, {}
+    batch, causal = (b.bias_deg_h - taken for taken in means_both_ways(run, model, b.time_s))
     inside = model.inside(b.temperature_degC)
     for fit in fits:
         k = AXES.index(fit.axis)

@@ -1,13 +1,12 @@
 """The terms of the ring-laser gradient model, their Gram matrices over blocks, and which of them
-the data hold apart.
+the data hold apart::
 
-    b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + sum_i K6i Tdiff_i        [deg/h]      US
-    8,781,778, claim 1
+    b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + sum_i K6i Tdiff_i        [deg/h]
 
-T is centred: T = temperature - reference; dT/dt in degC/min. What of the bias follows temperature
-but no parabola is a rest of straight pieces between nodes, each N(0, s^2): without it a wave of the
-curve passes for a gradient where heater and ramp keep step (squared normalised error of K6 1.5 on
-average, up to 5 sigma). Source of the form: physics.md section 3.
+(US 8,781,778, claim 1.) T is centred: T = temperature - reference; dT/dt in degC/min. What of the
+bias follows temperature but no parabola is a rest of straight pieces between nodes, each N(0, s^2):
+without it a wave of the curve passes for a gradient where heater and ramp keep step (squared
+normalised error of K6 1.5 on average, up to 5 sigma). Source of the form: physics.md section 3.
 """
 
 from collections.abc import Sequence

@@ -2,7 +2,7 @@
 go with others and were dropped.
 
 A model with fewer terms and fixed lags is stated, but its sigmas are those of the whole: every term
-that may be there has its usual size for a prior, every lag of the thermometers a share,
+that may be there has its usual size for a prior, every lag of the thermometers a share::
 
     P = sum_i w_i [P_i + (m_i - theta) (m_i - theta)']
 

@@ -3,7 +3,7 @@
 A unit that counts whole quanta q of its accumulated angle (or velocity) rounds that sum. The error
 is uniform, q^2 / 12, and white where a row's noise spreads over several quanta. Where it does not,
 neighbouring errors are alike, and the mean rate draws its comb. For Gaussian changes of the true
-sum with structure function D(t) and mean rate u, and any phase,
+sum with structure function D(t) and mean rate u, and any phase::
 
     r(t) = q^2 / (2 pi^2) sum over m of m^-2 exp(-2 pi^2 m^2 D(t) / q^2) cos(2 pi m u t / q),
 

@@ -1,7 +1,7 @@
 """Lays environments over an ideal run: truth and both sensors from one motion.
 
 The body turns by the rotation vector q(t) and is displaced by d(t), both in the axes of the
-undisturbed body, functions with a derivative at every node of the scene. Then
+undisturbed body, functions with a derivative at every node of the scene. Then::
 
     C_nb' = C_nb exp(q)            omega' = exp(-q) (omega + rho) + J(q) q_dot
     r'    = r + C_nb d             f'     = exp(-q) (f + C_bn (dv_n/dt + 2 omega_ie x dv_n))
