@@ -15,7 +15,7 @@ from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, se
 
 from infield.store.database import store_name
 from infield.store.errors import RowFault, StoreError, UnknownUnit
-from infield.store.schema import merged_run, revision, tag, unit
+from infield.store.schema import merged_run, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TableDocument
@@ -33,10 +33,8 @@ class UnitKey:
     gyro_mode: str = ""
 
     def __str__(self) -> str:
-        return (
-            f"{self.imu_serial}"
-            f" ({self.gyro_technology}{', ' + self.gyro_mode if self.gyro_mode else ''})"
-        )
+        mode = f", {self.gyro_mode}" if self.gyro_mode else ""
+        return f"{self.imu_serial} ({self.gyro_technology}{mode})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,11 +197,14 @@ def runs_of(c: Connection, row: Any, of: Revision) -> set[str]:
     return held | provenance_runs(of.table_dict)
 
 
-def units_with(rows_of: Table) -> Select:
-    """The units that have at least one row there (revision or proposal): a proposal's unit may have
-    no table yet.
+def units_with(rows_of: Table, number: int | None = None) -> Select:
+    """The units that have at least one row there (revision or proposal; None: of any number): a
+    proposal's unit may have no table yet.
     """
-    return select(unit).where(unit.c.id.in_(select(rows_of.c.unit_id)))
+    owners = select(rows_of.c.unit_id)
+    if number is not None:
+        owners = owners.where(rows_of.c.number == number)
+    return select(unit).where(unit.c.id.in_(owners))
 
 
 def find_unit(
@@ -212,12 +213,14 @@ def find_unit(
     technology: str | None,
     mode: str | None,
     *,
-    having: Table = revision,
+    proposal_number: int | None = None,
 ) -> Any:
-    """The one unit row that matches; None matches anything. UnknownUnit if none, InputError if
-    several do.
+    """The one unit row that matches, with a table, or where a number is given with that proposal;
+    None matches anything. UnknownUnit if none, InputError if several do.
     """
-    query, what = units_with(having), "table" if having is revision else "proposal"
+    query, what = units_with(revision), "table"
+    if proposal_number is not None:
+        query, what = units_with(proposal, proposal_number), f"proposal {proposal_number}"
     rows = c.execute(query if serial is None else query.where(unit.c.imu_serial == serial)).all()
     if not rows:
         raise UnknownUnit(
@@ -239,17 +242,6 @@ def find_unit(
             f"the store holds several units ({known}): name one (serial, technology, mode)"
         )
     return wanted[0]
-
-
-def lock_unit(c: Connection, key: UnitKey) -> Any:
-    """The unit's row, made if new, held until the transaction ends."""
-    same_key = [getattr(unit.c, name) == value for name, value in vars(key).items()]
-    query = select(unit).where(and_(*same_key)).with_for_update()
-    row = c.execute(query).one_or_none()
-    if row is None:
-        c.execute(insert(unit).values(**vars(key)))
-        row = c.execute(query).one()
-    return row
 
 
 def key_of(row: Any) -> UnitKey:
