@@ -197,14 +197,11 @@ def runs_of(c: Connection, row: Any, of: Revision) -> set[str]:
     return held | provenance_runs(of.table_dict)
 
 
-def units_with(rows_of: Table, number: int | None = None) -> Select:
-    """The units that have at least one row there (revision or proposal; None: of any number): a
-    proposal's unit may have no table yet.
+def units_with(rows_of: Table) -> Select:
+    """The units that have at least one row there (revision or proposal): a proposal's unit may have
+    no table yet.
     """
-    owners = select(rows_of.c.unit_id)
-    if number is not None:
-        owners = owners.where(rows_of.c.number == number)
-    return select(unit).where(unit.c.id.in_(owners))
+    return select(unit).where(unit.c.id.in_(select(rows_of.c.unit_id)))
 
 
 def find_unit(
@@ -218,9 +215,8 @@ def find_unit(
     """The one unit row that matches, with a table, or where a number is given with that proposal;
     None matches anything. UnknownUnit if none, InputError if several do.
     """
-    query, what = units_with(revision), "table"
-    if proposal_number is not None:
-        query, what = units_with(proposal, proposal_number), f"proposal {proposal_number}"
+    having, what = (revision, "table") if proposal_number is None else (proposal, "proposal")
+    query = units_with(having)
     rows = c.execute(query if serial is None else query.where(unit.c.imu_serial == serial)).all()
     if not rows:
         raise UnknownUnit(
@@ -237,6 +233,13 @@ def find_unit(
         raise UnknownUnit(
             f"no {what} for serial {serial} in gyro mode {mode!r}; the store has {known}"
         )
+    if proposal_number is not None:
+        of_number = select(proposal.c.unit_id).where(proposal.c.number == proposal_number)
+        owners = set(c.execute(of_number).scalars())
+        wanted = [row for row in wanted if row.id in owners]
+        if not wanted:
+            of = "" if serial is None else f" of serial {serial}"
+            raise InputError(f"no proposal {proposal_number}{of}; recal table proposals lists all")
     if len(wanted) > 1:
         raise InputError(
             f"the store holds several units ({known}): name one (serial, technology, mode)"

@@ -102,6 +102,7 @@ def lock_unit(c: Connection, key: UnitKey) -> Any:
     row = c.execute(query).one_or_none()
     faults = list(_store_faults(c))
     if row is None:
+        faults += _renamed(c)
         c.execute(insert(unit).values(**vars(key)))
         row = c.execute(query).one()
     else:
@@ -112,6 +113,15 @@ def lock_unit(c: Connection, key: UnitKey) -> Any:
             f" {faults[0]}; recal table verify says all"
         )
     return row
+
+
+def _renamed(c: Connection) -> Iterable[str]:
+    """Units whose first row was written under another key: none is made beside them."""
+    first = select(unit, revision).join(revision).where(revision.c.number == 1)
+    for row in c.execute(first).all():
+        values = {column.name: row._mapping[column] for column in revision.c}
+        if values["record_sha256"] != record_sha256(key_of(row), values, ""):
+            yield f"{key_of(row)}: revision 1 is of another unit, or was changed"
 
 
 def _store_faults(c: Connection) -> Iterable[str]:

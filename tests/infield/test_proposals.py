@@ -231,7 +231,7 @@ def test_a_decision_needs_a_name_and_a_reason(store, wrong):
 def test_no_proposal_is_said_so(store):
     with pytest.raises(UnknownUnit, match="the store holds no proposal"):
         store.proposal(1)
-    with pytest.raises(UnknownUnit, match="no proposal 1 for serial SN-1"):
+    with pytest.raises(UnknownUnit, match="no proposal for serial SN-1"):
         decide(store, 1, serial="SN-1")
 
 
