@@ -42,9 +42,7 @@ def fill(folder: Path) -> str:
     demo(folder / "demo", seed=42, rate_hz=10.0)
     runs = sorted(folder.glob("demo/run-*"))
     with TableStore.open(url) as store:
-        store.rollback(
-            to="factory", note="rolled back by P. Ilot: one session after the other, please"
-        )
+        store.rollback(to="factory", by="P. Ilot", reason="one session after the other, please")
     update_in_store(
         UpdateRequest(
             runs=runs[:1],

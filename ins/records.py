@@ -38,6 +38,12 @@ AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 
+class Refusal(RuntimeError):
+    """What was asked for was not done and nothing was written, though the input was right: exit
+    code 4.
+    """
+
+
 class InputError(ValueError):
     """Bad input, said in one line (exit code 3).
 

@@ -504,7 +504,8 @@ def _commands(document: UpdateDocument) -> Commands:
     runs = "RUN ..." if len(document.runs) > 1 else "RUN"
     return Commands(
         rollback=(
-            document.rollback_command or f"recal table rollback{store}{serial} --to previous"
+            document.rollback_command
+            or f"recal table rollback{store}{serial} --to previous --by NAME --reason WHY"
         ),
         history=f"recal table list{store}{serial}",
         approve=f"recal table approve {document.proposal}{store}{serial} --reason WHY",

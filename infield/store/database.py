@@ -25,15 +25,14 @@ from sqlalchemy.engine import URL, make_url
 from infield.store.errors import NoStore, StoreBusy, StoreError
 from infield.store.schema import READABLE, SCHEMA_REVISION
 
-LOCK_WAIT_S = 5.0
+LOCK_WAIT_S = 10.0  # for a lock that others hold (docs/store.md)
 CONNECT_WAIT_S = 10  # for a server
-PATIENCE_S = 10.0  # with a lock that others hold
 ATTEMPTS = 6
-MIGRATION_LOCK = 5527003  # any number that all writers agree on (PostgreSQL advisory lock)
-HINTS = {
-    "SQLITE_IOERR": " (no room, a limit on file size, or a failing medium)",
-    "SQLITE_BUSY": " (another program holds it; try again)",
-}
+# any numbers that all writers agree on (PostgreSQL advisory locks)
+MIGRATION_LOCK, NUMBERING_LOCK = 5527003, 5527004
+HINTS = {"SQLITE_IOERR": " (no room, a limit on file size, or a failing medium)"}
+# what a database raises; SQLite also while it connects, and in bytes that are no text
+DAMAGES = (exc.DBAPIError, sqlite3.Error, UnicodeDecodeError)
 RETRY_SQLSTATES = ("40001", "40P01", "55P03")  # serialization failure, deadlock, lock not available
 QUERY_SECRET = re.compile(r"(?i)((?:ssl)?passw(?:or)?d=)[^&]*")
 _ONE_MIGRATION = threading.Lock()  # Alembic's context is one per process
@@ -68,28 +67,30 @@ class Database:
     @contextmanager
     def reading(self) -> Iterator[Connection]:
         """A transaction that only reads; every fault of the database is a StoreError of one
-        line.
+        line, StoreBusy where another program holds the file.
         """
         try:
             with self._engine.begin() as connection:
                 yield connection
-        except exc.DBAPIError as error:
+        except DAMAGES as error:
+            if _worth_a_retry(error):
+                raise self._busy() from None
             raise StoreError(f"store {self.name}: {self._line(error)}") from None
 
     def write(self, work: Callable[[Connection], T]) -> T:
         """`work` in one transaction, repeated where another writer was faster; StoreBusy if it
         stays so.
         """
-        until, broken = time.monotonic() + PATIENCE_S, ""
+        until, broken = time.monotonic() + LOCK_WAIT_S, ""
         for attempt in range(ATTEMPTS):
             try:
                 with self._writer.begin() as connection:
                     return work(connection)
-            except exc.DBAPIError as error:
+            except DAMAGES as error:
                 if not _worth_a_retry(error):
                     told = (
                         "connection lost, look whether it was written"
-                        if error.connection_invalidated
+                        if getattr(error, "connection_invalidated", False)
                         else "not written"
                     )
                     raise StoreError(f"store {self.name}: {told}: {self._line(error)}") from None
@@ -100,15 +101,19 @@ class Database:
         if broken:
             told = f"nothing written: {broken}: rows contradict each other; see recal table verify"
             raise StoreError(f"store {self.name}: {told}")
-        raise StoreBusy(f"store {self.name}: busy with other writers, nothing written; try again")
+        raise self._busy()
 
     def close(self) -> None:
         self._engine.dispose()
 
-    def _line(self, error: exc.DBAPIError) -> str:
+    def _busy(self) -> StoreBusy:
+        return StoreBusy(f"store {self.name}: busy with other writers, nothing written; try again")
+
+    def _line(self, error: Exception) -> str:
         """What the driver says, its first line, with a hint, without the password."""
-        line = (str(error.orig).splitlines() or [type(error.orig).__name__])[0]
-        hint = HINTS.get(getattr(error.orig, "sqlite_errorname", "").removesuffix("_WRITE"), "")
+        said = getattr(error, "orig", error)
+        line = (str(said).splitlines() or [type(said).__name__])[0]
+        hint = HINTS.get(getattr(said, "sqlite_errorname", "").removesuffix("_WRITE"), "")
         for secret in _secrets(self._engine.url):
             line = line.replace(secret, "***")
         return line + hint
@@ -301,10 +306,8 @@ def alembic_config(connection: Connection) -> Any:
     return config
 
 
-def _worth_a_retry(error: exc.DBAPIError) -> bool:
-    if (
-        isinstance(error, exc.IntegrityError)
-        or getattr(error.orig, "sqlstate", None) in RETRY_SQLSTATES
-    ):
+def _worth_a_retry(error: Exception) -> bool:
+    said = getattr(error, "orig", error)
+    if isinstance(error, exc.IntegrityError) or getattr(said, "sqlstate", None) in RETRY_SQLSTATES:
         return True
-    return getattr(error.orig, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))
+    return getattr(said, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from ins.records import InputError
+from ins.records import InputError, Refusal
 
 
 class StoreRefusal(StrEnum):
@@ -13,6 +13,7 @@ class StoreRefusal(StrEnum):
     BUSY = "store_busy"
     RUN_ALREADY_MERGED = "run_already_merged"
     ALREADY_REJECTED = "already_rejected"
+    SAME_PERSON = "same_person"
     NO_STORE = "no_store"
     UNIT_NOT_IN_STORE = "unit_not_in_store"
 
@@ -49,7 +50,7 @@ class UnknownUnit(InputError):
     """The store holds nothing under this serial (and mode)."""
 
 
-class StoreRefused(RuntimeError):
+class StoreRefused(Refusal):
     """The store stands as it was; `code` says why."""
 
     code: StoreRefusal
@@ -87,6 +88,12 @@ class AlreadyRejected(StoreRefused):
     """The same update was rejected before, and nothing new is said for it."""
 
     code = StoreRefusal.ALREADY_REJECTED
+
+
+class SamePerson(StoreRefused):
+    """Who approves a proposal is who put it forward, or nobody is named who did."""
+
+    code = StoreRefusal.SAME_PERSON
 
 
 class StoreNotAskedFor(StoreRefused):

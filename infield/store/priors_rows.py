@@ -5,14 +5,13 @@ works inside the caller's transaction.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, inspect, select
+from sqlalchemy import Connection, inspect, select, union
 
 from infield.store.database import store_name
 from infield.store.errors import RowFault
 from infield.store.proposal_rows import Decided
 from infield.store.rows import row_sha256, text_sha256
 from infield.store.schema import priors, priors_decision
-from ins.records import GYRO_TECHNOLOGIES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +107,10 @@ def record_of_decision(values: Mapping[str, str | int], before: str) -> str:
 
 def priors_faults(c: Connection) -> Iterable[str]:
     """What is broken in the priors of each technology."""
-    for technology in GYRO_TECHNOLOGIES:
+    if not inspect(c).has_table(priors.name):
+        return
+    named = union(select(priors.c.gyro_technology), select(priors_decision.c.gyro_technology))
+    for technology in c.execute(named).scalars().all():
         try:
             priors_of(c, technology)
         except RowFault as fault:

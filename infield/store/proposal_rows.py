@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import Connection, and_, inspect, select
+from sqlalchemy import Connection, and_, func, inspect, select
 
-from infield.store.database import store_name
+from infield.store.database import NUMBERING_LOCK, store_name
 from infield.store.errors import RowFault
 from infield.store.rows import MergedRun, UnitKey, key_of, row_sha256, text_sha256
 from infield.store.schema import decision, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.json_file import JsonObject
-from ins.records import InputError, TableDocument
+from ins.records import TableDocument
 
 
 class Decided(StrEnum):
@@ -112,6 +112,15 @@ def proposals_of(c: Connection, row: Any) -> list[Proposal]:
     return _read(c, [row])
 
 
+def next_number(c: Connection) -> int:
+    """The number of the store's next proposal, no other transaction can get it. In a store older
+    than schema 0006 each unit counted for itself.
+    """
+    if c.dialect.name == "postgresql":
+        c.execute(select(func.pg_advisory_xact_lock(NUMBERING_LOCK)))
+    return (c.execute(select(func.max(proposal.c.number))).scalar() or 0) + 1
+
+
 def proposals_of_all(c: Connection) -> list[Proposal]:
     """All proposals by unit; none from a store older than the table of them."""
     if not inspect(c).has_table(proposal.name):
@@ -125,11 +134,9 @@ def proposals_of_all(c: Connection) -> list[Proposal]:
 
 
 def read_full(c: Connection, row: Any, number: int) -> FullProposal:
-    """One proposal with its texts, checked; InputError where there is none or it was changed."""
+    """One proposal that the unit has, with its texts; RowFault where it was changed."""
     found = proposals_of(c, row)
-    if not 1 <= number <= len(found):
-        raise InputError(f"{key_of(row)}: no proposal {number}, needed 1 to {len(found)}")
-    light = found[number - 1]
+    light = next(p for p in found if p.number == number)
     query = select(proposal.c.table_json, proposal.c.report_json, proposal.c.first_table_json)
     texts = c.execute(
         query.where(and_(proposal.c.unit_id == row.id, proposal.c.number == number))
@@ -207,12 +214,10 @@ def _one_unit(
 ) -> list[Proposal]:
     """A unit's proposals with their decisions, both chains checked."""
     before, records = "", {}
-    for number, stored in enumerate(rows, start=1):
-        if stored.number != number or stored.record_sha256 != record_of_proposal(
-            key, stored._mapping, before
-        ):
+    for stored in rows:
+        if stored.record_sha256 != record_of_proposal(key, stored._mapping, before):
             raise _changed(c, key, f"proposal {stored.number}")
-        before = records[number] = stored.record_sha256
+        before = records[stored.number] = stored.record_sha256
     decisions = _decisions(c, key, decided, records)
     found = []
     for stored in rows:

@@ -15,11 +15,13 @@ from sqlalchemy import Connection, insert
 from infield.store.commit import TableUpdate, commit_revision, require_mergeable
 from infield.store.database import Database
 from infield.store.errors import AlreadyRejected, UnknownUnit
+from infield.store.policy import require_second_person
 from infield.store.proposal_rows import (
     Decided,
     Decision,
     FullProposal,
     Proposal,
+    next_number,
     proposals_of,
     proposals_of_all,
     read_full,
@@ -31,12 +33,12 @@ from infield.store.rows import (
     find_unit,
     key_of,
     last_number,
-    lock_unit,
     now_of,
     text_sha256,
     unit_of_table,
 )
 from infield.store.schema import decision, proposal
+from infield.store.verify import lock_unit
 from infield.table.file import canonical_json, table_to_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TableDocument
@@ -62,13 +64,14 @@ class ProposalStore:
         report_json: str,
         *,
         first_table: TableDocument | None = None,
-        by: str = "",
+        by: str,
         note: str = "",
     ) -> Proposal:
         """Keep an update for review; arguments as for `TableStore.commit_update`. The active table
         stays as it is.
 
-        The same update that still waits is returned, not kept twice. Raises StoreConflict and
+        The same update that still waits is returned, not kept twice, unless a note says more.
+        Raises StoreConflict and
         RunAlreadyMerged as a commit would, AlreadyRejected where the same update was rejected and
         `note` does not say why it comes again.
         """
@@ -81,7 +84,7 @@ class ProposalStore:
             raise ValueError("the first table is not the parent that the update is proposed for")
         text = canonical_json(table_to_dict(table))
         values: dict[str, Any] = {
-            "proposed_by": signed_line(by, "by", needed=False),
+            "proposed_by": signed_line(by, "by"),
             "parent_sha256": parent_sha256,
             "sha256": text_sha256(text),
             "report_sha256": text_sha256(report_json),
@@ -97,7 +100,7 @@ class ProposalStore:
             before = proposals_of(c, row)
             if (again := _the_same(before, values)) is not None:
                 return again
-            number = len(before) + 1
+            number = next_number(c)
             texts = {
                 "table_json": text,
                 "report_json": report_json,
@@ -139,11 +142,12 @@ class ProposalStore:
         technology: str | None = None,
         mode: str | None = None,
     ) -> FullProposal:
-        """One proposal of a unit with its table and its report."""
+        """One proposal with its table and its report."""
+        wanted = (serial, technology, mode)
         with self._database.reading() as c:
             if not proposals_of_all(c):
                 raise UnknownUnit("the store holds no proposal")
-            return read_full(c, find_unit(c, serial, technology, mode, having=proposal), number)
+            return read_full(c, find_unit(c, *wanted, proposal_number=number), number)
 
     def decide(
         self,
@@ -159,21 +163,25 @@ class ProposalStore:
         """Approve or reject a proposal, once; `verdict` is "approved" or "rejected". Approved, it
         becomes active.
 
-        Raises StoreConflict if another table than its parent is active by now, RunAlreadyMerged if
-        that holds one of its runs, InputError if it was decided before, or `by` or `reason` are
-        missing.
+        Raises SamePerson where who approves is who put it forward (`infield.store.policy`),
+        StoreConflict if another table than its parent is active by now, RunAlreadyMerged if that
+        holds one of its runs, InputError if it was decided before, or `by` or `reason` are missing.
         """
         if verdict not in tuple(Decided):
             raise InputError(f"verdict {verdict[:40]!r}, needed approved or rejected")
         by, reason = signed_line(by, "by"), signed_text(reason, "reason")
+        wanted = (serial, technology, mode)
 
         def work(c: Connection) -> Proposal:
-            row = lock_unit(c, key_of(find_unit(c, serial, technology, mode, having=proposal)))
+            row = lock_unit(c, key_of(find_unit(c, *wanted, proposal_number=number)))
             full = read_full(c, row, number)
             if full.decision is not None:
                 raise InputError(
                     f"{full.unit}: proposal {number} was {full.decision.words()} before"
                 )
+            if verdict == Decided.APPROVED:
+                what = f"{full.unit}: proposal {number}"
+                require_second_person(c, full.proposed_by, by, what)
             values = {
                 "unit_id": row.id,
                 "number": full.decisions_before + 1,
@@ -190,7 +198,7 @@ class ProposalStore:
                 full.unit, values, full.record_sha256, full.last_decision_sha256
             )
             c.execute(insert(decision).values(**values, record_sha256=record))
-            return proposals_of(c, row)[number - 1]
+            return next(p for p in proposals_of(c, row) if p.number == number)
 
         return self._database.write(work)
 
@@ -231,9 +239,9 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
     if not same:
         return None
     last = same[-1]
-    if last.decision is None:
+    if last.decision is None and values["note"] in ("", last.note):
         return last
-    if last.decision.verdict == Decided.REJECTED and not values["note"]:
+    if last.state == Decided.REJECTED and last.decision and not values["note"]:
         raise AlreadyRejected(
             f"{last.unit}: the same update was {last.decision.words()} as proposal {last.number}; a"
             " note must say why it comes again"

@@ -15,7 +15,7 @@ from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, se
 
 from infield.store.database import store_name
 from infield.store.errors import RowFault, StoreError, UnknownUnit
-from infield.store.schema import merged_run, revision, tag, unit
+from infield.store.schema import merged_run, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TableDocument
@@ -33,10 +33,8 @@ class UnitKey:
     gyro_mode: str = ""
 
     def __str__(self) -> str:
-        return (
-            f"{self.imu_serial}"
-            f" ({self.gyro_technology}{', ' + self.gyro_mode if self.gyro_mode else ''})"
-        )
+        mode = f", {self.gyro_mode}" if self.gyro_mode else ""
+        return f"{self.imu_serial} ({self.gyro_technology}{mode})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,12 +210,13 @@ def find_unit(
     technology: str | None,
     mode: str | None,
     *,
-    having: Table = revision,
+    proposal_number: int | None = None,
 ) -> Any:
-    """The one unit row that matches; None matches anything. UnknownUnit if none, InputError if
-    several do.
+    """The one unit row that matches, with a table, or where a number is given with that proposal;
+    None matches anything. UnknownUnit if none, InputError if several do.
     """
-    query, what = units_with(having), "table" if having is revision else "proposal"
+    having, what = (revision, "table") if proposal_number is None else (proposal, "proposal")
+    query = units_with(having)
     rows = c.execute(query if serial is None else query.where(unit.c.imu_serial == serial)).all()
     if not rows:
         raise UnknownUnit(
@@ -234,22 +233,18 @@ def find_unit(
         raise UnknownUnit(
             f"no {what} for serial {serial} in gyro mode {mode!r}; the store has {known}"
         )
+    if proposal_number is not None:
+        of_number = select(proposal.c.unit_id).where(proposal.c.number == proposal_number)
+        owners = set(c.execute(of_number).scalars())
+        wanted = [row for row in wanted if row.id in owners]
+        if not wanted:
+            of = "" if serial is None else f" of serial {serial}"
+            raise InputError(f"no proposal {proposal_number}{of}; recal table proposals lists all")
     if len(wanted) > 1:
         raise InputError(
             f"the store holds several units ({known}): name one (serial, technology, mode)"
         )
     return wanted[0]
-
-
-def lock_unit(c: Connection, key: UnitKey) -> Any:
-    """The unit's row, made if new, held until the transaction ends."""
-    same_key = [getattr(unit.c, name) == value for name, value in vars(key).items()]
-    query = select(unit).where(and_(*same_key)).with_for_update()
-    row = c.execute(query).one_or_none()
-    if row is None:
-        c.execute(insert(unit).values(**vars(key)))
-        row = c.execute(query).one()
-    return row
 
 
 def key_of(row: Any) -> UnitKey:

@@ -17,13 +17,14 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-SCHEMA_REVISION = "0005"  # the newest migration
+SCHEMA_REVISION = "0006"  # the newest migration
 # older stores that a reading command opens as they are
-READABLE = ("0001", "0002", "0003", "0004", SCHEMA_REVISION)
-# by triggers on PostgreSQL, 0004 and 0005
+READABLE = ("0001", "0002", "0003", "0004", "0005", SCHEMA_REVISION)
+# by triggers on PostgreSQL, 0004 to 0006
 GUARDED = (
     "recal_contradiction",
     "recal_decision",
+    "recal_policy",
     "recal_priors",
     "recal_priors_decision",
     "recal_proposal",
@@ -183,4 +184,18 @@ priors_decision = Table(
         name="fk_recal_priors_decision",
     ),
     CheckConstraint("verdict IN ('approved', 'rejected')", name="ck_recal_priors_verdict"),
+)
+
+# Append-only: who may approve in this store, the last row in force. record_sha256 covers the row
+# and the record before it.
+policy = Table(
+    "recal_policy",
+    metadata,
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("approval", String(20), nullable=False),
+    Column("set_utc", String(40), nullable=False),
+    Column("set_by", String(200), nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("record_sha256", String(64), nullable=False),
+    CheckConstraint("approval IN ('one_person', 'two_people')", name="ck_recal_policy_approval"),
 )

@@ -25,8 +25,16 @@ from infield.store.errors import (
     UnknownUnit,
 )
 from infield.store.overview import UnitSummary, read_overview
+from infield.store.policy import Approval, PolicyRecord, policy_of, set_policy
 from infield.store.priors import PriorsStore
-from infield.store.proposals import FullProposal, Proposal, ProposalStore
+from infield.store.proposals import (
+    FullProposal,
+    Proposal,
+    ProposalStore,
+    signed_line,
+    signed_note,
+    signed_text,
+)
 from infield.store.rows import (
     MergedRun,
     NewRevision,
@@ -38,7 +46,6 @@ from infield.store.rows import (
     find_unit,
     key_of,
     last_number,
-    lock_unit,
     provenance_runs,
     read_revision,
     runs_held,
@@ -51,7 +58,7 @@ from infield.store.rows import (
     units_with,
 )
 from infield.store.schema import merged_run, revision, unit
-from infield.store.verify import StoreCheck, check_store, heads_missing, report_faults
+from infield.store.verify import StoreCheck, check_store, heads_missing, lock_unit, report_faults
 from infield.table.file import canonical_json, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
 from ins.json_file import JsonObject
@@ -247,14 +254,30 @@ class TableStore(ProposalStore, PriorsStore):
             raise RowFault(f"{where}: {what}", f"twin: {what}")
         return twin_from_dict(json.loads(row.twin_json), source=where, name=where)
 
+    def policy(self) -> PolicyRecord:
+        """Who may approve in this store."""
+        with self._database.reading() as c:
+            return policy_of(c)
+
+    def set_policy(self, approval: Approval, *, by: str, reason: str = "") -> PolicyRecord:
+        """Say who may approve from now on; what was said before stays on record."""
+        by, reason = signed_line(by, "by"), signed_text(reason, "reason", needed=False)
+        return self._database.write(lambda c: set_policy(c, approval, by=by, reason=reason))
+
     def import_table(
-        self, table: TableDocument, *, twin: TwinModel | None = None, note: str = ""
+        self,
+        table: TableDocument,
+        *,
+        twin: TwinModel | None = None,
+        note: str = "",
+        one_person: str | None = None,
     ) -> Revision:
         """A table from outside becomes active; the first is tagged `factory`. The active one again:
-        no new revision.
+        no new revision, unless a note says more than that one's.
 
         Runs named in its provenance count as merged. The twin becomes the unit's record; serial and
-        technology of the two must agree.
+        technology of the two must agree. one_person: who says that from now on one person may put
+        updates forward and approve them in this store.
         """
         checked = table_from_dict(table, name="table")
         key = unit_of_table(checked)
@@ -263,6 +286,8 @@ class TableStore(ProposalStore, PriorsStore):
         def work(c: Connection) -> Revision:
             row = lock_unit(c, key)
             last, text = last_number(c, row), canonical_json(table)
+            if one_person is not None:
+                set_policy(c, Approval.ONE_PERSON, by=signed_line(one_person, "by"))
             if twin is not None:
                 twin_json = json.dumps(twin_to_dict(twin), sort_keys=True)
                 c.execute(
@@ -274,7 +299,9 @@ class TableStore(ProposalStore, PriorsStore):
                         twin_table_sha256=text_sha256(text),
                     )
                 )
-            if last and (active := tagged(c, row, "active")).sha256 == text_sha256(text):
+            active = tagged(c, row, "active") if last else None
+            same = active is not None and active.sha256 == text_sha256(text)
+            if active is not None and same and note in ("", active.note):
                 return active
             kind = "import" if last else "factory"
             append_revision(c, row, NewRevision(kind=kind, table_json=text, note=note))
@@ -350,13 +377,17 @@ class TableStore(ProposalStore, PriorsStore):
         technology: str | None = None,
         mode: str | None = None,
         *,
+        by: str,
+        reason: str,
         active_number: int | None = None,
-        note: str = "",
     ) -> Revision:
-        """A new revision with the bits of an old one: its number, "factory" or "previous".
+        """A new revision with the bits of an old one: its number, "factory" or "previous". Its note
+        names who took the table back and why, and a rollback that the active one is already.
 
-        StoreConflict where another revision than `active_number` (None: any) is active by now.
+        StoreConflict where another revision than `active_number` (None: any) is active by now,
+        InputError where `by` or `reason` are missing.
         """
+        note = signed_note(by, reason, "rolled back by ")
 
         def work(c: Connection) -> Revision:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
@@ -377,8 +408,13 @@ class TableStore(ProposalStore, PriorsStore):
                     f"{key_of(row)}: revision {number} is the active one, nothing to roll back"
                 )
             target = read_revision(c, row, number)
+            undone = read_revision(c, row, active)
+            again = f"rollback of a rollback (revision {active}): "
             restored = NewRevision(
-                kind="rollback", table_json=target.table_json, restored_number=number, note=note
+                kind="rollback",
+                table_json=target.table_json,
+                restored_number=number,
+                note=again + note if undone.kind == "rollback" else note,
             )
             append_revision(c, row, restored)
             set_runs(c, row, runs_of(c, row, target))

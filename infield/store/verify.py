@@ -7,17 +7,19 @@ end. Who rewrites all of these together can only be found with something kept el
 or a report (`heads_missing`, `report_faults`). Nothing is written.
 """
 
+import itertools
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import Connection, Table, exc, inspect, select, text
+from sqlalchemy import Connection, Table, and_, exc, insert, inspect, select, text
 
 from infield.store.contradictions import contradiction_sha256
-from infield.store.database import schema_of
-from infield.store.errors import RowFault
+from infield.store.database import schema_of, store_name
+from infield.store.errors import RowFault, StoreError
+from infield.store.policy import policy_faults
 from infield.store.priors_rows import priors_faults
 from infield.store.proposal_rows import proposals_of, read_full
 from infield.store.rows import (
@@ -88,8 +90,43 @@ def check_store(c: Connection) -> StoreCheck:
     units = c.execute(
         select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
     ).all()
-    faults = (*_damage(c), *_orphans(c, {row.id for row in units}), *priors_faults(c))
-    return StoreCheck(tuple(_checked(c, row) for row in units), faults)
+    return StoreCheck(tuple(_checked(c, row) for row in units), tuple(_store_faults(c)))
+
+
+def lock_unit(c: Connection, key: UnitKey) -> Any:
+    """The unit's row, made if new, held until the transaction ends. StoreError where `verify`
+    would find the store or this unit broken: nothing is built on rows that do not fit each other.
+    """
+    same_key = [getattr(unit.c, name) == value for name, value in vars(key).items()]
+    query = select(unit).where(and_(*same_key)).with_for_update()
+    row = c.execute(query).one_or_none()
+    faults = list(_store_faults(c))
+    if row is None:
+        faults += _renamed(c)
+        c.execute(insert(unit).values(**vars(key)))
+        row = c.execute(query).one()
+    else:
+        faults += _checked(c, row).faults
+    if faults:
+        raise StoreError(
+            f"store {store_name(c.engine.url)}: {key}: not written: the store is broken:"
+            f" {faults[0]}; recal table verify says all"
+        )
+    return row
+
+
+def _renamed(c: Connection) -> Iterable[str]:
+    """Units whose first row was written under another key: none is made beside them."""
+    first = select(unit, revision).join(revision).where(revision.c.number == 1)
+    for row in c.execute(first).all():
+        values = {column.name: row._mapping[column] for column in revision.c}
+        if values["record_sha256"] != record_sha256(key_of(row), values, ""):
+            yield f"{key_of(row)}: revision 1 is of another unit, or was changed"
+
+
+def _store_faults(c: Connection) -> Iterable[str]:
+    """What is broken but belongs to no unit."""
+    yield from (*_damage(c), *_orphans(c), *priors_faults(c), *policy_faults(c))
 
 
 def _checked(c: Connection, row: Any) -> UnitCheck:
@@ -128,14 +165,13 @@ def _damage(c: Connection) -> Iterable[str]:
                 yield f"the file is damaged: {said}"
 
 
-def _orphans(c: Connection, ids: set[int]) -> Iterable[str]:
+def _orphans(c: Connection) -> Iterable[str]:
+    """One statement a table, so that a unit that another transaction makes meanwhile is whole."""
     for table in (revision, tag, merged_run, contradiction, proposal, decision):
-        owners = (
-            set(c.execute(select(table.c.unit_id).distinct()).scalars())
-            if _has(c, table)
-            else set()
-        )
-        if lost := owners - ids:
+        if not _has(c, table):
+            continue
+        ownerless = table.c.unit_id.not_in(select(unit.c.id))
+        if lost := c.execute(select(table.c.unit_id).where(ownerless).distinct()).all():
             yield (
                 f"{table.name}: rows of {len(lost)} unit{'s' if len(lost) > 1 else ''} that the"
                 " store does not hold"
@@ -175,12 +211,15 @@ def _check_unit(c: Connection, row: Any) -> UnitCheck:
 
 
 def _holes(rows: Rows, tags: dict[str, int]) -> Iterable[str]:
-    last = max([*rows, *tags.values(), 1])
-    for number in sorted(set(range(1, last + 1)) - set(rows)):
-        names = [name for name, tagged in tags.items() if tagged == number]
-        yield f"revision {number} is missing" + (
-            f", though tagged {' and '.join(names)}" if names else ""
-        )
+    for before, number in itertools.pairwise([0, *sorted({*rows, *tags.values(), 1})]):
+        if number > before + 2:
+            yield f"revisions {before + 1} to {number - 1} are missing"
+        elif number == before + 2:
+            yield f"revision {before + 1} is missing"
+        if number not in rows:
+            names = [name for name, tagged in tags.items() if tagged == number]
+            tagged_so = f", though tagged {' and '.join(names)}" if names else ""
+            yield f"revision {number} is missing{tagged_so}"
 
 
 def _revision_faults(key: UnitKey, rows: Rows, number: int) -> Iterable[str]:

@@ -163,9 +163,9 @@ class Command(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """As typer does; InputError also where the operating system refuses a file that nobody else
-        asked about.
+        asked about. What the store refuses ends with exit code 4.
         """
-        from ins.records import InputError
+        from ins.records import InputError, Refusal
 
         try:
             return super().invoke(ctx)
@@ -181,16 +181,25 @@ class Command(TyperCommand):
                 if isinstance(error, OSError)
                 else str(error)
             )
-            if ctx.params.get("as_json"):
-                emit_json(
-                    {
-                        "schema": "recal.error/1",
-                        "command": ctx.command_path,
-                        "verdict": "bad_input",
-                        "reasons": [line],
-                    }
-                )
+            _emit_fault(ctx, "bad_input", line)
             raise InputError(line) from error
+        except Refusal as refused:
+            _emit_fault(ctx, "refused", str(refused))
+            say(f"recal: {refused}")
+            raise typer.Exit(REFUSED_EXIT) from None
+
+
+def _emit_fault(ctx: Any, verdict: str, line: str) -> None:
+    """With --json, why a command has no result of its own."""
+    if ctx.params.get("as_json"):
+        emit_json(
+            {
+                "schema": "recal.error/1",
+                "command": ctx.command_path,
+                "verdict": verdict,
+                "reasons": [line],
+            }
+        )
 
 
 def finish(verdict: str) -> None:

@@ -11,6 +11,7 @@ from infield.session.disagreement import SessionEvidence, utc
 from infield.store.database import holds_store, parsed_url, require_folder, store_name
 from infield.store.errors import (
     WORTH_ANOTHER_TRY,
+    StoreBusy,
     StoreConflict,
     StoreError,
     StoreRefused,
@@ -46,6 +47,7 @@ __all__ = [
     "Revision",
     "SessionEvidence",
     "Store",
+    "StoreBusy",
     "StoreConflict",
     "StoreError",
     "StoreRefused",

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 
-from infield.store.errors import StoreConflict
 from infield.store.table_store import Revision, TableStore, require_same_unit
 from infield.table.autopilot_params import MAX_DEVICE_ID, NUMBERS, PARAMETER_ENDINGS, read_cubic
 from infield.table.autopilot_table import (
@@ -154,25 +153,23 @@ def import_table(
     note: str = "",
     override: bool = False,
     any_clock: bool = False,
+    one_person: str | None = None,
 ) -> tuple[Revision, list[str]]:
     """The table of a file becomes the active one; what was assumed for it. override: although the
-    store knows the serial as another technology.
+    store knows the serial as another technology; one_person: as of `TableStore.import_table`.
     """
     data, said = _read(given)
     record = None if twin is None else read_twin(twin)
     require_same_unit(data, record)
     note = "; ".join(filter(None, (note, *said)))
-    try:
-        with TableStore.open(url, create=True, any_clock=any_clock) as opened:
-            if (conflict := other_technology(opened, data)) is not None:
-                need(
-                    override,
-                    f"{given.path}: {conflict} (--override-technology imports it all the same)",
-                )
-                note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))
-            return opened.import_table(data, twin=record, note=note), said
-    except StoreConflict as error:
-        raise InputError(str(error)) from None
+    with TableStore.open(url, create=True, any_clock=any_clock) as opened:
+        if (conflict := other_technology(opened, data)) is not None:
+            need(
+                override,
+                f"{given.path}: {conflict} (--override-technology imports it all the same)",
+            )
+            note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))
+        return opened.import_table(data, twin=record, note=note, one_person=one_person), said
 
 
 def _write(output: Path, text: str) -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.store.database import holds_store
 from infield.store.errors import StoreRefused
+from infield.store.policy import Approval, PolicyRecord
 from infield.store.table_store import (
     FullProposal,
     MergedRun,
@@ -37,12 +39,18 @@ __all__ = [
     "need",
     "open_tables",
     "other_technology",
+    "policy_line",
     "proposed_document",
     "revision_number",
+    "set_policy",
     "verify",
     "write_proposal",
 ]
 
+APPROVAL_WORDS = {
+    Approval.TWO_PEOPLE: "two people: somebody else than its proposer approves an update",
+    Approval.ONE_PERSON: "one person may put an update forward and approve it",
+}
 MAX_DIGITS = 10  # of a revision number, less one: 9 digits fit 32 bits (2,147,483,647)
 
 
@@ -59,6 +67,25 @@ def other_technology(opened: TableStore, table: TableDocument) -> str | None:
     return (
         f"gyro_technology {technology}, the store holds {', '.join(map(str, held))}: another unit?"
     )
+
+
+def set_policy(url: str, one_person: bool | None, *, by: str, reason: str) -> PolicyRecord:
+    """The store's rule, a new one first where it is given; NoStore where there is no store."""
+    if one_person is None or not holds_store(url):
+        with open_tables(url) as opened:
+            return opened.policy()
+    approval = Approval.ONE_PERSON if one_person else Approval.TWO_PEOPLE
+    with TableStore.open(url, create=True) as opened:
+        return opened.set_policy(approval, by=by, reason=reason)
+
+
+def policy_line(rule: PolicyRecord) -> str:
+    """Who may approve, and who said so."""
+    words = APPROVAL_WORDS[rule.approval]
+    if not rule.number:
+        return words
+    why = f": {rule.reason}" if rule.reason else ""
+    return f"{words} (policy {rule.number}, by {rule.set_by} on {rule.set_utc}{why})"
 
 
 def find_revision(

@@ -243,6 +243,8 @@ def update_in_store(request: UpdateRequest) -> Update:
         try:
             return _Try(request, job, files, tuple(lost)).run(loaded)
         except StoreConflict as conflict:
+            if len(lost) == request.retries:
+                raise
             lost.append(str(conflict))
             request.told(
                 f"another writer was faster ({conflict}): estimating again, {len(lost)} of"
@@ -549,10 +551,11 @@ def _numbered(document: UpdateDocument, unit: UnitInputs, revision: int) -> Upda
     serial, technology, mode = (shlex.quote(name) for name in _key(unit))
     # a server's password comes from the environment
     store = shlex.quote((document.store or "").replace(":***@", "@"))
-    back = f"recal table rollback --store {store} --serial {serial} --technology {technology}"
-    return replace(
-        document, revision=revision, rollback_command=f"{back} --mode {mode} --to {revision - 1}"
+    back = (
+        f"recal table rollback --store {store} --serial {serial} --technology {technology}"
+        f" --mode {mode} --to {revision - 1} --by NAME --reason WHY"
     )
+    return replace(document, revision=revision, rollback_command=back)
 
 
 def _files(directory: Path, document: UpdateDocument, *, html: bool) -> dict[Path, str]:

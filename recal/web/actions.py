@@ -9,7 +9,6 @@ from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from ins.records import InputError
-from recal.service.store import signed_note
 from recal.service.tables import change_between
 from recal.web import views
 from recal.web.door import SESSION_S, Session, same
@@ -59,8 +58,7 @@ def _register_door(app: FastAPI, site: Site) -> None:
 
     @app.get("/login")
     def sign_in_once(request: Request, ticket: str = "") -> Response:
-        peer = request.client.host if request.client else ""
-        session_id = site.door.sign_in_once(ticket, peer)
+        session_id = site.door.sign_in_once(ticket)
         if session_id is None and site.session(request) is not None:
             return RedirectResponse("/", 303)  # clicked again by a browser that is signed in
         if session_id is None:
@@ -127,17 +125,15 @@ def _register_decisions(app: FastAPI, site: Site) -> None:
     def rollback(request: Request) -> Response:
         session, form = _require_form(site, request)
         serial, technology, mode = _unit(form)
-        note = signed_note(
-            session.name or form.get("by", ""), form.get("reason", ""), "rolled back by "
-        )
         with site.tables() as opened:
             done = opened.rollback(
                 serial,
                 _number(form, "to"),
                 technology,
                 mode,
+                by=session.name or form.get("by", ""),
+                reason=form.get("reason", ""),
                 active_number=_number(form, "active"),
-                note=note,
             )
         return RedirectResponse(views.address("/unit", done.unit, done="rolled back"), 303)
 

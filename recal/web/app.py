@@ -8,7 +8,7 @@ from fastapi.responses import RedirectResponse, Response
 from starlette.exceptions import HTTPException
 
 from ins.records import InputError
-from recal.service.store import StoreError, StoreRefused, UnknownUnit
+from recal.service.store import StoreBusy, StoreError, StoreRefused, UnknownUnit
 from recal.web import actions, pages, views
 from recal.web.door import TooManyGuesses
 from recal.web.guard import Guard, Refused
@@ -93,7 +93,7 @@ def _status(error: Exception) -> int:
         return error.status
     if isinstance(error, UnknownUnit):
         return 404
-    if isinstance(error, StoreError):
+    if isinstance(error, StoreError | StoreBusy):
         return 503
     if isinstance(error, InputError):
         return 400

@@ -77,21 +77,21 @@ class Door:
             if found is None:
                 self._failures.setdefault(peer, deque()).append(self._clock())
                 return None
-            return self._let_in(found, peer)
+            self._failures.pop(peer, None)
+            return self._let_in(found)
 
-    def sign_in_once(self, ticket: str, peer: str) -> str | None:
+    def sign_in_once(self, ticket: str) -> str | None:
         """The id of a new session for the ticket of a login link, which is spent by that; None for
-        a wrong, a spent or an old one. TooManyGuesses as of `sign_in`.
+        a wrong, a spent or an old one. Wrong ones are not counted: nobody guesses one of 2^192, and
+        a page of another site can make a browser send them.
         """
         with self._lock:
-            self._require_patience(peer)
             known, given = self._ticket, hashlib.sha256(ticket.encode(errors="replace")).digest()
             right = known is not None and hmac.compare_digest(known.sha256, given)
             if known is None or not right or self._clock() >= self._ticket_ends:
-                self._failures.setdefault(peer, deque()).append(self._clock())
                 return None
             self._ticket = None
-            return self._let_in(known, peer)
+            return self._let_in(known)
 
     def session(self, session_id: str) -> Session | None:
         """The session of a cookie, None where it is unknown or over."""
@@ -110,9 +110,8 @@ class Door:
         """What a form must carry beside this cookie; only this process can make it."""
         return hmac.new(self._secret, cookie.encode(errors="replace"), hashlib.sha256).hexdigest()
 
-    def _let_in(self, token: Token, peer: str) -> str:
+    def _let_in(self, token: Token) -> str:
         """The id of a new session; the oldest of too many ends."""
-        self._failures.pop(peer, None)
         session_id = secrets.token_urlsafe(32)
         self._sessions[_hash(session_id)] = Session(
             token.name, self.form_token(session_id), self._clock() + SESSION_S

@@ -6,6 +6,7 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,12 +59,47 @@ class Line:
     table: ThermalTable
 
 
+class Once:
+    """What takes long is made once for each key, and the last `most` are kept. Who asks for the
+    same waits for it; other keys are made meanwhile.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: OrderedDict[Hashable, Future[Any]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def of(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """What `make` gives, or gave before; what it raises is raised, and not kept."""
+        with self._lock:
+            found = self._kept.get(key)
+            mine = found is None
+            if found is None:
+                found = self._kept[key] = Future()
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+        if mine:
+            try:
+                found.set_result(make())
+            except BaseException as error:
+                found.set_exception(error)
+                with self._lock:
+                    self._kept.pop(key, None)
+        return found.result()
+
+    def at_hand(self, key: Hashable) -> Any:
+        """What was made under the key, None where it was not, or is not yet."""
+        with self._lock:
+            found = self._kept.get(key)
+        return found.result() if found is not None and found.done() else None
+
+
 class Drawings:
     """The last drawings, by what they show."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[Hashable, Any] = OrderedDict()
-        self._lock = threading.Lock()
+        self._once = Once(MOST_KEPT).of
 
     def bias_panels(
         self, lines: Sequence[Line], against: Sequence[SessionEvidence] = ()
@@ -73,7 +109,10 @@ class Drawings:
         """
         seen = against[-MOST_SESSIONS_DRAWN:]
         key = ("bias", *((line.name, line.sha256) for line in lines), *(e.run_sha256 for e in seen))
-        return self._once(key, lambda: [_bias_panel(axis, lines, seen) for axis in AXES])
+        panels: list[Markup] = self._once(
+            key, lambda: [_bias_panel(axis, lines, seen) for axis in AXES]
+        )
+        return panels
 
     def trend(self, key: Hashable, document: ForecastDocument) -> Markup:
         """The drift of the most urgent units against the limit."""
@@ -86,16 +125,8 @@ class Drawings:
 
     def page(self, key: Hashable, draw: Callable[[], str]) -> str:
         """A whole report that takes seconds to draw."""
-        return self._once(("page", key), draw)
-
-    def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        with self._lock:
-            if key not in self._kept:
-                self._kept[key] = make()
-                while len(self._kept) > MOST_KEPT:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
-            return self._kept[key]
+        page: str = self._once(("page", key), draw)
+        return page
 
 
 def without_style_attributes(svg: Markup) -> Markup:

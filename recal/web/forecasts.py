@@ -2,36 +2,30 @@
 seconds.
 """
 
-import threading
 from collections.abc import Hashable
 from datetime import UTC, datetime
 
 from recal.service.priors.forecast import most_urgent
 from recal.service.priors.forecast_records import ForecastDocument
 from recal.service.store import TableStore
+from recal.web.drawings import Once
 
 
 class Forecasts:
-    """The latest forecast and what it rests on."""
+    """The latest forecast, by what it rests on."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._key: Hashable = None
-        self._document: ForecastDocument | None = None
+        self._made = Once(1)
 
     def of(self, store: TableStore) -> tuple[Hashable, ForecastDocument]:
         """A key that changes with it, and the forecast."""
         key = _key_of(store)
-        with self._lock:
-            if self._document is None or key != self._key:
-                self._key, self._document = key, most_urgent(store)
-            return key, self._document
+        return key, self._made.of(key, lambda: most_urgent(store))
 
     def at_hand(self, store: TableStore) -> ForecastDocument | None:
         """The forecast where it is made already and still holds; making it takes seconds."""
-        key = _key_of(store)
-        with self._lock:
-            return self._document if key == self._key else None
+        found: ForecastDocument | None = self._made.at_hand(_key_of(store))
+        return found
 
 
 def _key_of(store: TableStore) -> Hashable:

@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse, Response
 from ins.records import InputError
 from recal.service.priors.forecast_page import date_words, trend_strips
 from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
-from recal.service.store import FullProposal, Revision, TableStore
+from recal.service.store import FullProposal, Revision, TableStore, UnitKey
 from recal.service.tables import change_between
 from recal.web import health, views
 from recal.web.drawings import Line
@@ -96,10 +96,14 @@ def _register_units(app: FastAPI, site: Site) -> None:
     ) -> HTMLResponse:
         site.require_reader(request)
         key = (serial, technology, mode)
+        named = UnitKey(imu_serial=serial, gyro_technology=technology, gyro_mode=mode)
         with site.tables() as opened:
+            summary = [u for u in opened.overview() if u.unit == named]
+            only_proposed = any(not u.active_number for u in summary)
+            history = [] if only_proposed else opened.history(*key)
             proposals = opened.proposals(*key)
-            history = _history(opened, key, proposals=bool(proposals))
             contradictions = opened.contradictions(*key) if history else ()
+            forecast = site.forecasts.at_hand(opened)
         context: dict[str, Any] = {
             "active": None,
             "panels": [],
@@ -125,6 +129,7 @@ def _register_units(app: FastAPI, site: Site) -> None:
             history=history[::-1][:MOST_SHOWN],
             proposals=[views.proposal_facts(p) for p in reversed(proposals)],
             done=done,
+            state=health.judged(summary, forecast, datetime.now(UTC))[0].words,
             diagnoses=diagnoses,
             **context,
         )
@@ -281,16 +286,6 @@ def _register_reports(app: FastAPI, site: Site) -> None:
         if text is None:
             raise Refused(404, "There is no diagnosis.json in this folder.")
         return _download(text, DOCUMENT)
-
-
-def _history(opened: TableStore, key: tuple[str, str, str], *, proposals: bool) -> list[Revision]:
-    """All revisions, the chain checked; none of a unit that has only a proposal yet."""
-    if proposals and not any(
-        (u.unit.imu_serial, u.unit.gyro_technology, u.unit.gyro_mode) == key and u.active_number
-        for u in opened.overview()
-    ):
-        return []
-    return opened.history(*key)
 
 
 def _lines(history: list[Revision]) -> list[Line]:

@@ -1,7 +1,8 @@
 """What a writer process of the concurrency tests does."""
 
-from infield.store.table_store import StoreConflict, TableStore
-from tests.infield.stores import commit
+from infield.store.table_store import MergedRun, StoreConflict, TableStore
+from infield.table.file import table_to_dict
+from tests.infield.stores import commit, table, updated
 
 STEP_DEG_H = 1e-6
 
@@ -30,3 +31,11 @@ def create(url: str, serial: str) -> None:
 
     with TableStore.open(url, create=True) as store:
         factory(store, serial)
+
+
+def put(url: str, name: str) -> None:
+    """Import the same table as everybody else, propose the same update, each with a note."""
+    with TableStore.open(url, create=True) as store:
+        active = store.import_table(table_to_dict(table()), note=f"import {name}")
+        runs = [MergedRun(run_id="run", sha256="run")]
+        store.propose(active.sha256, updated(active), runs, "{}", by=name, note=f"update {name}")

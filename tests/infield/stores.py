@@ -10,17 +10,29 @@ import subprocess
 import uuid
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.pool import NullPool
 from sqlalchemy.schema import CreateSchema, DropSchema
 
+from infield.session.disagreement import SessionEvidence
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
 
 UTC = "2026-03-01T05:00:00Z"
 DATABASES = ("sqlite", "postgresql")
+EVIDENCE = SessionEvidence(
+    run_id="odd",
+    run_sha256="odd",
+    start_utc="2026-04-01T00:00:00Z",
+    temperature_degC=np.zeros(3),
+    bias_deg_h=np.zeros(3),
+    bend_deg_h=np.zeros(3),
+    covariance=np.eye(3),
+)
+SIGNED = {"by": "B", "reason": "wrong run"}  # of a rollback
 
 
 @contextmanager

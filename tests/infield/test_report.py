@@ -180,6 +180,7 @@ def _expected(document):
     yield (
         d["rollback_command"]
         or "recal table rollback --store sqlite:///recal.db --serial SN-0042 --to previous"
+        " --by NAME --reason WHY"
     )
     yield "recal update RUN"
 

@@ -18,7 +18,7 @@ from infield.store.table_store import (
 )
 from infield.table.file import canonical_json, table_sha256, table_to_dict
 from ins.records import GyroNoise, InputError, TwinModel
-from tests.infield.stores import commit, rows, table, tamper
+from tests.infield.stores import SIGNED, commit, rows, table, tamper
 
 
 def test_missing_store_is_refused_and_not_created(url, tmp_path):
@@ -94,7 +94,7 @@ def test_first_update_of_an_unknown_unit_brings_its_default_table(store):
     new = table("NEW").replaced(provenance={"parent_sha256": table_sha256(first), "runs": []})
     revision = store.commit_update(table_sha256(first), new, [], "{}", first_table=first)
     assert revision.number == 2 and store.previous("NEW").kind == "factory"
-    assert store.rollback("NEW", to="factory").sha256 == table_sha256(first)
+    assert store.rollback("NEW", to="factory", **SIGNED).sha256 == table_sha256(first)
 
 
 def test_same_run_is_refused_until_a_rollback_takes_it_out(store):
@@ -105,24 +105,24 @@ def test_same_run_is_refused_until_a_rollback_takes_it_out(store):
         commit(store, third, run="run-1")
     assert store.active() == third  # zero nodes changed
     assert store.has_run("run-1", "SN-1") and not store.has_run("run-1", "SN-2")
-    store.rollback("SN-1", to=2)
+    store.rollback("SN-1", to=2, **SIGNED)
     assert store.has_run("run-1") and not store.has_run("run-2")
-    back = store.rollback("SN-1", to=3)  # forward again: its runs count again
+    back = store.rollback("SN-1", to=3, **SIGNED)  # forward again: its runs count again
     assert store.has_run("run-2") and back.table_json == third.table_json
-    fourth = commit(store, store.rollback("SN-1", to="factory"), run="run-2")
+    fourth = commit(store, store.rollback("SN-1", to="factory", **SIGNED), run="run-2")
     assert fourth.number == 7 and store.has_run("run-2") and not store.has_run("run-1")
 
 
 def test_rollback_is_bit_identical_and_appends(store):
     first = store.import_table(table_to_dict(table()))
     commit(store, first)
-    back = store.rollback("SN-1", to="previous")
+    back = store.rollback("SN-1", to="previous", **SIGNED)
     assert (back.number, back.kind, back.restored_number) == (3, "rollback", 1)
     assert back.table_json == first.table_json and back.sha256 == first.sha256
     assert len(store.history()) == 3
     for wrong in (3, 0, 9, "yesterday"):
         with pytest.raises(InputError):
-            store.rollback("SN-1", to=wrong)
+            store.rollback("SN-1", to=wrong, **SIGNED)
 
 
 def test_runs_in_an_imported_provenance_count_as_merged(store):

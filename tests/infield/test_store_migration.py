@@ -14,7 +14,7 @@ from infield.store.database import alembic_config
 from infield.store.schema import SCHEMA_REVISION, metadata
 from infield.store.table_store import TableStore
 from ins.records import InputError
-from tests.infield.stores import commit, rows, tamper
+from tests.infield.stores import SIGNED, commit, rows, tamper
 
 FIRST = json.loads((Path(__file__).parent / "store_0001.json").read_text())
 
@@ -72,7 +72,8 @@ def test_writing_upgrades_it_and_keeps_every_row(old):
         assert store.has_run("run-1") and not store.has_run("run-2")
         assert commit(store, active, run="run-2").number == 5
         assert (
-            store.rollback("SN-1", to="factory").table_json == store.revision(1, "SN-1").table_json
+            store.rollback("SN-1", to="factory", **SIGNED).table_json
+            == store.revision(1, "SN-1").table_json
         )
         assert (
             store.import_table({**store.active("SN-2").table_dict, "imu_serial": "SN-3"}).number

@@ -42,3 +42,16 @@ def test_eight_processes_may_create_the_store_at_once(forks, url):
     assert [o.code for o in outcomes] == [0] * 8, outcomes
     with TableStore.open(url) as store:
         assert [u.unit.imu_serial for u in store.units()] == [f"SN-{k}" for k in range(8)]
+
+
+def test_what_rivals_with_one_table_said_is_kept(forks, url):
+    """Eight imports of one table, eight proposals of one update: each exit 0 has its note."""
+    jobs = [forks.start("tests.infield.store_writer:put", url, f"w{k}") for k in range(8)]
+    outcomes = [forks.wait(job) for job in jobs]
+    assert [o.code for o in outcomes] == [0] * 8, outcomes
+    with TableStore.open(url) as store:
+        history, proposals = store.history(), store.proposals()
+        assert store.verify().intact
+    assert {r.note for r in history} == {f"import w{k}" for k in range(8)}
+    assert {p.note for p in proposals} == {f"update w{k}" for k in range(8)}
+    assert sorted(p.number for p in proposals) == list(range(1, 9)) and len(history) == 8

@@ -7,28 +7,27 @@ import uuid
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.pool import NullPool
 
 import infield
-from infield.session.disagreement import SessionEvidence
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
-from tests.infield.stores import commit, database_url, factory, rows, table, tamper, updated
+from tests.infield.stores import (
+    EVIDENCE,
+    SIGNED,
+    commit,
+    database_url,
+    factory,
+    rows,
+    table,
+    tamper,
+    updated,
+)
 
 DOCUMENT = Path(infield.__file__).parent.parent / "docs/store.md"
-EVIDENCE = SessionEvidence(
-    run_id="odd",
-    run_sha256="odd",
-    start_utc="2026-04-01T00:00:00Z",
-    temperature_degC=np.zeros(3),
-    bias_deg_h=np.zeros(3),
-    bend_deg_h=np.zeros(3),
-    covariance=np.eye(3),
-)
 
 
 def documented_sql(schema, names):
@@ -75,7 +74,7 @@ def test_the_writer_can_do_its_work(urls):
     _, writer, reader = urls
     with TableStore.open(writer, create=True) as store:
         third = commit(store, store.active("SN-1"), run="run-2")
-        assert store.rollback("SN-1", to=2).number == 4 and not store.has_run("run-2")
+        assert store.rollback("SN-1", to=2, **SIGNED).number == 4 and not store.has_run("run-2")
         assert store.remember_contradictions("SN-1", "rlg", "", [EVIDENCE]) == 1
         store.import_table(table_to_dict(table("SN-2")), twin=TwinModel(imu_serial="SN-2"))
         parent = store.active("SN-1")

@@ -5,15 +5,13 @@ and nothing else is.
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from infield.session.disagreement import SessionEvidence
 from infield.store.rows import record_sha256
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
-from tests.infield.stores import commit, factory, rows, table, tamper, updated
+from tests.infield.stores import EVIDENCE, SIGNED, commit, factory, rows, table, tamper, updated
 
 
 def report_of(parent, new, **more):
@@ -36,18 +34,9 @@ def full(store):
     first = store.import_table(table_to_dict(table()), twin=TwinModel(imu_serial="SN-1"))
     second = commit(store, first, run="run-1")
     commit(store, second, run="run-2")
-    back = store.rollback("SN-1", to=2)
+    back = store.rollback("SN-1", to=2, **SIGNED)
     commit(store, back, run="run-3", shift_deg_h=0.002)
-    evidence = SessionEvidence(
-        run_id="odd",
-        run_sha256="odd",
-        start_utc="2026-04-01T00:00:00Z",
-        temperature_degC=np.zeros(3),
-        bias_deg_h=np.zeros(3),
-        bend_deg_h=np.zeros(3),
-        covariance=np.eye(3),
-    )
-    store.remember_contradictions("SN-1", "rlg", "", [evidence])
+    store.remember_contradictions("SN-1", "rlg", "", [EVIDENCE])
     factory(store, "SN-2", technology="fog")
     return store
 
@@ -239,7 +228,7 @@ def test_a_report_is_compared_with_the_stored_one(store):
     sha256 = store.commit_update(
         first.sha256, new, [MergedRun(run_id="r", sha256="r")], "{}"
     ).sha256
-    store.rollback()
+    store.rollback(**SIGNED)
     report = report_of(first, sha256, points=[1.0], imu_serial="SN-1", gyro_technology="rlg")
     done = store.commit_update(first.sha256, new, [MergedRun(run_id="r", sha256="r")], report)
     kept = {

@@ -408,6 +408,7 @@ def test_a_first_table_waits_without_one_in_use(tmp_path):
             [MergedRun(run_id="r", sha256="r")],
             '{"verdict": "proposed"}',
             first_table=first,
+            by="fleet",
         )
     with serving(url) as base, Visitor(base) as visitor:
         assert "none yet" in text_of(visitor.get("/"))

@@ -65,7 +65,7 @@ UNITS = [
     unit("OLD", days=400),
     unit("WAITS", undecided=1),
     unit("SOON"),
-    unit("BEYOND", undecided=1),
+    unit("BEYOND"),
     unit("AGAINST", contradictions=2),
     unit("NEW", active_number=0, has_twin=False, days=0),
 ]
@@ -76,8 +76,8 @@ def test_the_unit_that_needs_most_comes_first():
     rows = sorted(judged(UNITS, DRIFTS, NOW), key=urgency)
     assert [row.unit.unit.imu_serial for row in rows] == [
         "AGAINST",
-        "BEYOND",
         "WAITS",
+        "BEYOND",
         "SOON",
         "NEW",
         "OLD",
@@ -88,8 +88,14 @@ def test_the_unit_that_needs_most_comes_first():
 
 def test_without_a_forecast_nothing_is_said_of_the_drift():
     rows = {row.unit.unit.imu_serial: row for row in judged(UNITS, None, NOW)}
-    assert rows["BEYOND"].health is Health.WAITS and rows["SOON"].health is Health.GOOD
-    assert rows["BEYOND"].forecast is None
+    assert {rows[name].health for name in ("GOOD", "SOON", "BEYOND")} == {Health.UNKNOWN}
+    assert rows["GOOD"].words[1] != "good" and rows["BEYOND"].forecast is None
+    assert rows["WAITS"].health is Health.WAITS and rows["OLD"].health is Health.OLD
+
+
+def test_what_waits_for_a_decision_comes_before_what_only_drifts():
+    rows = judged([unit("BEYOND"), unit("BOTH", undecided=1)], forecast(BOTH=(0.9, -5)), NOW)
+    assert [row.unit.unit.imu_serial for row in sorted(rows, key=urgency)] == ["BOTH", "BEYOND"]
 
 
 @pytest.mark.parametrize(
@@ -97,7 +103,7 @@ def test_without_a_forecast_nothing_is_said_of_the_drift():
     [
         (Show.ALL, {"GOOD", "OLD", "WAITS", "SOON", "BEYOND", "AGAINST", "NEW"}),
         (Show.NEXT, {"OLD", "WAITS", "SOON", "BEYOND", "AGAINST", "NEW"}),
-        (Show.WAITING, {"WAITS", "BEYOND"}),
+        (Show.WAITING, {"WAITS"}),
         (Show.NO_TWIN, {"NEW"}),
     ],
 )

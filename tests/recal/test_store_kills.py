@@ -65,7 +65,8 @@ def settled(url):
 def writer(url, run, out, held):
     """An update where the table does not hold the run, else the way back."""
     if held:
-        return ["table", "rollback", "--store", url, "--to", "factory", "--json"]
+        signed = ("--by", "B", "--reason", "why")
+        return ["table", "rollback", "--store", url, "--to", "factory", *signed, "--json"]
     return ["update", run, "--store", url, "-o", str(out), "--commit", "--json"]
 
 

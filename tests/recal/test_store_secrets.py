@@ -58,7 +58,8 @@ def silent(done, folder):
 
 
 def commands(run, table):
-    yield from (["table", name] for name in ("list", "show", "diff", "verify", "rollback"))
+    yield from (["table", name] for name in ("list", "show", "diff", "verify"))
+    yield ["table", "rollback", "--by", "B", "--reason", "why"]
     yield ["table", "export", "-o", "exported.json"]
     yield ["table", "import", str(table)]
     yield ["update", run, "-o", "out"]
@@ -112,6 +113,7 @@ def test_a_store_that_works_and_one_that_takes_no_write(run, tmp_path, monkeypat
             words = [
                 "table",
                 "rollback",
+                *("--by", "B", "--reason", "why"),
                 "--to",
                 "1",
                 "--store",

@@ -110,7 +110,7 @@ QUICK = {  # the words after the name; every command has its line here
     "table list": [],
     "table show": [],
     "table diff": [],
-    "table rollback": ["--to", "factory"],
+    "table rollback": ["--to", "factory", "--by", "B", "--reason", "why"],
     "table verify": [],
     "table export": ["-o", "out.csv"],
     "table import": ["table.json"],

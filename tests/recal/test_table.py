@@ -17,6 +17,9 @@ from recal.cli.table.app import app
 UTC = "2026-03-01T05:00:00Z"
 
 
+SIGNED = ("--by", "B", "--reason", "why")  # of a rollback
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -88,7 +91,7 @@ def test_reading_commands_create_no_store(folder):
         ["show"],
         ["diff"],
         ["verify"],
-        ["rollback"],
+        ["rollback", *SIGNED],
         ["export", "-o", "t.json"],
     ):
         assert "no store at" in refused(*command)
@@ -163,7 +166,7 @@ def test_diff_list_and_rollback(folder):
     assert change["axes"]["x"]["change_deg_h"] == pytest.approx([0.001] * 3)
     assert change["axes"]["x"]["sigma_after_deg_h"] == pytest.approx([0.005] * 3)
     assert "+0.00100" in ok("diff") and "+0.00000" in ok("diff", "--from", "2", "--to", "active")
-    ok("rollback", "--to", "factory", "--serial", "SN-1", "--note", "lab says so")
+    ok("rollback", "--to", "factory", "--serial", "SN-1", "--by", "B", "--reason", "lab says so")
     text = ok("list", "-v")
     assert (
         "rollback" in text and "[active]" in text and "[factory]" in text and "lab says so" in text
@@ -172,7 +175,7 @@ def test_diff_list_and_rollback(folder):
     assert [r["kind"] for r in unit["revisions"]] == ["factory", "update", "rollback"]
     assert unit["revisions"][2]["sha256"] == unit["revisions"][0]["sha256"]
     for wrong in ("3", "17", "last"):
-        refused("rollback", "--to", wrong)
+        refused("rollback", "--to", wrong, *SIGNED)
     for wrong in ("17", "last"):
         refused("show", "--revision", wrong)
 
@@ -249,6 +252,6 @@ def test_a_revision_is_a_number_or_a_tag(folder):
     for arguments in (
         ["show", "--revision", "9" * 30],
         ["show", "--revision", "newest"],
-        ["rollback", "--to", "-1"],
+        ["rollback", "--to", "-1", *SIGNED],
     ):
         assert "needed a number, factory, previous or active" in refused(*arguments)

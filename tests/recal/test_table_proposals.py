@@ -184,7 +184,7 @@ def test_an_approval_is_refused_where_the_table_has_moved(folder):
 
 def test_lists_name_unit_state_and_decision(folder):
     put_forward(("SN-1", "SN-2"))
-    run("table", "reject", 1, "--serial", "SN-2", "--by", "A", "--reason", "towed")
+    run("table", "reject", 2, "--by", "A", "--reason", "towed")
     text = run("table", "proposals").stdout
     assert (
         text.index("SN-1 (rlg)")
@@ -199,7 +199,7 @@ def test_lists_name_unit_state_and_decision(folder):
 @pytest.mark.parametrize(
     "arguments, line",
     [
-        (("approve", 2, "--reason", "x"), "no proposal 2, needed 1 to 1"),
+        (("approve", 2, "--reason", "x"), "no proposal 2; recal table proposals"),
         (("approve", 1, "--reason", " "), "reason: got 0"),
         (("reject", 1, "--reason", "x", "--by", ""), "by: got ''"),
         (("reject", 1, "--reason", "x", "--serial", "SN-9"), "serial SN-9"),

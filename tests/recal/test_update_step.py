@@ -84,7 +84,7 @@ def test_one_run_at_a_time_then_accepted(stepped, tmp_path):
     with TableStore.open(url) as store:
         # what is merged contradicts no more
         assert store.contradictions("SN-0042", "rlg", "") == ()
-        store.rollback()
+        store.rollback(by="B", reason="wrong run")
         assert len(store.contradictions("SN-0042", "rlg", "")) == 3
 
 

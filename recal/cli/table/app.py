@@ -20,12 +20,13 @@ from recal.cli.console import (
     StoreUrl,
     Verbose,
     answer,
+    login_name,
 )
 from recal.cli.table import verify as table_verify
 from recal.cli.table.files import export, import_
 from recal.cli.table.options import (
+    ByOption,
     ModeOption,
-    NoteOption,
     RevisionOption,
     SerialOption,
     TechnologyOption,
@@ -57,14 +58,16 @@ def list_(
 
     Example: recal table list --store sqlite:///recal.db
     """
-    from recal.service.tables import about, key_of, need, open_tables
+    from recal.service.tables import about, key_of, need, open_tables, policy_line
 
     with open_tables(store) as opened:
         units = [u for u in opened.units() if serial in (None, u.unit.imu_serial)]
         histories = [opened.history(*key_of(u.active)) for u in units]
+        rule = opened.policy()
     need(units or serial is None, f"no table for serial {serial}")
     result = {
         "store": opened.name,
+        "policy": rule,
         "units": [
             {
                 **vars(u.unit),
@@ -76,7 +79,8 @@ def list_(
             for u, history in zip(units, histories)
         ],
     }
-    lines = [line for u, history in zip(units, histories) for line in _unit_lines(u, history)]
+    lines = [policy_line(rule)] if rule.number else []
+    lines += [line for u, history in zip(units, histories) for line in _unit_lines(u, history)]
     answer(result, lines, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
@@ -185,7 +189,40 @@ def diff(
 
 
 @app.command(cls=Command)
+def policy(
+    one_person: Annotated[
+        bool,
+        typer.Option("--one-person", help="One person may put an update forward and approve it."),
+    ] = False,
+    two_people: Annotated[
+        bool,
+        typer.Option("--two-people", help="Somebody else than its proposer approves an update."),
+    ] = False,
+    by: ByOption = None,
+    reason: Annotated[str, typer.Option("--reason", help="Why. Kept with the rule.")] = "",
+    store: StoreUrl = DEFAULT_STORE,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Say who may approve updates in this store, or show it; what was said before is kept.
+
+    Example: recal table policy --one-person --reason "a workshop of one"
+    """
+    from recal.service.tables import policy_line, set_policy
+
+    if one_person and two_people:
+        raise typer.BadParameter("give --one-person or --two-people, not both")
+    asked = one_person if one_person or two_people else None
+    found = set_policy(store, asked, by=login_name() if by is None else by, reason=reason)
+    answer(found, [policy_line(found)], as_json=as_json, quiet=quiet, verbose=verbose)
+
+
+@app.command(cls=Command)
 def rollback(
+    by: Annotated[str, typer.Option("--by", help="Who takes the table back.")],
+    reason: Annotated[str, typer.Option("--reason", help="Why. Kept with the revision.")],
     store: StoreUrl = DEFAULT_STORE,
     serial: SerialOption = None,
     technology: TechnologyOption = None,
@@ -199,7 +236,6 @@ def rollback(
             help="The revision that becomes active again.",
         ),
     ] = "previous",
-    note: NoteOption = "",
     any_clock: AnyClock = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -208,25 +244,19 @@ def rollback(
 ) -> None:
     """Make an older table active again, bit for bit, as a new revision.
 
-    Example: recal table rollback --serial SN-0042 --to factory
+    Example: recal table rollback --serial SN-0042 --to factory --by "K. Reviewer" --reason "the
+    aircraft was towed"
     """
-    from ins.records import InputError
-    from recal.service.store import StoreConflict
     from recal.service.tables import about, line_of, open_tables, revision_number
 
-    try:
-        with open_tables(store, any_clock=any_clock) as opened:
-            found = opened.rollback(
-                serial,
-                to if to in ("factory", "previous") else revision_number(to),
-                technology,
-                mode,
-                note=note,
-            )
-    except StoreConflict as error:
-        raise InputError(str(error)) from None
-    line = f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}"
-    answer(about(found), [line], as_json=as_json, quiet=quiet, verbose=verbose)
+    with open_tables(store, any_clock=any_clock) as opened:
+        wanted = to if to in ("factory", "previous") else revision_number(to)
+        found = opened.rollback(serial, wanted, technology, mode, by=by, reason=reason)
+    lines = [
+        f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}",
+        f"  {found.note}",
+    ]
+    answer(about(found), lines, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 app.command("verify", cls=Command)(table_verify.command)

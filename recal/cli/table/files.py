@@ -20,6 +20,7 @@ from recal.cli.console import (
     StoreUrl,
     Verbose,
     answer,
+    login_name,
 )
 from recal.cli.table.options import (
     ModeOption,
@@ -182,6 +183,14 @@ def import_(
             help="Import although the store knows the serial as another technology; this is noted.",
         ),
     ] = False,
+    one_person: Annotated[
+        bool,
+        typer.Option(
+            "--one-person",
+            rich_help_panel=ADVANCED,
+            help="In this store one person may put an update forward and approve it.",
+        ),
+    ] = False,
     any_clock: AnyClock = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -208,7 +217,13 @@ def import_(
     )
     _check_options(given)
     found, said = import_table(
-        given, store, twin, note=note, override=override_technology, any_clock=any_clock
+        given,
+        store,
+        twin,
+        note=note,
+        override=override_technology,
+        any_clock=any_clock,
+        one_person=login_name() if one_person else None,
     )
     lines = [
         f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}",

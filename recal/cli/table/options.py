@@ -31,3 +31,9 @@ RevisionOption = Annotated[
         "--revision", metavar="NUMBER|factory|previous|active", help="Which revision of the table."
     ),
 ]
+ByOption = Annotated[
+    str | None,
+    typer.Option(
+        "--by", help="Who decides. Default: the operator of your config.toml, else your login name."
+    ),
+]

@@ -22,7 +22,7 @@ from recal.cli.console import (
     finish,
     login_name,
 )
-from recal.cli.table.options import ModeOption, SerialOption, TechnologyOption
+from recal.cli.table.options import ByOption, ModeOption, SerialOption, TechnologyOption
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,13 +32,7 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 NumberArgument = Annotated[
-    int, typer.Argument(metavar="NUMBER", help="The proposal's number, unit by unit.", min=1)
-]
-ByOption = Annotated[
-    str | None,
-    typer.Option(
-        "--by", help="Who decides. Default: the operator of your config.toml, else your login name."
-    ),
+    int, typer.Argument(metavar="NUMBER", help="The proposal's number.", min=1)
 ]
 ReasonOption = Annotated[str, typer.Option("--reason", help="Why. Kept with the decision.")]
 PROPOSAL_STATES = ("open", "out of date", "approved", "rejected")
@@ -119,7 +113,8 @@ def approve(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Make a proposed table the active one; refused where the active table has moved since.
+    """Make a proposed table the active one; refused where the active table has moved since, or
+    where who approves is who put it forward.
 
     Example: recal table approve 3 --serial SN-0042 --reason "residuals white, 21 to 34 degC
     covered"

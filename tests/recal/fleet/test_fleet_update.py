@@ -56,7 +56,7 @@ def test_tables_are_those_of_recal_update_run_after_run(fleet, inline):
     active = {serial: history(fleet, serial)[-1].table_json for serial in SERIALS}
     with TableStore.open(URL) as store:
         for serial in SERIALS:
-            store.rollback(serial)
+            store.rollback(serial, by="B", reason="wrong run")
     for k in (0, 1):
         update(
             [fleet / "runs" / "SN-B" / f"flight-{k}"],
@@ -257,7 +257,7 @@ def test_another_writer_in_between_is_waited_out(fleet, inline, monkeypatch):
 def test_a_rollback_is_respected(fleet, inline):
     call()
     with TableStore.open(URL) as store:
-        store.rollback("SN-C")
+        store.rollback("SN-C", by="B", reason="wrong run")
     document = call()
     assert document["counts"]["taken_out"] == 2 and len(history(fleet, "SN-C")) == 4
     assert call(output="anew")["counts"]["committed"] == 2
