@@ -84,7 +84,7 @@ def defaults_of(technology: str) -> dict[PriorName, float]:
     }
 
 
-def ageing_of(values: Mapping[PriorName, float]) -> AgeingModel:
+def ageing_of(values: Mapping[PriorName, float] | Mapping[str, float]) -> AgeingModel:
     """How tables age."""
     return AgeingModel(
         common_deg_h_sqrt_year=values[PriorName.AGEING_COMMON],
