@@ -18,7 +18,7 @@ from infield.table import file as table_file
 from ins import twin_file
 from recal.service.inputs import config
 from simreal.effects.catalogue import catalogue
-from simreal.effects.words import FREE_WORDS, WORDS, EffectWords
+from simreal.effects.words import FREE_WORDS, TABLE_WORDS, WORDS, EffectWords
 from trajectories.readers.rows import column_map
 from trajectories.simulator import scenario
 from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
@@ -256,6 +256,9 @@ def _effects() -> str:
     ]
     for name in sorted(FREE_WORDS):
         lines += _effect_words(name, FREE_WORDS[name])
+    lines += ["## The table itself", ""]
+    for name in sorted(TABLE_WORDS):
+        lines += _effect_words(name, TABLE_WORDS[name])
     return "\n".join(lines)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.prior import KERNEL_LENGTH_degC
+from infield.table.thermal_table import AgeingModel
 from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.twin_file import default_twin
 
@@ -81,6 +82,15 @@ def defaults_of(technology: str) -> dict[PriorName, float]:
         PriorName.OUTLIER_SHARE: DEFAULT_OUTLIER_SHARE,
         PriorName.CRAB: DEFAULT_CRAB_MRAD,
     }
+
+
+def ageing_of(values: Mapping[PriorName, float] | Mapping[str, float]) -> AgeingModel:
+    """How tables age."""
+    return AgeingModel(
+        common_deg_h_sqrt_year=values[PriorName.AGEING_COMMON],
+        shape_deg_h_sqrt_year=values[PriorName.AGEING_SHAPE],
+        length_degC=values[PriorName.LENGTH],
+    )
 
 
 def logs_of(values: Mapping[PriorName, float]) -> NDArray:

@@ -21,7 +21,7 @@ from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.user_level import user_level
-from simreal.plan.record_next import record_next
+from simreal.plan.record_next import record_next, settling
 from simreal.predict.records import SimulatorRecord
 from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
@@ -209,12 +209,14 @@ def _results(
         user_level(v, fitted_trace(found, k), beside.table, found.twin, known=known_trace(found, k))
         for k, v in enumerate(found.views)
     ]
+    settled_by = settling(found, beside.table)
     record = diagnosis_document(
         found,
         runs,
         asked,
         users=[u for u in users if u is not None],
-        record_next=record_next(found, beside.table),
+        record_next=record_next(found, settled_by),
+        settled_by=settled_by,
     )
     record = replace(record, noise_fit=_noise_fit(found, beside, asked), simulator=predicted)
     with_table = beside.data is not None

@@ -11,6 +11,7 @@ from functools import partial
 from os import PathLike
 from pathlib import Path
 
+from infield.learning.parameters import ageing_of
 from infield.reports import update_page
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.reports.documents.update import Kept, effects_compared, update_document
@@ -46,14 +47,7 @@ from recal.service.inputs.unit_inputs import (
     with_thermal_model,
 )
 from recal.service.inputs.unit_marks import known_marks
-from recal.service.priors.use import (
-    APPROVED,
-    PriorsUse,
-    ageing_of,
-    priors_in_use,
-    settings_of,
-    with_priors,
-)
+from recal.service.priors.use import APPROVED, PriorsUse, priors_in_use, settings_of, with_priors
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -294,7 +288,7 @@ def _estimate(
         unit = with_priors(unit, priors)
         job = replace(job, settings=settings_of(priors, job.settings))
         if job.ageing == AgeingModel():
-            job = replace(job, ageing=ageing_of(priors))
+            job = replace(job, ageing=ageing_of(priors.parameters))
     unit, runs, use = with_thermal_model(unit, runs, job.thermal_model)
     less, twin, effects = without_found_effects(runs, unit.twin, unit.table)
 

@@ -1,5 +1,5 @@
 """Answers without a name: free functions of temperature, its rate, time or run on one channel, as
-competitors.
+competitors; and what a table's own covariance leaves open.
 
 Straight lines between nodes ("hats"), at several resolutions; a smooth effect of the catalogue with
 its few parameters beats them where it fits, and loses where nothing named does.
@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.thermal_table import ThermalTable
+from ins.units import DEG_PER_HOUR
 from simreal.effects.base import ACCELS, AXIS, GYROS
 from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
@@ -26,6 +28,11 @@ FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN_MO
 OF_TELEMETRY = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME})
 # of the motion: found, but nothing that a simulator can make
 OF_UNNAMED_MOTION = frozenset({UNKNOWN_MOTION, WHILE_MOVING})
+# the unit has left its table, as far as the table's own covariance lets it
+TABLE_AGED = "table_aged"
+# of a table's error: temperatures that it is drawn over, and the least variance of a curve in them
+# relative to the largest; chosen: 1e-4, a hundredth of its sigma
+TABLE_NODES, LEAST_CURVE = 25, 1e-4
 # what belongs to one run alone, and cannot be carried to another
 OF_ONE_RUN = frozenset({OF_RUN, WHILE_MOVING})
 # of a free function of the time in motion; chosen: half the period of the quickest error that moves
@@ -39,13 +46,16 @@ Quantity = Callable[[Telemetry, str], NDArray | None]
 
 @dataclass(frozen=True)
 class Generic:
-    """One free function on one channel: `traces(run)` gives its p columns."""
+    """One free function on one channel: `traces(run)` gives its p columns, `curves` (nodes, p) what
+    a unit of each is at the nodes (None: one of each).
+    """
 
     name: str
     target: str
     resolution: int
     hats: Hats
     nodes: tuple[float, ...] = ()
+    curves: NDArray | None = None
 
     @property
     def key(self) -> tuple[str, str, int]:
@@ -85,6 +95,48 @@ def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
             out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
         out += moving_functions(runs, target)
     return (*out, *motion_functions(runs))
+
+
+def table_errors(table: ThermalTable, runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
+    """What a table's covariance leaves open of each gyro's bias, over the temperatures of the runs.
+
+    One drawn error e(T) for all runs, as a body-fixed bias of the gyro. It is principal curves of
+    one sigma each, so that coefficients of N(0, 1) draw it::
+
+        cov(e(T), e(T')) = h(T) P h(T')' = sum_k c_k(T) c_k(T')
+
+    h: the rows of the table, P: its covariance, with nodes for temperatures that it does not hold.
+    Covariances between the gyros are left out, which makes no gyro's error smaller. Empty for a
+    table without any.
+    """
+    read = [run.temperature_degC for run in runs if run.temperature_degC is not None]
+    if not read:
+        return ()
+    every = np.concatenate(read)
+    wide = table.extended_to(float(every.min()), float(every.max()))
+    out = []
+    for target in GYROS:
+        nodes = _nodes([every[:, AXIS[target]]], TABLE_NODES)
+        rows = wide.basis(AXIS[target], nodes)
+        values, vectors = np.linalg.eigh(rows @ wide.covariance @ rows.T)
+        kept = values > LEAST_CURVE * values[-1]
+        if kept.any():
+            curves = DEG_PER_HOUR * vectors[:, kept] * np.sqrt(values[kept])
+            hats, at = _of_curves(target, nodes, curves), tuple(nodes.tolist())
+            out.append(Generic(TABLE_AGED, target, int(kept.sum()), hats, at, curves))
+    return tuple(out)
+
+
+def _of_curves(target: str, nodes: NDArray, curves: NDArray) -> Hats:
+    """Curves (nodes, p) of a gyro's temperature; a run without one has no table to be off."""
+
+    def hats(run: Telemetry) -> NDArray:
+        T = _temperature(run, target)
+        if T is None:
+            return np.zeros((run.n, curves.shape[1]))
+        return np.stack([np.interp(T, nodes, curve) for curve in curves.T], axis=1)
+
+    return hats
 
 
 def moving_functions(runs: Sequence[Telemetry], target: str) -> list[Generic]:

@@ -16,7 +16,7 @@ from math import isfinite
 from typing import Any, NoReturn, TypeGuard
 
 from ins.records import EffectDocument, InputError, ParameterValue, TwinModel
-from simreal.declared.generic import OF_RUN
+from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME, TABLE_AGED
 from simreal.declared.node_function import FUNCTIONS, NodeFunction, unit_of
 from simreal.effects.base import ACCELS, GYROS, SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue, effects_named
@@ -25,6 +25,19 @@ from simreal.effects.telemetry import Telemetry, Trace, total
 from simreal.evidence.whitened import ExtraNoise
 
 PROCESS, RUN_ID = "process", "run_id"
+# of the temperature alone, or a constant of one power-on: the table's own subject, or none of it
+LEFT_TO_THE_TABLE = frozenset(
+    {
+        "gyro_thermal_linear",
+        "gyro_thermal_quadratic",
+        "gyro_turn_on_bias",
+        "compensation_misapplied",
+        TABLE_AGED,
+        OF_TEMPERATURE,
+        OF_TIME,
+        OF_RUN,
+    }
+)
 # a coefficient of its own in a run, by the run's id (turn-on biases)
 PER_RUN = re.compile(r"(\w+)\[(.+)\]")
 
@@ -65,6 +78,13 @@ class TwinEffect:
             return Trace()
         unit = self.effect.traces(run, self.target, self.shape)
         return total(trace.scaled(c) for trace, c in zip(unit, self.coefficients, strict=True))
+
+
+def leaves_the_log(name: str, target: str) -> bool:
+    """Whether an update takes an effect that is in every run out of its log: one of a gyro or an
+    accelerometer that a table over temperature cannot hold.
+    """
+    return target in (*GYROS, *ACCELS) and name not in LEFT_TO_THE_TABLE
 
 
 def twin_traces(effects: Sequence[TwinEffect], run: Telemetry, run_id: str) -> Trace:

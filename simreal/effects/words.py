@@ -529,6 +529,18 @@ FREE_WORDS: Mapping[str, EffectWords] = {
 }
 
 
+TABLE_WORDS: Mapping[str, EffectWords] = {
+    "table_aged": EffectWords(
+        what="The gyro's bias has left its table, as far as the table's own sigma lets it.",
+        brought_on_by="Time since the table was made; it is the same in every session.",
+        size="A ring laser drifts by about 0.007 deg/h in a year; the table's sigma says it.",
+        remedy="Renew the table: `recal update` with these runs.",
+    )
+}
+
+
 def words_of(name: str) -> EffectWords | None:
-    """The words on an effect or a free function; None for an effect of a user's own."""
-    return WORDS.get(name) or FREE_WORDS.get(name)
+    """The words on an effect, a free function or an aged table; None for an effect of a user's
+    own.
+    """
+    return WORDS.get(name) or FREE_WORDS.get(name) or TABLE_WORDS.get(name)

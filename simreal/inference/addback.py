@@ -105,7 +105,7 @@ def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink
     out.
     """
     columns, z = attribution.columns, attribution.evidence.z
-    A = _dense(attribution.bank, columns, attribution.evidence.size)
+    A = attribution.bank.matrix(columns)
     beta, _ = fit(attribution.bank, columns)
     mine = np.isin(columns, slot.columns)
     d, rest = (A[:, mine] @ beta[mine])[touched], (z - A[:, ~mine] @ beta[~mine])[touched]
@@ -143,24 +143,25 @@ class HeldOut:
         self._first = first
         evidence = Evidence(views, attribution.plain_evidence.twin, found.extra, known)
         bank = Bank(evidence, (), with_generic=False)
-        slots = []
-        for slot in attribution.slots:
-            if (
-                slot.group is None
-                or not isinstance(slot.hypothesis, Hypothesis)
-                or not self.judges(slot)
-            ):
-                slots.append(replace(slot, group=None))
-                continue
+
+        def entered(slot: Slot) -> Slot:
             h = slot.hypothesis
+            if slot.group is None or not isinstance(h, Hypothesis) or not self.judges(slot):
+                return replace(slot, group=None)
             if h.effect is not None:
                 group = bank.append(h.effect, h.target, [slot.group.shape], h.run)[0]
-            else:
-                assert h.generic is not None
-                generic = attribution.bank.generic_of(h, slot.group)
-                group = bank.append_traces([generic.traces(t) for t in bank.telemetry], slot.group)
-            slots.append(replace(slot, group=group))
-        self._of_all = replace(attribution, slots=slots, evidence=evidence, bank=bank)
+                return replace(slot, group=group)
+            generic = attribution.bank.generic_of(h, slot.group)
+            traces = [generic.traces(t) for t in bank.telemetry]
+            return replace(slot, group=bank.append_traces(traces, slot.group))
+
+        self._of_all = replace(
+            attribution,
+            slots=[entered(slot) for slot in attribution.slots],
+            tables=[entered(slot) for slot in attribution.tables],
+            evidence=evidence,
+            bank=bank,
+        )
 
     @staticmethod
     def judges(slot: Slot) -> bool:
@@ -229,13 +230,13 @@ def _fold(
     """
     bank, evidence = attribution.bank, attribution.evidence
     columns = attribution.columns
-    A = _dense(bank, columns, evidence.size)
+    A = bank.matrix(columns)
     train = ~held
     gram = A[train].T @ A[train]
     # rows without the effect leave its coefficient at zero
     whole = np.maximum(np.sum(A**2, axis=0), 1e-300)
     scale = 1.0 / np.sqrt(whole)
-    ridge = RIDGE * np.eye(whole.size)
+    ridge = np.diag(RIDGE + attribution.precision * scale**2)
     beta = scale * np.linalg.solve(
         gram * np.outer(scale, scale) + ridge, scale * (A[train].T @ evidence.z[train])
     )
@@ -278,14 +279,6 @@ def _low_band(evidence: Evidence, where: NDArray) -> Callable[[NDArray], NDArray
         return np.concatenate([dct(values[at], norm="ortho")[:LOW_BAND] for at in groups])
 
     return project
-
-
-def _dense(bank: Bank, columns: NDArray, size: int) -> NDArray:
-    return (
-        np.stack([bank.signature(np.array([c]), np.ones(1)) for c in columns], axis=1)
-        if columns.size
-        else np.zeros((size, 0))
-    )
 
 
 def _of_noise(attribution: Attribution, slot: Slot) -> Shrink:

@@ -3,6 +3,10 @@ as credible sets.
 
 Each slot holds one effect; its posterior runs over all hypotheses given the other slots (SuSiE, see
 `scoring`). The threshold comes from replicates of the twin's own noise on the very same runs.
+
+What the twin's table leaves open by its own covariance is a state of every unit, as its turn-on is:
+it has slots of its own from the start, so that every effect is judged against a table that may be
+off. It is called a cause where the runs show it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ins.records import TwinModel
+from simreal.declared.generic import TABLE_AGED, Generic
 from simreal.effects.base import SLOW_NAME, Effect
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
@@ -72,6 +77,11 @@ class Slot:
     def columns(self) -> NDArray:
         return NO_COLUMNS if self.group is None else self.group.columns
 
+    @property
+    def of_table(self) -> bool:
+        """What the twin's table leaves open on a gyro, whether the runs show it or not."""
+        return self.hypothesis.name == TABLE_AGED
+
 
 def columns_of(slots: Iterable[Slot]) -> NDArray:
     """The bank's columns of slots, in their order."""
@@ -80,9 +90,13 @@ def columns_of(slots: Iterable[Slot]) -> NDArray:
 
 @dataclass
 class Attribution:
-    """The slots, the state they were judged in, and the null threshold."""
+    """The slots, the state they were judged in, and the null threshold.
+
+    tables: what the table leaves open of the gyros on which these runs show no error of it.
+    """
 
     slots: list[Slot]
+    tables: list[Slot]
     evidence: Evidence
     bank: Bank
     squares: Squares
@@ -98,8 +112,24 @@ class Attribution:
     not_testable: list[tuple[str, str, str]]
 
     @property
+    def every(self) -> list[Slot]:
+        """All that is fitted."""
+        return [*self.slots, *self.tables]
+
+    @property
     def columns(self) -> NDArray:
-        return columns_of(self.slots)
+        return columns_of(self.every)
+
+    @property
+    def precision(self) -> NDArray:
+        """Of the coefficients of `columns` before any data (k,)."""
+        groups = (s.group for s in self.every if s.group is not None)
+        of_each = [np.full(g.columns.size, g.precision) for g in groups]
+        return np.concatenate([np.zeros(0), *of_each])
+
+    def others(self, slot: Slot) -> NDArray:
+        """The columns of all slots but one."""
+        return columns_of(s for s in self.every if s is not slot)
 
     def residual(self) -> NDArray:
         """Whitened rows less what the slots explain."""
@@ -112,10 +142,13 @@ class Attribution:
 
 @dataclass(frozen=True)
 class Listed:
-    """What the twin lists already: its noise, and its traces run by run (None: it lists none)."""
+    """What the twin lists already: its noise, its traces run by run (None: it lists none), and
+    what its table leaves open.
+    """
 
     noise: tuple[ExtraNoise, ...] = ()
     traces: Sequence[Trace | None] | None = None
+    tables: tuple[Generic, ...] = ()
 
 
 class Attributor:
@@ -142,11 +175,12 @@ class Attributor:
         self.not_testable = list(self.bank.not_testable)
         self._replicates(rng, replicates)
         self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
-        self.slots: list[Slot] = []
+        self.slots = self._tables()
 
     def _set(self, evidence: Evidence) -> None:
         """A new noise model: everything is whitened again, found columns included."""
-        self.evidence, self.bank = evidence, Bank(evidence, self.effects)
+        self.evidence = evidence
+        self.bank = Bank(evidence, self.effects, tables=self._listed.tables)
         self.scorer, self.squares = Scorer(self.bank), Squares(evidence)
         self.noises = noise_hypotheses(evidence, self.squares, self.effects)
         self.hypotheses: list[AnyHypothesis] = [*self.bank.hypotheses, *self.noises]
@@ -162,12 +196,42 @@ class Attributor:
             parked_only=self._parked_only,
         )
 
+    def _tables(self) -> list[Slot]:
+        """Slots of what the table leaves open, in every comparison from the start."""
+        return [Slot(h, h.groups[0]) for h in self.bank.hypotheses if h.of_table]
+
     def _replicates(self, rng: np.random.Generator, count: int) -> None:
+        """The twin's noise: its table is judged with the table exact, its effects with tables drawn
+        from the covariance.
+        """
         self.replicate_z = rng.standard_normal((self.evidence.size, count))
-        lp, _ = self.scorer.log_posterior(NO_COLUMNS, self.bank.replicate_scores(self.replicate_z))
         self.replicate_ratio = self.squares.ratio(self.replicate_z, rng)
         noise = [self._noise_odds(h, self.replicate_ratio, self.replicate_z) for h in self.noises]
-        self.replicate_max = np.max(np.vstack([lp, *noise]), axis=0)
+        columns, score = columns_of(self._tables()), self.bank.replicate_scores(self.replicate_z)
+        tables = self._table_odds(score)
+        drawn = rng.standard_normal((columns.size, count))
+        score = score + self.bank.gram[:, columns] @ drawn
+        score[columns] -= drawn  # their precision is no product of columns
+        lp, _ = self.scorer.log_posterior(columns, score)
+        lp[self._of_table] = -np.inf
+        self.replicate_max = np.max(np.vstack([lp, *tables, *noise]), axis=0)
+
+    @property
+    def _of_table(self) -> NDArray:
+        """Which of the bank's hypotheses are a table's."""
+        return np.array([h.of_table for h in self.bank.hypotheses], dtype=bool)
+
+    def _table_odds(self, score: NDArray) -> list[NDArray]:
+        """Log Bayes factor (reps,) of each gyro's table being off against its being exact, the
+        others' off as they may be.
+        """
+        slots = self._tables()
+        out = []
+        for slot in slots:
+            others = columns_of(s for s in slots if s is not slot)
+            own = Scorer(self.bank, [h for h in self.bank.hypotheses if h is slot.hypothesis])
+            out.append(own.groups_log_bf(others, score)[0])
+        return out
 
     def _noise_odds(self, hypothesis: NoiseHypothesis, ratio: NDArray, z: NDArray) -> NDArray:
         scores, _ = log_bf(hypothesis, self.squares, ratio, z)
@@ -175,15 +239,16 @@ class Attributor:
 
     def explain(self) -> Attribution:
         """Forward selection, sweeps, pruning."""
-        first = self._odds([])[0]
+        tables = self._table_odds(self.bank.score[:, None])
+        first = np.concatenate([self._odds(self.slots)[0], *tables])
         self._search()
-        if phases_contradict(self.bank, self.evidence, columns_of(self.slots)):
+        if self._effects and phases_contradict(self.bank, self.evidence, self.columns):
             self._parked_only = True
-            self.slots = []
-            self._set(self._under(()))
+            self._begin_anew()
             self._search()
         return Attribution(
-            self.slots,
+            [s for s in self.slots if self._is_found(s)],
+            [s for s in self.slots if not self._is_found(s)],
             self.evidence,
             self.bank,
             self.squares,
@@ -198,6 +263,25 @@ class Attributor:
             self.replicate_ratio,
             self.not_testable,
         )
+
+    def _begin_anew(self) -> None:
+        """Under the twin's own noise, nothing found."""
+        self._set(self._under(()))
+        self.slots = self._tables()
+
+    def _is_found(self, slot: Slot) -> bool:
+        """A table's error that these runs do not show is no cause."""
+        return not slot.of_table or slot.log_odds >= self.threshold
+
+    @property
+    def columns(self) -> NDArray:
+        """The bank's columns of all slots."""
+        return columns_of(self.slots)
+
+    @property
+    def _effects(self) -> list[Slot]:
+        """The slots of effects, without the table's."""
+        return [s for s in self.slots if not s.of_table]
 
     def _search(self) -> None:
         self._forward()
@@ -226,7 +310,7 @@ class Attributor:
     def _room(self) -> tuple[bool, bool]:
         """Whether there are places left for effects that are no noise, and for noise."""
         noise = sum(s.extra is not None for s in self.slots)
-        return len(self.slots) - noise < MOST_EFFECTS, noise < MOST_NOISES
+        return len(self._effects) - noise < MOST_EFFECTS, noise < MOST_NOISES
 
     def _noise_instead(self) -> None:
         """A slow noise beside named effects on one channel: would the noise alone have done?
@@ -236,12 +320,11 @@ class Attributor:
         """
         slow = [s for s in self.slots if s.hypothesis.name == SLOW_NAME]
         channels = {s.hypothesis.target for s in slow}
-        if not any(s.extra is None and s.hypothesis.target in channels for s in self.slots):
+        if not any(s.extra is None and s.hypothesis.target in channels for s in self._effects):
             return
         kept, gained = list(self.slots), self.gained
-        self.slots = []
-        self._set(self._under(()))
-        odds, _ = self._odds([])
+        self._begin_anew()
+        odds, _ = self._odds(self.slots)
         noise = [
             k for k, h in enumerate(self.noises) if h.name == SLOW_NAME and h.target in channels
         ]
@@ -249,7 +332,7 @@ class Attributor:
         best = max(noise, key=lambda k: odds[first + k])
         slot = self._noise_slot(self.noises[best], float(odds[first + best]))
         slot.posterior = np.exp(odds - logsumexp(odds))
-        self._enter(0, slot)
+        self._enter(len(self.slots), slot)
         total = slot.log_odds - self.threshold + self._forward(pairs=False)
         if total >= gained:
             return
@@ -262,7 +345,7 @@ class Attributor:
 
     def _plain_residual(self) -> NDArray:
         """Rows under the twin's own noise less the named effects, for judging noise."""
-        out, columns = self.plain.z.copy(), columns_of(self.slots)
+        out, columns = self.plain.z.copy(), self.columns
         if not columns.size:
             return out
         beta, _ = fit(self.bank, columns)
@@ -285,10 +368,11 @@ class Attributor:
             z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
         ratio = self.squares.ratio(z[:, None])
         noise = [float(self._noise_odds(h, ratio, z[:, None])[0]) for h in self.noises]
-        taken = {s.hypothesis.key for s in others if s.extra is not None}
-        noise = [-np.inf if h.key in taken else v for h, v in zip(self.noises, noise)]
+        odds = np.concatenate([lp[:, 0], noise])
+        taken = {s.hypothesis.key for s in others if s.extra is not None or s.of_table}
+        odds[[h.key in taken for h in self.hypotheses]] = -np.inf
         self._ratio, self._z = ratio, z[:, None]
-        return np.concatenate([lp[:, 0], noise]), groups[:, 0]
+        return odds, groups[:, 0]
 
     def _odds_with_room(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
         """`_odds`, without those of a kind that has no place left."""
@@ -315,7 +399,7 @@ class Attributor:
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
         generic = not hypothesis.named or hypothesis.name == SLOW_NAME
-        if pairs and generic and len(others) + 2 <= MOST_EFFECTS:
+        if pairs and generic and len(self._effects) + 2 <= MOST_EFFECTS:
             pair = self._pair(slot, others)
             if pair is not None:
                 return pair
@@ -421,7 +505,9 @@ class Attributor:
         """
         target = single.hypothesis.target
         on_channel = [
-            k for k, h in enumerate(self.bank.hypotheses) if h.named and h.target == target
+            k
+            for k, h in enumerate(self.bank.hypotheses)
+            if h.effect is not None and h.target == target
         ]
         if not on_channel:
             return None
@@ -477,7 +563,7 @@ class Attributor:
         changed = False
         for place in range(len(self.slots)):
             slot = self.slots[place]
-            if slot.extra is not None or len(self.slots) < 2:
+            if slot.extra is not None or slot.of_table or len(self._effects) < 2:
                 continue
             others = [s for k, s in enumerate(self.slots) if k != place]
             odds, groups = self._odds(others)
@@ -511,8 +597,8 @@ class Attributor:
         while True:
             self._judge_named()
             self._judge_noise()
-            weak = [s for s in self.slots if s.log_odds < self.threshold]
-            weak = weak or [s for s in self.slots if self._in_shadow(s)]
+            weak = [s for s in self._effects if s.log_odds < self.threshold]
+            weak = weak or [s for s in self._effects if self._in_shadow(s)]
             if not weak:
                 return
             self._drop(min(weak, key=lambda s: s.log_odds))
@@ -524,6 +610,9 @@ class Attributor:
                 continue
             others = [s for k, s in enumerate(self.slots) if k != place]
             odds, groups = self._odds(others)
+            if slot.of_table:
+                self._judge_table(slot, odds)
+                continue
             likelier = self._likelier_name(slot, odds)
             if likelier is not None:
                 slot = self.slots[place] = self._slot(likelier, odds, groups, others)
@@ -535,13 +624,24 @@ class Attributor:
             slot.log_odds = float(max(odds[own], named.max()))
             slot.posterior = np.exp(odds - logsumexp(odds))
 
+    def _judge_table(self, slot: Slot, odds: NDArray) -> None:
+        """What the runs show of a table's error, and its posterior. Every unit has such an error,
+        and one of the catalogue's effects is rare: it counts as all their names together.
+        """
+        own = [h is slot.hypothesis for h in self.bank.hypotheses]
+        names = {h.name for h in self.hypotheses}
+        prior = np.zeros(odds.size)
+        prior[: len(own)][own] = np.log(len(names))
+        slot.log_odds = float(odds[: len(own)][own][0])
+        slot.posterior = np.exp(odds + prior - logsumexp(odds + prior))
+
     def _judge_noise(self) -> None:
         """What each found noise is still worth, with the others in."""
         noisy = [s for s in self.slots if s.extra is not None]
-        if len(self.slots) < 2 or not noisy:
+        if len(self._effects) < 2 or not noisy:
             return
         z = self.evidence.z
-        columns = columns_of(self.slots)
+        columns = self.columns
         if columns.size:
             z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
         ratio = self.squares.ratio(z[:, None])
@@ -570,7 +670,7 @@ class Attributor:
         """Squared size of a slot on each channel of the parked stretch, then of what follows."""
         count = len(CHANNELS)
         if slot.group is not None:
-            columns = columns_of(self.slots)
+            columns = self.columns
             beta, _ = fit(self.bank, columns)
             signature = self.bank.signature(slot.columns, beta[np.isin(columns, slot.columns)])
             key = self.evidence.rows.channel + count * self.evidence.followed

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from ins.records import TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.generic import MOTION_SIZE, OF_RUN, Generic, generic_functions
+from simreal.declared.generic import MOTION_SIZE, OF_RUN, TABLE_AGED, Generic, generic_functions
 from simreal.effects.base import ACCELS, GYROS, Effect, ShapeParameter
 from simreal.effects.telemetry import Telemetry, Trace
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence
 
 # squared sizes that the prior mixes
 SIZES = np.array([9.0, 36.0, 144.0, 576.0, 2304.0, 9216.0, 36864.0, 147456.0])
-GENERIC_LOG_PRIOR, RUN_LOG_PRIOR = -2.0, -3.0
+GENERIC_LOG_PRIOR = -2.0  # of a free function
+LOG_PRIOR = {OF_RUN: -3.0, TABLE_AGED: 0.0}
 # times the upper end of the usual range, and the prior is thin; chosen: 1e2, a step of e^-3 there
 REACH = 100.0
 # deg/h and ug of the units the catalogue's usual sizes are for
@@ -33,12 +34,16 @@ OUTLIER_OFFSETS_S = (-4.0, -1.0, 2.0)
 class Group:
     """One grid point of a hypothesis: its shape parameters and the bank's columns, one a
     coefficient.
+
+    precision: of the coefficients before any data, which the bank's Gram matrix holds as if they
+    had been measured to be 0 once; 0: they are free.
     """
 
     shape: Mapping[str, float]
     columns: NDArray
     scale: NDArray  # typical coefficients
     log_weight: float = 0.0  # of this grid point among its hypothesis's
+    precision: float = 0.0
 
 
 @dataclass
@@ -66,8 +71,13 @@ class Hypothesis:
         return entered
 
     @property
+    def of_table(self) -> bool:
+        """What the table's own covariance leaves open."""
+        return self.name == TABLE_AGED
+
+    @property
     def named(self) -> bool:
-        return self.effect is not None
+        return self.effect is not None or self.of_table
 
     @property
     def key(self) -> tuple[str, str, int | None]:
@@ -125,10 +135,17 @@ def silent(target: str) -> str:
 class Bank:
     """Columns of all hypotheses over an evidence; `gram` (m, m), `score` (m,) = columns' products
     with the data.
+
+    tables : what the twin's table leaves open (`table_errors`).
     """
 
     def __init__(
-        self, evidence: Evidence, effects: Sequence[Effect], *, with_generic: bool = True
+        self,
+        evidence: Evidence,
+        effects: Sequence[Effect],
+        *,
+        with_generic: bool = True,
+        tables: Sequence[Generic] = (),
     ) -> None:
         self.evidence = evidence
         self.telemetry = [view.telemetry for view in evidence.views]
@@ -138,7 +155,8 @@ class Bank:
         for effect in effects:
             for target in effect.targets:
                 self._add_effect(effect, target)
-        self.generics = generic_functions(self.telemetry) if with_generic else ()
+        free = generic_functions(self.telemetry) if with_generic else ()
+        self.generics = (*free, *tables)
         for generic in self.generics:
             self._add_generic(generic)
         for hypothesis in self.hypotheses:
@@ -233,7 +251,7 @@ class Bank:
             None,
         )
         if same is None:
-            prior = RUN_LOG_PRIOR if generic.name == OF_RUN else GENERIC_LOG_PRIOR
+            prior = LOG_PRIOR.get(generic.name, GENERIC_LOG_PRIOR)
             same = Hypothesis(generic.name, generic.target, None, generic, log_prior=prior)
             self.hypotheses.append(same)
         first = len(self._specs)
@@ -241,12 +259,15 @@ class Bank:
         for c in range(len(per_run[0])):
             self._specs.append([traces[c] if _any(traces[c]) else None for traces in per_run])
         count = len(self._specs) - first
-        typical = usual_coefficient(generic.target, self.evidence.twin)
+        # those of a table are in sigmas already
+        declared = same.of_table
+        typical = 1.0 if declared else usual_coefficient(generic.target, self.evidence.twin)
         same.groups.append(
             Group(
                 {"nodes": float(generic.resolution)},
                 np.arange(first, first + count),
                 np.full(count, typical),
+                precision=float(declared),
             )
         )
 
@@ -264,6 +285,9 @@ class Bank:
         for k, (present, A) in enumerate(self.blocks):
             self.gram[np.ix_(present, present)] += _gram(A, self.evidence.runs[k].blocks)
             self.score[present] += A.T @ self.evidence.z[self.evidence.rows_of(k)]
+        for hypothesis in self.hypotheses:
+            for group in hypothesis.groups:
+                self.gram[group.columns, group.columns] += group.precision
 
     def append(
         self, effect: Effect, target: str, shapes: Sequence[Mapping[str, float]], run: int | None
@@ -280,7 +304,9 @@ class Bank:
         for c in range(len(traces[0])):
             self._specs.append([own[c] for own in traces])
         self._whiten_from(before)
-        return Group(like.shape, np.arange(before, len(self._specs)), like.scale)
+        columns = np.arange(before, len(self._specs))
+        self.gram[columns, columns] += like.precision
+        return replace(like, columns=columns)
 
     def _whiten_from(self, before: int) -> None:
         """Whiten and enter the columns from number `before` on."""
@@ -306,15 +332,19 @@ class Bank:
             )
         self.gram, self.score = gram, score
 
-    def signature(self, columns: NDArray, coefficients: NDArray) -> NDArray:
-        """Whitened rows of a combination of columns."""
-        out = np.zeros(self.evidence.size)
+    def matrix(self, columns: NDArray) -> NDArray:
+        """Whitened rows of columns (rows, k)."""
+        out = np.zeros((self.evidence.size, len(columns)))
         for k, (present, A) in enumerate(self.blocks):
             place = {int(c): j for j, c in enumerate(present)}
-            for c, value in zip(columns, coefficients):
+            for j, c in enumerate(columns):
                 if int(c) in place:
-                    out[self.evidence.rows_of(k)] += value * A[:, place[int(c)]]
+                    out[self.evidence.rows_of(k), j] = A[:, place[int(c)]]
         return out
+
+    def signature(self, columns: NDArray, coefficients: NDArray) -> NDArray:
+        """Whitened rows of a combination of columns."""
+        return np.asarray(self.matrix(columns) @ coefficients)
 
     def replicate_scores(self, z: NDArray) -> NDArray:
         """Products (m, reps) of the columns with replicates of the rows (rows, reps)."""

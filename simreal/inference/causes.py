@@ -16,8 +16,10 @@ from simreal.declared.generic import (
     OF_TEMPERATURE,
     OF_TIME,
     OF_UNNAMED_MOTION,
+    TABLE_AGED,
     UNKNOWN_MOTION,
 )
+from simreal.declared.twin_effects import leaves_the_log
 from simreal.effects.base import GYROS, Effect
 from simreal.effects.gyro_noise import NOISE_OF_TIME
 from simreal.effects.telemetry import Telemetry
@@ -115,17 +117,42 @@ class Cause:
         A named effect has a form that physics gives it. A free function, of a mean or of a noise,
         has the form of the data that it is drawn through, and beyond them it is a guess: it must
         lessen the gap of data that it was not fitted to, at 95 %. On halves of real logs, guesses
-        made the other half's gap as much as 17 times as large (docs/gap_real_noise.md).
+        made the other half's gap as much as 17 times as large (docs/gap_real_noise.md). What an
+        update would take out of its log must be of a size that is usual, and no other answer of
+        the set may leave another table.
         """
         if self.effect in OF_UNNAMED_MOTION:
             return KeptOut.OF_MOTION
+        if self.effect == TABLE_AGED:
+            return KeptOut.TABLE_AGED
         low, high = (-1.0, 1.0)
         if self.shrink is not None and self.shrink.held_out:
             low, high = self.shrink.interval_95
         if high < 0.0:
             return KeptOut.MADE_WORSE
         free = self.effect in OF_TELEMETRY or self.effect == NOISE_OF_TIME
-        return KeptOut.NOT_SHOWN if free and low <= 0.0 else None
+        if free and low <= 0.0:
+            return KeptOut.NOT_SHOWN
+        if self.class_ != "R" or not leaves_the_log(self.effect, self.target):
+            return None
+        if any(p.unusual for p in self.parameters.values()):
+            return KeptOut.IMPLAUSIBLE
+        return KeptOut.NOT_UNIQUE if self._another_table else None
+
+    @property
+    def _another_table(self) -> bool:
+        """Whether an answer of the set would leave another table in an update than this one. Two
+        that leave the log alike, each the same trace, leave the same; a table that may be off in
+        the same form always leaves another.
+        """
+        alike = [
+            r.target == self.target
+            and r.cosine > SAME_COSINE
+            and leaves_the_log(r.effect, r.target)
+            for r in self.rivals
+        ]
+        aged = any(r.effect == TABLE_AGED for r in self.rivals)
+        return aged or not (self.resolved or all(alike))
 
 
 def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Cause:
@@ -148,7 +175,7 @@ def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Ca
         run_id=run_id,
         size=_size(attribution, slot),
         shrink=shrink,
-        named=effect is not None,
+        named=h.named,
         nodes=nodes,
         values=values,
         rms=_rms(attribution, slot),
@@ -199,22 +226,27 @@ def _rivals(
 
 def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
     """Largest |cos| of the slot's fitted signature with each other hypothesis's span, the other
-    slots projected out.
+    slots projected out; a table's span is that of its curves that stand out of the noise.
     """
     if slot.group is None:
         return {}
-    bank = attribution.bank
-    others = columns_of(s for s in attribution.slots if s is not slot)
+    bank, target = attribution.bank, slot.hypothesis.target
+    others = columns_of(
+        s
+        for s in attribution.every
+        if s is not slot and not (s.of_table and s.hypothesis.target == target)
+    )
     gram, score = condition(bank.gram, bank.score[:, None], others)
     own = slot.columns
     beta = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True) @ score[own, 0]
-    norm = float(beta @ gram[np.ix_(own, own)] @ beta)
+    norm = float(beta @ gram[np.ix_(own, own)] @ beta) - slot.group.precision * float(beta @ beta)
     out: dict[tuple[str, str], float] = {}
     for h in bank.hypotheses:
         for group in h.groups:
             c = group.columns
-            # a wider effect holds many others; its probability says whether it is one
-            if c.size > own.size:
+            # a wider effect holds many others; its probability says whether it is one, but for a
+            # table, which is off in every unit
+            if c.size > own.size and not h.of_table:
                 continue
             cross = gram[np.ix_(c, own)] @ beta
             G = gram[np.ix_(c, c)]
@@ -247,13 +279,15 @@ def _parameters(
         unit, si = FREE_UNITS.get(
             h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G)
         )
-        values = tuple(float(v) / si for v in value)
-        nodes = attribution.bank.generic_of(h, slot.group).nodes
-        return (
-            {"rms": Value(float(np.sqrt(np.mean(np.square(values)))), float("nan"), unit)},
-            nodes,
-            values,
-        )
+        generic = attribution.bank.generic_of(h, slot.group)
+        curves = (np.eye(value.size) if generic.curves is None else generic.curves) / si
+        values = curves @ value
+        out = {"rms": Value(float(np.sqrt(np.mean(values**2))), float("nan"), unit)}
+        if h.of_table:
+            mean = curves.mean(axis=0)
+            spread = float(np.sqrt(mean @ covariance[np.ix_(at, at)] @ mean))
+            out["shift"] = Value(float(mean @ value), spread, unit)
+        return out, generic.nodes, tuple(values.tolist())
     scale = unit_scale(h.effect, h.target, attribution.evidence)
     out = {}
     for k, c in enumerate(h.effect.coefficients):
@@ -285,7 +319,7 @@ def _shape_sigma(attribution: Attribution, slot: Slot, effect: Effect, name: str
         return float("nan")
     shapes = [{**slot.group.shape, name: centre + k * step} for k in (-1, 0, 1)]
     groups = bank.append(effect, h.target, shapes, h.run)
-    others = columns_of(s for s in attribution.slots if s is not slot)
+    others = attribution.others(slot)
     scorer = Scorer(bank, [Hypothesis(h.name, h.target, effect, run=h.run, groups=groups)])
     f = scorer.groups_log_bf(others, bank.score[:, None])[:, 0]
     curvature = (2.0 * f[1] - f[0] - f[2]) / step**2
@@ -322,7 +356,8 @@ def _size(attribution: Attribution, slot: Slot) -> float:
     beta, _ = fit(attribution.bank, columns)
     at = np.isin(columns, slot.columns)
     G = attribution.bank.gram[np.ix_(slot.columns, slot.columns)]
-    return float(np.sqrt(max(beta[at] @ G @ beta[at], 0.0)))
+    own = slot.group.precision * float(beta[at] @ beta[at])
+    return float(np.sqrt(max(beta[at] @ G @ beta[at] - own, 0.0)))
 
 
 def _rms(attribution: Attribution, slot: Slot) -> dict[str, float]:
@@ -421,7 +456,7 @@ def _is_smooth_drift(attribution: Attribution, slot: Slot) -> bool:
     }
     # a free function of temperature is judged against the one of time that is as free
     time = times.get(TIME_NODES if h.effect is not None else max(times, default=0))
-    others = columns_of(s for s in attribution.slots if s is not slot)
+    others = attribution.others(slot)
     return time is not None and _cosine(bank, slot.columns, time, others) > SAME_COSINE
 
 

@@ -7,11 +7,15 @@ shrinks with it::
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import timedelta
 
 import numpy as np
 
-from infield.table.thermal_table import ThermalTable
+from infield.learning.parameters import ageing_of, defaults_of
+from infield.session.disagreement import utc
+from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.records import InputError, Run, TwinModel
+from simreal.declared.generic import TABLE_AGED, Generic, table_errors
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
 from simreal.effects.base import SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue
@@ -71,7 +75,8 @@ class DiagnosisSettings:
     alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is
     left". seed : of the replicates. effects : to choose from, None: the catalogue. hold_out : run
     ids that only judge the shrink. replicates : of the twin's noise, which set the threshold.
-    told : told what is being done, in DIAGNOSIS_STEPS (more for a latitude far off).
+    ageing : of the table since it was made; None: that of the technology. told : told what is being
+    done, in DIAGNOSIS_STEPS (more for a latitude far off).
     """
 
     alpha: float = DEFAULT_ALPHA
@@ -79,6 +84,7 @@ class DiagnosisSettings:
     effects: Sequence[Effect] | None = None
     hold_out: Sequence[str] = ()
     replicates: int = REPLICATES
+    ageing: AgeingModel | None = None
     told: Callable[[str], None] = lambda words: None
 
 
@@ -99,7 +105,7 @@ def diagnose(
     ----------
     runs : power-on sessions of the twin's unit.
     twin : what the simulator believes about it.
-    table : the twin's, taken as exact; None: it has none.
+    table : the twin's, as uncertain as its covariance and its ageing say; None: it has none.
     settings : level, seed, effects, runs held out.
     table_sha256 : of that table: a log from which it was subtracted already gets it back.
 
@@ -170,11 +176,21 @@ class _Look:
             alpha=how.alpha,
             rng=np.random.default_rng(how.seed),
             replicates=how.replicates,
-            listed=Listed(tuple(extra), seen.known[: len(seen.views)]),
+            listed=Listed(tuple(extra), seen.known[: len(seen.views)], self._table_errors(seen)),
         )
         attributor.enough = enough
         how.told("looking for effects")
         return attributor.explain()
+
+    def _table_errors(self, seen: _Seen) -> tuple[Generic, ...]:
+        """What the table leaves open when the last of the runs was recorded."""
+        if self.table is None:
+            return ()
+        last = max(utc(run.header.start_utc) for run in self.runs)
+        days = (last - utc(self.table.created_utc)) / timedelta(days=1)
+        ageing = self.how.ageing or ageing_of(defaults_of(self.table.gyro_technology))
+        aged = self.table.aged(days, ageing)
+        return table_errors(aged, [v.telemetry for v in [*seen.views, *seen.held]])
 
 
 def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
@@ -307,6 +323,7 @@ def _verdict(causes: Sequence[Cause], present: bool) -> GapVerdict:
     return GapVerdict.EXPLAINED
 
 
+AGED = "The table has aged ({targets}): renew it."
 HEADS = {
     GapVerdict.EXPLAINED: "Explained by",
     GapVerdict.PARTLY_EXPLAINED: "Partly explained by",
@@ -324,10 +341,14 @@ def _sentence(
     if not causes:
         at = f", mostly in {where[0].channel}" if where else ""
         return f"A gap that no known effect explains{at}: it shows in {looks_like}."
-    said = " and ".join(_said(cause) for cause in causes)
+    aged = [c.target for c in causes if c.effect == TABLE_AGED]
+    head = AGED.format(targets=", ".join(sorted(aged))) if aged else ""
+    said = " and ".join(_said(cause) for cause in causes if cause.effect != TABLE_AGED)
     something_left = verdict is GapVerdict.PARTLY_EXPLAINED and looks_like is not Looks.NOTHING
+    if not said:
+        return f"{head} Something is left." if something_left else head
     tail = "; something is left" if something_left else ""
-    return f"{HEADS[verdict]} {said}{tail}."
+    return f"{head} {HEADS[verdict]} {said}{tail}.".strip()
 
 
 def _said(cause: Cause) -> str:

@@ -6,7 +6,8 @@
 y_i: products of the data with the effect's principal signatures, orthogonal to the selected
 effects, unit length; lambda_i: their squared lengths in units of the catalogue's typical
 coefficients; v: squared size, mixed over `bank.SIZES`. A hypothesis averages over its grid of
-shapes, so that freedom costs what it should.
+shapes, so that freedom costs what it should. Coefficients of a declared size, a table's error, have
+w_i = lambda_i in place of the mixture.
 
 Source: single-effect regression of Wang, Sarkar, Carbonetto and Stephens (2020), J. R. Stat. Soc. B
 82, 1273; the mixture over sizes as in Wakefield (2009), Genet. Epidemiol. 33, 79.
@@ -56,14 +57,15 @@ class Scorer:
 
     def _one(self, group: Group, hypothesis: Hypothesis, gram: NDArray, b: NDArray) -> NDArray:
         c, scale = group.columns, group.scale
-        before = self.bank.gram[c, c] * scale**2
+        before = (self.bank.gram[c, c] - group.precision) * scale**2
         if before.max() < NO_TRACE_SQUARE:
             return np.zeros(b.shape[1])
         if c.size == 1:
-            values = np.array([gram[c[0], c[0]] * scale[0] ** 2])
+            values = np.array([(gram[c[0], c[0]] - group.precision) * scale[0] ** 2])
             projected = (b[c] * scale[0]) / np.sqrt(max(values[0], 1e-300))
         else:
-            values, vectors = np.linalg.eigh(gram[np.ix_(c, c)] * np.outer(scale, scale))
+            data = gram[np.ix_(c, c)] - group.precision * np.eye(c.size)
+            values, vectors = np.linalg.eigh(data * np.outer(scale, scale))
             values = np.maximum(values, 0.0)
             projected = (
                 vectors.T @ (b[c] * scale[:, None]) / np.sqrt(np.maximum(values, 1e-300))[:, None]
@@ -71,12 +73,11 @@ class Scorer:
         top = float(values.max())
         if top < ALIKE * before.max() or top < NO_TRACE_SQUARE:
             return np.zeros(b.shape[1])
-        low, high = usual_range(hypothesis)
-        weights = size_weights(np.sqrt(top), low, high)
         share = values / top
         live = share > 1e-8
         y2, share = projected[live] ** 2, share[live]
-        w = SIZES[:, None] * share  # (V, p)
+        sizes, weights = _sizes(hypothesis, group, top)
+        w = sizes[:, None] * share  # (V, p)
         fit = (
             0.5 * np.einsum("vp,pr->vr", w / (1.0 + w), y2) - 0.5 * np.log1p(w).sum(axis=1)[:, None]
         )
@@ -102,6 +103,15 @@ class Scorer:
         return np.flatnonzero(self._owner == hypothesis)
 
 
+def _sizes(hypothesis: Hypothesis, group: Group, top: float) -> tuple[NDArray, NDArray]:
+    """Squared sizes of the largest principal signature (V,) and their log weights; top: its squared
+    length in typical coefficients.
+    """
+    if group.precision:
+        return np.array([top / group.precision]), np.zeros(1)
+    return SIZES, size_weights(np.sqrt(top), *usual_range(hypothesis))
+
+
 def usual_range(hypothesis: Hypothesis) -> tuple[float, float]:
     """Usual sizes in units of the typical coefficient."""
     if hypothesis.effect is None:
@@ -112,7 +122,7 @@ def usual_range(hypothesis: Hypothesis) -> tuple[float, float]:
 
 def condition(gram: NDArray, score: NDArray, selected: NDArray) -> tuple[NDArray, NDArray]:
     """Gram matrix and products with the selected columns projected out (their coefficients are
-    free).
+    free, or as free as the precision in their Gram matrix lets them).
     """
     if not selected.size:
         return gram, score

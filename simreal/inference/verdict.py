@@ -32,6 +32,10 @@ class KeptOut(StrEnum):
     NOT_SHOWN = "not_shown"  # a free function that lessens no gap of data not fitted to
     MADE_WORSE = "made_worse"  # more gap in data not fitted to
     OF_MOTION = "of_motion"  # an error of the motion without a name: nothing to simulate
+    TABLE_AGED = "table_aged"  # it is what an update is to learn
+    # of what an update takes out of its log
+    IMPLAUSIBLE = "implausible"  # beyond the sizes that such an effect has
+    NOT_UNIQUE = "not_unique"  # another answer of the set would leave another table
 
 
 class Looks(StrEnum):

@@ -15,7 +15,7 @@ from ins.records import Run
 from simreal.effects.platform import ARCMIN, latitude_error
 from simreal.effects.telemetry import Trace, total
 from simreal.evidence.run_view import RunView
-from simreal.inference.attribute import Attribution, Attributor, columns_of
+from simreal.inference.attribute import Attribution, Attributor
 from simreal.inference.scoring import fit
 
 WRONG_LATITUDE = "site_latitude_error"
@@ -26,7 +26,7 @@ IN_PROPORTION_RAD = 0.5 * ARCMIN
 
 def entered_wrong_rad(attribution: Attribution | Attributor) -> float:
     """Entered less true latitude, where it was found to be beyond proportion; else 0."""
-    columns = columns_of(attribution.slots)
+    columns = attribution.columns
     for slot in attribution.slots:
         if slot.hypothesis.name == WRONG_LATITUDE and slot.group is not None:
             beta, _ = fit(attribution.bank, columns)

@@ -2,7 +2,10 @@
 from its rivals.
 """
 
+from collections.abc import Sequence
+
 from infield.table.thermal_table import ThermalTable
+from simreal.declared.generic import TABLE_AGED
 from simreal.effects.base import SLOW_NAME
 from simreal.inference.causes import LEAST_PROBABILITY, Cause, Rival
 from simreal.inference.diagnosis import Diagnosis
@@ -10,21 +13,40 @@ from simreal.inference.diagnosis import Diagnosis
 MOST_CAUSES = 3  # each simulates a few recordings
 
 
-def record_next(diagnosis: Diagnosis, table: ThermalTable | None) -> list[str]:
-    """Advice in sentences; empty where every cause stands alone and is seen to repeat."""
-    out: list[str] = []
-    open_causes = [(c, rivals) for c in diagnosis.causes if c.named and (rivals := _likely(c))]
-    if open_causes:
+def settling(diagnosis: Diagnosis, table: ThermalTable | None) -> list[list[str]]:
+    """Advice in sentences for each cause; empty for one that stands alone and is seen to repeat.
+    An aged table asks for an update, not for a recording.
+    """
+    effects = [c for c in diagnosis.causes if c.effect != TABLE_AGED]
+    planned = [c for c in effects if c.named and _likely(c)][:MOST_CAUSES]
+    once = len(diagnosis.attribution.evidence.views) == 1
+    return [
+        _settling(c, diagnosis, table, planned=c in planned, once=once) if c in effects else []
+        for c in diagnosis.causes
+    ]
+
+
+def _settling(
+    cause: Cause, diagnosis: Diagnosis, table: ThermalTable | None, *, planned: bool, once: bool
+) -> list[str]:
+    if not cause.named:
+        return [_again(cause)]
+    out = []
+    if planned:
         from simreal.plan.advice import advice  # with the simulator: half a second of CPU
-    for cause, rivals in open_causes[:MOST_CAUSES]:
-        names = [(cause.effect, cause.target), *((r.effect, r.target) for r in rivals)]
+
+        names = [(cause.effect, cause.target), *((r.effect, r.target) for r in _likely(cause))]
         out += advice(names, diagnosis.attribution.plain_evidence, table)
-    out += [_again(c) for c in diagnosis.causes if not c.named]
-    if len(diagnosis.attribution.evidence.views) == 1:
-        out += [
-            _repeats(c) for c in diagnosis.causes if c.named and c.class_ == "R" and not c.rivals
-        ]
-    out += [_slow(c) for c in diagnosis.causes if c.effect == SLOW_NAME and not _below_declared(c)]
+    if once and cause.class_ == "R" and not cause.rivals:
+        out.append(_repeats(cause))
+    if cause.effect == SLOW_NAME and not _below_declared(cause):
+        out.append(_slow(cause))
+    return out
+
+
+def record_next(diagnosis: Diagnosis, settled_by: Sequence[Sequence[str]]) -> list[str]:
+    """What settles the causes (`settling`), and what is left; each sentence once."""
+    out = [sentence for sentences in settled_by for sentence in sentences]
     if diagnosis.left_present:
         out.append(
             "For what is left: a repeat under the same conditions, to see whether it comes again."

@@ -17,7 +17,7 @@ from simreal.effects.telemetry import Telemetry, Trace, total
 from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
 from simreal.inference.addback import HeldOut
-from simreal.inference.attribute import Attribution, Slot
+from simreal.inference.attribute import Attribution, Slot, columns_of
 from simreal.inference.bank import Hypothesis
 from simreal.inference.causes import shares_of
 from simreal.inference.diagnosis import Diagnosis
@@ -83,12 +83,9 @@ def fitted_trace(diagnosis: Diagnosis, run: int) -> Trace:
     """What all found effects together add to the seconds of a run (a number among
     `diagnosis.views`).
     """
-    return _traced(
-        diagnosis,
-        run,
-        np.ones(diagnosis.attribution.columns.size, bool),
-        _fit(diagnosis.attribution),
-    )
+    attribution = diagnosis.attribution
+    found = np.isin(attribution.columns, columns_of(attribution.slots))
+    return _traced(diagnosis, run, found, _fit(attribution))
 
 
 def known_trace(diagnosis: Diagnosis, run: int) -> Trace:
@@ -113,7 +110,7 @@ def _traced(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray) -> Tra
     if run < len(attribution.evidence.views):
         parts = [(b, bank.traces_of(int(c), run)) for c, b in zip(columns[mine], beta[mine])]
     else:
-        for slot in attribution.slots:
+        for slot in attribution.every:
             for c, trace in zip(
                 slot.columns, _unit_traces(attribution, slot, diagnosis.views[run].telemetry)
             ):

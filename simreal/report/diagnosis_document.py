@@ -2,6 +2,7 @@
 people. Computes nothing but units.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +11,10 @@ import numpy as np
 from infield.reports.words.sentences import plain
 from ins.records import Run, TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G
+from simreal.declared.generic import TABLE_AGED
 from simreal.effects.base import GYROS, SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue
+from simreal.effects.words import words_of
 from simreal.inference.addback import Shrink
 from simreal.inference.causes import Cause, Rival, Value
 from simreal.inference.diagnosis import Diagnosis, Place
@@ -31,6 +34,7 @@ from simreal.report.diagnosis_records import (
     GoneRecord,
     NotLookedAtRecord,
     NotTestableRecord,
+    OpenRecord,
     ParameterRecord,
     PlaceRecord,
     RivalRecord,
@@ -40,7 +44,7 @@ from simreal.report.diagnosis_records import (
     UnexplainedRecord,
     UserRecord,
 )
-from simreal.twin.write_back import effect_items, processes_of
+from simreal.twin.write_back import effect_items, fitted_items, processes_of
 
 NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
@@ -49,6 +53,20 @@ KEPT_OUT_WORDS = {
     " these runs do not show that it does",
     KeptOut.MADE_WORSE: "it makes the gap of data that it was not fitted to larger",
     KeptOut.OF_MOTION: "an error of the motion without a name is nothing that can be simulated",
+    KeptOut.TABLE_AGED: "an update learns it, and would lose it from a log without it",
+    KeptOut.IMPLAUSIBLE: "it is larger than such an effect is, and an update would take it out of"
+    " the log",
+    KeptOut.NOT_UNIQUE: "another answer would leave another table, and an update would take it out"
+    " of the log",
+}
+ANOTHER_RUN = "Diagnose with a run more, at other temperatures."
+SETTLED_BY = {
+    KeptOut.NOT_SHOWN: ANOTHER_RUN,
+    KeptOut.MADE_WORSE: ANOTHER_RUN,
+    KeptOut.OF_MOTION: "Record the drive again with a receiver and wheels.",
+    KeptOut.IMPLAUSIBLE: "Look for it by itself, or for what else makes it.",
+    KeptOut.NOT_UNIQUE: "Renew the table with recal update and diagnose later runs: what is left"
+    " then is no ageing.",
 }
 MOST_SAID = 4  # parameters of a cause in the lines for people
 LEAST_P = 1e-300  # a p-value below has no digits to show: the smallest double is 2.2e-308
@@ -77,8 +95,11 @@ def diagnosis_document(
     *,
     users: Sequence[UserLevel] = (),
     record_next: Sequence[str] = (),
+    settled_by: Sequence[Sequence[str]] | None = None,
 ) -> DiagnosisRecord:
-    """The document of a diagnosis of these runs."""
+    """The document of a diagnosis of these runs; settled_by: of each cause, what tells it from
+    others.
+    """
     run_ids = [v.name for v in diagnosis.views]
     twin = diagnosis.twin
     table_note = () if asked.table_sha256 else (NO_TABLE,)
@@ -97,7 +118,14 @@ def diagnosis_document(
             excess_sigma=whole.excess_sigma,
         ),
         where=tuple(_place(p) for p in diagnosis.where),
-        causes=tuple(_cause(c, bars, run_ids) for c, bars in zip(diagnosis.causes, diagnosis.bars)),
+        causes=tuple(
+            _cause(c, bars, run_ids, asked) for c, bars in zip(diagnosis.causes, diagnosis.bars)
+        ),
+        open=tuple(
+            _open(c, c.kept_out, run_ids, sentences)
+            for c, sentences in zip(diagnosis.causes, settled_by or [()] * len(diagnosis.causes))
+            if c.kept_out in SETTLED_BY
+        ),
         unexplained=UnexplainedRecord(
             present=diagnosis.left_present,
             p_value=diagnosis.p_value_after,
@@ -222,7 +250,22 @@ def _place(p: Place) -> PlaceRecord:
     )
 
 
-def _cause(c: Cause, bars: Sequence[tuple[str, str, float]], run_ids: Sequence[str]) -> CauseRecord:
+def _open(c: Cause, why: KeptOut, run_ids: Sequence[str], sentences: Sequence[str]) -> OpenRecord:
+    words = words_of(c.effect) if why is KeptOut.IMPLAUSIBLE else None
+    more = () if words is None else (words.remedy,)
+    return OpenRecord(
+        effect=c.effect,
+        target=c.target,
+        why=why,
+        settled_by=(SETTLED_BY[why], *more, *sentences),
+        twin_effects=tuple(fitted_items(c, run_ids)),
+    )
+
+
+def _cause(
+    c: Cause, bars: Sequence[tuple[str, str, float]], run_ids: Sequence[str], asked: Asked
+) -> CauseRecord:
+    runs = " ".join(shlex.quote(run) for run in asked.runs) or "RUN..."
     return CauseRecord(
         effect=c.effect,
         target=c.target,
@@ -245,6 +288,7 @@ def _cause(c: Cause, bars: Sequence[tuple[str, str, float]], run_ids: Sequence[s
         values=tuple(c.values),
         twin_effects=tuple(effect_items(c, run_ids)),
         kept_out=c.kept_out,
+        advice=f"recal update {runs}" if c.effect == TABLE_AGED else None,
     )
 
 
@@ -405,6 +449,8 @@ def _cause_lines(cause: CauseRecord) -> list[str]:
         lines.append(f"    {_shrink_text(cause.shrink)}")
     if cause.kept_out is not None:
         lines.append(f"    not in twin.json: {KEPT_OUT_WORDS[cause.kept_out]}")
+    if cause.advice is not None:
+        lines.append(f"    renew the table: {cause.advice}")
     return lines
 
 

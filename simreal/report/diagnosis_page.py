@@ -143,6 +143,8 @@ def _actions(document: DiagnosisRecord) -> list[Action]:
         out.append(Action("Nothing: the twin describes these runs."))
     if any(c.effect == WRONG_LATITUDE for c in document.causes):
         out.append(Action("Correct site.lat_deg in run.json of these runs, and run it again."))
+    if renewed_by := [c.advice for c in document.causes if c.advice is not None]:
+        out.append(Action("Renew the table: an update learns what has changed.", renewed_by[0]))
     usable = [c for c in document.causes if c.kept_out is None]
     if any(c.named and c.rms and c.run_id is None for c in usable):
         out.append(
@@ -162,6 +164,8 @@ def _actions(document: DiagnosisRecord) -> list[Action]:
                 f"recal diagnose {runs} RUN --twin {shlex.quote(document.twin)} -o diagnosis",
             )
         )
+    if document.open:
+        out.append(Action("Settle what is open, further down: twin.json leaves it out."))
     if any(not c.rms and c.named for c in document.causes):
         out.append(
             Action(

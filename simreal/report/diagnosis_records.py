@@ -128,7 +128,7 @@ class RmsRecord:
 @dataclass(frozen=True, kw_only=True)
 class CauseRecord:
     """A found effect. twin_effects: its items in the twin that the diagnosis writes; kept_out: why
-    there are none.
+    there are none. advice: the command that mends it.
     """
 
     effect: str
@@ -150,6 +150,20 @@ class CauseRecord:
     values: tuple[float, ...]
     twin_effects: tuple[EffectDocument, ...]
     kept_out: KeptOut | None = field(default=None, metadata=OMIT_NONE)
+    advice: str | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenRecord:
+    """A cause that the twin leaves out: why, what would settle it, and the items of the twin for
+    who takes it out all the same.
+    """
+
+    effect: str
+    target: str
+    why: KeptOut
+    settled_by: tuple[str, ...]
+    twin_effects: tuple[EffectDocument, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,6 +259,7 @@ class DiagnosisRecord:
     gap: GapRecord
     where: tuple[PlaceRecord, ...] = ()
     causes: tuple[CauseRecord, ...] = ()
+    open: tuple[OpenRecord, ...] = ()
     unexplained: UnexplainedRecord
     not_testable: tuple[NotTestableRecord, ...]
     gap_after: GapAfterRecord

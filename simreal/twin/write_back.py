@@ -4,7 +4,8 @@ and diagnosed again.
 Each item has the parameters that `simreal.declared.twin_effects` reads: coefficients and shape
 parameters as plain numbers in the effect's units; `run_id` for what belongs to one run, `process`
 for a slow variation, nodes, values and unit for a free function; and `sigma`, one standard
-deviation of what was found. A cause that data do not bear which it was not fitted to stays out
+deviation of what was found. A cause that data do not bear which it was not fitted to stays out, and
+so does one that an update would take out of its log although it is not unique or implausibly large
 (`Cause.kept_out`). The table is copied beside the twin, so the file needs nothing else.
 """
 
@@ -14,7 +15,7 @@ from math import isfinite
 
 from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
-from simreal.declared.generic import OF_RUN, OF_UNNAMED_MOTION
+from simreal.declared.generic import OF_RUN, OF_UNNAMED_MOTION, TABLE_AGED
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PER_RUN, PROCESS, RUN_ID
 from simreal.effects.base import SLOW_NAME
@@ -49,7 +50,7 @@ def fitted_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
     """A cause as items that say what was fitted to these runs, whether other data bear it or
     not.
     """
-    if cause.effect in OF_UNNAMED_MOTION:
+    if cause.effect in (TABLE_AGED, *OF_UNNAMED_MOTION):
         return []
     if not cause.named:
         return [_item(cause, _function(cause, run_ids))]

@@ -25,7 +25,7 @@ from simreal.inference.causes import Cause, Rival, Value
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from simreal.inference.user_level import user_level
 from simreal.inference.verdict import Judging, KeptOut
-from simreal.plan.record_next import record_next
+from simreal.plan.record_next import record_next, settling
 from simreal.report.diagnosis_curves import fitted_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
 from simreal.report.diagnosis_page import diagnosis_html, value_text
@@ -341,14 +341,18 @@ def test_a_stream_of_another_time_is_left_out():
     assert overlapping(run) == (run, ())
 
 
+def advice_on(found):
+    return record_next(found, settling(found, None))
+
+
 def test_advice_only_for_what_is_open(found):
     alone = replace(found, causes=(cause(),), bars=((),))
-    assert record_next(alone, None) == []
+    assert advice_on(alone) == []
     slow = cause(effect="slow_variation", id="gyro_bias_instability", class_="S", run_id=None)
-    left = record_next(replace(found, causes=(slow,), bars=((),), left_present=True), None)
+    left = advice_on(replace(found, causes=(slow,), bars=((),), left_present=True))
     assert "three hours" in left[0] and "comes again" in left[1]
     free = replace(found, causes=(cause(effect=OF_TEMPERATURE, named=False),), bars=((),))
-    assert "other starts" in record_next(free, None)[0]
+    assert "other starts" in advice_on(free)[0]
     rivals = (Rival("gyro_thermal_quadratic", "gyro_x", 0.3, 0.99),)
     mixed = cause(
         effect="gyro_thermal_linear",
@@ -357,7 +361,7 @@ def test_advice_only_for_what_is_open(found):
         run_id=None,
         rivals=rivals,
     )
-    (told,) = record_next(replace(found, causes=(mixed,), bars=((),)), None)
+    (told,) = advice_on(replace(found, causes=(mixed,), bars=((),)))
     assert "gyro_thermal_linear from gyro_thermal_quadratic" in told
 
 

@@ -10,24 +10,9 @@ from infield.reports.documents.thermal import FoundEffectDocument, found_effect_
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect, with_effect_sigma, without_effects
 from ins.records import Run, TwinModel
-from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME
-from simreal.declared.twin_effects import TwinEffect, parse_effects
-from simreal.effects.base import ACCELS, GYROS
+from simreal.declared.twin_effects import TwinEffect, leaves_the_log, parse_effects
 from simreal.evidence.run_view import view_run
 from simreal.predict.carried import along
-
-# of the temperature alone, or a constant of one power-on: the table's own subject, or none of it
-LEFT_TO_THE_TABLE = frozenset(
-    {
-        "gyro_thermal_linear",
-        "gyro_thermal_quadratic",
-        "gyro_turn_on_bias",
-        "compensation_misapplied",
-        OF_TEMPERATURE,
-        OF_TIME,
-        OF_RUN,
-    }
-)
 
 
 def without_found_effects(
@@ -50,12 +35,8 @@ def without_found_effects(
 
 
 def _carried(item: TwinEffect) -> bool:
-    return (
-        not item.is_noise
-        and not item.run_id
-        and item.target in (*GYROS, *ACCELS)
-        and item.effect.name not in LEFT_TO_THE_TABLE
-    )
+    lasting = not item.is_noise and not item.run_id
+    return lasting and leaves_the_log(item.effect.name, item.target)
 
 
 def _along(

@@ -8,7 +8,6 @@ from pathlib import Path
 from infield.learning.parameters import PriorName
 from infield.session.settings import SessionSettings
 from infield.store.table_store import TableStore
-from infield.table.thermal_table import AgeingModel
 from ins.json_file import Json, read_json_object
 from ins.records import InputError, TwinModel
 from recal.service.inputs.unit_inputs import NoiseSource, UnitInputs
@@ -111,16 +110,6 @@ def with_priors(unit: UnitInputs, use: PriorsUse) -> UnitInputs:
 def _named(twin: TwinModel, use: PriorsUse) -> TwinModel:
     which = f"revision {use.revision}" if use.source == APPROVED else use.source
     return replace(twin, source=f"{twin.source}, priors {which}")
-
-
-def ageing_of(use: PriorsUse) -> AgeingModel:
-    """How the tables of the unit age."""
-    value = use.parameters
-    return AgeingModel(
-        common_deg_h_sqrt_year=value[PriorName.AGEING_COMMON],
-        shape_deg_h_sqrt_year=value[PriorName.AGEING_SHAPE],
-        length_degC=value[PriorName.LENGTH],
-    )
 
 
 def settings_of(use: PriorsUse, settings: SessionSettings) -> SessionSettings:
