@@ -28,6 +28,7 @@ from ins.records import (
     InputError,
     TemperatureNoise,
     TwinModel,
+    check_name,
 )
 
 SCHEMA = "recal.twin/1"
@@ -230,6 +231,7 @@ def twin_from_dict(data: JsonObject, *, source: str, name: str) -> TwinModel:
     """
     refuse_non_finite(data, name=name)
     model = parse(_twin_model(), without_schema(data, SCHEMA, name=name), name=name)
+    check_name(f"{name}: imu_serial", model.imu_serial)
     given = model.model_dump(exclude_unset=True)
     default = default_twin(given["gyro_technology"])
     sections = {

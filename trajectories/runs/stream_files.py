@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.records import PIECE_ROWS, InputError
+from ins.user_input import open_regular
 from trajectories.runs.notes import labelled
 from trajectories.runs.text_rows import (
     BLOCK_BYTES,
@@ -94,6 +95,7 @@ class StreamFile:
         import pyarrow.parquet as pq
 
         try:
+            open_regular(self.path).close()  # by the library, a pipe would wait for ever
             self._file = pq.ParquetFile(self.path, buffer_size=READ_AHEAD_BYTES, pre_buffer=False)
             names = self._file.schema_arrow.names
         except (pa.ArrowException, UnicodeDecodeError) as error:
