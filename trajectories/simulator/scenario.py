@@ -390,7 +390,10 @@ def fill(cls: type, data: Any, *, name: str) -> Any:
     given = model.model_dump(exclude_unset=True)
     for key, value in given.items():
         refuse_out_of_range(key, value, name=name)
-    return cls(**{k: tuple(v) if hints[k] == Triple else v for k, v in given.items()})
+    try:
+        return cls(**{k: tuple(v) if hints[k] == Triple else v for k, v in given.items()})
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _file_type(hint: Any) -> Any:
@@ -442,11 +445,7 @@ def _environments(data: Around | list[Around], name: str) -> tuple[Environment, 
     found = []
     for k, item in enumerate(listed):
         where = f"{name}: environment[{k}]" if isinstance(data, list) else f"{name}: environment"
-        try:
-            found.append(fill(Environment, item, name=where))
-        except InputError as error:
-            line = str(error)
-            raise InputError(line if line.startswith(name) else f"{where}: {line}") from None
+        found.append(fill(Environment, item, name=where))
     return tuple(found)
 
 
