@@ -1,11 +1,13 @@
-"""Reading JSON and TOML that somebody else wrote: bounded, without NaN or repeated keys, one clear
-line when wrong.
+"""Reading JSON, TOML and small CSV that somebody else wrote: bounded, without NaN or repeated
+keys, one clear line when wrong.
 
 `parse` turns a plain dict into a pydantic model; `complaints` turns pydantic's errors into lines
 that name the key.
 """
 
+import csv
 import difflib
+import io
 import json
 import math
 import re
@@ -19,6 +21,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ins.records import InputError
+from ins.user_input import read_bounded
 
 MAX_JSON_BYTES = 4_000_000  # a table with covariance is below 1 MB
 MAX_SHOWN = 60  # characters; chosen: file, key and 60 of the value fit a line
@@ -147,13 +150,15 @@ def parse_toml(text: str, *, name: str) -> JsonObject:
         raise InputError(f"{name}: not valid TOML ({_reason(error)})") from None
 
 
-def read_small_text(path: Path) -> str:
-    """The text of a file of at most MAX_JSON_BYTES.
+def read_small_text(path: Path, *, most_bytes: int = MAX_JSON_BYTES) -> str:
+    """The text of a small file.
 
     Parameters
     ----------
     path : Path
         The file.
+    most_bytes : int
+        A larger one is refused.
 
     Returns
     -------
@@ -163,18 +168,39 @@ def read_small_text(path: Path) -> str:
     Raises
     ------
     InputError
-        Where it cannot be read, is larger or is no UTF-8.
+        Where it cannot be read, is no regular file, larger or no UTF-8.
     """
     try:
-        with open(path, "rb") as stream:
-            data = stream.read(MAX_JSON_BYTES + 1)
-        if len(data) > MAX_JSON_BYTES:
-            raise InputError(f"{path}: more than {MAX_JSON_BYTES} bytes, needed at most that")
-        return data.decode("utf-8-sig")
+        return read_bounded(path, most_bytes).decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from None
+
+
+def read_csv_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The rows of a small CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        A file of at most MAX_JSON_BYTES.
+
+    Returns
+    -------
+    rows : list of (int, list of str)
+        The number of the line at which each row ends, and its fields; blank rows left out.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, or a quote is left open.
+    """
+    reader = csv.reader(io.StringIO(read_small_text(path), newline=""), strict=True)
+    try:
+        return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: no row of a CSV ({error})") from None
 
 
 def _bounded(data: JsonObject, what: str) -> JsonObject:

@@ -35,6 +35,7 @@ GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
 PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
 PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which the vehicle stands
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
+LONGEST_NAME = 200  # characters of a serial, a run_id, a tail, a mode; chosen
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 
@@ -49,6 +50,29 @@ class InputError(ValueError):
 
     The line names file, row or key, what was got and what was needed.
     """
+
+
+def check_name(key: str, text: str) -> None:
+    """Refuse what is no name of a unit, run or mode.
+
+    Parameters
+    ----------
+    key : str
+        What the text stands for; the error line begins with it.
+    text : str
+        May be empty.
+
+    Raises
+    ------
+    InputError
+        On line ends, control characters and marks of direction, which would forge lines of a
+        report, and on more than LONGEST_NAME characters.
+    """
+    if not text.isprintable() or len(text) > LONGEST_NAME:
+        raise InputError(
+            f"{key}: got {text[:40]!r}, needed at most {LONGEST_NAME} printable characters on one"
+            " line"
+        )
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray:
@@ -619,7 +643,7 @@ class RunHeader:
     Raises
     ------
     InputError
-        On another technology.
+        On another technology, and on names of more than one line.
     """
 
     run_id: str
@@ -644,6 +668,8 @@ class RunHeader:
                 f"gyro_technology {self.gyro_technology!r}, needed one of"
                 f" {', '.join(GYRO_TECHNOLOGIES)}"
             )
+        for key in ("run_id", "tail", "imu_serial", "gyro_mode"):
+            check_name(key, getattr(self, key))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -28,12 +28,25 @@ from ins.records import (
     InputError,
     TemperatureNoise,
     TwinModel,
+    check_name,
 )
 
 SCHEMA = "recal.twin/1"
 TWIN_SECTIONS = ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle")
 # the rest are sizes, >= 0
 SIGNED = ("scale_factor_ppm", "misalignment_mrad", "bias_ug", "scale_ppm", "crab_mrad")
+# Of any number but those below; chosen: 1 g in micro-g, a scale of 100 % in ppm.
+MAX_OF_OTHERS = 1e6
+# The oscillator of the sway has neither period nor end without these; a ship on its lines has
+# 0.01 Hz, a gear 0.3, an engine mount 30. Speeds and a creep beyond leave the place that is
+# simulated: 100 m/s for the 2 s of the side motion, half a turn in an hour.
+RANGE_OF_KEY = {
+    "sway_hz": (0.001, 1000.0),
+    "sway_damping": (0.001, 100.0),
+    "sway_m_s": (0.0, 100.0),
+    "lateral_noise_m_s": (0.0, 100.0),
+    "yaw_creep_arcsec_sqrt_h": (0.0, 648_000.0),
+}
 
 # A MEMS unit of the industrial class. Gyro: ADIS16460 data sheet, rev. C: 0.12 deg/sqrt(h), 8 deg/h
 # in-run; consumer parts (ICM-20602: 0.004 deg/s/sqrt(Hz) = 0.24 deg/sqrt(h)) are a little worse, so
@@ -230,6 +243,7 @@ def twin_from_dict(data: JsonObject, *, source: str, name: str) -> TwinModel:
     """
     refuse_non_finite(data, name=name)
     model = parse(_twin_model(), without_schema(data, SCHEMA, name=name), name=name)
+    check_name(f"{name}: imu_serial", model.imu_serial)
     given = model.model_dump(exclude_unset=True)
     default = default_twin(given["gyro_technology"])
     sections = {
@@ -279,7 +293,9 @@ def _section_model(record: Any) -> type[StrictModel]:
     types: dict[str, Any] = {}
     for f in fields(record):
         value = getattr(record, f.name)
-        number: Any = float if f.name in SIGNED else Annotated[float, Field(ge=0)]
+        least = -MAX_OF_OTHERS if f.name in SIGNED else 0.0
+        low, high = RANGE_OF_KEY.get(f.name, (least, MAX_OF_OTHERS))
+        number: Any = Annotated[float, Field(ge=low, le=high)]
         length = len(value) if isinstance(value, tuple) else None
         kind = (
             number

@@ -45,13 +45,14 @@ def _run() -> int:
         return 0
     except Exception as error:
         from ins.records import InputError
+        from ins.user_input import one_line
 
         line = str(error)
         if isinstance(error, OSError) and error.strerror is not None:
             line = f"{error.filename or 'standard output'}: {error.strerror}"
         elif not isinstance(error, InputError):
             raise
-        print(f"recal: {line}", file=sys.stderr)
+        print(one_line(f"recal: {line}"), file=sys.stderr)
         return 3
     return 0
 

@@ -8,8 +8,6 @@ the name says which, a bare `azimuth_deg` is refused. Body axes x forward, y rig
 sigma columns one sigma is given for all.
 """
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.misalignment.harmonic_fit import north_to_west_rad
-from ins.json_file import read_small_text
+from ins.json_file import read_csv_rows
 from ins.records import AXES, InputError
 from ins.units import DEG
 
@@ -37,8 +35,7 @@ class AzimuthTable:
 
 def read_azimuth_table(path: Path, *, sigma_deg_h: float | None = None) -> AzimuthTable:
     """The table in a CSV file; InputError names file, row and column."""
-    rows = list(csv.reader(io.StringIO(read_small_text(path))))
-    rows = [row for row in rows if any(cell.strip() for cell in row)]
+    rows = [row for _, row in read_csv_rows(path)]
     if len(rows) < 2:
         raise InputError(
             f"{path}: {max(len(rows) - 1, 0)} rows, needed a header and a row for each azimuth"

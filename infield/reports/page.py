@@ -11,8 +11,10 @@ from functools import lru_cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from infield.reports.issuer import issuer
+from ins.user_input import visible
 
 NOT_AVAILABLE = "n/a"
 MINUS = "\u2212"
@@ -69,6 +71,13 @@ def short_hash(sha256: str | None) -> str:
     return str(sha256)[:12] if sha256 else NOT_AVAILABLE
 
 
+def _visible_text(value: Any) -> Any:
+    """A text without what a browser would obey; drawings, numbers and line ends as they are."""
+    if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
+        return value
+    return "\n".join(map(visible, value.split("\n")))
+
+
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
     found = Environment(
@@ -77,6 +86,7 @@ def _environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=_visible_text,
     )
     found.filters.update(
         {f.__name__: f for f in (number, significant, decimals_for, duration, heading, short_hash)}

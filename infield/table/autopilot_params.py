@@ -26,6 +26,7 @@ from infield.table.cubic_fit import stated_fit
 from infield.table.temperature_model import SettledCurve, TemperatureModel
 from ins.records import AXES, InputError
 from ins.units import DEG_PER_HOUR
+from ins.user_input import read_bounded
 
 PX4, ARDUPILOT = "px4", "ardupilot"
 PARAMETER_ENDINGS = {PX4: (".params",), ARDUPILOT: (".parm", ".param")}
@@ -171,11 +172,7 @@ def read_parameters(path: Path) -> dict[str, float]:
 
 def _text(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_PARAMETER_BYTES:
-            raise InputError(
-                f"{path}: {path.stat().st_size} bytes, needed at most {MAX_PARAMETER_BYTES}"
-            )
-        return path.read_text(encoding="utf-8-sig", errors="replace")
+        return read_bounded(path, MAX_PARAMETER_BYTES).decode("utf-8-sig", "replace")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 

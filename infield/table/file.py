@@ -24,8 +24,8 @@ from ins.json_file import (
     JsonObject,
     StrictModel,
     complaints,
+    read_csv_rows,
     read_json_object,
-    read_small_text,
     without_schema,
 )
 from ins.records import AXES, AxisDocument, InputError, TableDocument
@@ -178,26 +178,22 @@ def read_table_csv(
 ) -> TableDocument:
     """The document (covariance null) of a CSV table. InputError names file, line and column."""
     path = Path(path)
-    try:
-        lines = list(csv.reader(io.StringIO(read_small_text(path), newline="")))
-    except csv.Error as error:
-        raise InputError(f"{path}: not a CSV text ({error})") from None
-    header = [h.strip() for h in lines[0]] if lines else []
+    rows = read_csv_rows(path)
+    header = [h.strip() for h in rows[0][1]] if rows else []
     columns = (*CSV_COLUMNS, SLOPE_COLUMN) if SLOPE_COLUMN in header else CSV_COLUMNS
     if sorted(header) != sorted(columns):
         raise InputError(
             f"{path}: line 1: columns {','.join(header)[:120]!r}, needed {','.join(CSV_COLUMNS)!r}"
         )
     axes: dict[str, dict[str, list[float]]] = {axis: {c: [] for c in columns[1:]} for axis in AXES}
-    for number, row in enumerate(lines[1:], start=2):
-        if row:
-            _add_row(
-                axes,
-                dict(zip(header, row)),
-                width=len(row),
-                needed=columns,
-                where=f"{path}: line {number}",
-            )
+    for number, row in rows[1:]:
+        _add_row(
+            axes,
+            dict(zip(header, row)),
+            width=len(row),
+            needed=columns,
+            where=f"{path}: line {number}",
+        )
     document: TableDocument = {
         "schema": SCHEMA,
         "imu_serial": imu_serial,

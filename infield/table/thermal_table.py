@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from infield.table.prior import COMMON_FRACTION, KERNEL_LENGTH_degC, prior_covariance, smooth_kernel
 from infield.table.temperature_model import SettledCurve, TemperatureModel
 from ins.noise import DEFAULT_SIGMA_deg_h
-from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, frozen_array
+from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, check_name, frozen_array
 
 INTERPOLATIONS = ("linear", "hermite")
 DAYS_PER_YEAR = 365.25
@@ -77,6 +77,8 @@ class ThermalTable(TemperatureModel):
     def __post_init__(self) -> None:
         _check_one_of("gyro_technology", self.gyro_technology, GYRO_TECHNOLOGIES)
         _check_one_of("interpolation", self.interpolation, INTERPOLATIONS)
+        check_name("imu_serial", self.imu_serial)
+        check_name("gyro_mode", self.gyro_mode)
         nodes = tuple(
             frozen_array(t, (None,), f"axes.{axis}.temperature_degC")
             for axis, t in zip(AXES, self.temperature_degC)

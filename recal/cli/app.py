@@ -171,7 +171,8 @@ def program(
             "--max-unpacked-mb",
             min=1,
             max=1_000_000,
-            help="What a packed file may unpack to [MB]; else 268, or 50 times its size.",
+            help="What a packed file may unpack to [MB], else 268, or 50 times its size; and what"
+            " the numbers of a file may take in memory, else 220.",
         ),
     ] = None,
 ) -> None:

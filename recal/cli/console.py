@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from ins.user_input import one_line, visible
 from recal.cli.terminal.help import FOLDER, help_records, usage_words
 from recal.cli.terminal.user_config import read_user_config
 from recal.service.results.issuer import name_issuer
@@ -220,7 +221,7 @@ def login_name() -> str:
 def say(text: str, *, quiet: bool = False) -> None:
     """One line that is no part of the result, a note or a warning, on standard error."""
     if not quiet:
-        print(text, file=sys.stderr)
+        print(one_line(text), file=sys.stderr)
 
 
 def answer(
@@ -243,20 +244,20 @@ def answer(
     elif not quiet:
         print_lines(lines)
         if report is not None:
-            print_lines([f"report: {linked(report)}"])
+            print(f"report: {linked(report)}")
 
 
 def print_lines(lines: Iterable[str]) -> None:
     """Lines of a result in words, on standard output."""
     for line in lines:
-        print(line)
+        print(one_line(line))
 
 
 def linked(path: Path) -> str:
     """The path; on a terminal one that a click opens (OSC 8)."""
     if not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return str(path)
-    return f"\x1b]8;;{path.absolute().as_uri()}\x1b\\{path}\x1b]8;;\x1b\\"
+        return visible(str(path))
+    return f"\x1b]8;;{path.absolute().as_uri()}\x1b\\{visible(str(path))}\x1b]8;;\x1b\\"
 
 
 def emit_json(result: object) -> None:

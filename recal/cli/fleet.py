@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ins.user_input import one_line
 from recal.cli.console import (
     DEFAULT_STORE,
     Command,
@@ -436,7 +437,7 @@ class _Bar:
 
         console = Console(stderr=True)
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TimeRemainingColumn(),
@@ -465,4 +466,5 @@ class _Bar:
 
     def _told(self, outcome: "RunOutcome") -> None:
         self.done += 1
-        self._progress.update(self._task, advance=1, description=outcome.imu_serial or "runs")
+        shown = one_line(outcome.imu_serial or "runs")
+        self._progress.update(self._task, advance=1, description=shown)

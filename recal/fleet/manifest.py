@@ -2,8 +2,6 @@
 lines or TOML).
 """
 
-import csv
-import io
 import json
 import os
 from collections.abc import Iterator
@@ -11,7 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ins.records import InputError
-from recal.service.inputs.listings import JsonObject, StrictModel, parse, read_small_text, read_toml
+from recal.service.inputs.listings import (
+    JsonObject,
+    StrictModel,
+    parse,
+    read_csv_rows,
+    read_small_text,
+    read_toml,
+)
 
 ENDINGS = ("imu.parquet", "imu.csv", "imu.csv.gz")
 
@@ -94,21 +99,13 @@ def _entries(source: Path) -> Iterator[_Entry]:
 
 
 def _csv_rows(source: Path) -> Iterator[tuple[str, JsonObject]]:
-    reader = csv.DictReader(io.StringIO(read_small_text(source)), strict=True)
-    try:
-        for row in reader:
-            where = f"{source}: line {reader.line_num}"
-            if None in row or any(value is None for value in row.values()):
-                raise InputError(
-                    f"{where}: needed as many fields as the header has"
-                    f" ({len(reader.fieldnames or ())})"
-                )
-            yield (
-                where,
-                {str(k).strip(): v.strip() for k, v in row.items() if v.strip() or k == "path"},
-            )
-    except csv.Error as error:
-        raise InputError(f"{source}: line {reader.line_num}: {error}") from None
+    rows = read_csv_rows(source)
+    names = [name.strip() for name in rows[0][1]] if rows else []
+    for number, row in rows[1:]:
+        where = f"{source}: line {number}"
+        if len(row) != len(names):
+            raise InputError(f"{where}: needed as many fields as the header has ({len(names)})")
+        yield where, {k: v.strip() for k, v in zip(names, row) if v.strip() or k == "path"}
 
 
 def _json_lines(source: Path) -> Iterator[tuple[str, JsonObject]]:

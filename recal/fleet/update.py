@@ -32,6 +32,7 @@ from recal.fleet.records import (
     outcome_of,
 )
 from recal.fleet.report import fleet_html
+from recal.service.inputs.listings import read_small_text
 from recal.service.inputs.records import twin_fit_command
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.text import result_text
@@ -145,7 +146,9 @@ def _known_units(request: FleetRequest) -> dict[UnitKey, UnitRecord]:
 
 
 def _settings(request: FleetRequest) -> CallSettings:
-    config = hashlib.sha256(request.config.read_bytes()).hexdigest() if request.config else None
+    config = None
+    if request.config:
+        config = hashlib.sha256(read_small_text(request.config).encode()).hexdigest()
     return CallSettings(
         store=store_name(request.store_url),
         mode=request.mode,

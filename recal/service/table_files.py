@@ -8,7 +8,13 @@ from enum import StrEnum
 from pathlib import Path
 
 from infield.store.table_store import Revision, TableStore, require_same_unit
-from infield.table.autopilot_params import MAX_DEVICE_ID, NUMBERS, PARAMETER_ENDINGS, read_cubic
+from infield.table.autopilot_params import (
+    MAX_DEVICE_ID,
+    MAX_PARAMETER_BYTES,
+    NUMBERS,
+    PARAMETER_ENDINGS,
+    read_cubic,
+)
 from infield.table.autopilot_table import (
     CubicDocument,
     CubicExport,
@@ -19,6 +25,7 @@ from infield.table.autopilot_table import (
 from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
 from ins.records import GYRO_TECHNOLOGIES, InputError, TableDocument
 from ins.twin_file import read_twin
+from ins.user_input import read_bounded
 from ins.verdicts import INLINE
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
@@ -217,7 +224,9 @@ def _read_cubic(given: TableFile, unit: dict[str, str]) -> tuple[TableDocument, 
         found,
         **unit,
         sigma_deg_h=given.sigma_deg_h,
-        file=ParameterFile(path.name, hashlib.sha256(path.read_bytes()).hexdigest()),
+        file=ParameterFile(
+            path.name, hashlib.sha256(read_bounded(path, MAX_PARAMETER_BYTES)).hexdigest()
+        ),
     )
     which = (
         f"{found.autopilot} IMU {found.number}, {found.low_degC:.1f} to {found.high_degC:.1f} degC"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ins.records import InputError
+from recal.service.inputs.listings import read_small_text
 
 TOKEN_VARIABLE = "RECAL_SERVE_TOKEN"
 SHORTEST_TOKEN = 16  # characters: 16 random letters are 75 bits (26^16); docs/serve.md advises 32
@@ -84,16 +85,7 @@ def read_tokens(path: Path | None) -> tuple[Token, ...]:
     if path is None:
         text = os.environ.pop(TOKEN_VARIABLE, "").strip()  # popped: no child process inherits it
         return (token_of(text, source=TOKEN_VARIABLE),) if text else ()
-    try:
-        if path.stat().st_size > LARGEST_TOKEN_FILE:
-            raise InputError(
-                f"{path}: larger than {LARGEST_TOKEN_FILE} bytes, needed a line for each token"
-            )
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not UTF-8 text, needed a line for each token") from None
+    lines = read_small_text(path, most_bytes=LARGEST_TOKEN_FILE).splitlines()
     found = []
     for number, line in enumerate(lines, start=1):
         if line.strip() and not line.startswith("#"):

@@ -38,7 +38,7 @@ HEAVY = {
     "filterpy",
     "pymap3d",
     "jinja2",
-    "ins",
+    "ins.records",
     "trajectories",
     "alignment",
     "infield",
@@ -57,7 +57,7 @@ for words in json.loads(sys.argv[1]):
             code = end.code
         finally:
             sys.stdout.flush()
-            print("\\0", code, *{name.split(".")[0] for name in sys.modules}, end="\\0", flush=True)
+            print("\\0", code, *sys.modules, end="\\0", flush=True)
             os._exit(0)
     os.wait()
 """

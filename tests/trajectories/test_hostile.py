@@ -331,7 +331,7 @@ def test_scenarios_with_anything_in_them(tmp_path):
 
 def test_a_table_as_csv_of_any_size(tmp_path):
     (tmp_path / "a.csv").write_text("axis," * (MAX_JSON_BYTES // 4))
-    with pytest.raises(InputError, match=f"a.csv: more than {MAX_JSON_BYTES} bytes"):
+    with pytest.raises(InputError, match=f"a.csv: .*more than {MAX_JSON_BYTES} bytes"):
         read_table_csv(
             tmp_path / "a.csv",
             imu_serial="S",

@@ -17,13 +17,15 @@ from scipy.io import savemat
 import recal
 from ins.records import InputError
 from recal.cli.app import app
-from tests.trajectories.run_cases import csv_run
+from tests.trajectories.run_cases import csv_run, full_run
+from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.text_columns import text_columns
 from trajectories.readers.registry import read_log
 from trajectories.readers.rows.column_map import LayoutKeys, LogOptions
 from trajectories.runs import limits
-from trajectories.runs.directory import inspect_run
+from trajectories.runs.directory import inspect_run, write_run
 from trajectories.runs.limits import Room, most_unpacked, unpack_limit
+from trajectories.runs.stream_files import write_columns
 from trajectories.runs.text_rows import text_size
 
 ROOT = Path(recal.__file__).parent.parent
@@ -149,6 +151,30 @@ def test_the_option_of_the_command_line(tmp_path, monkeypatch):
     again = CliRunner().invoke(app, ["--max-unpacked-mb", "1", "check", str(run)])
     assert "--max-unpacked-mb" not in again.output
     assert limits.VARIABLE not in os.environ
+
+
+@pytest.mark.parametrize("ending", ("csv", "csv.gz", "parquet"))
+def test_what_is_held_in_memory_is_bounded(tmp_path, monkeypatch, ending):
+    """Streams that are held whole, and the columns of a log; the increments of a run are read by
+    pieces and may be longer.
+    """
+    run = tmp_path / "run"
+    write_run(run, full_run(), fmt=ending)
+    rows, columns = full_run().imu.rows, (*IMU.split(","), "late_s")
+    log = tmp_path / f"log.{ending}"
+    write_columns(log, {name: np.arange(1.0, rows + 1) for name in columns})
+    layout = LayoutKeys(format="parquet" if ending == "parquet" else "csv")
+    assert len(read_columns(log, layout, columns)[0]["late_s"]) == rows
+    monkeypatch.setattr(limits, "HELD_BYTES", 40 * 3 * 8)  # the odometer's 40 rows of 2 fit
+    assert inspect_run(run).streams.imu.rows == rows
+    told = [f"{name}.{ending}: 40 or more rows of" for name in ("temperature", "gnss")]
+    errors = inspect_run(run).errors
+    assert len(errors) == 2 and all(map(str.startswith, errors, told))
+    with pytest.raises(InputError, match=rf"^{log.name}: 4000 or more rows of 8 numbers"):
+        read_columns(log, layout, columns)
+    with unpack_limit(1):
+        assert not inspect_run(run).errors
+        assert len(read_columns(log, layout, columns)[0]["late_s"]) == rows
 
 
 def test_room_is_of_all_parts(monkeypatch):

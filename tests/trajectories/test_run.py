@@ -344,3 +344,23 @@ def test_phases_come_in_order_of_time(tmp_path):
         Phase(phase="alignment", start_s=0, end_s=30),
         Phase(phase="taxi", start_s=30, end_s=40),
     )
+
+
+@pytest.mark.parametrize("name", ("temperature", "gnss", "odometer"))
+def test_a_row_without_its_time_is_dropped_and_named(tmp_path, name):
+    path, without = csv_run(tmp_path / "a"), csv_run(tmp_path / "b")
+    file = f"{name}.csv"
+    for row in (1, 20, 40):
+        set_cell(path / file, row=row, column="time_s", value="")
+    rows = lines(without / file)
+    put_lines(without / file, [rows[0], *rows[2:20], *rows[21:40]])
+    found = read_run(path)
+    log, clean = getattr(found, name), getattr(read_run(without), name)
+    assert all(np.array_equal(v, getattr(clean, k), equal_nan=True) for k, v in arrays(log).items())
+    spans = [(span.start_s, span.end_s) for span in found.faults]
+    assert spans == [(1.0, 1.0), (19.0, 19.0), (38.0, 38.0)]
+    assert all("no time_s" in span.reason for span in found.faults)
+
+
+def arrays(log):
+    return {key: value for key, value in vars(log).items() if isinstance(value, np.ndarray)}

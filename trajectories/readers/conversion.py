@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ins.records import AXES, ImuLog, InputError, ReferenceLog, Run, RunHeader, TemperatureLog
+from ins.user_input import open_regular
 from trajectories.readers.conversion_checks import check_rows
 from trajectories.readers.conversion_streams import check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -208,5 +209,5 @@ def file_sha256(path: Path) -> str:
         files += [p for p in path.rglob("*.txt") if p.is_file() and p.parent != path]
         parts = [f"{p.relative_to(path)} {file_sha256(p)}\n" for p in sorted(files)]
         return hashlib.sha256("".join(parts).encode()).hexdigest()
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

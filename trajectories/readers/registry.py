@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
+from ins.user_input import open_regular
 from trajectories.readers.rows.column_map import LogOptions
 
 # Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any
@@ -97,7 +98,7 @@ def _refuse_no_log(path: Path) -> None:
     if path.is_dir():
         return
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(8)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None

@@ -2,6 +2,7 @@
 
 Counted are the bytes that come out, and of numbers the eight bytes each that they take in memory.
 A file may grow to SMALL_BYTES in any case, and MAX_GROWTH times its own size where that is more;
+the numbers of it that are held in memory at once to HELD_BYTES;
 `recal --max-unpacked-mb MB COMMAND`, which sets the variable RECAL_MAX_UNPACKED_MB of the
 environment (so that worker processes have it too), gives another limit for all files.
 """
@@ -16,6 +17,9 @@ SMALL_BYTES = 1 << 28  # 268 MB: an hour at 1 kHz of seven numbers is 202 MB
 # Rows of an IMU at rest grow 4- to 20-fold from gzip; zeros grow a thousandfold.
 MAX_GROWTH = 50
 NUMBER_BYTES = 8  # of a float64
+# Of the numbers that one file puts into memory: seven columns of an hour at 1 kHz are 202 MB. What
+# is made of them takes up to four times as much, 1 GB with the program.
+HELD_BYTES = 220_000_000
 VARIABLE = "RECAL_MAX_UNPACKED_MB"
 OPTION = "recal --max-unpacked-mb"
 MEGABYTE = 1_000_000
@@ -24,9 +28,14 @@ MAX_MEGABYTES = 1_000_000  # of the option: 1 TB, beyond any machine
 
 def most_unpacked(packed_bytes: int) -> int:
     """The bytes that so many packed ones may become."""
+    return _asked_for() or max(SMALL_BYTES, MAX_GROWTH * packed_bytes)
+
+
+def _asked_for() -> int | None:
+    """The limit of the option or the environment [bytes]; None where neither is given."""
     text = os.environ.get(VARIABLE, "")
     if not text:
-        return max(SMALL_BYTES, MAX_GROWTH * packed_bytes)
+        return None
     if not (text.isascii() and text.isdecimal() and 0 < int(text[:9]) <= MAX_MEGABYTES):
         raise InputError(f"{VARIABLE}: got {text[:40]!r}, needed 1 to {MAX_MEGABYTES}")
     return int(text) * MEGABYTE
@@ -39,6 +48,17 @@ def refuse_unpacked(unpacked: int, packed_bytes: int, label: str, what: str = "b
         raise InputError(
             f"{label}: {packed_bytes} bytes hold {unpacked} or more {what} unpacked, needed at most"
             f" {most} ({OPTION} raises it)"
+        )
+
+
+def refuse_held(rows: int, columns: int, label: str) -> None:
+    """InputError where so many rows of numbers take more memory than one file may."""
+    most = _asked_for() or HELD_BYTES
+    if rows * columns * NUMBER_BYTES > most:
+        raise InputError(
+            f"{label}: {rows} or more rows of {columns} numbers, needed at most"
+            f" {most // (columns * NUMBER_BYTES)} to stay within {most // MEGABYTE} MB"
+            f" ({OPTION} raises it)"
         )
 
 

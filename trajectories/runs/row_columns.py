@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.runs.limits import refuse_held
 from trajectories.runs.text_rows import (
     LISTED_ROWS,
     MAX_BAD,
-    MAX_ROWS,
     MENDED_LINES,
     RowLayout,
     mended,
@@ -68,8 +68,7 @@ class _Columns:
         if table is None:
             return
         self._rows += table.num_rows
-        if self._rows > MAX_ROWS:
-            raise InputError(f"{layout.label}: {self._rows} rows, needed at most {MAX_ROWS}")
+        refuse_held(self._rows, table.num_columns, layout.label)
         for name in table.column_names:
             self._parts.setdefault(name, []).append(table.column(name).to_numpy())
 
@@ -87,5 +86,14 @@ class _Columns:
                 f" ({self._why}): taken as missing"
             )
             self._notes.insert(0, told)
-        names = list(self._parts)
-        return {name: np.concatenate(self._parts.pop(name)) for name in names}, self._notes
+        return joined_columns(self._parts), self._notes
+
+
+def joined_columns(parts: dict[str, list[NDArray]]) -> dict[str, NDArray]:
+    """The columns whole; the parts of each, which Arrow holds, go when it is joined."""
+    import pyarrow as pa
+
+    names = list(parts)
+    columns = {name: np.concatenate(parts.pop(name)) for name in names}
+    pa.default_memory_pool().release_unused()
+    return columns

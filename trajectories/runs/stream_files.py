@@ -19,7 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.records import PIECE_ROWS, InputError
+from ins.user_input import open_regular
+from trajectories.runs.limits import refuse_held
 from trajectories.runs.notes import labelled
+from trajectories.runs.row_columns import joined_columns
 from trajectories.runs.text_rows import (
     BLOCK_BYTES,
     MAX_LINE_BYTES,
@@ -94,6 +97,7 @@ class StreamFile:
         import pyarrow.parquet as pq
 
         try:
+            open_regular(self.path).close()  # by the library, a pipe would wait for ever
             self._file = pq.ParquetFile(self.path, buffer_size=READ_AHEAD_BYTES, pre_buffer=False)
             names = self._file.schema_arrow.names
         except (pa.ArrowException, UnicodeDecodeError) as error:
@@ -117,10 +121,16 @@ class StreamFile:
         return np.concatenate([_values(table, name) for table in tables] or [np.empty(0)])
 
     def columns(self) -> dict[str, NDArray]:
-        """All columns as `column` gives them; the text that was parsed for them is let go."""
-        found = {name: self.column(name) for name in self.names}
+        """All columns as `column` gives them; InputError where they take more memory than one
+        file may.
+        """
+        parts: dict[str, list[NDArray]] = {name: [] for name in self.names}
+        for row, piece in self.pieces():
+            refuse_held(row + len(piece[self.names[0]]), len(self.names), self.label)
+            for name, values in piece.items():
+                parts[name].append(values)
         self._held = None
-        return found
+        return joined_columns(parts)
 
     def pieces(
         self, names: Sequence[str] | None = None, *, from_row: int = 0, rows: int = PIECE_ROWS

@@ -304,15 +304,17 @@ def _wild(columns: dict[str, NDArray]) -> tuple[str, int] | None:
 
 
 def _dropped(label: str, time_s: NDArray, kept: NDArray, why: str) -> list[Span]:
-    """Each run of dropped rows as a span of time."""
+    """Each run of dropped rows as a span of time, of rows without any between their neighbours."""
+    rows = np.arange(time_s.size)
+    stamped = np.isfinite(time_s)
+    known_s = np.interp(rows, rows[stamped], time_s[stamped])
     edges = np.flatnonzero(np.diff(np.concatenate([[True], kept, [True]]).astype(int)))
     spans = []
     for a, b in zip(edges[::2], edges[1::2]):
-        known = time_s[a:b][np.isfinite(time_s[a:b])]
-        start, end = (known[0], known[-1]) if known.size else (np.nan, np.nan)
-        rows = f"row {a + 1}" if b == a + 1 else f"rows {a + 1} to {b}"
-        reason = f"{label.split('.')[0]}: {rows} dropped, {why}"
-        spans.append(Span(start_s=float(start), end_s=float(end), reason=reason))
+        lacks = why if stamped[a:b].any() else "no time_s"
+        named = f"row {a + 1}" if b == a + 1 else f"rows {a + 1} to {b}"
+        reason = f"{label.split('.')[0]}: {named} dropped, {lacks}"
+        spans.append(Span(start_s=float(known_s[a]), end_s=float(known_s[b - 1]), reason=reason))
     return spans
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ins.records import InputError
+from ins.user_input import open_regular
 from trajectories.runs.limits import NUMBER_BYTES, refuse_unpacked
 from trajectories.runs.notes import About, Note
 
@@ -91,7 +92,7 @@ def _parts(path: Path, notes: list[str], block_bytes: int) -> Iterator[bytes]:
     if path.name.endswith(".gz"):
         yield from _gunzip(path, notes)
         return
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         while part := file.read(block_bytes):
             yield part
 
@@ -102,7 +103,7 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
     """
     packed = path.stat().st_size
     size, unpack, note = 0, zlib.decompressobj(wbits=31), ""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         try:
             while chunk := unpack.unused_data or file.read(UNPACK_BYTES):
                 if unpack.eof:

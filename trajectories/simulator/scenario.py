@@ -15,7 +15,14 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 from pydantic import Field, create_model
 
-from ins.json_file import StrictModel, parse, parse_toml, refuse_non_finite, without_schema
+from ins.json_file import (
+    StrictModel,
+    parse,
+    parse_toml,
+    read_small_text,
+    refuse_non_finite,
+    without_schema,
+)
 from ins.records import InputError, Site, Survey, TableDocument, TwinModel
 from ins.twin_file import default_twin, read_twin, table_path, twin_from_dict
 from ins.units import DEG
@@ -383,7 +390,10 @@ def fill(cls: type, data: Any, *, name: str) -> Any:
     given = model.model_dump(exclude_unset=True)
     for key, value in given.items():
         refuse_out_of_range(key, value, name=name)
-    return cls(**{k: tuple(v) if hints[k] == Triple else v for k, v in given.items()})
+    try:
+        return cls(**{k: tuple(v) if hints[k] == Triple else v for k, v in given.items()})
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _file_type(hint: Any) -> Any:
@@ -435,11 +445,7 @@ def _environments(data: Around | list[Around], name: str) -> tuple[Environment, 
     found = []
     for k, item in enumerate(listed):
         where = f"{name}: environment[{k}]" if isinstance(data, list) else f"{name}: environment"
-        try:
-            found.append(fill(Environment, item, name=where))
-        except InputError as error:
-            line = str(error)
-            raise InputError(line if line.startswith(name) else f"{where}: {line}") from None
+        found.append(fill(Environment, item, name=where))
     return tuple(found)
 
 
@@ -472,14 +478,7 @@ def _radians(angle_deg: float | None) -> float | None:
 
 
 def _read_text(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_BYTES}")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
+    if not path.exists():
         known = ", ".join(packaged_scenarios())
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror or error}); packaged scenarios: {known}"
-        ) from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
+        raise InputError(f"{path}: cannot be read (no such file); packaged scenarios: {known}")
+    return read_small_text(path, most_bytes=MAX_BYTES)

@@ -22,6 +22,8 @@ RANGE_OF_KEY: Mapping[str, Range] = {
     "rate_hz": (0.1, 10_000.0),  # five times the fastest unit of formats.md
     "time_s": (-100_000.0, 1_000_000.0),
     "settle_s": (0.01, 100_000.0),
+    "duration_s": (0.001, 1_000_000.0),
+    "rate_degC_min": (0.001, 1_000.0),
     "ramp_s": (0.01, 100_000.0),
     "soak_s": (0.0, 1_000_000.0),
     "cycles": (1.0, 1_000.0),

@@ -62,7 +62,7 @@ class ThermalHistory:
             )
         if self.flight_degC and not self.flight_end_s > self.flight_start_s:
             raise InputError(
-                f"thermal: flight_end_s {self.flight_end_s:g} s, needed after flight_start_s"
+                f"flight_end_s {self.flight_end_s:g} s, needed after flight_start_s"
                 f" {self.flight_start_s:g} s"
             )
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
+from scipy.linalg import expm, schur
 
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import omega_ie_n, radii_of_curvature
@@ -87,9 +87,7 @@ class Push:
 
     def __post_init__(self) -> None:
         if not (self.speed_m_s > 0 and self.ramp_s > 0):
-            raise InputError(
-                f"push: speed_m_s {self.speed_m_s}, ramp_s {self.ramp_s}, needed above 0"
-            )
+            raise InputError(f"speed_m_s {self.speed_m_s}, ramp_s {self.ramp_s}, needed above 0")
         if abs(self.turn_deg) > MAX_PUSH_TURN_DEG:
             raise InputError(
                 f"push: turn_deg {self.turn_deg}, needed within +-{MAX_PUSH_TURN_DEG:g}: use a turn"
@@ -166,22 +164,23 @@ def sway_velocity(
     """Velocity (n,) of a damped oscillator under white force, in its steady state; exact at the
     samples.
 
-    x'' + 2 z w x' + w^2 x = white; the steady covariance of (x, x') is rms^2 diag(1/w^2, 1). The
-    two states are run as one complex eigenmode.
+    x'' + 2 z w x' + w^2 x = white; the steady covariance of (w x, x') is rms^2 diag(1, 1). The
+    two states are run one after the other in the basis of Schur, which critical damping has, too
+    (there the two eigenmodes are one).
     """
     if rms_m_s == 0:
         return np.zeros(n)
     w = 2 * np.pi * frequency_hz
-    A = np.array([[0.0, 1.0], [-(w**2), -2 * damping * w]])
-    steady = np.diag([rms_m_s**2 / w**2, rms_m_s**2])
-    Phi = expm(A / rate_hz)
-    start = np.linalg.cholesky(steady) @ rng.standard_normal(2)
-    drive = rng.standard_normal((n, 2)) @ np.linalg.cholesky(steady - Phi @ steady @ Phi.T).T
+    Phi = expm(np.array([[0.0, w], [-w, -2 * damping * w]]) / rate_hz)
+    start = rms_m_s * rng.standard_normal(2)
+    step = rms_m_s * np.linalg.cholesky(np.eye(2) - Phi @ Phi.T)
+    drive = rng.standard_normal((n, 2)) @ step.T
     drive[0] = start
-    poles, modes = np.linalg.eig(Phi)
-    into = np.linalg.inv(modes).astype(complex)
-    states = np.stack([recursion(p, drive @ row) for p, row in zip(poles, into)])
-    return np.real(modes[1] @ states)
+    T, basis = schur(Phi, output="complex")
+    drive = drive @ basis.conj()
+    second = recursion(T[1, 1], drive[:, 1])
+    first = recursion(T[0, 0], drive[:, 0] + T[0, 1] * np.concatenate([[0.0], second[:-1]]))
+    return np.real(basis[1, 0] * first + basis[1, 1] * second)
 
 
 def gauss_markov(

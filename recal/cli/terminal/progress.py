@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from ins.user_input import one_line
+
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
@@ -53,7 +55,7 @@ class Progress:
 
     def __call__(self, what: str) -> None:
         if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, description=what, completed=self._begun)
+            self._bar.update(self._task, description=one_line(what), completed=self._begun)
             self._begun += 1
 
     def say(self, lines: Sequence[str]) -> None:
@@ -70,7 +72,7 @@ class Progress:
 
     def _say(self, words: str) -> None:
         if self._bar is not None:
-            self._bar.console.print(words, highlight=False)
+            self._bar.console.print(one_line(words), highlight=False, markup=False)
 
 
 def _bar(*, counted: bool) -> "Bar":
@@ -88,7 +90,7 @@ def _bar(*, counted: bool) -> "Bar":
     count = [MofNCompleteColumn(), TextColumn("left"), TimeRemainingColumn()] if counted else []
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         *count,
         TimeElapsedColumn(),

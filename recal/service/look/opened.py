@@ -4,10 +4,11 @@ What the log does not say is taken for granted and named, so that a first look n
 """
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,26 +75,31 @@ def opened_log(
     given |= {key: value for key, value in options.items() if value is not None}
     if gnss is not None:
         given = with_gnss_file(given, Path(gnss))
-    with map_errors(map_file):
-        name, read, cut = _read(log, given)
+    with tempfile.TemporaryDirectory(prefix="recal-look-") as made:
+        folder = Path(made) / "run"
+        with map_errors(map_file):
+            taken = _taken(log, given, header, folder)
+        yield taken(run=read_run(folder))
+
+
+def _taken(
+    log: Path, given: dict[str, Json], header: Mapping[str, str | float | None], folder: Path
+) -> Callable[..., Opened]:
+    """Writes the log as a run, and lets go of it: what is said of it waits for the run as read."""
+    name, read, cut = _read(log, given)
     assumed = assumptions(log, read, header)
     conversion = conversion_of(
         log, name, read, {**header, **{one.key: one.value for one in assumed}}
     )
-    with tempfile.TemporaryDirectory(prefix="recal-look-") as made:
-        folder = Path(made) / "run"
-        write_run(
-            folder, conversion.run, reference=conversion.reference, conversion=conversion.record
-        )
-        notes = tuple(str(note) for note in conversion.record.notes)
-        yield Opened(
-            run=read_run(folder),
-            folder=folder,
-            format=name,
-            notes=notes,
-            assumed=assumed,
-            stretch=cut,
-        )
+    write_run(folder, conversion.run, reference=conversion.reference, conversion=conversion.record)
+    return partial(
+        Opened,
+        folder=folder,
+        format=name,
+        notes=tuple(str(note) for note in conversion.record.notes),
+        assumed=assumed,
+        stretch=cut,
+    )
 
 
 def _read(log: Path, given: dict[str, Json]) -> tuple[str, ConvertedLog, Stretch | None]:

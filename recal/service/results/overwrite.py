@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ins.records import InputError
+from ins.user_input import open_regular, read_bounded
 
 MAX_PEEKED_BYTES = 200_000_000  # a result of a fleet has some 10 MB
-HEAD_CHARACTERS = 1000  # where a file says what it is
+HEAD_BYTES = 1000  # where a file says what it is
 CSV_TABLE = "axis,temperature_degC,bias_deg_h,sigma_deg_h"
 PARAMETERS = "from recal's table of"
 TRUTH = "time_s,gyro_x_bias_deg_h"
@@ -114,9 +115,7 @@ def is_compensated(found: Peeked) -> bool:
 def peeked(path: Path) -> Peeked:
     """What a JSON file says of its making."""
     try:
-        if path.stat().st_size > MAX_PEEKED_BYTES:
-            return Peeked()
-        data = json.loads(path.read_text("utf-8"))
+        data = json.loads(read_bounded(path, MAX_PEEKED_BYTES))
     except (OSError, ValueError, RecursionError):
         return Peeked()
     if not isinstance(data, dict):
@@ -134,8 +133,8 @@ def peeked(path: Path) -> Peeked:
 
 def _head(path: Path) -> str:
     try:
-        with path.open(encoding="utf-8") as file:
-            return file.read(HEAD_CHARACTERS)
+        with open_regular(path) as file:
+            return file.read(HEAD_BYTES).decode("utf-8", "replace")
     except (OSError, ValueError):
         return ""
 

@@ -9,7 +9,7 @@ left out. What the gyros share with the accelerometers is the vehicle's, and is 
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,7 +163,7 @@ def _joined(layers: Sequence[Layer], witnesses: Witnesses) -> Spectra:
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
     for windows, dt_s, low_hz, high_hz in layers:
-        found = _layer(list(windows), dt_s, (low_hz, high_hz), witnesses)
+        found = _layer(windows, dt_s, (low_hz, high_hz), witnesses)
         if found is None:
             continue
         bands += found.bands
@@ -218,28 +218,29 @@ def _mean_windows(stream: Stream, step: int) -> Iterator[NDArray]:
 
 
 def _layer(
-    windows: list[NDArray], dt_s: float, where_hz: tuple[float, float], witnesses: Witnesses
+    windows: Iterator[NDArray], dt_s: float, where_hz: tuple[float, float], witnesses: Witnesses
 ) -> Spectra | None:
-    if not windows:
+    first = next(windows, None)
+    if first is None:
         return None
-    n = len(windows[0])
+    n = len(first)
     f = np.fft.rfftfreq(n, dt_s)
     low_hz = max(where_hz[0], FIRST_BIN / (n * dt_s))
     use = np.flatnonzero((f >= low_hz - 1e-9) & (f < where_hz[1] - 1e-9))
     use = use[use < n // 2]  # the last bin of an even window is real
     if use.size < FIRST_BIN:
         return None
-    Z = _transforms(windows, dt_s)[:, use]  # windows, bins, channels
+    Z = _transforms(chain([first], windows), dt_s, use)  # windows, bins, channels
     f = f[use]
-    power = np.abs(Z) ** 2
-    wild = _wild(power)
+    wild = _wild(Z)
     left = float(wild.mean())
     if wild.all():
         return None
-    power, Z = power[~wild], Z[~wild]
-    mean = power.mean(axis=0)
-    dof = SHARE * len(power) if len(windows) > 1 else 1.0 / BINS_ALIKE
-    line, lines = _lines(mean, f, len(power), (dt_s * n, dt_s))
+    if wild.any():
+        Z = Z[~wild]
+    mean = (np.abs(Z) ** 2).mean(axis=0)
+    dof = SHARE * len(Z) if wild.size > 1 else 1.0 / BINS_ALIKE
+    line, lines = _lines(mean, f, len(Z), (dt_s * n, dt_s))
     band = _bands_of(f)
     bands: list[Bands] = []
     shared = np.zeros(3)
@@ -254,7 +255,9 @@ def _layer(
         bin_hz = 1.0 / (n * dt_s)
         found = Bands(c, dt_s, bin_hz, f[good], own, power_of, dof * count, nothing)
         if c in witnesses:
-            found, told = _less_told(found, Z[:, good], witnesses[c])
+            band_of = np.full(good.size, -1)
+            band_of[good] = own
+            found, told = _less_told(found, Z, band_of, witnesses[c])
             if c < 3:
                 shared[c] = told
         bands.append(found)
@@ -262,40 +265,55 @@ def _layer(
     return Spectra(tuple(bands), lines, {name: left}, shared, 0.0)
 
 
-def _less_told(bands: Bands, Z: NDArray, witnesses: tuple[int, ...]) -> tuple[Bands, float]:
-    """A channel's bands less what its witnesses tell, and the largest share of that."""
+def _less_told(
+    bands: Bands, Z: NDArray, band_of: NDArray, witnesses: tuple[int, ...]
+) -> tuple[Bands, float]:
+    """A channel's bands less what its witnesses tell, and the largest share of that.
+
+    Z: transforms (w, m, 6); band_of (m,): the band of each bin, -1 of those in none.
+    """
     mostly = MOSTLY_SHARED if bands.channel < 3 else MOSTLY_SWAY
     power, dof, shared = own_power(
-        Z[:, :, bands.channel], Z[:, :, list(witnesses)], bands.band, bands.dof, mostly
+        Z[:, :, bands.channel], Z[:, :, list(witnesses)], band_of, bands.dof, mostly
     )
     found = replace(bands, power=power, dof=dof, own=dof != bands.dof)
     return found, float(np.max(shared))
 
 
-def _transforms(windows: list[NDArray], dt_s: float) -> NDArray:
-    """Scaled transforms (w, n // 2 + 1, 6): their mean square is the two-sided spectrum."""
-    n = len(windows[0])
-    taper = np.hanning(n + 1)[:n]
-    scale = np.sqrt(dt_s / np.sum(taper**2))
-    ramp = np.arange(n) - 0.5 * (n - 1)
-    out = np.empty((len(windows), n // 2 + 1, 6), dtype=complex)
-    for k, rows in enumerate(windows):
-        off = rows - rows.mean(axis=0)
-        off = off - np.outer(ramp, ramp @ off / (ramp @ ramp))
-        out[k] = np.fft.rfft(off * taper[:, None], axis=0) * scale
+def _transforms(windows: Iterator[NDArray], dt_s: float, use: NDArray) -> NDArray:
+    """Scaled transforms (w, m, 6) at the bins `use` (m,): their mean square is the two-sided
+    spectrum. Of the windows, which overlap, one is held at a time.
+    """
+    found = [_transform(rows, dt_s)[use] for rows in windows]
+    out = np.empty((len(found), use.size, 6), dtype=complex)
+    for k in range(len(out)):
+        out[-1 - k] = found.pop()
     return out
 
 
-def _wild(power: NDArray) -> NDArray:
-    """Windows (w,) whose power in any rough band of any channel noise does not explain."""
-    count = power.shape[0]
+def _transform(rows: NDArray, dt_s: float) -> NDArray:
+    """The transform (n // 2 + 1, 6) of a window (n, 6), tapered, its mean and trend taken out."""
+    n = len(rows)
+    taper = np.hanning(n + 1)[:n]
+    scale = np.sqrt(dt_s / np.sum(taper**2))
+    ramp = np.arange(n) - 0.5 * (n - 1)
+    off = rows - rows.mean(axis=0)
+    off = off - np.outer(ramp, ramp @ off / (ramp @ ramp))
+    return np.fft.rfft(off * taper[:, None], axis=0) * scale
+
+
+def _wild(Z: NDArray) -> NDArray:
+    """Windows (w,) of transforms (w, m, 6) whose power in any rough band of any channel noise does
+    not explain.
+    """
+    count = Z.shape[0]
     wild = np.zeros(count, bool)
     if count < 5:
         return wild
-    edges = np.unique(np.geomspace(1, power.shape[1] + 1, ROUGH_BANDS + 1).astype(int)) - 1
-    level = np.median(power, axis=0)
+    edges = np.unique(np.geomspace(1, Z.shape[1] + 1, ROUGH_BANDS + 1).astype(int)) - 1
     for a, b in pairwise(edges):
-        flat = power[:, a:b] / np.maximum(level[a:b], 1e-300)
+        power = np.abs(Z[:, a:b]) ** 2
+        flat = power / np.maximum(np.median(power, axis=0), 1e-300)
         total = flat.mean(axis=1)
         nu = (b - a) / BINS_ALIKE
         centre = np.median(total, axis=0) / (gamma_law.ppf(0.5, nu) / nu)

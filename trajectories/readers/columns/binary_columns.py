@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys, MapError, binary_type
+from trajectories.runs.limits import refuse_held
 from trajectories.runs.notes import About, Note
 from trajectories.runs.text_rows import MAX_ROWS
 
@@ -55,6 +56,7 @@ def binary_columns(
         raise InputError(
             f"{path.name}: {count} rows of {row.itemsize} bytes, needed 2 to {MAX_ROWS}"
         )
+    refuse_held(count, len(set(used)), path.name)
     data = np.fromfile(path, dtype=row, count=count, offset=layout.header_bytes)
     _refuse_byte_order(data[:SIGHTED_ROWS], types[0], path)
     columns = {k: data[k].astype(np.float64) for k in layout.columns if k in set(used)}

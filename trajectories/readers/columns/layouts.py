@@ -6,6 +6,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from ins.user_input import open_regular
 from trajectories.readers.columns.binary_columns import binary_columns
 from trajectories.readers.columns.mat_columns import mat_columns
 from trajectories.readers.columns.parquet_columns import PARQUET_MAGIC, parquet_columns
@@ -27,7 +28,7 @@ def content_format(path: Path) -> str:
     """Parquet and MATLAB by their first bytes, else "csv"; rows of raw numbers have no mark and
     need `format`.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         if file.read(4) == PARQUET_MAGIC:
             return "parquet"
     return "mat" if is_matlab(path) else "csv"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from trajectories.readers.columns.text_columns import refuse_missing
 from trajectories.readers.rows.column_map import LayoutKeys
+from trajectories.runs.limits import refuse_held
 from trajectories.runs.text_rows import refuse_rows
 
 PARQUET_MAGIC = b"PAR1"
@@ -30,6 +31,7 @@ def parquet_columns(
         file = pq.ParquetFile(path, pre_buffer=False)
         rows = file.metadata.num_rows
         refuse_rows(rows, len(used), path)
+        refuse_held(rows, len(used), path.name)
         if rows < 2:
             raise InputError(f"{path.name}: {rows} rows, needed at least 2")
         refuse_missing(used, flat_names(path), path.name)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from ins.user_input import open_regular
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.runs.notes import About, Note, labelled
 from trajectories.runs.text_rows import LISTED_ROWS
@@ -87,7 +88,7 @@ class _Walk:
 
 def is_dataflash(path: Path) -> bool:
     """Whether a file begins with the FMT message that describes FMT messages."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(4) == SYNC + bytes([FMT_TYPE, FMT_TYPE])
 
 

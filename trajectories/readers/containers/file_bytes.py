@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from ins.records import InputError
+from ins.user_input import read_bounded
 
 # Of a log that is read at once: 4 h of six IMUs at 2 kHz with 24 bytes a row.
 MAX_FILE_BYTES = 4_000_000_000
@@ -15,7 +16,7 @@ def is_own_file(file: Path, folder: Path) -> bool:
 
 def read_whole(path: Path) -> bytes:
     """The bytes of a file; InputError where it is larger than MAX_FILE_BYTES."""
-    size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise InputError(f"{path.name}: {size} bytes, needed at most {MAX_FILE_BYTES}")
-    return path.read_bytes()
+    try:
+        return read_bounded(path, MAX_FILE_BYTES)
+    except OSError as error:
+        raise InputError(f"{path.name}: cannot be read ({error.strerror or error})") from None

@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from ins.user_input import open_regular
 from trajectories.readers.containers import mat_hdf5
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.mat_arrays import MatArray
@@ -47,7 +48,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(MAT_HEAD_BYTES)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from ins.user_input import open_regular
 from trajectories.readers.containers.dataflash import skipped_lines
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.runs.notes import About, Note, labelled
@@ -82,7 +83,7 @@ class _Walk:
 
 def is_ulog(path: Path) -> bool:
     """Whether a file begins as the format says."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(len(ULOG_HEAD)) == ULOG_HEAD
 
 

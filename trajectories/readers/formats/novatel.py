@@ -22,6 +22,7 @@ from pydantic import Field
 from ins.json_file import StrictModel
 from ins.records import AXES, InputError
 from ins.units import DEG
+from ins.user_input import open_regular
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import side_file
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
@@ -286,7 +287,7 @@ def detect(path: Path) -> bool:
     """
     if is_file_of(path, DETECT):
         return True
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return has_frame(file.read(SIGHTED_BYTES))
 
 

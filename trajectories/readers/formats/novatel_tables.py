@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from ins.user_input import open_regular
 from trajectories.readers.columns.fix_types import NOVATEL, NOVATEL_NAMES, fix_types
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.novatel_frames import CONFIG, Frames, has_frame, read_frames
@@ -94,7 +95,7 @@ def read_log(path: Path, wanted: Collection[str]) -> NovatelLog:
     one with more rows.
     """
     data = b""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         is_binary = has_frame(file.read(SIGHTED_BYTES))
     if is_binary:
         data = read_whole(path)

@@ -18,6 +18,7 @@ from pydantic import Field
 
 from ins.records import AXES, InputError
 from ins.units import STANDARD_GRAVITY
+from ins.user_input import open_regular
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.containers import mcap_file, ros1_bag, ros2_sqlite
 from trajectories.readers.containers.ros_messages import IMU, NS, Bag, Topic
@@ -202,7 +203,7 @@ def _files(path: Path) -> list[Path]:
 
 def format_of(path: Path) -> Callable[[Path, Bag, str], None] | None:
     """The reader for the content of a file; None where it is no bag."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(16)
     if head.startswith(ros1_bag.BAG_MAGIC):
         return lambda p, bag, label: _mapped(p, bag, label, ros1_bag.read_ros1)
@@ -215,7 +216,7 @@ def _mapped(path: Path, bag: Bag, label: str, read: Callable[[memoryview, Bag, s
     """A file read through a map of memory: of a long bag, only what is looked at. The map ends with
     its last reader.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     bag.room = Room(len(data), label)
     read(memoryview(data), bag, label)

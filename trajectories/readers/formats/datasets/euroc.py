@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ins.records import AXES, InputError
+from ins.user_input import open_regular
 from trajectories.readers.columns.headings import heading
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
@@ -35,7 +36,7 @@ VI_SENSOR = AxesKeys(x="z", y="y", z="-x")  # x up, y right, z forward
 FLU_SENSOR = AxesKeys(x="x", y="-y", z="-z")
 COLUMN = re.compile(r"^\s*(w|a)_RS_S_(x|y|z)\b")
 IDENTITY = tuple(float(i == j) for i in range(3) for j in range(3))
-MAX_YAML = 100_000  # characters; that of EuRoC has 900
+MAX_YAML = 100_000  # bytes; that of EuRoC has 900
 TURN_LEAST = 1e-3  # of an element of T_BS: 0.06 deg, what calibrations are good to
 
 
@@ -77,8 +78,8 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     yaml = file.with_name("sensor.yaml")
     text = ""
     if is_own_file(yaml, file.parent):
-        with yaml.open(encoding="utf-8", errors="replace") as stream:
-            text = stream.read(MAX_YAML)
+        with open_regular(yaml) as stream:
+            text = stream.read(MAX_YAML).decode("utf-8", "replace")
     is_vi = "ADIS16448" in text
     axes = keys.axes or (VI_SENSOR if is_vi else FLU_SENSOR)
     shape = {

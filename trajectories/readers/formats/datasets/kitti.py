@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ins.records import AXES, InputError
 from ins.units import DEG
+from ins.user_input import open_regular, read_bounded
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.side_streams import reference_on_run_time
@@ -112,9 +113,11 @@ def _moments(folder: Path) -> tuple[NDArray, NDArray, float | None, list[str]]:
     A file's number is the line of its time. InputError where too many are damaged.
     """
     label = folder.name
-    if (size := (folder / STAMPS).stat().st_size) > MAX_STAMPS_BYTES:
-        raise InputError(f"{STAMPS}: {size} bytes, needed at most {MAX_STAMPS_BYTES}")
-    lines = (folder / STAMPS).read_text("utf-8", errors="replace").splitlines()[:MAX_MOMENTS]
+    try:
+        text = read_bounded(folder / STAMPS, MAX_STAMPS_BYTES).decode("utf-8", "replace")
+    except OSError as error:
+        raise InputError(f"{STAMPS}: cannot be read ({error.strerror or error})") from None
+    lines = text.splitlines()[:MAX_MOMENTS]
     stamps = [_stamp(line) for line in lines]
     days = [day for day, _ in stamps if day is not None]
     first = days[0] if days else None
@@ -154,7 +157,7 @@ def _moment(path: Path, folder: Path, row: NDArray) -> bool:
     if not is_own_file(path, folder):
         return False
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             words = file.read(MAX_MOMENT_BYTES).split()
         if len(words) != len(OXTS_NAMES):
             return False
