@@ -166,7 +166,7 @@ def _judged(result: Alignment, solution: Solution, twin: TwinModel) -> Alignment
     is named where it was scaled.
     """
     level_rate = solution.last.level_earth_rate_rad_s
-    diffuse = diffuse_heading_rad(solution.prior.covariance, level_rate)
+    diffuse = diffuse_heading_rad(solution.last.bias_covariance, level_rate)
     if result.dof == 0 or result.sigma_heading_rad > NO_BETTER * diffuse:
         nothing = because(
             AlignmentReason.NOTHING_MEASURED,
@@ -266,7 +266,7 @@ def _latitude_test(
     sigma = float(noise / EARTH_RATE_RAD_S)
     off = found - site.lat_rad
     result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)
-    if abs(off) <= LATITUDE_SIGMAS * sigma:
+    if abs(off) <= LATITUDE_SIGMAS * np.hypot(sigma, site.sigma_lat_rad):
         return result
     reason = because(
         AlignmentReason.WRONG_LATITUDE,

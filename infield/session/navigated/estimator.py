@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from alignment import gyrocompass
-from alignment.linearised import Course, RestedLog, solve
+from alignment.linearised import Course, RestedLog, latitude_covariance, solve
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
@@ -99,7 +100,8 @@ def estimate_session(
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
     taken = priors_under(sigma0, rolling.assumed)
-    mean, covariance = solution.bias
+    left = latitude_covariance(solution.history, bins.edges_s, run.header.site.sigma_lat_rad)
+    mean, covariance = _beside_latitude(prior.covariance, left, *solution.bias)
     error, sigma = alignment_heading_error(aligned, solution)
     tally = solution.filter.tally
     dof = sum(tally.dof.values())
@@ -114,11 +116,25 @@ def estimate_session(
         sigma_heading_before_rad=aligned.sigma_heading_rad,
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
-        sweep=partial(noise_shares, solution.last, taken, aids(rolling.assumed)),
+        sweep=partial(noise_shares, solution.last, taken, aids(rolling.assumed), left),
         rolling=replace(
             rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
         ),
     )
+
+
+def _beside_latitude(
+    prior: NDArray, left: NDArray, mean: NDArray, covariance: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Mean (3N,) and covariance (3N, 3N) of the biases, from those of the sums of bias and Earth
+    rate that an error of the latitude leaves, which is all that the filter can show.
+
+    left (3N, 3N): covariance of that rest. Of b in the sum e, G = C (C + D)^-1: E b = G e,
+    P_b = G P_e G' + G D (regression of a Gaussian, Bar-Shalom (2001), section 1.4.14).
+    """
+    G = np.linalg.solve(prior + left, prior).T
+    P = G @ covariance @ G.T + G @ left
+    return G @ mean, 0.5 * (P + P.T)
 
 
 def alignment_heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float]:
