@@ -19,7 +19,7 @@ from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
 from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_claim_chain
-from infield.session.navigated.estimator import estimate_session
+from infield.session.navigated.estimator import AlignmentRefused, estimate_session
 from infield.session.parked.rates import estimate_parked, no_heading
 from infield.session.parked.stretches import Rests, find_rests
 from infield.session.points import observability, session_points
@@ -206,6 +206,8 @@ def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEsti
         return acceptance.refuse(found) if isinstance(found, Reason) else found
     try:
         return estimate_session(*of_run, rest=rest, end_s=end_s)
+    except AlignmentRefused as refused:
+        return acceptance.refuse(*refused.reasons)
     except NothingStands as moves:
         return acceptance.refuse(
             because(

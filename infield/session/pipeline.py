@@ -167,9 +167,10 @@ def _take(
 
 
 def _of_place(run: Run, runs: Sequence[Run]) -> int:
-    """How many of the runs, itself among them, may have one latitude's error in common."""
+    """How many different runs, itself among them, may have one latitude's error in common."""
     site = run.header.site
-    return sum(abs(r.header.site.lat_rad - site.lat_rad) <= site.sigma_lat_rad for r in runs)
+    near = [r for r in runs if abs(r.header.site.lat_rad - site.lat_rad) <= site.sigma_lat_rad]
+    return len({r.sha256 for r in near})
 
 
 def _evidence(taken: _Taken) -> tuple[SessionEvidence, ...]:

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import gyrocompass
-from alignment.linearised import Course, RestedLog, latitude_covariance, solve
+from alignment.linearised import Course, NothingStands, RestedLog, latitude_covariance, solve
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
+from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import Found, SessionEstimate
@@ -43,9 +44,18 @@ from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
-from ins.records import Run, TwinModel
+from ins.records import InputError, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel
 from ins.units import DEG_PER_HOUR, MILLIRADIAN, PPM
+from ins.verdicts import Reason
+
+
+class AlignmentRefused(InputError):
+    """Nothing stands once navigated, and the alignment says why: its `reasons`."""
+
+    def __init__(self, reasons: tuple[Reason, ...]) -> None:
+        super().__init__(str(reasons[0].code))
+        self.reasons = reasons
 
 
 def estimate_session(
@@ -84,19 +94,25 @@ def estimate_session(
     def aids(assumed: Assumed) -> list[Aid]:
         return _aids(KnownSources(run, twin, settings, clone_at, receiver), assumed)
 
-    solution = solve(
-        RestedLog(imu, run.header.site, rest, run.phases, faults),
-        twin,
-        prior,
-        course=Course(
-            until_s=end_s,
-            clone_at_s=clone_at,
-            hold_heading=settings.hold_heading,
-            vertical=_vertical(run),
-        ),
-        sigma0=sigma0,
-        aids=aids(AS_DECLARED),
-    )
+    try:
+        solution = solve(
+            RestedLog(imu, run.header.site, rest, run.phases, faults),
+            twin,
+            prior,
+            course=Course(
+                until_s=end_s,
+                clone_at_s=clone_at,
+                hold_heading=settings.hold_heading,
+                vertical=_vertical(run),
+            ),
+            sigma0=sigma0,
+            aids=aids(AS_DECLARED),
+        )
+    except NothingStands as moves:
+        why = [r for r in aligned.reasons if r.code is not moves.reason.code]
+        if aligned.verdict is AlignmentVerdict.REFUSED and why:
+            raise AlignmentRefused(tuple(why)) from None
+        raise
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
     taken = priors_under(sigma0, rolling.assumed)

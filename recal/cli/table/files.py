@@ -182,6 +182,15 @@ def import_(
             help="Import although the store knows the serial as another technology; this is noted.",
         ),
     ] = False,
+    any_size: Annotated[
+        bool,
+        typer.Option(
+            "--any-size",
+            rich_help_panel=ADVANCED,
+            help="Import biases and sigmas larger than 10 deg/h (rlg), 100 (fog), 20,000 (mems);"
+            " this is noted.",
+        ),
+    ] = False,
     any_clock: AnyClock = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -208,7 +217,13 @@ def import_(
     )
     _check_options(given)
     found, said = import_table(
-        given, store, twin, note=note, override=override_technology, any_clock=any_clock
+        given,
+        store,
+        twin,
+        note=note,
+        override=override_technology,
+        any_size=any_size,
+        any_clock=any_clock,
     )
     lines = [
         f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}",
