@@ -119,11 +119,9 @@ def align(
     course = Course(parked_only=True, hold_heading=hold_heading, noise_scales=NOISE_SCALES)
     try:
         solution = solve(RestedLog(imu, site, rest, phases, faults), twin, prior, course=course)
+        result = _judged(_attitude(solution, phases), solution, twin)
     except NothingStands as error:
-        return _refused(error.reason)
-    result = _judged(_attitude(solution, phases), solution, twin)
-    if result.verdict is AlignmentVerdict.REFUSED:
-        return result
+        result = _refused(error.reason)
     return _latitude_test(result, site, means, float(np.max(sigma)), arw)
 
 
@@ -166,7 +164,7 @@ def _judged(result: Alignment, solution: Solution, twin: TwinModel) -> Alignment
     is named where it was scaled.
     """
     level_rate = solution.last.level_earth_rate_rad_s
-    diffuse = diffuse_heading_rad(solution.prior.covariance, level_rate)
+    diffuse = diffuse_heading_rad(solution.last.bias_covariance, level_rate)
     if result.dof == 0 or result.sigma_heading_rad > NO_BETTER * diffuse:
         nothing = because(
             AlignmentReason.NOTHING_MEASURED,
@@ -259,22 +257,43 @@ def _used_share(solution: Solution) -> float:
 def _latitude_test(
     result: Alignment, site: Site, means: coarse.RestMeans, bias_deg_h: float, arw: float
 ) -> Alignment:
-    """Compare the entered latitude with the angle between gravity and Earth rate."""
-    found, _ = coarse.latitude_from_rates(means)
+    """Compare the entered latitude with the angle between gravity and Earth rate.
+
+    A rest whose rate is that of the Earth in size, and which a filter at the entered latitude still
+    makes nothing of, is refused for that latitude.
+    """
+    found, excess = coarse.latitude_from_rates(means)
     rate_noise = max(1.25 * arw / np.sqrt(means.seconds), float(np.max(means.sigma_omega_rad_s)))
     noise = np.hypot(bias_deg_h * DEG_PER_HOUR, rate_noise)
     sigma = float(noise / EARTH_RATE_RAD_S)
-    off = found - site.lat_rad
-    result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)
-    if abs(off) <= LATITUDE_SIGMAS * sigma:
+    refused = result.verdict is AlignmentVerdict.REFUSED
+    if refused and abs(excess) > LATITUDE_SIGMAS * noise:
         return result
-    reason = because(
-        AlignmentReason.WRONG_LATITUDE,
-        entered_deg=site.lat_rad / DEG,
-        found_deg=found / DEG,
-        sigma_deg=sigma / DEG,
-    )
-    return replace(result, verdict=AlignmentVerdict.INCONSISTENT, reasons=(*result.reasons, reason))
+    near = LATITUDE_SIGMAS * float(np.hypot(sigma, site.sigma_lat_rad))
+    wrong = abs(found - site.lat_rad) > near
+    if refused:
+        reason = _wrong_latitude(site, found, sigma)
+        return _refused(reason) if wrong else result
+    result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)
+    if not wrong:
+        return result
+    reasons = (*result.reasons, _wrong_latitude(site, found, sigma))
+    return replace(result, verdict=AlignmentVerdict.INCONSISTENT, reasons=reasons)
+
+
+def _wrong_latitude(site: Site, found_rad: float, sigma_rad: float) -> Reason:
+    """What was entered in place of the latitude that the gyros show."""
+    near = LATITUDE_SIGMAS * sigma_rad
+    values = {
+        "entered_deg": site.lat_rad / DEG,
+        "found_deg": found_rad / DEG,
+        "sigma_deg": sigma_rad / DEG,
+    }
+    if abs(site.lat_rad / DEG - found_rad) <= near:
+        return because(AlignmentReason.LATITUDE_IN_RADIANS, **values)
+    if abs(site.lon_rad - found_rad) <= near:
+        return because(AlignmentReason.LATITUDE_IS_LONGITUDE, **values)
+    return because(AlignmentReason.WRONG_LATITUDE, **values)
 
 
 def nis_verdict(nis_mean: float, dof: int) -> Reason | None:

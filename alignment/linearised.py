@@ -28,7 +28,7 @@ from alignment.result import BiasPrior, Solution
 from alignment.swing import Swing
 from ins.attitude import dcm_from_rotation_vector
 from ins.compensation import compensate
-from ins.earth import EARTH_RATE_RAD_S
+from ins.earth import EARTH_RATE_RAD_S, omega_ie_n_by_lat
 from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
 from ins.records import ImuLog, ImuSource, InputError, NavHistory, NavState, Phase, Site, TwinModel
@@ -183,6 +183,24 @@ def _less_found(log: RestedLog, edges_s: NDArray, course: Course, start: Start) 
         yield compensate(piece, gyro_bias_rad_s=bias, accel_bias_m_s2=start.accel_m_s2)
 
 
+def mean_attitudes(history: NavHistory, start_s: NDArray, end_s: NDArray) -> NDArray:
+    """C_bn (N, 3, 3), the mean over each bin; of a bin beyond the solution, its last one."""
+    first, last = np.searchsorted(history.time_s, [start_s, end_s])
+    first = np.minimum(first, len(history.time_s) - 1)
+    return np.array(
+        [history.C_nb[a : max(b, a + 1)].mean(axis=0).T for a, b in zip(first, last, strict=True)]
+    )
+
+
+def latitude_covariance(history: NavHistory, edges_s: NDArray, sigma_lat_rad: float) -> NDArray:
+    """What an error of the latitude leaves of Earth rate in the gyros: covariance (3N, 3N)
+    [(rad/s)^2] over bins, one error of them all.
+    """
+    C_bn = mean_attitudes(history, edges_s[:-1], edges_s[1:])
+    left = (C_bn @ omega_ie_n_by_lat(history.lat_rad[0])).ravel() * sigma_lat_rad
+    return np.outer(left, left)
+
+
 def _judge(history: NavHistory, log: RestedLog, before: _Judged | None, number: int) -> _Judged:
     """When the vehicle stands, and how much it moves about its place."""
     # from the second pass on the solution is close enough to keep what the rows showed
@@ -217,7 +235,8 @@ def _laid_out(
         plan=plan,
         twin=twin,
         parked=stretch.constraint(level_fit.QUIET),
-        bias_covariance=prior.covariance,
+        bias_covariance=prior.covariance
+        + latitude_covariance(history, prior.edges_s, log.site.sigma_lat_rad),
         applied_rad_s=start.gyro_rad_s,
         applied_accel_m_s2=start.accel_m_s2,
         level_earth_rate_rad_s=EARTH_RATE_RAD_S * float(np.cos(log.site.lat_rad)),

@@ -32,6 +32,8 @@ class AlignmentReason(StrEnum):
     MOVES = "moves"
     NOISIER = "noisier_than_model"
     WRONG_LATITUDE = "wrong_latitude"
+    LATITUDE_IN_RADIANS = "latitude_in_radians"
+    LATITUDE_IS_LONGITUDE = "latitude_is_longitude"
     EXCESS_RESIDUALS = "excess_residuals"
     NO_TABLE = "no_table"
     SPEED_AT_REST = "speed_at_rest"

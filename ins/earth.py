@@ -105,6 +105,32 @@ def omega_ie_n(lat_rad: ArrayLike) -> NDArray:
     return EARTH_RATE_RAD_S * np.stack([np.cos(L), np.zeros_like(L), -np.sin(L)], axis=-1)
 
 
+def omega_ie_n_by_lat(lat_rad: ArrayLike) -> NDArray:
+    """Earth rate resolved in NED, by latitude: what a latitude's error leaves in the gyros.
+
+    Parameters
+    ----------
+    lat_rad : array_like, shape (...)
+        Geodetic latitude.
+
+    Returns
+    -------
+    omega_ie_n_by_lat : ndarray, shape (..., 3)
+        (-Omega sin L, 0, -Omega cos L) [rad/s per rad].
+
+    Notes
+    -----
+    Source: the derivative of `omega_ie_n`.
+
+    Examples
+    --------
+    >>> omega_ie_n_by_lat(0.0) / EARTH_RATE_RAD_S
+    array([-0.,  0., -1.])
+    """
+    L = np.asarray(lat_rad, dtype=float)
+    return EARTH_RATE_RAD_S * np.stack([-np.sin(L), np.zeros_like(L), -np.cos(L)], axis=-1)
+
+
 def radii_of_curvature(lat_rad: ArrayLike) -> tuple[NDArray, NDArray]:
     """Meridian and transverse radius of curvature of the ellipsoid.
 

@@ -13,8 +13,9 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import date, datetime, time
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -67,13 +68,53 @@ Json = str | int | float | bool | datetime | date | time | None | list["Json"] |
 JsonObject = dict[str, Json]
 
 
-def read_json_object(path: Path) -> JsonObject:
+class Written(float):
+    """A number with the text that it was written as, whose digits say how well it is known.
+
+    Parameters
+    ----------
+    text : str
+        Such as "47.50", of which the float alone says 47.5.
+    """
+
+    def __new__(cls, text: str) -> "Written":
+        number = super().__new__(cls, text)
+        number.text = text.strip()
+        return number
+
+    text: str
+
+
+def half_unit(number: float | str) -> float:
+    """Half a unit of a number's last digit, as it was written.
+
+    Parameters
+    ----------
+    number : float, int or Written
+        Of a float that is not Written, the digits that Python gives it.
+
+    Returns
+    -------
+    half_unit : float
+
+    Examples
+    --------
+    >>> half_unit(48), half_unit(Written("47.50"))
+    (0.5, 0.005)
+    """
+    text = number.text if isinstance(number, Written) else repr(number)
+    return 0.5 * 10.0 ** Decimal(text).as_tuple().exponent
+
+
+def read_json_object(path: Path, *, number: Callable[[str], float] = float) -> JsonObject:
     """The object in a JSON file.
 
     Parameters
     ----------
     path : Path
         A file of at most MAX_JSON_BYTES.
+    number : callable
+        Makes what is not whole of its text: `Written` keeps that.
 
     Returns
     -------
@@ -89,7 +130,9 @@ def read_json_object(path: Path) -> JsonObject:
     if not text.strip():
         raise InputError(f"{path}: is empty, needed an object of JSON")
     try:
-        data = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+        data = json.loads(
+            text, object_pairs_hook=_unique, parse_constant=_refuse_constant, parse_float=number
+        )
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid JSON ({_reason(error)})") from None
     if not isinstance(data, dict):
@@ -143,7 +186,7 @@ def parse_toml(text: str, *, name: str) -> JsonObject:
     {'lat_deg': 45.0}
     """
     try:
-        return _bounded(tomllib.loads(text), f"{name}: not valid TOML")
+        return _bounded(tomllib.loads(text, parse_float=Written), f"{name}: not valid TOML")
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

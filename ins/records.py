@@ -5,7 +5,7 @@ Times are seconds from the run's start; SI units and radians unless the name say
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict
 
@@ -27,6 +27,7 @@ from ins.columns import (
     stream_size,
 )
 from ins.columns import AXES as AXES
+from ins.units import DEG
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,9 +131,21 @@ def _freeze(record: Any, shapes: dict[str, tuple[int | None, ...]]) -> None:
             )
 
 
+# of a latitude that was given, at least: 111 m, and 0.0002 deg/h of the vertical gyro
+LEAST_SIGMA_LAT_RAD = 0.001 * DEG
+
+
+class LatitudeSource(StrEnum):
+    """Who says the latitude of a run."""
+
+    RECEIVER = "receiver"
+    GIVEN = "given"
+    GUESS = "guess"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """A geodetic position, WGS-84.
+    """A geodetic position, WGS-84, and how well its latitude is known.
 
     Parameters
     ----------
@@ -142,6 +155,9 @@ class Site:
         Within +-2 pi.
     height_m : float
         Above the ellipsoid, -1000 to 30000 m.
+    sigma_lat_rad : float
+        Of the latitude: 0.01 deg is 0.0018 deg/h on the vertical gyro at 48 deg.
+    lat_source : LatitudeSource
 
     Raises
     ------
@@ -152,8 +168,12 @@ class Site:
     lat_rad: float
     lon_rad: float
     height_m: float
+    sigma_lat_rad: float = LEAST_SIGMA_LAT_RAD
+    lat_source: LatitudeSource = LatitudeSource.GIVEN
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.sigma_lat_rad < np.inf:
+            raise InputError(f"sigma of latitude {self.sigma_lat_rad:.6g} rad, needed 0 or more")
         if not abs(self.lat_rad) <= np.pi / 2:
             raise InputError(f"latitude {np.degrees(self.lat_rad):.6g} deg, needed within +-90 deg")
         if not abs(self.lon_rad) <= 2 * np.pi:

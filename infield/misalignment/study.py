@@ -104,7 +104,10 @@ def study_runs(
         biases.covariance,
         level_rate_deg_h=level_rate_deg_h(site.lat_rad),
         unknown=biases.unknown,
-        own_axis_sigma_rad=scale_sigma(runs[0]),
+        # an error of the latitude scales level Earth rate as an error of both scale factors would
+        own_axis_sigma_rad=float(
+            np.hypot(scale_sigma(runs[0]), np.tan(site.lat_rad) * site.sigma_lat_rad)
+        ),
         settings=settings,
     )
     if result.fit is None and left_out:

@@ -19,7 +19,7 @@ from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
 from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_claim_chain
-from infield.session.navigated.estimator import estimate_session
+from infield.session.navigated.estimator import AlignmentRefused, estimate_session
 from infield.session.parked.rates import estimate_parked, no_heading
 from infield.session.parked.stretches import Rests, find_rests
 from infield.session.points import observability, session_points
@@ -31,6 +31,7 @@ from infield.session.wrong_facts import (
     force_off_gravity,
     suspicions,
     widened_by,
+    widened_for_place,
     with_doubt,
 )
 from infield.table.thermal_table import ThermalTable
@@ -51,11 +52,13 @@ LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an
 @dataclass(frozen=True)
 class OnRecord:
     """What is on record for one run. marks: of the unit's earlier sessions; applied: the table that
-    the log says it had subtracted, None of a raw one.
+    the log says it had subtracted, None of a raw one; of_place: how many runs of the update were
+    made at its place.
     """
 
     marks: Sequence[UnitMarks] = ()
     applied: ThermalTable | None = None
+    of_place: int = 1
 
 
 def take_run(
@@ -129,6 +132,7 @@ def take_run(
         return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
     if declared is not None:
         estimate = widened_by(estimate, declared.pattern)
+    estimate = widened_for_place(estimate, run.header.site, on_record.of_place)
     estimate, doubted = with_doubt(estimate)
     merged = estimate.merged_into(
         table, [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
@@ -202,6 +206,8 @@ def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEsti
         return acceptance.refuse(found) if isinstance(found, Reason) else found
     try:
         return estimate_session(*of_run, rest=rest, end_s=end_s)
+    except AlignmentRefused as refused:
+        return acceptance.refuse(*refused.reasons)
     except NothingStands as moves:
         return acceptance.refuse(
             because(

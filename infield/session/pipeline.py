@@ -145,7 +145,7 @@ def _take(
             twin,
             settings,
             repeated,
-            OnRecord((*history.marks, *agreeing), applied),
+            OnRecord((*history.marks, *agreeing), applied, _of_place(run, runs)),
         )
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:
@@ -159,6 +159,13 @@ def _take(
         last = max((run.header.start_utc for run in merged_runs), key=utc)
         current = joint.replaced(created_utc=_later(table.created_utc, last))
     return _Taken(judged, current, merged_runs, terms)
+
+
+def _of_place(run: Run, runs: Sequence[Run]) -> int:
+    """How many different runs, itself among them, may have one latitude's error in common."""
+    site = run.header.site
+    near = [r for r in runs if abs(r.header.site.lat_rad - site.lat_rad) <= site.sigma_lat_rad]
+    return len({r.sha256 for r in near})
 
 
 def _evidence(taken: _Taken) -> tuple[SessionEvidence, ...]:

@@ -77,7 +77,15 @@ class VarianceSource(StrEnum):
     STANDING = "standing_vehicle"
     ROLLING = "rolling_vehicle"
     EARTH_RATE = "earth_rate"
+    LATITUDE = "latitude"
     MEASURED = "other_measured"
+
+
+class NewUnitReason(StrEnum):
+    """What an update of a unit without a table rests on."""
+
+    FROM_NOTHING = "from_nothing"
+    VERTICAL_BY_LATITUDE = "vertical_by_latitude"
 
 
 class NoiseReason(StrEnum):

@@ -19,14 +19,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.linearised import mean_attitudes
 from infield.session.bins import SessionBins
 from infield.session.estimate import SessionEstimate
 from infield.session.log import compensated_seconds
 from infield.session.reasons import SessionReason, WrongFact
 from infield.table.merge import CONFIDENCE
 from infield.table.thermal_table import ThermalTable
-from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.records import AXES, Run, TwinModel
+from ins.earth import gravity_magnitude, omega_ie_n, omega_ie_n_by_lat
+from ins.records import AXES, Run, Site, TwinModel
 from ins.robust import norm
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
 from ins.verdicts import Reason, because
@@ -297,17 +298,11 @@ def _of_earth_rate(estimate: SessionEstimate) -> list[_Pattern]:
     clock that runs fast by a share leaves that share of it missing.
     """
     bins, history = estimate.bins, estimate.navigated.history
-    lat = float(history.lat_rad[0])
-    spans = np.searchsorted(history.time_s, [bins.start_s, bins.end_s])
-    C_bn = np.array(
-        [history.C_nb[a : max(b, a + 1)].mean(axis=0).T for a, b in zip(spans[0], spans[1])]
-    )
-    earth_n = np.array([np.cos(lat), 0.0, -np.sin(lat)]) * EARTH_RATE_RAD_S / DEG_PER_HOUR
-    by_lat_n = np.array([-np.sin(lat), 0.0, -np.cos(lat)]) * EARTH_RATE_RAD_S / DEG_PER_HOUR
-    earth_b, by_lat_b = C_bn @ earth_n, C_bn @ by_lat_n
+    C_bn = mean_attitudes(history, bins.start_s, bins.end_s)
+    earth_b = C_bn @ omega_ie_n(history.lat_rad[0]) / DEG_PER_HOUR
     nan = float("nan")
     patterns = [
-        _Pattern(WrongFact.LATITUDE, "", nan, -DEG * by_lat_b),
+        _Pattern(WrongFact.LATITUDE, "", nan, _by_latitude(estimate)),
         _Pattern(WrongFact.TIME_BASE, "", nan, -earth_b),
     ]
     for k, axis in enumerate(AXES):
@@ -316,6 +311,25 @@ def _of_earth_rate(estimate: SessionEstimate) -> list[_Pattern]:
         turned = -MILLIRADIAN * np.cross(unit, earth_b)
         patterns.append(_Pattern(WrongFact.GYRO_AXES, axis, nan, turned))
     return patterns
+
+
+def _by_latitude(estimate: SessionEstimate) -> NDArray:
+    """What a latitude wrong by 1 deg does to the bins (N, 3) [deg/h]."""
+    bins, history = estimate.bins, estimate.navigated.history
+    C_bn = mean_attitudes(history, bins.start_s, bins.end_s)
+    return np.asarray(-DEG * (C_bn @ omega_ie_n_by_lat(history.lat_rad[0])) / DEG_PER_HOUR)
+
+
+def widened_for_place(estimate: SessionEstimate, site: Site, sessions: int) -> SessionEstimate:
+    """The estimate among `sessions` of an update at one place, which have the error of its latitude
+    in common: with that many times its variance in each, and nothing in common, what they all teach
+    is never surer than one such error leaves it (|sum|^2 <= n sum of squares, as in
+    `infield.session.parked.earth`).
+    """
+    if estimate.solution is None or sessions < 2:
+        return estimate
+    more_deg = np.sqrt(sessions - 1) * site.sigma_lat_rad / DEG
+    return widened_by(estimate, more_deg * _by_latitude(estimate).ravel())
 
 
 def _steps(bins: SessionBins) -> list[_Pattern]:

@@ -39,6 +39,10 @@ PLAUSIBLE_NODES_degC = (-100.0, 200.0)  # beyond: kelvin, or another unit; 20 de
 SIGMA_AGREES = 0.02
 
 
+# of a bias or its sigma [deg/h], beyond what the technology makes: a table in another unit
+PLAUSIBLE_DEG_H = {"rlg": 10.0, "fog": 100.0, "mems": 20_000.0}
+
+
 class _Axis(StrictModel):
     temperature_degC: list[float]
     bias_deg_h: list[float]
@@ -91,6 +95,22 @@ def table_from_dict(data: TableDocument, *, name: str) -> ThermalTable:
         return _table(model)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
+
+
+def implausible_size(table: TableDocument) -> str | None:
+    """What is larger in a checked table than its technology makes it: key, value, what was needed.
+    None where nothing is.
+    """
+    technology = table["gyro_technology"]
+    limit = PLAUSIBLE_DEG_H[technology]
+    for axis, nodes in table["axes"].items():
+        for key in ("bias_deg_h", "sigma_deg_h"):
+            largest = max(nodes[key], key=abs)
+            if abs(largest) > limit:
+                return (
+                    f"axes.{axis}.{key}: got {largest:g}, needed within {limit:g} for {technology}"
+                )
+    return None
 
 
 def table_to_dict(table: ThermalTable) -> TableDocument:

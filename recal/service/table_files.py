@@ -22,7 +22,14 @@ from infield.table.autopilot_table import (
     export_cubic,
     table_of_cubic,
 )
-from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
+from infield.table.file import (
+    csv_text,
+    implausible_size,
+    json_text,
+    read_table_csv,
+    read_table_dict,
+    table_to_dict,
+)
 from ins.records import GYRO_TECHNOLOGIES, InputError, TableDocument
 from ins.twin_file import read_twin
 from ins.user_input import read_bounded
@@ -159,13 +166,18 @@ def import_table(
     *,
     note: str = "",
     override: bool = False,
+    any_size: bool = False,
     any_clock: bool = False,
     one_person: str | None = None,
 ) -> tuple[Revision, list[str]]:
     """The table of a file becomes the active one; what was assumed for it. override: although the
-    store knows the serial as another technology; one_person: as of `TableStore.import_table`.
+    store knows the serial as another technology; any_size: although it is larger than its
+    technology makes it; one_person: as of `TableStore.import_table`.
     """
     data, said = _read(given)
+    if (wild := implausible_size(data)) is not None:
+        need(any_size, f"{given.path}: {wild}: another unit? (--any-size imports it all the same)")
+        said = [*said, f"size taken as it is: {wild}"]
     record = None if twin is None else read_twin(twin)
     require_same_unit(data, record)
     note = "; ".join(filter(None, (note, *said)))

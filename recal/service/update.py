@@ -21,7 +21,7 @@ from infield.reports.documents.update_records import (
     RunDocument,
     UpdateDocument,
 )
-from infield.reports.words.sentences import sentence
+from infield.reports.words.sentences import sentence, sentences
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
 from infield.session.results import UpdateResult
@@ -337,6 +337,7 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
     model rests on.
     """
     note = facts.unit.noise_note(facts.runs)
+    new = facts.unit.new_unit_notes([session.run for session in result.sessions])
     document = update_document(
         result,
         kept,
@@ -347,6 +348,8 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
     return replace(
         document,
         conflicts=facts.lost or None,
+        new_unit=sentences(new) or None,
+        assumptions=[*sentences(new), *document.assumptions],
         noise_source=facts.unit.noise_source,
         noise_note=None if note is None else sentence(note),
         noise_fit=noise_fit(facts.agreement, facts.runs),

@@ -11,6 +11,7 @@ from infield.session.navigated import noise_shares
 from infield.session.pipeline import update_calibration
 from infield.session.points import measurement_information
 from infield.session.reasons import VarianceSource
+from ins.units import DEG
 from ins.verdicts import Outcome
 from tests.infield import mems_sessions
 from tests.infield.sessions import TWIN, factory, simulated
@@ -54,17 +55,21 @@ def test_shares_of_every_node_add_up_to_one():
         assert sum(shares.values()) == pytest.approx(1.0, abs=ROUNDING)
 
 
-def test_named_noise_makes_up_what_a_session_measures():
+@pytest.mark.parametrize("sigma_lat_deg", [0.001, 0.05])
+def test_named_noise_makes_up_what_a_session_measures(sigma_lat_deg):
     """The parts by derivative against the information itself: nothing much is left without a name,
     and nothing is counted twice.
     """
-    estimate = two_runs().sessions[0].estimate
+    header = two_runs().sessions[0].run.header
+    site = replace(header.site, sigma_lat_rad=sigma_lat_deg * DEG)
+    run = replace(two_runs().sessions[0].run, header=replace(header, site=site))
+    estimate = update_calibration([run], factory(), TWIN).sessions[0].estimate
     information, _ = measurement_information(estimate.bins, estimate)
     mean = np.zeros(len(information))
     mean[0::3] = 3.0 / len(mean)
     P1 = estimate.covariance
     named, whole = (mean @ P1 @ N @ P1 @ mean for N in (sum(estimate.shares.values()), information))
-    assert set(estimate.shares) == set(noise_shares.SCALED)
+    assert set(estimate.shares) == {*noise_shares.SCALED, VarianceSource.LATITUDE}
     assert 0.9 < named / whole < 1.0 + DIFFERENCES
 
 

@@ -123,6 +123,10 @@ def test_the_commands_do_what_they_say(simulated, tmp_path, monkeypatch):
     document = json.loads(call(simulated / "bare.csv", "--json").stdout)
     words = shlex.split(document["convert"])
     assert words[0] == "recal"
+    # nobody gave the latitude: the command asks for it, and takes no guess for it
+    asked = CliRunner().invoke(app, words[1:])
+    assert asked.exit_code == 2 and "LATITUDE" in asked.stderr
+    words[words.index("LATITUDE")] = f"{SITE_LATITUDE_DEG}"
     assert CliRunner().invoke(app, words[1:]).exit_code == 0
     align = next(use["command"] for use in document["uses"] if use["use"] == "alignment")
     done = CliRunner().invoke(app, shlex.split(align)[1:])
@@ -136,7 +140,8 @@ def test_of_a_log_with_gaps_the_longest_stretch_is_looked_at(simulated, tmp_path
     assert done.exit_code == 0
     assert "longest of 2 stretches" in document["notes"][0]
     assert document["holds"]["imu"]["duration_s"] == pytest.approx(440.0, abs=1.0)
-    made = CliRunner().invoke(app, shlex.split(document["convert"])[1:])
+    words = document["convert"].replace("LATITUDE", f"{SITE_LATITUDE_DEG}")
+    made = CliRunner().invoke(app, shlex.split(words)[1:])
     assert made.exit_code == 0
 
 

@@ -235,6 +235,29 @@ def test_a_serial_has_one_technology_unless_that_is_overridden_and_noted(folder)
     assert json.loads(ok("import", "fog.json", "--json"))["revision"] == 1  # known by now
 
 
+@pytest.mark.parametrize(("technology", "limit"), [("rlg", 10.0), ("fog", 100.0), ("mems", 2e4)])
+def test_a_table_in_another_unit_is_refused_unless_that_is_overridden_and_noted(
+    folder, technology, limit
+):
+    """A table 3,600 times too large became a factory table."""
+    table_file(folder, technology=technology)
+    table = json.loads((folder / "table.json").read_text())
+    for key in ("bias_deg_h", "sigma_deg_h"):
+        nodes = table["axes"]["y"][key]
+        for size, is_sound in ((0.99 * limit, True), (1.01 * limit, False)):
+            wild = {**table["axes"]["y"], key: [size, *nodes[1:]]}
+            text = json.dumps({**table, "axes": {**table["axes"], "y": wild}, "covariance": None})
+            (folder / "wild.json").write_text(text)
+            if is_sound:
+                ok("import", "wild.json", "--store", f"sqlite:///sound-{key}.db")
+                continue
+            said = refused("import", "wild.json", "--store", "sqlite:///wild.db")
+            assert said.startswith(f"wild.json: axes.y.{key}: got {size:g}")
+            assert not (folder / "wild.db").exists()
+    ok("import", "wild.json", "--any-size", "--store", "sqlite:///wild.db")
+    assert f"got {size:g}" in ok("list", "--store", "sqlite:///wild.db")
+
+
 def test_quiet_prints_nothing_and_verbose_the_result_on_standard_error(folder):
     table_file(folder)
     ok("import", "table.json", "-q")

@@ -333,7 +333,7 @@ def test_minimal_run(tmp_path):
         path, lambda data: (data.pop("survey"), data.pop("gyro_mode"), data.update(site=site))
     )
     read = read_run(path)
-    assert read.header.site == SITE
+    assert read.header.site == replace(SITE, sigma_lat_rad=0.5 * DEG)  # whole degrees
     assert read.temperature is None and read.gnss is None and read.phases == ()
 
 

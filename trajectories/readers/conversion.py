@@ -35,6 +35,8 @@ RUN_OPTIONS = {
     "lon_deg": "--lon-deg",
     "height_m": "--height-m",
 }
+OF_LATITUDE = ("sigma_lat_deg", "lat_source")
+SITE_KEYS = ("lat_deg", "lon_deg", "height_m", *OF_LATITUDE)
 MANY_LOST = 0.01  # of all rows; chosen: a dropout now and then costs less than 1 %
 # What a note may be about that says why a key of the header is missing.
 TELLING = {"": About.DAMAGE, "lat_deg": About.FIXES, "start_utc": About.DATE}
@@ -163,7 +165,7 @@ def _header(
 ) -> dict[str, Any]:
     """run.json from the log, the map and the command line, the last one winning."""
     known = {k: v for k, v in given.items() if v is not None}
-    position = {k: known.pop(k) for k in ("lat_deg", "lon_deg", "height_m") if k in known}
+    position = {k: known.pop(k) for k in SITE_KEYS if k in known}
     header = {
         "schema": SCHEMA,
         "run_id": path.name.split(".")[0],
@@ -174,7 +176,11 @@ def _header(
         **known,
     }
     site = header.get("site", {})
-    header["site"] = {**site, **position} if isinstance(site, dict) else site
+    if isinstance(site, dict):
+        # who says where it stood says how well
+        less = OF_LATITUDE if "lat_deg" in position else ()
+        site = {**{k: v for k, v in site.items() if k not in less}, **position}
+    header["site"] = site
     if isinstance(header["site"], dict):
         missing = _missing(header, header["site"])
         if missing:

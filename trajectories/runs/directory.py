@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ins.json_file import read_json_object
+from ins.json_file import Written, read_json_object
 from ins.records import ImuSource, InputError, ReferenceLog, Run, RunHeader, Span
 from trajectories.runs import streams
 from trajectories.runs.checks import Finding, Findings
@@ -101,7 +101,7 @@ def inspect_run(
     if not path.is_dir():
         what = f"{path}: not a directory" if path.exists() else f"{path}: no such run directory"
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
-    header = _read_header(path, findings)
+    header, by_digits = _read_header(path, findings)
     accepted = header is not None and header.accepted_constant_temperature
     held, faults = _read_streams(
         path,
@@ -125,6 +125,8 @@ def inspect_run(
             ),
         )
         streams.check_overlap(imu, held, header, findings)
+        if by_digits and held.gnss is not None:
+            header = streams.with_receiver(header, held.gnss)
     if imu is not None and header is not None and not findings.errors:
         run = _run_of(header, imu, held, faults)
     return Inspection(
@@ -249,16 +251,18 @@ def _within(path: Path, text: str) -> str:
     return text if str(path) in text else f"{path}: {text}"
 
 
-def _read_header(path: Path, findings: Findings) -> RunHeader | None:
+def _read_header(path: Path, findings: Findings) -> tuple[RunHeader | None, bool]:
+    """The header, and whether the digits of its latitude alone say how well that is known."""
     try:
-        data = read_json_object(_confined(path, "run.json"))
+        data = read_json_object(_confined(path, "run.json"), number=Written)
     except InputError as error:
         findings.error(str(error).removeprefix(f"{path}{os.sep}"))
-        return None
+        return None, False
     header, errors, warnings = header_from_json(data, name="run.json")
     findings.error(*errors)
     findings.warn(*warnings)
-    return header
+    site = data.get("site")
+    return header, isinstance(site, dict) and "sigma_lat_deg" not in site
 
 
 def _load(path: Path, name: str, load: Callable, findings: Findings, held_rows: int) -> Any:

@@ -35,8 +35,17 @@ from ins.columns import (
     VELOCITY,
     degrees_exact,
 )
-from ins.json_file import JsonObject, complaints, without_schema
-from ins.records import InputError, RemovedModel, RunHeader, Site, Span, Survey
+from ins.json_file import JsonObject, complaints, half_unit, without_schema
+from ins.records import (
+    LEAST_SIGMA_LAT_RAD,
+    InputError,
+    LatitudeSource,
+    RemovedModel,
+    RunHeader,
+    Site,
+    Span,
+    Survey,
+)
 from ins.units import DEG
 
 SCHEMA = "recal.run/1"
@@ -159,10 +168,27 @@ class _Open(BaseModel):
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False, frozen=True)
 
 
+def _is_latitude(value: Any) -> bool:
+    return isinstance(value, float | int) and abs(value) <= 90.0
+
+
 class _SiteKeys(_Open):
     lat_deg: float = Field(ge=-90, le=90)
     lon_deg: float = Field(ge=-360, le=360)
     height_m: float = Field(ge=-1000, le=30000)
+    sigma_lat_deg: float = Field(default=LEAST_SIGMA_LAT_RAD / DEG, gt=0, le=90)
+    lat_source: LatitudeSource = Field(default=LatitudeSource.GIVEN, strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_its_digits(cls, site: Any) -> Any:
+        """A latitude without a sigma is as well known as its last digit, at best to 0.001 deg."""
+        if not isinstance(site, dict) or site.get("sigma_lat_deg") is not None:
+            return site
+        lat_deg = site.get("lat_deg")
+        if isinstance(lat_deg, bool) or not _is_latitude(lat_deg):
+            return site
+        return {**site, "sigma_lat_deg": max(half_unit(lat_deg), LEAST_SIGMA_LAT_RAD / DEG)}
 
 
 _Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -280,7 +306,7 @@ def header_from_json(
         imu_serial=keys.imu_serial,
         gyro_technology=keys.gyro_technology,
         start_utc=keys.start_utc,
-        site=site_from_degrees(**{k: getattr(keys.site, k) for k in POSITION}),
+        site=_site(keys.site),
         wheel_reference_m=_xyz(keys.lever_arms_m.wheel_reference),
         gnss_lever_arm_m=_xyz(keys.lever_arms_m.gnss),
         applied_table_sha256=keys.applied_table_sha256,
@@ -331,6 +357,8 @@ def header_to_json(
             "lat_deg": _deg(site.lat_rad),
             "lon_deg": _deg(site.lon_rad),
             "height_m": float(site.height_m),
+            "sigma_lat_deg": _deg(site.sigma_lat_rad),
+            "lat_source": site.lat_source.value,
         },
         "lever_arms_m": {
             "wheel_reference": list(map(float, header.wheel_reference_m)),
@@ -359,8 +387,14 @@ def _accepted(header: RunHeader) -> dict[str, float]:
     return keys
 
 
-def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Site:
-    return Site(lat_rad=lat_deg * DEG, lon_rad=lon_deg * DEG, height_m=height_m)
+def _site(keys: _SiteKeys) -> Site:
+    return Site(
+        lat_rad=keys.lat_deg * DEG,
+        lon_rad=keys.lon_deg * DEG,
+        height_m=keys.height_m,
+        sigma_lat_rad=keys.sigma_lat_deg * DEG,
+        lat_source=keys.lat_source,
+    )
 
 
 def _deg(angle_rad: float | None) -> float | None:

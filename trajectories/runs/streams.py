@@ -6,7 +6,7 @@ Each loader returns the record (None after an error) and the spans it dropped; l
 
 import csv
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -23,11 +23,13 @@ from ins.columns import (
     VELOCITY,
     Stream,
 )
+from ins.earth import SEMI_MAJOR_AXIS_M
 from ins.records import (
     FixType,
     GnssLog,
     ImuSource,
     InputError,
+    LatitudeSource,
     OdometerLog,
     Phase,
     ReferenceLog,
@@ -52,6 +54,8 @@ from trajectories.runs.thermometer import check_thermometer
 
 EARLIEST_S = -1.0  # of the first imu row: start_utc may have been rounded to whole seconds, by 1 s
 LATEST_S = 60.0  # chosen: loggers start within 60 s of power-on; later, time_s is another clock
+# of a fix that says nothing of it: single-frequency receivers under open sky, 2 to 5 m
+FIX_SIGMA_M = 5.0
 SITE_DEG = 1.0  # 111 km, between the site and the first fix: another place was entered
 # of one power-on; one every 5 s of the longest run (text_rows.MAX_ROWS, 13.9 h)
 MAX_PHASES = 10_000
@@ -231,6 +235,26 @@ def _unread(time_s: NDArray, start_s: float, end_s: float) -> list[str]:
         for a, b in beyond
         if b - a > HOLE_S
     ]
+
+
+def latitude_sigma_rad(gnss: GnssLog, k: int) -> float:
+    """Of the latitude of a fix, by its receiver."""
+    sigma_m = FIX_SIGMA_M
+    if gnss.sigma_horizontal_m is not None and gnss.sigma_horizontal_m[k] > 0.0:
+        sigma_m = float(gnss.sigma_horizontal_m[k])
+    return sigma_m / SEMI_MAJOR_AXIS_M
+
+
+def with_receiver(header: RunHeader, gnss: GnssLog) -> RunHeader:
+    """The header, its latitude as well known as its receiver says: by the first fix's sigma and by
+    how far it is from the site.
+    """
+    off_rad = float(gnss.lat_rad[0]) - header.site.lat_rad
+    sigma_rad = float(np.hypot(latitude_sigma_rad(gnss, 0), off_rad))
+    if sigma_rad >= header.site.sigma_lat_rad:
+        return header
+    source = LatitudeSource.RECEIVER
+    return replace(header, site=replace(header.site, sigma_lat_rad=sigma_rad, lat_source=source))
 
 
 def _far_off(gnss: GnssLog, header: RunHeader) -> list[str]:

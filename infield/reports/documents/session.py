@@ -86,6 +86,8 @@ def session_document(session: SessionResult) -> SessionDocument:
             lat_deg=header.site.lat_rad / DEG,
             lon_deg=header.site.lon_rad / DEG,
             height_m=header.site.height_m,
+            sigma_lat_deg=header.site.sigma_lat_rad / DEG,
+            lat_source=header.site.lat_source,
         ),
         outcome=session.verdict.outcome,
         reasons=sentences(session.verdict.reasons),

@@ -9,16 +9,19 @@ from infield.reports.documents.spans import SpanDocument
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import Environment
 from infield.session.reasons import HeadingSource
+from ins.records import LatitudeSource
 from ins.verdicts import OMIT_NONE, Observability, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteDocument:
-    """Where the run stood."""
+    """Where the run stood, how well its latitude is known, and who says it."""
 
     lat_deg: float
     lon_deg: float
     height_m: float
+    sigma_lat_deg: float | None = None
+    lat_source: LatitudeSource | str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -240,6 +240,7 @@ class UpdateDocument:
 
     conflicts: with other writers, before the table was estimated against the active one;
     remembered: what became of contradicting sessions; proposal: under which number it is kept.
+    new_unit: what an update of a unit without a table rests on.
     noise_note: that sigma rests on the defaults of the technology, where it does; noise_fit:
     whether the noise model fits the runs.
     """
@@ -269,6 +270,7 @@ class UpdateDocument:
     rollback_command: str | None = None
     decision_rule: str | None = None
     noise_model: TwinDocument | None = None
+    new_unit: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
     noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)

@@ -51,6 +51,14 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +-"
         " {sigma_deg:.3f} deg: wrong position, or a gyro bias beyond its sigma"
     ),
+    AlignmentReason.LATITUDE_IN_RADIANS: (
+        "latitude entered {entered_deg:.4f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
+        " deg: that number in radians; enter it in degrees"
+    ),
+    AlignmentReason.LATITUDE_IS_LONGITUDE: (
+        "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
+        " deg, which is the longitude entered: the two are swapped"
+    ),
     AlignmentReason.EXCESS_RESIDUALS: (
         "the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of"
         " freedom, band to {limit:.2f}"

@@ -7,6 +7,7 @@ from infield.reports.words.sentences import Template
 from infield.session.reasons import (
     Advice,
     ChainNote,
+    NewUnitReason,
     NoiseReason,
     ParkedReason,
     SessionReason,
@@ -47,6 +48,7 @@ VARIANCE_SOURCES: Mapping[VarianceSource, str] = {
     VarianceSource.STANDING: "sway and creep of the standing vehicle",
     VarianceSource.ROLLING: "the taxi: side motion, crab, wheels, satellite fixes",
     VarianceSource.EARTH_RATE: "Earth rate on a heading that is not known",
+    VarianceSource.LATITUDE: "the latitude, by which Earth rate is taken out",
     VarianceSource.MEASURED: "other noise of the measurement",
 }
 
@@ -266,6 +268,15 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " gravity at this site, needed within {limit_ug:.0f}: a wrong time base, scale, or height"
     ),
     SessionReason.UNLIKE_THE_UNIT: _unlike,
+    NewUnitReason.FROM_NOTHING: (
+        "begun from nothing, as no table of the unit was given or stored: bias 0 +-"
+        " {sigma_deg_h:.3g} deg/h, the raw bias of {technology} gyros"
+    ),
+    NewUnitReason.VERTICAL_BY_LATITUDE: (
+        "without a table the vertical gyro rests on the latitude of {run_id}, {latitude_deg:.3f} +-"
+        " {sigma_deg:.2g} deg ({source}): 0.01 deg is {deg_h_a_hundredth:.4f} deg/h there, and no"
+        " reading of this unit shows which of the two is wrong"
+    ),
     NoiseReason.DEFAULTS: (
         "no noise model of {imu_serial} was given: every sigma rests on the defaults of"
         " {technology}; {command} measures it, then --twin twin.json"

@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from alignment import gyrocompass
-from alignment.linearised import Course, RestedLog, solve
+from alignment.linearised import Course, NothingStands, RestedLog, latitude_covariance, solve
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
+from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import Found, SessionEstimate
@@ -42,9 +44,18 @@ from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
-from ins.records import Run, TwinModel
+from ins.records import InputError, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel
 from ins.units import DEG_PER_HOUR, MILLIRADIAN, PPM
+from ins.verdicts import Reason
+
+
+class AlignmentRefused(InputError):
+    """Nothing stands once navigated, and the alignment says why: its `reasons`."""
+
+    def __init__(self, reasons: tuple[Reason, ...]) -> None:
+        super().__init__(str(reasons[0].code))
+        self.reasons = reasons
 
 
 def estimate_session(
@@ -83,23 +94,30 @@ def estimate_session(
     def aids(assumed: Assumed) -> list[Aid]:
         return _aids(KnownSources(run, twin, settings, clone_at, receiver), assumed)
 
-    solution = solve(
-        RestedLog(imu, run.header.site, rest, run.phases, faults),
-        twin,
-        prior,
-        course=Course(
-            until_s=end_s,
-            clone_at_s=clone_at,
-            hold_heading=settings.hold_heading,
-            vertical=_vertical(run),
-        ),
-        sigma0=sigma0,
-        aids=aids(AS_DECLARED),
-    )
+    try:
+        solution = solve(
+            RestedLog(imu, run.header.site, rest, run.phases, faults),
+            twin,
+            prior,
+            course=Course(
+                until_s=end_s,
+                clone_at_s=clone_at,
+                hold_heading=settings.hold_heading,
+                vertical=_vertical(run),
+            ),
+            sigma0=sigma0,
+            aids=aids(AS_DECLARED),
+        )
+    except NothingStands as moves:
+        why = [r for r in aligned.reasons if r.code is not moves.reason.code]
+        if aligned.verdict is AlignmentVerdict.REFUSED and why:
+            raise AlignmentRefused(tuple(why)) from None
+        raise
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
     taken = priors_under(sigma0, rolling.assumed)
-    mean, covariance = solution.bias
+    left = latitude_covariance(solution.history, bins.edges_s, run.header.site.sigma_lat_rad)
+    mean, covariance = _beside_latitude(prior.covariance, left, *solution.bias)
     error, sigma = alignment_heading_error(aligned, solution)
     tally = solution.filter.tally
     dof = sum(tally.dof.values())
@@ -114,11 +132,25 @@ def estimate_session(
         sigma_heading_before_rad=aligned.sigma_heading_rad,
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
-        sweep=partial(noise_shares, solution.last, taken, aids(rolling.assumed)),
+        sweep=partial(noise_shares, solution.last, taken, aids(rolling.assumed), left),
         rolling=replace(
             rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
         ),
     )
+
+
+def _beside_latitude(
+    prior: NDArray, left: NDArray, mean: NDArray, covariance: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Mean (3N,) and covariance (3N, 3N) of the biases, from those of the sums of bias and Earth
+    rate that an error of the latitude leaves, which is all that the filter can show.
+
+    left (3N, 3N): covariance of that rest. Of b in the sum e, G = C (C + D)^-1: E b = G e,
+    P_b = G P_e G' + G D (regression of a Gaussian, Bar-Shalom (2001), section 1.4.14).
+    """
+    G = np.linalg.solve(prior + left, prior).T
+    P = G @ covariance @ G.T + G @ left
+    return G @ mean, 0.5 * (P + P.T)
 
 
 def alignment_heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float]:

@@ -41,7 +41,7 @@ Scaled = Callable[[_Setting, float], _Setting]
 
 
 def noise_shares(
-    last: FilterPass, sigma0: Mapping[str, float], aids: Sequence[Aid]
+    last: FilterPass, sigma0: Mapping[str, float], aids: Sequence[Aid], left: NDArray
 ) -> Mapping[VarianceSource, NDArray]:
     """Parts of a session's information about its bins (3N, 3N) [1/(deg/h)^2], by source of noise.
 
@@ -52,6 +52,9 @@ def noise_shares(
     sigma0 : mapping of float
         Prior sigmas of nuisance states.
     aids : sequence of Aid
+    left : ndarray, shape (3N, 3N)
+        Covariance of the Earth rate that an error of the latitude leaves in the bins [(rad/s)^2]:
+        the filter's biases hold it.
 
     Returns
     -------
@@ -61,11 +64,16 @@ def noise_shares(
     """
     setting = _Setting(last, last.lay_down(aids), sigma0)
     inverse = np.linalg.inv(setting.covariance())
-    found = {}
+    D = left / DEG_PER_HOUR**2
+    of_sums = inverse - np.linalg.inv(last.bias_covariance / DEG_PER_HOUR**2)
+    # (R + D)^-1 = W R^-1, and so are its parts
+    W = np.linalg.inv(np.eye(len(D)) + of_sums @ D)
+    information = W @ of_sums
+    found = {VarianceSource.LATITUDE: information @ D @ information.T}
     for source, scaled in SCALED.items():
         more = scaled(setting, float(np.exp(0.5 * STEP_LN))).covariance()
         less = scaled(setting, float(np.exp(-0.5 * STEP_LN))).covariance()
-        part = inverse @ ((more - less) / (2.0 * STEP_LN)) @ inverse
+        part = W @ inverse @ ((more - less) / (2.0 * STEP_LN)) @ inverse @ W.T
         found[source] = 0.5 * (part + part.T)
     return found
 

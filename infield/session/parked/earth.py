@@ -38,7 +38,8 @@ from ins.units import DEG_PER_HOUR, MICRO_G, PPM
 @dataclass(frozen=True)
 class StretchEarth:
     """One stretch: known part of Earth rate (3,), covariance of the rest (3, 3) [deg/h], what of it
-    the heading makes (1 sigma on a level axis), down (3,) in body axes, and the tilt error [rad].
+    the heading makes (1 sigma on a level axis), down (3,) in body axes, the tilt error [rad], and
+    what 1 sigma of the latitude leaves of Earth rate (3,) [deg/h], as far as the heading is known.
     """
 
     known: NDArray
@@ -46,6 +47,7 @@ class StretchEarth:
     heading_deg_h: float
     down_b: NDArray
     tilt_rad: float
+    by_latitude: NDArray
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,24 @@ def stretch_earth(
     if heading is None:
         sigma = float(north / np.sqrt(2.0))
         return StretchEarth(
-            -up * down, covariance + 0.5 * north**2 * level, sigma, down, float(tilt)
+            -up * down,
+            covariance + 0.5 * north**2 * level,
+            sigma,
+            down,
+            float(tilt),
+            -north * site.sigma_lat_rad * down,
         )
     C_nb = dcm_from_euler(*level_angles(f_b), heading[0])
     east = C_nb[1]
     covariance = covariance + (north * heading[1]) ** 2 * np.outer(east, east)
-    return StretchEarth(north * C_nb[0] - up * C_nb[2], covariance, 0.0, down, float(tilt))
+    return StretchEarth(
+        north * C_nb[0] - up * C_nb[2],
+        covariance,
+        0.0,
+        down,
+        float(tilt),
+        -site.sigma_lat_rad * (up * C_nb[0] + north * C_nb[2]),
+    )
 
 
 def session_earth(
@@ -143,9 +157,10 @@ def session_earth(
             C[own, other], C[other, own] = block + part, (block + part).T
             if headings[s] is None:
                 of_heading[own, other], of_heading[other, own] = part, part.T
+    by_latitude = np.concatenate([e.by_latitude for e in earth])
     return SessionEarth(
         np.stack([e.known for e in earth]),
-        C,
+        C + np.outer(by_latitude, by_latitude),
         of_heading,
         np.array([e.heading_deg_h * np.sqrt(groups) for e in earth]),
         np.stack([e.down_b for e in earth]),

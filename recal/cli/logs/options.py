@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from ins.json_file import Written
 from recal.cli.terminal.help import INPUT
 
 MapFile = Annotated[
@@ -53,9 +54,33 @@ OfTechnology = Annotated[
         help="Technology of the unit's gyros. Default: the log's.",
     ),
 ]
+
+
+def degrees(text: str) -> Written:
+    """A number of degrees with the digits that were typed."""
+    try:
+        return Written(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no number of degrees, such as 47.781") from None
+
+
 Latitude = Annotated[
     float | None,
-    typer.Option("--lat-deg", help="Latitude where the run starts [deg]. Default: the log's."),
+    typer.Option(
+        "--lat-deg",
+        parser=degrees,
+        metavar="LATITUDE",
+        help="Latitude where the run starts [deg], with the digits that you know: 47.781 is taken"
+        " to 0.001 deg, 48 to 0.5. Default: the log's.",
+    ),
+]
+LatitudeSigma = Annotated[
+    float | None,
+    typer.Option(
+        "--sigma-lat-deg",
+        help="How well that latitude is known, 1 sigma [deg]. Default: half a unit of its last"
+        " digit, at least 0.001.",
+    ),
 ]
 Longitude = Annotated[
     float | None,
@@ -118,6 +143,7 @@ OPTION_TYPES = {
     "serial": OfSerial,
     "technology": OfTechnology,
     "lat_deg": Latitude,
+    "sigma_lat_deg": LatitudeSigma,
     "lon_deg": Longitude,
     "height_m": Height,
     "from_s": From,
@@ -153,6 +179,7 @@ HEADER_KEYS = {  # of run.json, by option
     "serial": "imu_serial",
     "technology": "gyro_technology",
     "lat_deg": "lat_deg",
+    "sigma_lat_deg": "sigma_lat_deg",
     "lon_deg": "lon_deg",
     "height_m": "height_m",
     "accepted_scale": "accepted_accelerometer_scale",

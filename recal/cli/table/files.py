@@ -191,6 +191,15 @@ def import_(
             help="In this store one person may put an update forward and approve it.",
         ),
     ] = False,
+    any_size: Annotated[
+        bool,
+        typer.Option(
+            "--any-size",
+            rich_help_panel=ADVANCED,
+            help="Import biases and sigmas larger than 10 deg/h (rlg), 100 (fog), 20,000 (mems);"
+            " this is noted.",
+        ),
+    ] = False,
     any_clock: AnyClock = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -222,6 +231,7 @@ def import_(
         twin,
         note=note,
         override=override_technology,
+        any_size=any_size,
         any_clock=any_clock,
         one_person=login_name() if one_person else None,
     )

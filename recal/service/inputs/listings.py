@@ -5,6 +5,7 @@ from pathlib import Path
 from ins.json_file import (
     JsonObject,
     StrictModel,
+    Written,
     parse,
     read_csv_rows,
     read_json_object,
@@ -29,7 +30,9 @@ __all__ = [
 def read_header(run: Path) -> RunHeader:
     """The run.json of a run directory; InputError with the first thing that is wrong with it."""
     name = run / "run.json"
-    header, errors, _ = header_from_json(read_json_object(name), name=f"{run}/run.json")
+    header, errors, _ = header_from_json(
+        read_json_object(name, number=Written), name=f"{run}/run.json"
+    )
     if header is None:
         raise InputError(errors[0])
     return header

@@ -5,13 +5,15 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from alignment import coarse, gyrocompass
 from alignment.gyrocompass import RAW_BIAS_DEG_H
 from alignment.motion.inertial import BRIEF_BLOCKS
 from infield.reports.documents.thermal import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
-from infield.session.reasons import NoiseReason
+from infield.session.reasons import NewUnitReason, NoiseReason
 from infield.store.errors import NoStore
 from infield.store.table_store import TableStore, UnknownUnit, store_exists
 from infield.table.file import table_to_dict
@@ -23,8 +25,10 @@ from infield.thermal.stored_model import (
     with_model_sigma,
 )
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
+from ins.earth import EARTH_RATE_RAD_S
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
+from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 from recal.service.inputs.records import (
     AnyRun,
@@ -67,6 +71,32 @@ class UnitInputs:
         if self.noise is NoiseSource.DEFAULTS:
             return f"{self.noise} of {self.table.gyro_technology}"
         return self.noise.value
+
+    def new_unit_notes(self, runs: Sequence[Run]) -> tuple[Reason, ...]:
+        """What an update of a unit without a table rests on; none of one that has a table, or
+        without a session.
+        """
+        if self.known or not runs:
+            return ()
+        table = self.table
+        sigma = float(table.sigma_deg_h(0, table.temperature_degC[0])[0])
+        nothing = because(
+            NewUnitReason.FROM_NOTHING, sigma_deg_h=sigma, technology=table.gyro_technology
+        )
+        if table.gyro_technology == "mems":
+            return (nothing,)
+        run = max(runs, key=lambda run: run.header.site.sigma_lat_rad)
+        site = run.header.site
+        level_deg_h = EARTH_RATE_RAD_S * np.cos(site.lat_rad) / DEG_PER_HOUR
+        by_latitude = because(
+            NewUnitReason.VERTICAL_BY_LATITUDE,
+            run_id=run.header.run_id,
+            latitude_deg=site.lat_rad / DEG,
+            sigma_deg=site.sigma_lat_rad / DEG,
+            source=site.lat_source.value,
+            deg_h_a_hundredth=float(0.01 * DEG * level_deg_h),
+        )
+        return nothing, by_latitude
 
     def noise_note(self, runs: Sequence[AnyRun]) -> Reason | None:
         """That sigma rests on defaults, and what would measure the noise; None where a noise model

@@ -33,6 +33,7 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
     "imu_serial": "--serial",
     "gyro_technology": "--technology",
     "lat_deg": "--lat-deg",
+    "sigma_lat_deg": "--sigma-lat-deg",
     "lon_deg": "--lon-deg",
     "height_m": "--height-m",
     "start_utc": "--start-utc",
@@ -237,6 +238,7 @@ def summary(document: LookDocument) -> list[str]:
     ]
     for one in document.assumed:
         value = one.value if isinstance(one.value, str) else f"{one.value:g}"
+        value += f" +- {one.sigma:.2g}" if one.sigma else ""
         lines.append(f"  assumed: {one.key} {value} ({one.text}); give it with {one.option}")
     lines += [f"  note: {note}" for note in document.notes]
     lines += [f"  {p.level}: {p.text}" for p in document.problems]

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from alignment.gyrocompass import RAW_BIAS_DEG_H
 from ins.earth import EARTH_RATE_RAD_S
 from ins.json_file import Json, read_toml
-from ins.records import ImuLog, Run
+from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR
 from recal.service.convert import map_errors, with_gnss_file
 from recal.service.inputs.records import read_run
@@ -30,6 +31,7 @@ from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, Beside, QuietMean
 
 RUN_DIRECTORY = "run directory"
 MIDDLE_LATITUDE_DEG = 45.0  # taken where nothing tells the site: gravity is 0.27 % off at most
+MIDDLE_LATITUDE_SIGMA_DEG = 26.0  # of anything between equator and pole
 RATE_SIGMAS = 3.0  # of a mean rate, within the Earth's: 0.3 % of means that show none lie beyond
 
 
@@ -88,9 +90,11 @@ def _taken(
     """Writes the log as a run, and lets go of it: what is said of it waits for the run as read."""
     name, read, cut = _read(log, given)
     assumed = assumptions(log, read, header)
-    conversion = conversion_of(
-        log, name, read, {**header, **{one.key: one.value for one in assumed}}
-    )
+    values: dict[str, str | float | None] = {one.key: one.value for one in assumed}
+    for one in assumed:
+        if one.sigma is not None:
+            values |= {f"sigma_{one.key}": one.sigma, "lat_source": LatitudeSource.GUESS.value}
+    conversion = conversion_of(log, name, read, {**header, **values})
     write_run(folder, conversion.run, reference=conversion.reference, conversion=conversion.record)
     return partial(
         Opened,
@@ -126,9 +130,11 @@ def assumptions(
     means = quiet_means(log.imu, Beside(gnss=log.gnss, odometer=log.odometer))
     stands = means is not None and means.speed_m_s is None
     finds_north = means is not None and stands and reads_earth_rate(log.imu, means)
-    latitude_deg = MIDDLE_LATITUDE_DEG
+    latitude_deg, sigma_deg = MIDDLE_LATITUDE_DEG, MIDDLE_LATITUDE_SIGMA_DEG
     if means is not None and finds_north:
         latitude_deg = latitude_by_gyros_deg(means)
+        level_deg_h = EARTH_RATE_RAD_S * np.cos(latitude_deg * DEG) / DEG_PER_HOUR
+        sigma_deg = float(min(RAW_BIAS_DEG_H["fog"] / level_deg_h / DEG, sigma_deg))
     start = datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     values: dict[str, tuple[str | float, str]] = {
         "imu_serial": (path.name.split(".")[0], "the name of the log"),
@@ -148,7 +154,13 @@ def assumptions(
         "height_m": (0.0, "the log does not say it; 1000 m change gravity by 0.03 %"),
     }
     return tuple(
-        AssumedDocument(key=key, value=values[key][0], option=RUN_OPTIONS[key], text=values[key][1])
+        AssumedDocument(
+            key=key,
+            value=values[key][0],
+            option=RUN_OPTIONS[key],
+            text=values[key][1],
+            sigma=sigma_deg if key == "lat_deg" else None,
+        )
         for key in missing
     )
 

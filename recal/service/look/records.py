@@ -57,13 +57,14 @@ class UseDocument:
 @dataclass(frozen=True, kw_only=True)
 class AssumedDocument:
     """What the log does not say: the key of run.json, what was taken for it, and the option that
-    says it.
+    says it. sigma: of a guess from the data, None of what any value would do for.
     """
 
     key: str
     value: str | float
     option: str
     text: str
+    sigma: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

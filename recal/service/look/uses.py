@@ -12,6 +12,7 @@ from infield.aided.flight import FEWEST_FIXES
 from infield.reports.documents.alignment import AlignmentDocument
 from infield.session.acceptance import MIN_MERGED_REST_S
 from infield.session.parked.stretches import find_rests
+from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
 from recal.service.look.records import AssumedDocument, Fit, Use, UseDocument
 from simreal.report.twin_records import TwinFitRecord
@@ -19,6 +20,9 @@ from simreal.report.twin_records import TwinFitRecord
 # of one gyro over the rest: 1 degC of a usual table, 0.001 deg/h per degC, is a third of what
 # a session of an hour tells a gyro's bias to
 NARROW_DEGC = 1.0
+# in the place of what was guessed: pasted as it is, the command asks for it (a guess of the
+# latitude that was pasted made a table 8 sigma wrong)
+TO_BE_GIVEN = {"lat_deg": "LATITUDE"}
 
 
 class UseReason(StrEnum):
@@ -112,18 +116,20 @@ def convert_command(
     given: Mapping[str, str | float | None],
 ) -> str:
     """The command that makes the run for good: options that were given, then those taken for
-    granted.
+    granted; what was guessed with a sigma is for the user to say.
     """
     words = ["recal", "convert", log, "-o", run_path]
     for option, value in given.items():
         if value is not None:
             words += [option] if value is True else [option, _text(value)]
     for one in assumed:
-        words += [one.option, _text(one.value)]
+        words += [one.option, _text(one.value) if one.sigma is None else TO_BE_GIVEN[one.key]]
     return shlex.join(words)
 
 
 def _text(value: str | float) -> str:
+    if isinstance(value, Written):
+        return value.text
     return value if isinstance(value, str) else f"{value:.12g}"
 
 

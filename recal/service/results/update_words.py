@@ -108,7 +108,9 @@ def stored_summary(document: JsonObject) -> list[str]:
 def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
     kept = f", kept for review as proposal {document.proposal}" if document.proposal else ""
-    lines = [f"{document.imu_serial}: {document.verdict}{kept}"]
+    begun, *rests_on = document.new_unit or [""]
+    lines = [f"{document.imu_serial}: {document.verdict}{kept}{begun and f', {begun}'}"]
+    lines += [f"  note: {note}" for note in rests_on]
     lines += [f"  because {reason}" for reason in document.reasons]
     if document.conflicts:
         tries = len(document.conflicts) + 1

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from ins.columns import FIX_SIGMA_COLUMNS
-from ins.records import GnssLog
+from ins.records import GnssLog, LatitudeSource
 from ins.units import DEG
 from trajectories.readers.registry import ConvertedLog
 from trajectories.readers.rows.gps_time import UNIX_S, utc_text
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.notes import About, Note
+from trajectories.runs.streams import latitude_sigma_rad
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
 # between a fix and the median of five, 2 s at one fix a second: a clock that was set
@@ -49,7 +50,7 @@ class RawFixes:
 class StartKeys(TypedDict, total=False):
     """Keys of run.json that fixes know."""
 
-    site: dict[str, float]
+    site: dict[str, float | str]
     start_utc: str
 
 
@@ -68,9 +69,11 @@ class Fixes:
         """
         k = min(int(np.searchsorted(self.gnss.time_s, log.time_shift_s)), self.gnss.time_s.size - 1)
         place = (self.gnss.lat_rad[k] / DEG, self.gnss.lon_rad[k] / DEG, self.gnss.height_m[k])
-        site = {
+        site: dict[str, float | str] = {
             name: round(float(v), 7) for name, v in zip(("lat_deg", "lon_deg", "height_m"), place)
         }
+        site["sigma_lat_deg"] = round(latitude_sigma_rad(self.gnss, k) / DEG, 9)
+        site["lat_source"] = LatitudeSource.RECEIVER.value
         if self.unix_less_log_s is None:
             return {"site": site}
         return {"site": site, "start_utc": utc_text(self.unix_less_log_s + log.time_shift_s)}
