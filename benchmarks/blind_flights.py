@@ -363,10 +363,13 @@ def swaying(rng: np.random.Generator, count: int) -> NDArray:
 # ---- sensors
 
 
-def increments(motion: Motion) -> tuple[NDArray, NDArray, NDArray]:
+def increments(
+    motion: Motion, start_s: float = 0.0, end_s: float | None = None
+) -> tuple[NDArray, NDArray, NDArray]:
     """Times (n,) and the integrals of rate and specific force over each row (n, 3)."""
     dt = 1.0 / RATE_HZ
-    time_s = dt * np.arange(1, int(motion.end_s * RATE_HZ))
+    end_s = motion.end_s if end_s is None else end_s
+    time_s = dt * np.arange(round(start_s * RATE_HZ) + 1, int(end_s * RATE_HZ))
     turned, pushed = np.empty((time_s.size, 3)), np.empty((time_s.size, 3))
     for first in range(0, time_s.size, 50_000):
         rows = slice(first, first + 50_000)
