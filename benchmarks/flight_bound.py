@@ -45,7 +45,7 @@ from ins.earth import gravity_magnitude
 from ins.records import TwinModel
 from ins.strapdown.mechanization import VerticalChannel
 from ins.twin_file import default_twin
-from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
+from ins.units import DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 from trajectories.simulator.sensors import IdealSensors
 
 ASSUMED = SessionSettings()
@@ -108,7 +108,7 @@ def flight_prior(
             np.sqrt(np.diag(session_prior(twin, AGEING, 0))),
             np.full(2, p.slow_position_m),
             np.full(2, p.slow_velocity_m_s),
-            np.full(2, p.deflection_arcsec * ARCSEC),
+            np.full(2, p.deflection_rad),
             np.full(3, p.accel_scale_ppm[technology] * PPM),
             np.full(3, p.accel_slope_ug_degC[technology] * MICRO_G),
             np.full(3, p.accel_shift_ug[technology] * MICRO_G),
@@ -165,7 +165,7 @@ def _fades(epochs: Epochs, k: int, p: FlightPriors) -> tuple[NDArray, NDArray]:
             [1.0 / p.slow_position_s, 1.0 / p.slow_velocity_s, epochs.way_m[k] / p.deflection_m], 2
         )
     )
-    sigma = np.repeat([p.slow_position_m, p.slow_velocity_m_s, p.deflection_arcsec * ARCSEC], 2)
+    sigma = np.repeat([p.slow_position_m, p.slow_velocity_m_s, p.deflection_rad], 2)
     return kept, sigma**2 * (1.0 - kept**2)
 
 

@@ -32,6 +32,7 @@ from benchmarks.flight_errors import ZERO, FlightErrors, Triple, with_flight_err
 from infield.session.estimate import SessionEstimate
 from infield.session.log import table_series
 from infield.session.one_run import take_run
+from infield.session.reasons import FlightReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.file import table_from_dict, table_to_dict
@@ -39,7 +40,7 @@ from infield.table.thermal_table import ThermalTable, default_table
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.records import AXES, GnssLog, GyroNoise, Site, TwinModel
 from ins.twin_file import default_twin
-from ins.units import DEG
+from ins.units import ARCSEC, DEG
 from tests.cut import cut_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
@@ -197,7 +198,7 @@ def drawn_errors(rng: np.random.Generator, technology: str) -> FlightErrors:
         slow_position_s=p.slow_position_s,
         slow_velocity_m_s=p.slow_velocity_m_s,
         slow_velocity_s=p.slow_velocity_s,
-        deflection_arcsec=p.deflection_arcsec,
+        deflection_arcsec=p.deflection_rad / ARCSEC,
         deflection_m=p.deflection_m,
         accel_scale_ppm=triple(rng, p.accel_scale_ppm[technology]),
         accel_slope_ug_degC=triple(rng, p.accel_slope_ug_degC[technology]),
@@ -325,6 +326,9 @@ def scored(seed: int, drawn: Drawn) -> Line:
         "left_out": [] if flight is None else [reason.code.value for reason in flight.reasons],
         "cpu_s": cpu_s,
     }
+    for note in () if flight is None else flight.notes:
+        if note.code is FlightReason.DEFLECTED:
+            line["deflected"] = dict(note.values)
     if result.estimate is None or result.temperature is None or flight is None:
         return line
     estimate = result.estimate

@@ -137,6 +137,8 @@ class FlightReason(StrEnum):
     HEADING_UNSEEN = "flight_heading_unseen"
     # not against it: the prior of the gyros in flight against at rest was given up for their size
     SHIFT_WIDENED = "flight_shift_widened"
+    # likewise: the deflection of the vertical that the flight was estimated under
+    DEFLECTED = "flight_deflected"
 
 
 class WrongFact(StrEnum):

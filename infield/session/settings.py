@@ -1,6 +1,7 @@
 """What a session takes for granted where no table or twin declares it."""
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from ins.noise import (
     MISALIGNMENT_mrad,
 )
 from ins.records import TwinModel
+from ins.units import ARCSEC
 
 BIN_S = 300.0
+FIT: Literal["fit"] = "fit"  # of a level that the data are to find
 
 
 def _by_technology(rlg: float, fog: float, mems: float) -> dict[str, float]:
@@ -28,7 +31,8 @@ class FlightPriors:
 
     Receivers: a single-frequency solution strays by 1 to 2 m over minutes (ionosphere, orbits);
     positions and velocities lag by 0.1 to 0.2 s (`infield.session.navigated.nuisances`). Verticals
-    are deflected by some 5 arcsec RMS over 20 to 50 km (physics.md 8.4). Accelerometers of a
+    are deflected by some 5 arcsec RMS over 20 to 50 km (physics.md 8.4), in mountains by 30: "fit"
+    has the flight find both. Accelerometers of a
     navigation-grade unit repeat their scale within 100 ppm (`infield.session.wrong_facts`); what
     its compensation leaves of their temperature slope is taken as 0.2 micro-g per degC. What
     vibration and pressure change in flight is taken as a tenth of the default turn-on of a gyro,
@@ -54,8 +58,19 @@ class FlightPriors:
     force_deg_h_g: dict[str, float] = field(
         default_factory=lambda: _by_technology(0.0, 0.001, 10.0)
     )
-    deflection_arcsec: float = DEFLECTION_arcsec
-    deflection_m: float = DEFLECTION_M
+    deflection_arcsec: float | Literal["fit"] = FIT
+    deflection_km: float | Literal["fit"] = FIT
+
+    @property
+    def deflection_rad(self) -> float:
+        """What a search for it begins with; the same of its length."""
+        size = self.deflection_arcsec
+        return ARCSEC * (DEFLECTION_arcsec if size == FIT else size)
+
+    @property
+    def deflection_m(self) -> float:
+        length = self.deflection_km
+        return DEFLECTION_M if length == FIT else 1e3 * length
 
 
 @dataclass(frozen=True, kw_only=True)

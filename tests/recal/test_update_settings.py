@@ -19,7 +19,8 @@ def test_priors_of_a_flight_are_read_and_what_is_not_given_keeps_its_default(tmp
     default = FlightPriors()
     assert found.bin_s == 200 and found.flight.deflection_arcsec == 12
     assert found.flight.shift_deg_h == {**default.shift_deg_h, "rlg": 0.002}
-    assert found.flight.deflection_m == default.deflection_m
+    assert found.flight.deflection_km == default.deflection_km == "fit"
+    assert settings_of(tmp_path, '[flight]\ndeflection_arcsec = "fit"\n').flight == default
     assert settings_of(tmp_path, "") == SessionSettings()
 
 
@@ -31,6 +32,9 @@ def test_priors_of_a_flight_are_read_and_what_is_not_given_keeps_its_default(tmp
         ("[flight]\nshift_deg_h = 3\n", r"\[flight\]: shift_deg_h = 3, needed dict"),
         ("[flight]\nshift_deg_h = {lgr = 3}\n", r"shift_deg_h: unknown key 'lgr', needed .* fog"),
         ("[flight]\nantenna_m = -1\n", r"antenna_m = -1, needed a number that is not negative"),
+        ('[flight]\ndeflection_km = "far"\n', r"= \Wfar\W, needed a number .* or \"fit\""),
+        ('[flight]\nantenna_m = "fit"\n', r"antenna_m = \Wfit\W, needed a number"),
+        ("[flight]\ndeflection_km = 0\n", r"deflection_km = 0, needed at least 0.001"),
         ("[session]\nflight = {}\n", r"\[session\]: unknown key 'flight'"),
         ("[session]\nbin_s = 3\n", r"\[session\]: bin_s = 3, needed at least 30"),
     ],

@@ -87,6 +87,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " flight was estimated again with a difference of that size for its prior; the result is"
         " the mean of both, the second by {belief_percent:.0f} %, which is how probable it is"
     ),
+    FlightReason.DEFLECTED: (
+        "the vertical is taken to be deflected by {arcsec:.0f} arcsec over {km:.0f} km of the way"
+        " (usual: {assumed_arcsec:.0f} over {assumed_km:.0f}): the hills below, or a receiver"
+        " whose velocities stray as slowly"
+    ),
     FlightReason.NOT_NAVIGATED: "no solution with the receiver: {why}",
     FlightReason.NEVER_LINEAR: (
         "the heading was never known within {limit_deg:.0f} deg for a minute on the way, needed for"

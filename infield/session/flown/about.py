@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, SWING_SHARE
+from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
 from infield.session.flown.gates import FlightEnd
 from infield.session.flown.priors import Further, Layout
 from infield.session.flown.steps import Steady, Steps
@@ -58,6 +58,9 @@ BEGIN_M, BEGIN_SPEED_M_S, BEGIN_TILT_RAD, BEGIN_HEADING_RAD = 30.0, 5.0, 5.0 * D
 LEVEL_AND_DOWN = 3  # of every measurement: north, east, down
 LEVEL_AND_DOWN_AT = np.diag_indices(LEVEL_AND_DOWN)
 UNIT_MATRIX = np.eye(3)
+# of what the turning arm adds to the velocity of the antenna: the rate within a second is not
+# its mean
+SWING_SHARE = 0.1
 STAND, STAND_M_S = "stand", 0.01  # of a standing vehicle, as infield.aided.flight
 REST_B = np.array([0.0, 0.0, -STANDARD_GRAVITY])  # specific force of a level rest
 # a body turns where a gyro reads more than so many sigmas of its bias and noise: 6e-5 of noise do

@@ -38,6 +38,7 @@ from infield.session.navigated.taxi_heading import (
     SurveyedHeadingAid,
 )
 from infield.session.reasons import Nuisance
+from infield.session.settings import FlightPriors
 from ins.attitude import dcm_from_rotation_vector
 from ins.filters import error_model as em
 from ins.records import GnssLog, NavHistory
@@ -47,11 +48,14 @@ from ins.units import DEG_PER_HOUR
 
 @dataclass(frozen=True)
 class FlownEstimate:
-    """A flown session: its estimate, and where the filter holds what only a flight has."""
+    """A flown session: its estimate, where the filter holds what only a flight has, and the priors
+    that it ended with.
+    """
 
     estimate: SessionEstimate
     layout: Layout
     antenna: Antenna
+    priors: FlightPriors
 
 
 def estimate_flown(
@@ -82,7 +86,8 @@ def estimate_flown(
         layout=known.layout(bins, solution.fitted.parked),
     )
     done, antenna = solved(session, _first_start(ground, flight, bins))
-    return FlownEstimate(_flown(session, ground, bins, done), session.layout, antenna)
+    estimate = _flown(session, ground, bins, done)
+    return FlownEstimate(estimate, done.session.layout, antenna, done.session.priors)
 
 
 def _rested(known: KnownRun, ground: SessionEstimate, clone_s: float) -> Beginning:

@@ -8,7 +8,15 @@ from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
 from infield.session.flown.flight import find_flight
-from infield.session.flown.gates import Doubt, against_joining, carried, doubted, rested, uncovered
+from infield.session.flown.gates import (
+    Doubt,
+    against_joining,
+    carried,
+    deflected,
+    doubted,
+    rested,
+    uncovered,
+)
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
 from infield.session.flown.known import KnownRun
 from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
@@ -105,6 +113,6 @@ def _judged(
         joined=joined,
         carried=states,
         worth=worth,
-        notes=() if doubt is None else doubt.notes,
+        notes=(*deflected(flown.priors), *(() if doubt is None else doubt.notes)),
         as_usual=as_usual,
     )

@@ -25,10 +25,11 @@ from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
 from infield.session.flown.flight import LEAST_WITH_FIXES, Flight
 from infield.session.flown.priors import Further, Layout
 from infield.session.reasons import FlightReason
+from infield.session.settings import FlightPriors
 from infield.table.merge import CONFIDENCE
 from ins.filters.error_filter import ErrorFilter, Tally
 from ins.robust import norm
-from ins.units import DEG_PER_HOUR
+from ins.units import ARCSEC, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
 # What stands still while it flies; slow errors of the receiver and the vertical come and go.
@@ -186,6 +187,25 @@ def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
     return tuple(
         because(FlightReason.UNLIKE_AT_REST, **told._asdict(), limit_sigmas=limit)
         for told in _shifted(states, limit)
+    )
+
+
+def deflected(priors: FlightPriors) -> tuple[Reason, ...]:
+    """A note where a flight was estimated under another deflection of the vertical than the assumed
+    one: as it shows, or as was given.
+    """
+    found = priors.deflection_rad, priors.deflection_m
+    assumed = FlightPriors().deflection_rad, FlightPriors().deflection_m
+    if found == assumed:
+        return ()
+    return (
+        because(
+            FlightReason.DEFLECTED,
+            arcsec=found[0] / ARCSEC,
+            km=found[1] / 1e3,
+            assumed_arcsec=assumed[0] / ARCSEC,
+            assumed_km=assumed[1] / 1e3,
+        ),
     )
 
 

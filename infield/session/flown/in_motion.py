@@ -148,7 +148,7 @@ def estimate_in_motion(
             parked_s=float(solution.motion.seconds(STILL)),
         ),
     )
-    return FlownEstimate(estimate, session.layout, antenna)
+    return FlownEstimate(estimate, done.session.layout, antenna, done.session.priors)
 
 
 _NO_MOTION = Motion(

@@ -24,13 +24,22 @@ from infield.session.flown.driving import Driving, body_motion
 from infield.session.flown.fixes import Antenna, FixAid, Sigmas
 from infield.session.flown.flight import Flight, flown_motion, joined_cruise
 from infield.session.flown.known import KnownRun
-from infield.session.flown.priors import Layout
+from infield.session.flown.priors import Further, Layout
+from infield.session.navigated.nuisances import TAXI_GAIN_NATS, LevelSearch
+from infield.session.settings import FIT, FlightPriors
 from ins.filters.error_filter import ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.records import GnssLog, NavHistory, TwinModel
+from ins.units import ARCSEC
 
 # as alignment.linearised: 2 or 3 as a rule; the first is about the ground session's result
 FLIGHT_PASSES = 3
+VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that was corrected once
+# of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30; the lengths of valleys and of ranges
+OF_VERTICAL = (
+    LevelSearch("deflection_arcsec", 2.0, 30.0, np.sqrt(2.0)),
+    LevelSearch("deflection_km", 10.0, 60.0, np.sqrt(2.0)),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +72,25 @@ class FlownSession:
     course: Course
     layout: Layout
 
+    @property
+    def priors(self) -> FlightPriors:
+        return self.known.settings.flight
+
+    def under(self, priors: FlightPriors) -> "FlownSession":
+        """The same with another deflection of the vertical."""
+        settings = replace(self.known.settings, flight=priors)
+        return replace(
+            self,
+            known=replace(self.known, settings=settings),
+            layout=self.layout.with_sigma(Further.DEFLECTION, priors.deflection_rad),
+        )
+
 
 @dataclass(frozen=True)
 class FlownPass:
-    """A pass over the whole session: its solution, what it is a pass of, and the filter's end."""
+    """A pass over the whole session: of what, its solution, and the filter's end."""
 
+    session: FlownSession
     history: NavHistory
     start: Start
     last: FilterPass
@@ -86,10 +109,47 @@ def solved(session: FlownSession, start: Start) -> tuple[FlownPass, Antenna]:
             )
         history = navigated(session.log, session.prior, session.course, start)
         last = _pass_over(session, history, start)
-        flt = last.run(session.beginning.sigmas, _aids(session, last, antenna))
-        done = FlownPass(history, start, last, flt)
+        fixes = _fixes(session, history, antenna)
+        flt = _swept(session, last, fixes)
+        if number == VERTICAL_PASS:
+            flt, session = _with_vertical(session, last, fixes, flt)
+        done = FlownPass(session, history, start, last, flt)
     assert done is not None
     return done, antenna
+
+
+def _with_vertical(
+    session: FlownSession, last: FilterPass, fixes: FixAid, flt: ErrorFilter
+) -> tuple[ErrorFilter, FlownSession]:
+    """The session under the likeliest deflection of the vertical, and the filter; as it is where
+    that is not likelier by what a nuisance has to gain.
+    """
+    searches = [s for s in OF_VERTICAL if getattr(session.priors, s.name) == FIT]
+    if not searches or Further.DEFLECTION not in session.layout.at:
+        return flt, session
+    found = replace(
+        session.priors,
+        deflection_arcsec=session.priors.deflection_rad / ARCSEC,
+        deflection_km=session.priors.deflection_m / 1e3,
+    )
+
+    def run(priors: FlightPriors) -> ErrorFilter:
+        return _swept(session.under(priors), last, fixes)
+
+    best, before = flt, None
+    while found != before:
+        before = found
+        for search in searches:
+            best, found = search.climb(run, best, found)
+    if best.tally.loglik - flt.tally.loglik < TAXI_GAIN_NATS:
+        return flt, session
+    return best, session.under(found)
+
+
+def _swept(session: FlownSession, last: FilterPass, fixes: FixAid) -> ErrorFilter:
+    """The filter of a pass under the priors of a session."""
+    under = replace(last, further_sigma=tuple(session.layout.sigma))
+    return under.run(session.beginning.sigmas, _aids(session, last, fixes))
 
 
 def flying(flight: Flight, views: StepViews) -> NDArray:
@@ -131,25 +191,30 @@ class _Before:
         self.aid.measure(program, replace(views, **arrays))
 
 
-def _aids(session: FlownSession, last: FilterPass, antenna: Antenna) -> Sequence[Aid]:
+def _fixes(session: FlownSession, history: NavHistory, antenna: Antenna) -> FixAid:
+    gnss = session.known.twin.gnss
+    return FixAid(
+        session.fixes,
+        Sigmas(gnss.sigma_horizontal_m, gnss.sigma_velocity_m_s),
+        antenna,
+        session.layout,
+        history,
+        session.log.imu,
+    )
+
+
+def _aids(session: FlownSession, last: FilterPass, fixes: FixAid) -> Sequence[Aid]:
     """The wheels and surveys up to take-off, the fixes throughout."""
     known, history = session.known, last.history
     views = views_of(history, last.plan)
     before = int(np.searchsorted(views.end_s, session.flight.start_s + 1e-6))
-    gnss = known.twin.gnss
     return [
         Driving(
             session.layout,
-            known.settings.flight,
+            session.priors,
             body_motion(history, last.plan, views, known.temperature),
             flying(session.flight, views),
         ),
         *(_Before(aid, before) for aid in session.beginning.aids),
-        FixAid(
-            session.fixes,
-            Sigmas(gnss.sigma_horizontal_m, gnss.sigma_velocity_m_s),
-            antenna,
-            session.layout,
-            history,
-        ),
+        fixes,
     ]

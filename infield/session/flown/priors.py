@@ -5,7 +5,7 @@ these states follow the bins. Those whose prior is zero are left out.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.session.settings import FlightPriors
-from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
+from ins.units import DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 
 
 class Further(StrEnum):
@@ -66,6 +66,12 @@ class Layout:
         where = self.at.get(state, slice(0, 0))
         return range(where.start, where.stop)
 
+    def with_sigma(self, state: Further, sigma: float) -> "Layout":
+        """The same with another prior sigma of one state."""
+        other = self.sigma.copy()
+        other[np.array(self.indices(state), dtype=np.int64) - self.first] = sigma
+        return replace(self, sigma=other)
+
 
 def laid_out(
     priors: FlightPriors, technology: str, *, first: int, scale_ppm: float, accel_z_ug: float
@@ -86,7 +92,7 @@ def laid_out(
         Further.MISALIGNMENT: priors.misalignment_mrad[technology] * MILLIRADIAN,
         Further.SHIFT: priors.shift_deg_h[technology] * DEG_PER_HOUR,
         Further.FORCE: priors.force_deg_h_g[technology] * DEG_PER_HOUR / (1e6 * MICRO_G),
-        Further.DEFLECTION: priors.deflection_arcsec * ARCSEC,
+        Further.DEFLECTION: priors.deflection_rad,
     }
     at: dict[Further, slice] = {}
     sigmas: list[float] = []

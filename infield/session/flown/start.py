@@ -26,7 +26,6 @@ from infield.session.reasons import FlightReason
 from ins.filters.aided_records import Antenna, fixes_of
 from ins.filters.states import AIDED_THETA
 from ins.records import GnssLog, ImuSource, NavState, Run, Site
-from ins.units import ARCSEC
 from ins.verdicts import Reason, because
 
 # of log that the start is sought on; chosen: gyrocompassing under way, a ring-laser unit of the
@@ -84,9 +83,7 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
         covariance=np.diag([priors.antenna_m] * 3 + [priors.delay_s] * 2) ** 2,
     )
     noise = replace(
-        aided_noise(twin),
-        deflection_rad=priors.deflection_arcsec * ARCSEC,
-        deflection_m=priors.deflection_m,
+        aided_noise(twin), deflection_rad=priors.deflection_rad, deflection_m=priors.deflection_m
     )
     nodes = [np.diag(known.table.covariance)[known.table.values_of(k)].max() for k in range(3)]
     sky = Sky(

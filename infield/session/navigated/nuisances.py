@@ -18,6 +18,7 @@ that is fitted: the NIS of the lateral way then tests nothing, and the document 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,7 @@ class Assumed:
 
 
 AS_DECLARED = Assumed()
+Record = TypeVar("Record")  # what a filter assumes: a dataclass
 
 
 # What every taxi estimates: the measurements that show it, and its state.
@@ -189,19 +191,37 @@ def _chosen(
 def _levelled(
     bench: Bench, nuisance: Nuisance, flt: ErrorFilter, assumed: Assumed
 ) -> tuple[ErrorFilter, Assumed]:
-    """The likeliest RMS of a crab that changes on its own, up and down by LEVEL_STEP."""
-    _, level = WANDERING[nuisance]
-    for factor in (LEVEL_STEP, 1.0 / LEVEL_STEP):
-        while True:
-            rms = factor * getattr(assumed, level)
-            if not LEAST_CRAB_RAD <= rms <= LARGEST_CRAB_RAD:
-                break
-            other = replace(assumed, **{level: rms})
-            tried = bench.run(other)
-            if tried.tally.loglik <= flt.tally.loglik:
-                break
-            flt, assumed = tried, other
-    return flt, assumed
+    """The likeliest RMS of a crab that changes on its own."""
+    search = LevelSearch(WANDERING[nuisance][1], LEAST_CRAB_RAD, LARGEST_CRAB_RAD, LEVEL_STEP)
+    return search.climb(bench.run, flt, assumed)
+
+
+@dataclass(frozen=True)
+class LevelSearch:
+    """A search for the likeliest size of one number of what a filter assumes: its name, the least
+    and the largest size, and the factor between two that are tried.
+    """
+
+    name: str
+    least: float
+    largest: float
+    step: float
+
+    def climb(
+        self, run: Callable[[Record], ErrorFilter], flt: ErrorFilter, assumed: Record
+    ) -> tuple[ErrorFilter, Record]:
+        """Up and down from what is assumed, as long as the likelihood grows. flt: under that."""
+        for factor in (self.step, 1.0 / self.step):
+            while True:
+                size = factor * getattr(assumed, self.name)
+                if not self.least <= size <= self.largest:
+                    break
+                other = replace(assumed, **{self.name: size})  # type: ignore[type-var]
+                tried = run(other)
+                if tried.tally.loglik <= flt.tally.loglik:
+                    break
+                flt, assumed = tried, other
+        return flt, assumed
 
 
 def _constants(bench: Bench, assumed: Assumed) -> dict[Nuisance, float]:

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from infield.session.settings import FlightPriors, SessionSettings
+from infield.session.settings import FIT, FlightPriors, SessionSettings
 from infield.table.thermal_table import AgeingModel
 from ins.json_file import read_toml, shown
 from ins.records import InputError
@@ -20,7 +20,12 @@ CONFIG_SECTIONS: dict[str, type] = {
     "ageing": AgeingModel,
 }
 # of what a number divides: bins below it hold no rest, slow errors below it are a fix's own noise
-LEAST_SETTING = {"bin_s": 30.0, "slow_position_s": 1.0, "slow_velocity_s": 1.0, "deflection_m": 1.0}
+LEAST_SETTING = {
+    "bin_s": 30.0,
+    "slow_position_s": 1.0,
+    "slow_velocity_s": 1.0,
+    "deflection_km": 0.001,
+}
 
 
 def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
@@ -43,9 +48,9 @@ def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
 
 
 def setting_names(kind: type) -> list[str]:
-    """The keys of a section, in order: what a number, a switch or a table of numbers sets."""
+    """The keys of a section, in order: what a number, a switch, a table of numbers or FIT sets."""
     default = kind()
-    plain = bool | int | float | dict
+    plain = bool | int | float | dict | str
     return [f.name for f in fields(kind) if isinstance(getattr(default, f.name), plain)]
 
 
@@ -65,13 +70,17 @@ def _section(kind: type, values: Any, where: str) -> Any:
     record = kind(**merged)
     for key, least in LEAST_SETTING.items():
         got = getattr(record, key, least)
-        if got < least:
+        if got != FIT and got < least:
             raise InputError(f"{where}: {key} = {got:g}, needed at least {least:g}")
     return record
 
 
 def _check(where: str, value: Any, wanted: Any) -> None:
-    """A value must be of its default's kind, its numbers from 0 to MAX_SETTING."""
+    """A value must be of its default's kind, its numbers from 0 to MAX_SETTING; FIT, or a number in
+    its place.
+    """
+    if value == wanted == FIT:
+        return
     kinds = [(isinstance(v, bool), isinstance(v, dict)) for v in (value, wanted)]
     if kinds[0] != kinds[1]:
         raise InputError(f"{where} = {value!r}, needed {type(wanted).__name__}")
@@ -81,5 +90,5 @@ def _check(where: str, value: Any, wanted: Any) -> None:
         if not isinstance(number, int | float) or not 0 <= number <= MAX_SETTING:
             raise InputError(
                 f"{where} = {shown(value)}, needed a number that is not negative, at most"
-                f" {MAX_SETTING:g}"
+                f" {MAX_SETTING:g}" + (f', or "{FIT}"' if wanted == FIT else "")
             )
