@@ -105,6 +105,11 @@ def _ideal() -> IdealSensors:
     return ideal_sensors(truth, RATE_HZ)
 
 
+def parked_hour(technology: str) -> IdealSensors:
+    """The noise-free hour of a unit; gyros of a ring laser have a dither."""
+    return _dithered() if technology == "rlg" else _ideal()
+
+
 @lru_cache(maxsize=1)
 def _dithered() -> IdealSensors:
     """The same on gyros that a dither swings, before they count."""
@@ -157,12 +162,7 @@ def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> di
         events = (Boarding(time_s=float(rng.uniform(600.0, 3000.0)), roll_arcsec=20.0),)
     unit = aged_unit(rng, gyro_technology=technology)
     simulated = simulate_run(
-        _dithered() if technology == "rlg" else _ideal(),
-        HISTORY,
-        unit,
-        twin,
-        rng=rng,
-        plan=SessionPlan(events=events),
+        parked_hour(technology), HISTORY, unit, twin, rng=rng, plan=SessionPlan(events=events)
     )
     run = simulated.run
     imu = run.imu.whole()

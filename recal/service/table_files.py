@@ -54,7 +54,8 @@ __all__ = [
 @dataclass(frozen=True, kw_only=True)
 class TableFile:
     """A table in a file, and what was said of it. autopilot, number: whose parameters, where a file
-    has several; sigma_deg_h: of an autopilot's cubic.
+    has several; sigma_deg_h: of an autopilot's cubic; any_size: it is taken although it is larger
+    than its technology makes it.
     """
 
     path: Path
@@ -64,6 +65,7 @@ class TableFile:
     autopilot: str | None = None
     number: int | None = None
     sigma_deg_h: float | None = None
+    any_size: bool = False
 
     @property
     def is_cubic(self) -> bool:
@@ -166,17 +168,16 @@ def import_table(
     *,
     note: str = "",
     override: bool = False,
-    any_size: bool = False,
     any_clock: bool = False,
     one_person: str | None = None,
 ) -> tuple[Revision, list[str]]:
     """The table of a file becomes the active one; what was assumed for it. override: although the
-    store knows the serial as another technology; any_size: although it is larger than its
-    technology makes it; one_person: as of `TableStore.import_table`.
+    store knows the serial as another technology; one_person: as of `TableStore.import_table`.
     """
     data, said = _read(given)
     if (wild := implausible_size(data)) is not None:
-        need(any_size, f"{given.path}: {wild}: another unit? (--any-size imports it all the same)")
+        what = f"{given.path}: {wild}: another unit? (--any-size imports it all the same)"
+        need(given.any_size, what)
         said = [*said, f"size taken as it is: {wild}"]
     record = None if twin is None else read_twin(twin)
     require_same_unit(data, record)

@@ -223,6 +223,7 @@ def import_(
         autopilot=from_.value if from_ else None,
         number=imu,
         sigma_deg_h=sigma,
+        any_size=any_size,
     )
     _check_options(given)
     found, said = import_table(
@@ -231,7 +232,6 @@ def import_(
         twin,
         note=note,
         override=override_technology,
-        any_size=any_size,
         any_clock=any_clock,
         one_person=login_name() if one_person else None,
     )
