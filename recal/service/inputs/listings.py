@@ -17,6 +17,7 @@ from trajectories.runs.schema import header_from_json
 __all__ = [
     "JsonObject",
     "StrictModel",
+    "Written",
     "parse",
     "read_header",
     "read_json_object",
