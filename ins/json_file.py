@@ -85,7 +85,7 @@ class Written(float):
     text: str
 
 
-def half_unit(number: float | str) -> float:
+def half_unit(number: float) -> float:
     """Half a unit of a number's last digit, as it was written.
 
     Parameters
@@ -103,7 +103,7 @@ def half_unit(number: float | str) -> float:
     (0.5, 0.005)
     """
     text = number.text if isinstance(number, Written) else repr(number)
-    return 0.5 * 10.0 ** Decimal(text).as_tuple().exponent
+    return 0.5 * 10.0 ** int(Decimal(text).as_tuple().exponent)
 
 
 def read_json_object(path: Path, *, number: Callable[[str], float] = float) -> JsonObject:

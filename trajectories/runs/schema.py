@@ -168,10 +168,6 @@ class _Open(BaseModel):
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False, frozen=True)
 
 
-def _is_latitude(value: Any) -> bool:
-    return isinstance(value, float | int) and abs(value) <= 90.0
-
-
 class _SiteKeys(_Open):
     lat_deg: float = Field(ge=-90, le=90)
     lon_deg: float = Field(ge=-360, le=360)
@@ -186,7 +182,9 @@ class _SiteKeys(_Open):
         if not isinstance(site, dict) or site.get("sigma_lat_deg") is not None:
             return site
         lat_deg = site.get("lat_deg")
-        if isinstance(lat_deg, bool) or not _is_latitude(lat_deg):
+        if isinstance(lat_deg, bool) or not isinstance(lat_deg, float | int):
+            return site
+        if not abs(lat_deg) <= 90.0:
             return site
         return {**site, "sigma_lat_deg": max(half_unit(lat_deg), LEAST_SIGMA_LAT_RAD / DEG)}
 

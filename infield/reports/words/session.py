@@ -40,7 +40,7 @@ VARIANCE_SOURCES: Mapping[VarianceSource, str] = {
     VarianceSource.RATE_RANDOM_WALK: "rate random walk during the runs",
     VarianceSource.MISALIGNMENT: "misalignment of the gyros, through Earth rate",
     VarianceSource.THERMOMETER: "errors of the thermometers",
-    VarianceSource.DOUBTED_FACT: "a fact that the run puts in doubt",
+    VarianceSource.DOUBTED_FACT: "facts in doubt, and a latitude that several runs share",
     VarianceSource.HEATING_AND_COOLING: "heating against cooling",
     VarianceSource.BINS: "times without a temperature",
     VarianceSource.ANGLE_RANDOM_WALK: "white noise of the gyros (angle random walk)",

@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from ins.json_file import Written
 from recal.cli.terminal.help import INPUT
 
 MapFile = Annotated[
@@ -56,8 +55,10 @@ OfTechnology = Annotated[
 ]
 
 
-def degrees(text: str) -> Written:
+def degrees(text: str) -> float:
     """A number of degrees with the digits that were typed."""
+    from recal.service.inputs.listings import Written
+
     try:
         return Written(text)
     except ValueError:

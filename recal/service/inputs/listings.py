@@ -18,6 +18,7 @@ from trajectories.runs.schema import header_from_json
 __all__ = [
     "JsonObject",
     "StrictModel",
+    "Written",
     "parse",
     "read_csv_rows",
     "read_header",
