@@ -105,8 +105,8 @@ LEAPT = 12
 STEADY, STEADY_STEPS, LATEST = 18, 21, 22
 # and of the shaking, at 25 to 31: the last row's specific force, body axes, the mean square of its
 # changes from row to row, the mean over SHAKEN_S of the root of that, its least and its most; at 32
-# the rows of the step, at 33 the seconds at the latest position that was rejected (0: none since
-# one was used)
+# the rows of the step, at 33 the CLOCK of the latest position that was rejected (0: none since one
+# was used)
 FORCE_BEFORE, SHAKING, SHAKEN_LATELY, SHAKEN_LEAST, SHAKEN_MOST = 25, 28, 29, 30, 31
 STEP_ROWS, REJECTED_AT, CARRY = 32, 33, 34
 # of what is taken off: biases of gyros and accelerometers, scales and misalignments, slow errors,
@@ -144,7 +144,6 @@ SHAKEN_S = 2.0  # chosen: of 100 rows at 50 Hz the shaking is known to 7 %
 # integral of the squared difference of the shaking and its mean over SHAKEN_S after a jump from 0
 # to 1, over SHAKEN_S: of sqrt(1 - exp(-u)) less its exponential mean, by numbers
 OF_A_JUMP = 0.2954
-ROUNDING_S = 1e-6  # of sums of intervals
 TINY = 1e-12  # (m/s^2)^2: the square of 0.1 micro-g, below any accelerometer's noise
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
 # only kernels call it: less to compile, but a call from Python would end the process
@@ -576,10 +575,10 @@ def count_rejected(carry, reset_s):
 
     The time between rejected positions counts, each gap for no more than its share.
     """
-    if carry[REJECTED_AT] > 0.0:
+    if carry[REJECTED_AT] != 0.0:
         carry[REJECTED_S] += min(carry[CLOCK] - carry[REJECTED_AT], reset_s / FEWEST_GAPS)
     carry[REJECTED_AT] = carry[CLOCK]
-    return 0.0 < reset_s <= carry[REJECTED_S] + ROUNDING_S
+    return 0.0 < reset_s <= carry[REJECTED_S]
 
 
 @inner

@@ -17,6 +17,7 @@ from infield.session.flown import start
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason, SessionReason
 from ins.filters.states import AIDED_THETA
+from ins.records import FixType
 from ins.units import MILLIRADIAN
 from ins.verdicts import Outcome
 from tests.cut import cut_run
@@ -88,18 +89,33 @@ class Begun(Exception):
     """The start is found; the rest of the update is not asked for."""
 
 
-def start_found(run, monkeypatch):
+def start_found(run, monkeypatch, smoothed=smooth_flight):
     """The smoothed solution that a session in motion begins on."""
     found = []
 
     def smooth(*arguments):
-        found.append(smooth_flight(*arguments))
+        found.append(smoothed(*arguments))
         raise Begun
 
     monkeypatch.setattr(start, "smooth_flight", smooth)
     with pytest.raises(Begun):
         taken(run)
     return found[0]
+
+
+def test_a_start_assumes_as_much_of_fixes_of_either_type(monkeypatch):
+    """Of single and fixed solutions that change every half minute."""
+    run = in_the_air(flown(1).run)
+    fixed = (run.gnss.time_s // 30.0) % 2 == 1
+    types = np.where(fixed, FixType.FIXED, FixType.SINGLE).astype(float)
+    run = replace(run, gnss=replace(run.gnss, fix_type=types))
+
+    def given(flights, found, model):
+        return flights.given(model).noise
+
+    noise, priors = start_found(run, monkeypatch, given), SETTINGS.flight
+    assert noise.slow_level_m == noise.slow_other_level_m == priors.slow_position_m
+    assert noise.slow_down_m == noise.slow_other_down_m > priors.slow_position_m
 
 
 @pytest.mark.slow

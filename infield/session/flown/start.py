@@ -97,6 +97,7 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
     )
     begin = Beginning(sky=sky, header=header, rest=None, stands=stands)
     flights = Flights(sought, fixes, noise, declared_m, stands, technology, begin)
+    flights = replace(flights, declared_other_m=declared_m[:2])
     found = flights.start(antenna)
     if isinstance(found, Reason):
         return because(FlightReason.NOT_NAVIGATED, why=found)
@@ -105,6 +106,7 @@ def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingSt
         return because(FlightReason.NOT_NAVIGATED, why=begin.heading.why)
     slow = NoiseScales(
         slow=priors.slow_position_m / declared_m[0],
+        slow_other=priors.slow_position_m / declared_m[0],
         slow_s=priors.slow_position_s,
         slow_velocity=priors.slow_velocity_m_s / declared_m[2],
         slow_velocity_s=priors.slow_velocity_s,
