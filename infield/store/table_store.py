@@ -299,10 +299,9 @@ class TableStore(ProposalStore, PriorsStore):
                         twin_table_sha256=text_sha256(text),
                     )
                 )
-            active = tagged(c, row, "active") if last else None
-            same = active is not None and active.sha256 == text_sha256(text)
-            if active is not None and same and note in ("", active.note):
-                return active
+            if last and (active := tagged(c, row, "active")).sha256 == text_sha256(text):
+                if note in ("", active.note):
+                    return active
             kind = "import" if last else "factory"
             append_revision(c, row, NewRevision(kind=kind, table_json=text, note=note))
             set_runs(c, row, provenance_runs(table))

@@ -17,7 +17,7 @@ DAY_S = 86400.0
 
 class Health(IntEnum):
     """What a unit needs, the most urgent first: what a person has to decide, then what the
-    forecast says; UNKNOWN where nothing else is known of a unit and no forecast of it holds today.
+    forecast says; NO_FORECAST where nothing else is known and no forecast of it holds today.
     """
 
     CONTRADICTED = 0
@@ -26,7 +26,7 @@ class Health(IntEnum):
     SOON = 3
     NO_TABLE = 4
     OLD = 5
-    UNKNOWN = 6
+    NO_FORECAST = 6
     GOOD = 7
 
 
@@ -46,7 +46,7 @@ HEALTH_WORDS: Mapping[Health, tuple[str, str, str]] = {  # word, look, what to d
     Health.SOON: ("near the limit", "fair", "Its drift passes the limit within a quarter."),
     Health.NO_TABLE: ("no table", "none", "It runs on the default of its technology."),
     Health.OLD: ("old table", "none", "Its table is older than a year."),
-    Health.UNKNOWN: ("unknown", "none", "No forecast of its drift holds today."),
+    Health.NO_FORECAST: ("unknown", "none", "No forecast of its drift holds today."),
     Health.GOOD: ("good", "good", ""),
 }
 
@@ -93,7 +93,7 @@ def chosen(rows: Sequence[UnitHealth], show: Show) -> list[UnitHealth]:
     """The units that a filter lets through."""
     match show:
         case Show.NEXT:
-            return [row for row in rows if row.health < Health.UNKNOWN]
+            return [row for row in rows if row.health < Health.NO_FORECAST]
         case Show.WAITING:
             return [row for row in rows if row.unit.undecided]
         case Show.NO_TWIN:
@@ -126,7 +126,7 @@ def _health(
         (Health.SOON, until is not None and -_days(until, now) < SOON_DAYS),
         (Health.NO_TABLE, not unit.active_number),
         (Health.OLD, age_days > OLD_DAYS),
-        (Health.UNKNOWN, drift is None),
+        (Health.NO_FORECAST, drift is None),
     )
     return next((health for health, holds in tests if holds), Health.GOOD)
 

@@ -198,6 +198,7 @@ def test_every_command_has_the_common_flags(words):
 
 
 NEEDED = {
+    "rollback": ["--by", "B", "--reason", "why"],
     "export": ["-o", "t.json"],
     "approve": ["1", "--reason", "why"],
     "reject": ["1", "--reason", "why"],

@@ -17,7 +17,7 @@ from infield.store.table_store import TableStore
 from recal.web import pages
 from recal.web.settings import token_of
 from tests.infield import stores
-from tests.recal.serving import NAMED_TOKEN, Visitor, put_unit, serving
+from tests.recal.serving import NAMED_TOKEN, Visitor, merged, put_unit, report, serving, shifted
 
 url = stores.url
 HOSTILE = "SN\"><script>alert(1)</script>&'/../%2e%2e"
@@ -501,3 +501,37 @@ def test_the_forecast_lists_units_by_urgency_with_their_trend(visitor):
     assert '<a href="/unit?serial=SN-1&amp;technology=rlg&amp;mode=">SN-1</a>' in page.text
     assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift of ") == 3
     assert visitor.get("/forecast").text == page.text
+
+
+def test_who_put_it_forward_does_not_approve_it_on_the_page(fresh):
+    base, url = fresh
+    with Visitor(base) as visitor, TableStore.open(url) as store:
+        active = store.active()
+        runs = [merged("own")]
+        own = store.propose(
+            active.sha256, shifted(active, 0.004), runs, report("SN-1"), by="r. eviewer"
+        )
+        visitor.sign_in(NAMED_TOKEN)
+        page = f"/proposal?serial=SN-1&technology=rlg&number={own.number}"
+        form = {
+            "form_token": visitor.form_token(page),
+            "serial": "SN-1",
+            "technology": "rlg",
+            "number": str(own.number),
+            "verdict": "approved",
+            "by": "Somebody Else",
+            "reason": "good",
+        }
+        refused = visitor.submit("/decide", **form)
+        assert refused.status_code == 409 and "was put forward by r. eviewer" in text_of(refused)
+        assert store.active() == active
+
+
+def test_a_unit_without_a_forecast_of_today_is_not_green(tmp_path):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url, proposals=0)
+    with serving(url) as base, Visitor(base) as visitor:
+        for page in ("/", "/unit?serial=SN-1&technology=rlg"):
+            text = visitor.get(page).text
+            assert "unknown" in text and 'class="badge good"' not in text
+            assert 'class="banner good"' not in text

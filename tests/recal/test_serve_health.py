@@ -88,7 +88,7 @@ def test_the_unit_that_needs_most_comes_first():
 
 def test_without_a_forecast_nothing_is_said_of_the_drift():
     rows = {row.unit.unit.imu_serial: row for row in judged(UNITS, None, NOW)}
-    assert {rows[name].health for name in ("GOOD", "SOON", "BEYOND")} == {Health.UNKNOWN}
+    assert {rows[name].health for name in ("GOOD", "SOON", "BEYOND")} == {Health.NO_FORECAST}
     assert rows["GOOD"].words[1] != "good" and rows["BEYOND"].forecast is None
     assert rows["WAITS"].health is Health.WAITS and rows["OLD"].health is Health.OLD
 

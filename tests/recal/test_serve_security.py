@@ -490,3 +490,12 @@ def test_no_page_names_the_database_password(tmp_path):
     with pytest.raises(InputError) as refused:
         Site(ServeSettings(store_url="postgresql://user:hunter2@127.0.0.1:1/db", tokens=TOKENS))
     assert "hunter2" not in str(refused.value)
+
+
+def test_cross_site_requests_of_the_login_link_lock_nobody_out(site):
+    """An image of another page can ask for it: it changes nothing for who has a token."""
+    foreign = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors"}
+    with Visitor(site[0]) as victim:
+        for _ in range(2 * MAX_FAILURES):
+            assert victim.get("/login?ticket=x", headers=foreign).status_code == 403
+        assert victim.sign_in().status_code == 303

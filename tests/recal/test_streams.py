@@ -110,6 +110,7 @@ QUICK = {  # the words after the name; every command has its line here
     "table list": [],
     "table show": [],
     "table diff": [],
+    "table policy": [],
     "table rollback": ["--to", "factory", "--by", "B", "--reason", "why"],
     "table verify": [],
     "table export": ["-o", "out.csv"],

@@ -127,7 +127,7 @@ def test_a_changed_row_is_found(stepped, tmp_path):
 def test_a_store_of_the_first_schema_is_read_and_upgraded_by_a_commit(stepped, tmp_path):
     url, runs, _ = stepped
     with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
-        later = ("priors_decision", "priors", "decision", "proposal", "contradiction")
+        later = ("policy", "priors_decision", "priors", "decision", "proposal", "contradiction")
         for name in later:
             db.execute(f"DROP TABLE recal_{name}")
         db.execute("UPDATE alembic_version SET version_num = '0001'")

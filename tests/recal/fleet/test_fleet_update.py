@@ -139,8 +139,9 @@ def test_proposals_wait_in_the_store_one_a_unit(fleet, inline):
         assert [(p.unit.imu_serial, p.proposed_by, len(p.runs)) for p in waiting] == [
             (s, "a fleet test", 1) for s in SERIALS
         ]
-        assert store.decide(1, "approved", "SN-B", by="x", reason="y").decision is not None
-    assert [u["proposal"] for u in document["units"]] == [1, 1, 1]
+        (number,) = [p.number for p in waiting if p.unit.imu_serial == "SN-B"]
+        assert store.decide(number, "approved", by="x", reason="y").decision is not None
+    assert {u["proposal"] for u in document["units"]} == {1, 2, 3}
     assert len(history(fleet, "SN-A")) == 1 and len(history(fleet, "SN-B")) == 2
     call("propose")
     with TableStore.open(URL) as store:
