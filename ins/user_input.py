@@ -9,13 +9,13 @@ before its options.
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 LONGEST_LINE = 1000  # characters of one printed line; chosen: 12 lines of a terminal
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """A file that a user named, open for reading.
 
     Parameters
@@ -25,7 +25,7 @@ def open_regular(path: Path) -> BinaryIO:
 
     Returns
     -------
-    stream : BinaryIO
+    stream : BufferedReader
         At its beginning; the caller closes it.
 
     Raises

@@ -261,3 +261,17 @@ def test_what_is_printed_forges_no_line(capsys):
     assert visible("deg/h, \u00b5g, \u5317") == "deg/h, \u00b5g, \u5317"
     page = page_environment().from_string("{{ name }}").render(name=FORGED + "<b>")
     assert "\x1b" not in page and "\u202e" not in page and "\n" in page and "&lt;b&gt;" in page
+
+
+@pytest.mark.parametrize("output", ("pipe", "device"))
+def test_no_pipe_or_device_is_replaced_by_a_file(folder, output):
+    """--force writes over files alone; /dev/full of the administrator was made a file."""
+    place = folder / f"{HELD}-{output}"
+    if output == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to("/dev/full")
+    line = "misalignment k.csv --lat-deg 45 --sigma-deg-h 0.001 --twin twin.json -o made --force"
+    code, words = call([*line.split(), "--twin-out", place.name])
+    assert code == BAD_INPUT_EXIT and place.name in words and not place.is_file()
+    assert place.is_fifo() or place.is_char_device()
