@@ -12,7 +12,7 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
-LONGEST_LINE = 1000  # characters of one printed line; chosen: 12 lines of a terminal
+LONGEST_PRINTED = 1000  # characters of one printed line; chosen: 12 lines of a terminal
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -104,8 +104,8 @@ def one_line(text: str) -> str:
     Returns
     -------
     line : str
-        `visible`, of at most LONGEST_LINE characters and what was left out.
+        `visible`, of at most LONGEST_PRINTED characters and what was left out.
     """
-    line = visible(text[:LONGEST_LINE])
-    left_out = len(text) - LONGEST_LINE
+    line = visible(text[:LONGEST_PRINTED])
+    left_out = len(text) - LONGEST_PRINTED
     return line if left_out <= 0 else f"{line}... ({left_out} characters more)"
