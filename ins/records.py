@@ -36,7 +36,7 @@ GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
 PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
 PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which the vehicle stands
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
-LONGEST_NAME = 200  # characters of a serial, a run_id, a tail, a mode; chosen
+LONGEST_NAME = 200  # characters; chosen: twice a run_id of 100, a serial has some 20
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 

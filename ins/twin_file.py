@@ -40,7 +40,7 @@ MAX_OF_OTHERS = 1e6
 # The oscillator of the sway has neither period nor end without these; a ship on its lines has
 # 0.01 Hz, a gear 0.3, an engine mount 30. Speeds and a creep beyond leave the place that is
 # simulated: 100 m/s for the 2 s of the side motion, half a turn in an hour.
-RANGE_OF_KEY = {
+TWIN_RANGES = {
     "sway_hz": (0.001, 1000.0),
     "sway_damping": (0.001, 100.0),
     "sway_m_s": (0.0, 100.0),
@@ -294,7 +294,7 @@ def _section_model(record: Any) -> type[StrictModel]:
     for f in fields(record):
         value = getattr(record, f.name)
         least = -MAX_OF_OTHERS if f.name in SIGNED else 0.0
-        low, high = RANGE_OF_KEY.get(f.name, (least, MAX_OF_OTHERS))
+        low, high = TWIN_RANGES.get(f.name, (least, MAX_OF_OTHERS))
         number: Any = Annotated[float, Field(ge=low, le=high)]
         length = len(value) if isinstance(value, tuple) else None
         kind = (

@@ -9,13 +9,13 @@ before its options.
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
-LONGEST_LINE = 1000  # characters of one printed line; chosen: 12 lines of a terminal
+LONGEST_PRINTED = 1000  # characters of one printed line; chosen: 12 lines of a terminal
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """A file that a user named, open for reading.
 
     Parameters
@@ -25,7 +25,7 @@ def open_regular(path: Path) -> BinaryIO:
 
     Returns
     -------
-    stream : BinaryIO
+    stream : BufferedReader
         At its beginning; the caller closes it.
 
     Raises
@@ -104,8 +104,8 @@ def one_line(text: str) -> str:
     Returns
     -------
     line : str
-        `visible`, of at most LONGEST_LINE characters and what was left out.
+        `visible`, of at most LONGEST_PRINTED characters and what was left out.
     """
-    line = visible(text[:LONGEST_LINE])
-    left_out = len(text) - LONGEST_LINE
+    line = visible(text[:LONGEST_PRINTED])
+    left_out = len(text) - LONGEST_PRINTED
     return line if left_out <= 0 else f"{line}... ({left_out} characters more)"

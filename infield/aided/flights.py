@@ -24,9 +24,9 @@ from ins.filters.aided_records import (
     Wheels,
 )
 from ins.filters.aided_tape import AidedTape
-from ins.increments import SAME_STEP, summed
 from ins.records import ImuLog, ImuSource, RunHeader
 from ins.robust import chi2
+from ins.strapdown.increments import SAME_STEP, summed
 from ins.verdicts import Reason
 
 HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB

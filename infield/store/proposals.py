@@ -41,11 +41,11 @@ from infield.store.schema import decision, proposal
 from infield.store.verify import lock_unit
 from infield.table.file import canonical_json, table_to_dict
 from infield.table.thermal_table import ThermalTable
-from ins.records import InputError, TableDocument
+from ins.records import LONGEST_NAME, InputError, TableDocument
 from ins.verdicts import Outcome
 
-# characters; chosen: two lines of a report, and two screens of 25 lines of 80
-LONGEST_NAME, LONGEST_STORED_REASON = 200, 4000
+# characters; chosen: two screens of 25 lines of 80
+LONGEST_STORED_REASON = 4000
 
 __all__ = ["Decision", "FullProposal", "Proposal", "ProposalStore"]
 

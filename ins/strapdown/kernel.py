@@ -200,9 +200,9 @@ def compensate(theta, dv, theta_before, dv_before, weights, small):
     """Rotation vector, velocity increment in the body frame of the interval's start, and its
     scrolling part [m/s].
 
-    The same formulas as ins.increments, where the derivation is. Scrolling, times dt, is what the
-    trapezoid of the velocity misses: -(slope dt^2 + theta x dv) / 12. weights: of the intervals.
-    small: known to turn less than 0.1 rad.
+    The same formulas as ins.strapdown.increments, where the derivation is. Scrolling, times dt, is
+    what the trapezoid of the velocity misses: -(slope dt^2 + theta x dv) / 12. weights: of the
+    intervals. small: known to turn less than 0.1 rad.
     """
     ratio, weight, slope_weight = weights
     k1, k2 = angle(square(theta), small)

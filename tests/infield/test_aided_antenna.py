@@ -13,8 +13,8 @@ from infield.aided.flight import navigate_aided
 from infield.reports.documents.aided import aided_document
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
-from ins.increments import summed
 from ins.records import Run
+from ins.strapdown.increments import summed
 from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
 from trajectories.simulator.segments import Straight
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from infield.table.thermal_table import default_table
 from ins.records import InputError, TemperatureLog
 from ins.twin_file import twin_from_dict
-from ins.user_input import LONGEST_LINE, one_line, visible
+from ins.user_input import LONGEST_PRINTED, one_line, visible
 from recal.cli.app import app
 from recal.cli.console import BAD_INPUT_EXIT, print_lines, say
 from recal.service.results.pages import page_environment
@@ -227,7 +227,7 @@ def test_a_text_of_another_kind_costs_one_short_line(folder, text):
         (folder / file).write_bytes(TEXTS[text])
         refused(place, file)
         words = call([file if w == HELD else w for w in PLACES[place].split()])[1]
-        assert words.isprintable() and len(words) < 1.1 * LONGEST_LINE
+        assert words.isprintable() and len(words) < 1.1 * LONGEST_PRINTED
 
 
 FORGED = "SN-1\nstore: 9 revisions, intact\x1b[31m\u202e"
@@ -257,7 +257,21 @@ def test_what_is_printed_forges_no_line(capsys):
     told, noted = capsys.readouterr()
     first, second = told.splitlines()
     assert first == noted.rstrip("\n") and first.isprintable() and first.startswith("SN-1\\nstore")
-    assert len(second) < 1.1 * LONGEST_LINE
+    assert len(second) < 1.1 * LONGEST_PRINTED
     assert visible("deg/h, \u00b5g, \u5317") == "deg/h, \u00b5g, \u5317"
     page = page_environment().from_string("{{ name }}").render(name=FORGED + "<b>")
     assert "\x1b" not in page and "\u202e" not in page and "\n" in page and "&lt;b&gt;" in page
+
+
+@pytest.mark.parametrize("output", ("pipe", "device"))
+def test_no_pipe_or_device_is_replaced_by_a_file(folder, output):
+    """--force writes over files alone; /dev/full of the administrator was made a file."""
+    place = folder / f"{HELD}-{output}"
+    if output == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to("/dev/full")
+    line = "misalignment k.csv --lat-deg 45 --sigma-deg-h 0.001 --twin twin.json -o made --force"
+    code, words = call([*line.split(), "--twin-out", place.name])
+    assert code == BAD_INPUT_EXIT and place.name in words and not place.is_file()
+    assert place.is_fifo() or place.is_char_device()

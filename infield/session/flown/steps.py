@@ -12,8 +12,8 @@ from alignment.motion.inertial import Where
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import displacement_ned, geodetic_from_ecef, gravity_n, omega_en_n, omega_ie_n
 from ins.filters.aided_records import AidedHistory, Fixes
-from ins.increments import joined
 from ins.records import ImuLog, ImuSource
+from ins.strapdown.increments import joined
 
 # rows of the solution, a second apart, whose log is read at a time; chosen: of 200 Hz 8 MB
 READ_ROWS = 600

@@ -10,7 +10,7 @@ from pathlib import Path
 from ins.user_input import read_bounded
 
 FILE = "config.toml"
-MOST_BYTES = 100_000  # chosen: six keys of some 100 characters
+MAX_DEFAULTS_BYTES = 100_000  # chosen: six keys of some 100 characters
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def read_user_config(path: Path | None = None) -> UserConfig:
     """
     file = config_path() if path is None else path
     try:
-        given = tomllib.loads(read_bounded(file, MOST_BYTES).decode("utf-8"))
+        given = tomllib.loads(read_bounded(file, MAX_DEFAULTS_BYTES).decode("utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         return UserConfig()
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -47,6 +47,8 @@ def write_files(texts: dict[Path, str], *, commit: Callable[[], object] = lambda
         for path, text in texts.items():
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            if path.exists() and not path.is_file():  # would be replaced by a file
+                raise OSError(errno.EINVAL, "a pipe or device, needed a regular file")
             handle, staged[path] = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
             with os.fdopen(handle, "w", encoding="utf-8") as stream:
                 stream.write(text)

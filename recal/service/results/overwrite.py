@@ -11,7 +11,7 @@ from ins.records import InputError
 from ins.user_input import open_regular, read_bounded
 
 MAX_PEEKED_BYTES = 200_000_000  # a result of a fleet has some 10 MB
-HEAD_BYTES = 1000  # where a file says what it is
+MARKED_BYTES = 1000  # where a file says what it is
 CSV_TABLE = "axis,temperature_degC,bias_deg_h,sigma_deg_h"
 PARAMETERS = "from recal's table of"
 TRUTH = "time_s,gyro_x_bias_deg_h"
@@ -134,7 +134,7 @@ def peeked(path: Path) -> Peeked:
 def _head(path: Path) -> str:
     try:
         with open_regular(path) as file:
-            return file.read(HEAD_BYTES).decode("utf-8", "replace")
+            return file.read(MARKED_BYTES).decode("utf-8", "replace")
     except (OSError, ValueError):
         return ""
 
