@@ -111,7 +111,7 @@ def gyrocompass_dcm(means: RestMeans) -> NDArray:
 
 
 def latitude_from_rates(means: RestMeans) -> tuple[float, float]:
-    """Latitude [rad] from the angle between gravity and Earth rate, and |omega| less Earth rate
+    """Latitude [rad] from the angle between gravity and Earth rate, and ``|omega|`` less Earth rate
     [rad/s].
     """
     down = -means.f_ib_b / np.linalg.norm(means.f_ib_b)

@@ -200,7 +200,7 @@ def unknown_bias_sigma_deg_h(
     twin: TwinModel, means: coarse.RestMeans, *, usual: Mapping[str, float]
 ) -> float:
     """Bias sigma of a unit without a table: what is usual of its technology, or the excess of
-    |omega| over Earth rate where that is more: its bias along one axis, beside noise.
+    ``|omega|`` over Earth rate where that is more: its bias along one axis, beside noise.
     """
     excess = coarse.latitude_from_rates(means)[1] / DEG_PER_HOUR
     noise = twin.gyro.arw_deg_sqrt_h / np.sqrt(means.seconds / 3600.0)

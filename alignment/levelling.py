@@ -63,8 +63,8 @@ def level(
     """Roll and pitch at the end of the rest, verdict "level_only" for the `reason` that heading was
     not found.
 
-    Sigma: accelerometer turn-on bias and noise of the twin, widened by |f| less gravity, which is
-    an error of theirs that anyone can see. Source: Groves (2013), section 5.6.1.
+    Sigma: accelerometer turn-on bias and noise of the twin, widened by ``|f|`` less gravity, which
+    is an error of theirs that anyone can see. Source: Groves (2013), section 5.6.1.
     """
     part = imu.between(max(rest[1] - LEVEL_S, rest[0]), rest[1])
     f_b = part.dv_m_s.sum(axis=0) / part.dt_s.sum()

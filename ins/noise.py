@@ -183,7 +183,7 @@ def random_walk_covariance(start_s: NDArray, end_s: NDArray) -> NDArray:
 
 
 def flicker_covariance(start_s: NDArray, end_s: NDArray, *, lowest_hz: float) -> NDArray:
-    """Covariance of bin means of flicker with two-sided PSD 1 / (2 pi f), |f| > lowest_hz.
+    """Covariance of bin means of flicker with two-sided PSD 1 / (2 pi f), above lowest_hz.
 
     Parameters
     ----------
@@ -199,8 +199,10 @@ def flicker_covariance(start_s: NDArray, end_s: NDArray, *, lowest_hz: float) ->
 
     Notes
     -----
-    R(tau) = -Ci(x) / pi, x = w |u - v|, w = 2 pi lowest_hz; its integral over u and v is
-    (x^2 Ci(x) - x sin x + cos x) / (2 pi w^2), finite at x = 0.
+    The autocorrelation and its integral over u and v, finite at x = 0, are::
+
+        R(tau) = -Ci(x) / pi,   x = w |u - v|,   w = 2 pi lowest_hz
+        (x^2 Ci(x) - x sin x + cos x) / (2 pi w^2)
     """
     from scipy.special import sici
 
@@ -231,8 +233,10 @@ def markov_covariance(start_s: NDArray, end_s: NDArray, *, tau_s: float) -> NDAr
 
     Notes
     -----
-    R(tau) = exp(-|tau| / tau_s); its integral over u and v is -(tau_s^2 exp(-x) + tau_s^2 x) with
-    x = |u - v| / tau_s.
+    The autocorrelation and its integral over u and v are::
+
+        R(tau) = exp(-|tau| / tau_s),   x = |u - v| / tau_s
+        -(tau_s^2 exp(-x) + tau_s^2 x)
     """
 
     def integral(u: NDArray, v: NDArray) -> NDArray:

@@ -11,8 +11,8 @@ from ins.jit import jit
 
 @jit
 def add_rows(first, dt, dtheta, dv, epoch, C_nb, f_n, omega_n, offset, lags, ring, largest, energy):
-    """Add the rows `first` on, of the epochs `epoch` (m,), to the largest |sum over a lag| and the
-    sum of its squares.
+    """Add the rows `first` on, of the epochs `epoch` (m,), to the largest size of the sum over
+    a lag and the sum of its squares.
 
     largest, energy (n, lags, 6): dv x, y, z, then dtheta x, y, z; largest[..., 0] is of the level
     pair (x, y) together, [..., 1] stays zero. ring (longest lag + 1, 6): the running total after

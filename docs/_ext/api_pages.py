@@ -1,8 +1,7 @@
-"""The Python reference, read from the sources: every public function and class with its docstring
-as it is written.
+"""The Python reference, read from the sources: every public function and class with its docstring.
 
-The docstrings are plain text with shapes and units, not reStructuredText, so they are shown as
-text.
+Docstrings of the packages with the equations, RENDERED, are read as reStructuredText with numpydoc
+sections (autodoc, napoleon); the others are shown as the text that they are.
 """
 
 import ast
@@ -12,6 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
+RENDERED = ("ins", "alignment")
 
 
 def api_pages() -> dict[str, str]:
@@ -94,8 +94,8 @@ def _index() -> str:
         "",
         f"The *front door*, `import recal`, is all that most programs need: {names}.",
         "",
-        "What stands behind it follows package by package. It is read from the sources when this"
-        " site was built: signatures and docstrings as they are.",
+        "What stands behind it follows package by package, with signatures and docstrings of the"
+        " sources that this site was built from.",
         "",
     ]
     lines += ["| package | |", "|---|---|"]
@@ -108,13 +108,19 @@ def _index() -> str:
 
 def _package_page(package: str) -> str:
     parts = [f"# {package}", ""]
+    rendered = package in RENDERED
     for name, path in modules(package).items():
         tree = parsed(path)
         if name != package:
             parts += [f"## {name}", ""]
-        parts += [_block(ast.get_docstring(tree)), ""] if ast.get_docstring(tree) else []
+        text = ast.get_docstring(tree)
+        if text:
+            parts += [_directive("automodule", name) if rendered else _block(text), ""]
         for node in _public(path):
-            parts += [f"### {name}.{node.name}".replace("_", "\\_"), "", _block(_entry(node)), ""]
+            full = f"{name}.{node.name}"
+            kind = "autofunction" if isinstance(node, ast.FunctionDef) else "autoclass"
+            shown = _directive(kind, full) if rendered else _block(_entry(node))
+            parts += [f"### {full}".replace("_", "\\_"), "", shown, ""]
     return "\n".join(parts)
 
 
@@ -159,6 +165,12 @@ def _indented(docstring: str | None) -> str:
 
 def _block(text: str | None) -> str:
     return f"````text\n{text}\n````"
+
+
+def _directive(kind: str, name: str) -> str:
+    """An entry that Sphinx reads from the code itself."""
+    members = "\n   :members:" if kind == "autoclass" else ""
+    return f"```{{eval-rst}}\n.. {kind}:: {name}{members}\n```"
 
 
 def _first_line(docstring: str | None) -> str:

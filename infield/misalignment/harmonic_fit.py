@@ -55,6 +55,7 @@ class AzimuthFit:
     order, row by row. null (9 + q, r): directions of the parameters and the q unknowns that the
     data do not see, as unit columns. unknowns (q,): their estimates [rad]; residual_deg_h (m, 3);
     chi2 of the residual with dof degrees of freedom; rank of all 9 + q unknowns.
+    heading_residual (n, 1 + m): whitened, of the biases and of an error of each stop's azimuth.
     """
 
     heading_rad: NDArray
@@ -65,6 +66,7 @@ class AzimuthFit:
     null: NDArray
     unknowns: NDArray
     residual_deg_h: NDArray
+    heading_residual: NDArray
     chi2: float
     dof: int
     rank: int
@@ -83,6 +85,15 @@ class AzimuthFit:
     def entry(self, gyro: int, column: int, sign: float = 1.0) -> tuple[float, float]:
         """Value and sigma of one parameter."""
         return self.combination(sign * np.eye(9)[3 * gyro + column])
+
+    def heading_gain(self, sigma_rad: NDArray) -> NDArray:
+        """Restricted log likelihood (k,) gained by an error of each stop's azimuth of its own, by
+        its sigma (k,).
+        """
+        U, size, _ = np.linalg.svd(self.heading_residual[:, 1:], full_matrices=False)
+        square = (U.T @ self.heading_residual[:, 0]) ** 2
+        wider = 1.0 + np.outer(sigma_rad**2, size**2)
+        return np.asarray(0.5 * np.sum(square - square / wider - np.log(wider), axis=1))
 
     @property
     def band(self) -> float:
@@ -140,17 +151,15 @@ def fit_azimuths(
         raise InputError(
             "azimuths, biases and covariance: needed at least one stop and finite values"
         )
-    try:
-        root = np.linalg.cholesky(R)
-    except np.linalg.LinAlgError:
-        raise InputError("covariance of the biases: not positive definite") from None
     scale = np.array([1.0, level_rate_deg_h, level_rate_deg_h])
     design = np.vstack([np.kron(np.eye(3), row * scale) for row in harmonics(heading)])
-    A = np.linalg.solve(root, np.hstack([design, extra]))
+    root, A = _whitened(R, np.hstack([design, extra]))
     y = np.linalg.solve(root, bias.ravel())
+    stops = np.linalg.solve(root, azimuth_columns(heading, level_rate_deg_h))
     if own_axis_sigma_rad is not None:
         own = np.eye(A.shape[1])[[3 * gyro + column for gyro, column, _ in OWN_AXIS.values()]]
-        A, y = np.vstack([A, own / own_axis_sigma_rad]), np.append(y, [0.0, 0.0])
+        A = np.vstack([A, own / own_axis_sigma_rad])
+        y, stops = (np.concatenate([v, np.zeros((2, *v.shape[1:]))]) for v in (y, stops))
     fit = fit_rows(A, y)
     return AzimuthFit(
         heading_rad=heading,
@@ -161,10 +170,20 @@ def fit_azimuths(
         null=fit.null,
         unknowns=fit.x[9:],
         residual_deg_h=(root @ fit.left[: 3 * m]).reshape(m, 3),
+        heading_residual=np.column_stack([fit.left, fit_rows(A, stops).left]),
         chi2=fit.chi2,
         dof=fit.dof,
         rank=fit.rank,
     )
+
+
+def _whitened(R: NDArray, rows: NDArray) -> tuple[NDArray, NDArray]:
+    """Root of the covariance, and the rows divided by it."""
+    try:
+        root = np.linalg.cholesky(R)
+    except np.linalg.LinAlgError:
+        raise InputError("covariance of the biases: not positive definite") from None
+    return root, np.linalg.solve(root, rows)
 
 
 def harmonics(heading: NDArray) -> NDArray:

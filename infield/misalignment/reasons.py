@@ -43,6 +43,8 @@ class MisalignmentNote(StrEnum):
 
     NO_TEMPERATURE = "run_without_temperature"
     TEMPERATURES_APART = "temperatures_apart"
+    HEADINGS_TURNED = "given_headings_share_an_error"
+    HEADINGS_SCATTER = "given_headings_scatter"
 
 
 class Azimuths(StrEnum):

@@ -20,7 +20,7 @@ from infield.misalignment.azimuth_biases import (
 )
 from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
 from infield.misalignment.azimuth_runs import Stop, find_stops, heading_disagreement
-from infield.misalignment.couplings import Misalignment, measure_misalignment
+from infield.misalignment.couplings import Misalignment, measure_misalignment, with_heading_errors
 from infield.misalignment.geometry import azimuth_geometry
 from infield.misalignment.harmonic_fit import azimuth_columns, level_rate_deg_h
 from infield.misalignment.reasons import Azimuths, MisalignmentReason, MisalignmentVerdict, Unseen
@@ -98,7 +98,7 @@ def study_runs(
     told("comparing the stops")
     biases = stop_biases(runs, stops, table, twin, known)
     site = runs[0].header.site
-    result = measure_misalignment(
+    result, covariance, of_headings = _measured(
         biases.heading_rad,
         biases.bias_deg_h,
         biases.covariance,
@@ -120,12 +120,46 @@ def study_runs(
         made.study(result),
         heading_rad=biases.heading_rad,
         bias_deg_h=biases.bias_deg_h,
-        covariance=biases.covariance,
+        covariance=covariance,
         temperature_degC=biases.temperature_degC,
         levels=None if lost else levels,
         why_no_levels=lost,
-        notes=(*left_out, *biases.notes),
+        notes=(*left_out, *biases.notes, *of_headings),
     )
+
+
+def _measured(
+    heading_rad: NDArray,
+    bias_deg_h: NDArray,
+    covariance: NDArray,
+    *,
+    level_rate_deg_h: float,
+    unknown: NDArray | None = None,
+    own_axis_sigma_rad: float | None = None,
+    settings: AzimuthSettings,
+) -> tuple[Misalignment, NDArray, tuple[Reason, ...]]:
+    """The couplings, the covariance that they were fitted with, and what that says of headings that
+    were given (`unknown` None).
+    """
+
+    def measured(R: NDArray) -> Misalignment:
+        return measure_misalignment(
+            heading_rad,
+            bias_deg_h,
+            R,
+            level_rate_deg_h=level_rate_deg_h,
+            unknown=unknown,
+            own_axis_sigma_rad=own_axis_sigma_rad,
+            settings=settings,
+        )
+
+    result = measured(covariance)
+    if unknown is not None:
+        return result, covariance, ()
+    wider, notes = with_heading_errors(
+        result, covariance, own_axis_sigma_rad=own_axis_sigma_rad, settings=settings
+    )
+    return (measured(wider) if notes else result), wider, notes
 
 
 @dataclass(frozen=True)
@@ -271,7 +305,7 @@ def study_table(
     sigma_heading_rad = settings.sigma_heading_deg * DEG
     common = azimuth_columns(heading_rad, rate).sum(axis=1) * sigma_heading_rad
     covariance = np.diag(np.ravel(sigma_deg_h) ** 2) + np.outer(common, common)
-    result = measure_misalignment(
+    result, covariance, notes = _measured(
         heading_rad, bias_deg_h, covariance, level_rate_deg_h=rate, settings=settings
     )
     return AzimuthStudy(
@@ -286,6 +320,7 @@ def study_table(
         heading_rad=heading_rad,
         bias_deg_h=bias_deg_h,
         covariance=covariance,
+        notes=notes,
     )
 
 

@@ -44,6 +44,22 @@ def _of_table(*, sigma_heading_rad: float) -> str:
     return f"as in the table, their common north within {sigma_heading_rad / DEG:.3g} deg (1 sigma)"
 
 
+def _turned(*, turned_rad: float, allowed_rad: float, prior_mrad: float) -> str:
+    return (
+        f"headings given and gyros are turned against each other by {turned_rad / DEG:+.2f} deg,"
+        f" {abs(turned_rad / allowed_rad):.1f} times what the declared sigma and couplings of"
+        f" {prior_mrad:g} mrad allow: taken as an error that all headings share, so that xy and yx"
+        " are not known each for itself (--prior-mrad, where the triad may be turned in its case)"
+    )
+
+
+def _scatter(*, sigma_rad: float) -> str:
+    return (
+        f"the gyros show errors of {sigma_rad / ARCSEC:.0f} arcsec (1 sigma) in the heading of each"
+        " stop beyond the declared ones: the sigmas allow for it"
+    )
+
+
 def _creeps(*, turned_rad: float) -> str:
     return f"turns by {turned_rad / DEG:.2f} deg while it stands"
 
@@ -84,6 +100,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "the gyros are up to {spread_degC:.1f} degC apart between stops: compared through the"
         " unit's table"
     ),
+    MisalignmentNote.HEADINGS_TURNED: _turned,
+    MisalignmentNote.HEADINGS_SCATTER: _scatter,
     Azimuths.FOUND: (
         "found with the gyros: north unknown, one heading a run, turns within a run by the vertical"
         " gyro"
