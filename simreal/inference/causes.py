@@ -34,6 +34,9 @@ CREDIBLE = 0.95  # of a set: 19 of 20 hold what is true
 # whitened signatures closer than this cannot be told apart with these runs; what is not shared is 1
 # - 0.95^2, 10 % of the energy
 SAME_COSINE = 0.95
+# the same of a table's curves, which are several; chosen: 0.99, beyond which an effect of 12 sigma
+# has 1.7 of its own
+TABLE_COSINE = 0.99
 UNLISTED = (UNKNOWN_MOTION, "")  # a cause outside the catalogue
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
 TIME_NODES = (
@@ -219,14 +222,16 @@ def _rivals(
         if total < CREDIBLE and p > LEAST_PROBABILITY:
             out.append(Rival(*key, p, cosine))
             total += p
-        elif cosine > SAME_COSINE and key[0] not in FREE_FUNCTIONS:
+            continue
+        same = TABLE_COSINE if key[0] == TABLE_AGED else SAME_COSINE
+        if cosine > same and key[0] not in FREE_FUNCTIONS:
             out.append(Rival(*key, p, cosine))
     return tuple(out)
 
 
 def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
     """Largest |cos| of the slot's fitted signature with each other hypothesis's span, the other
-    slots projected out; a table's span is that of its curves that stand out of the noise.
+    slots projected out; a table's span is that of its curves at any size.
     """
     if slot.group is None:
         return {}
@@ -249,7 +254,7 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
             if c.size > own.size and not h.of_table:
                 continue
             cross = gram[np.ix_(c, own)] @ beta
-            G = gram[np.ix_(c, c)]
+            G = gram[np.ix_(c, c)] - group.precision * np.eye(c.size)
             if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):
                 continue
             seen = np.diag(G) > 0.0

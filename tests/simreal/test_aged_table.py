@@ -101,6 +101,14 @@ def test_an_effect_is_found_beside_an_aged_table(axis):
     assert named <= {("gyro_thermal_rate", made.truth[0].target), (TABLE_AGED, f"gyro_{axis}")}
 
 
+def test_a_line_of_temperature_and_an_aged_table_are_named_together():
+    """What a table over temperature holds is what an aged one is: the runs cannot tell."""
+    made = trial("gyro_thermal_linear", 2.0, 4)
+    found = diagnosed_with(made, aged(made.table))
+    sets = [{c.effect, *(r.effect for r in c.rivals)} for c in found.causes]
+    assert any({"gyro_thermal_linear", TABLE_AGED} <= names for names in sets)
+
+
 @pytest.mark.parametrize("interpolation", ["linear", "hermite"])
 def test_the_errors_of_a_table_have_its_covariance(interpolation):
     """At any temperatures, as the update has it: h P h', with nodes beyond its own."""
