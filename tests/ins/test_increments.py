@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ins import increments
 from ins.attitude import dcm_from_rotation_vector
 from ins.records import ImuLog, InputError
+from ins.strapdown import increments
 
 HALF_ANGLE_RAD = 0.01
 
