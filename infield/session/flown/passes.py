@@ -35,11 +35,13 @@ from ins.units import ARCSEC
 # as alignment.linearised: 2 or 3 as a rule; the first is about the ground session's result
 FLIGHT_PASSES = 3
 VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that was corrected once
-# of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30; the lengths of valleys and of ranges
-OF_VERTICAL = (
-    LevelSearch("deflection_arcsec", 2.0, 30.0, np.sqrt(2.0)),
-    LevelSearch("deflection_km", 10.0, 60.0, np.sqrt(2.0)),
-)
+# Of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30, over 10 to 60 km. A Markov process is
+# rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
+# long. What a flight shows best is that change, size^2 / length: it stays where the length is moved.
+# How smooth the field is no flight shows: the filter believes in LONGEST_KM at most.
+SIZE = LevelSearch("deflection_arcsec", 2.0, 45.0, np.sqrt(2.0))
+LENGTH = LevelSearch("deflection_km", 10.0, 240.0, 2.0)
+LONGEST_KM = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +125,13 @@ def _with_vertical(
 ) -> tuple[ErrorFilter, FlownSession]:
     """The session under the likeliest deflection of the vertical, and the filter; as it is where
     that is not likelier by what a nuisance has to gain.
+
+    Constants are as good as free in the search (restricted likelihood; Harville 1977, JASA 72): a
+    gyro that is off must not be taken for hills.
     """
-    searches = [s for s in OF_VERTICAL if getattr(session.priors, s.name) == FIT]
+    searches = [s for s in (SIZE, LENGTH) if getattr(session.priors, s.name) == FIT]
+    if len(searches) > 1:
+        searches[1] = replace(LENGTH, powers={SIZE.name: 0.5})
     if not searches or Further.DEFLECTION not in session.layout.at:
         return flt, session
     found = replace(
@@ -133,17 +140,21 @@ def _with_vertical(
         deflection_km=session.priors.deflection_m / 1e3,
     )
 
-    def run(priors: FlightPriors) -> ErrorFilter:
-        return _swept(session.under(priors), last, fixes)
+    free = replace(session, layout=session.layout.freed())
 
-    best, before = flt, None
+    def run(priors: FlightPriors) -> ErrorFilter:
+        return _swept(free.under(priors), last, fixes)
+
+    assumed = best = run(found)
+    before = None
     while found != before:
         before = found
         for search in searches:
             best, found = search.climb(run, best, found)
-    if best.tally.loglik - flt.tally.loglik < TAXI_GAIN_NATS:
+    if best.tally.loglik - assumed.tally.loglik < TAXI_GAIN_NATS:
         return flt, session
-    return best, session.under(found)
+    session = session.under(replace(found, deflection_km=min(found.deflection_km, LONGEST_KM)))
+    return _swept(session, last, fixes), session
 
 
 def _swept(session: FlownSession, last: FilterPass, fixes: FixAid) -> ErrorFilter:
