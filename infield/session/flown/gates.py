@@ -179,8 +179,8 @@ def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
 
 
 def deflected(priors: FlightPriors) -> tuple[Reason, ...]:
-    """A note where a flight was estimated under a larger deflection of the vertical than the assumed
-    one: as it shows, or as was given.
+    """A note where a flight was estimated under a larger deflection of the vertical than is usual:
+    as it shows, or as was given.
     """
     assumed = FlightPriors()
     if priors.deflection_rad <= assumed.deflection_rad:

@@ -30,15 +30,14 @@ from infield.session.settings import FIT, FlightPriors
 from ins.filters.error_filter import ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.records import GnssLog, NavHistory, TwinModel
-from ins.units import ARCSEC
 
 # as alignment.linearised: 2 or 3 as a rule; the first is about the ground session's result
 FLIGHT_PASSES = 3
 VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that was corrected once
-# Of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30, over 10 to 60 km. A Markov process is
-# rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
-# long. What a flight shows best is that change, size^2 / length: it stays where the length is moved.
-# How smooth the field is no flight shows: the filter believes in LONGEST_KM at most.
+# Of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30, over 10 to 60 km. A Markov process
+# is rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
+# long. That change, size^2 / length, is what a flight shows best: it stays where the length is
+# moved. How smooth the field is hardly shows: the filter believes in LONGEST_KM at most.
 SIZE = LevelSearch("deflection_arcsec", 2.0, 45.0, np.sqrt(2.0))
 LENGTH = LevelSearch("deflection_km", 10.0, 240.0, 2.0)
 LONGEST_KM = 60.0
@@ -134,19 +133,13 @@ def _with_vertical(
         searches[1] = replace(LENGTH, powers={SIZE.name: 0.5})
     if not searches or Further.DEFLECTION not in session.layout.at:
         return flt, session
-    found = replace(
-        session.priors,
-        deflection_arcsec=session.priors.deflection_rad / ARCSEC,
-        deflection_km=session.priors.deflection_m / 1e3,
-    )
-
     free = replace(session, layout=session.layout.freed())
 
     def run(priors: FlightPriors) -> ErrorFilter:
         return _swept(free.under(priors), last, fixes)
 
+    before, found = None, session.priors.assumed
     assumed = best = run(found)
-    before = None
     while found != before:
         before = found
         for search in searches:
