@@ -5,6 +5,7 @@ Times are seconds from the run's start; SI units and radians unless the name say
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from datetime import datetime, timedelta
 from enum import IntEnum
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict
@@ -36,6 +37,7 @@ PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landi
 PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which the vehicle stands
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
+CLOCK_AHEAD = timedelta(days=1)  # of a start: local time taken for UTC is up to 14 h ahead
 
 
 class InputError(ValueError):
@@ -638,6 +640,21 @@ class RunHeader:
                 f"gyro_technology {self.gyro_technology!r}, needed one of"
                 f" {', '.join(GYRO_TECHNOLOGIES)}"
             )
+
+    def starts_after(self, now: datetime) -> bool:
+        """Whether the run starts in the future, by more than clocks and time zones explain.
+
+        Parameters
+        ----------
+        now : datetime
+            With a time zone.
+
+        Returns
+        -------
+        later : bool
+            By more than CLOCK_AHEAD.
+        """
+        return datetime.fromisoformat(self.start_utc) > now + CLOCK_AHEAD
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -29,10 +29,10 @@ from infield.session.hysteresis import (
     with_terms,
 )
 from infield.session.points import measurement_information
-from infield.session.reasons import ThermalAction, ThermalKind
+from infield.session.reasons import ThermalAction, ThermalKind, WrongFact
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
-from infield.session.wrong_facts import Learnt, suspicions
+from infield.session.wrong_facts import Learnt, suspicions, without_lag
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import ThermalTable
 from ins.noise import DEFAULT_SIGMA_deg_h
@@ -79,7 +79,8 @@ def with_thermal_terms(
         if not chosen:
             continue
         wide = covering(table, chosen)
-        data = [likelihood_of(s, wide, twin, settings) for s in chosen]
+        plain = [_without_lag(s) for s in chosen]
+        data = [likelihood_of(s, wide, twin, settings) for s in plain]
         terms = find_terms(
             wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data]
         )
@@ -90,7 +91,7 @@ def with_thermal_terms(
             )
         if not any(term.found for term in terms):
             continue
-        again, after = _merged_again(chosen, wide, terms, twin, settings)
+        again, after = _merged_again(plain, wide, terms, twin, settings)
         if all(s.verdict.accepted for s in again):
             new = {id(old): s for old, s in zip(chosen, again)}
             return terms, [new.get(id(s), s) for s in sessions], after
@@ -104,6 +105,14 @@ def with_thermal_terms(
             terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged]
         )
     return terms, list(sessions), None
+
+
+def _without_lag(session: SessionResult) -> SessionResult:
+    """The session without the doubt of a lag behind temperature, which the terms take over."""
+    assert session.estimate is not None
+    others = tuple(s for s in session.doubted if s.fact is not WrongFact.THERMAL_LAG)
+    plain = without_lag(session.estimate, session.doubted)
+    return replace(session, estimate=plain, doubted=others)
 
 
 def _or_a_wrong_session(
