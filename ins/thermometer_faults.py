@@ -38,10 +38,10 @@ TRANSIENT_S = 900.0
 READING_DECIMALS = 9
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
 HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
-# of a log, by which readings may go on after its end: a recorder writes what it still holds; chosen:
-# 10 %, the sessions of one day differ by more
+# of a log, by which readings may go on after its end: a recorder writes what it still holds;
+# chosen: the sessions of one day differ by more
 OVERHANG_SHARE = 0.1
-LONG_ENOUGH_S = 300.0  # of a log that is judged so: shorter ones, needed 5 min at rest, teach nothing
+LONG_ENOUGH_S = 300.0  # of a log that is judged so; a session needs 5 min at rest
 # no two thermometers of one unit differ by more for long; above -25 degC, Fahrenheit for Celsius
 # does (0.8 T + 32)
 OTHER_SCALE_degC = 12.0

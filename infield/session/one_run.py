@@ -131,12 +131,15 @@ def take_run(
     )
     if not verdict.accepted:
         return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
+    held = [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
+    merged = estimate.merged_into(table, held)
+    verdict = acceptance.judge_merge(merged, estimate, suspicions(estimate))
+    if not verdict.accepted:
+        return replace(told, verdict=verdict, merged=merged)
     if declared is not None:
         estimate = widened_by(estimate, declared.pattern)
     estimate, doubted = with_doubt(estimate)
-    merged = estimate.merged_into(
-        table, [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
-    )
+    merged = estimate.merged_into(table, held)
     return replace(
         told,
         verdict=acceptance.judge_merge(merged, estimate, suspicions(estimate)),

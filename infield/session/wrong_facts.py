@@ -202,6 +202,8 @@ def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspic
     """The estimate with what it resembles, but not beyond doubt, among its own uncertainties; and
     what that is.
 
+    To be asked of a session that agrees with the table as it stands: a gyro that stepped before the
+    session, and warms up in it, resembles one that lags or steps within, and a doubt would hide it.
     A convicted session comes back as it is: nothing of it is merged.
     """
     doubted: list[Suspicion] = []
@@ -378,6 +380,8 @@ def _lags(bins: SessionBins) -> list[_Pattern]:
     """
     T, time_s = bins.temperature_degC, bins.centre_s
     behind = np.zeros_like(T)
+    keep = np.exp((bins.start_s[0] - time_s[0]) / LAG_S)
+    behind[0] = -(1.0 - keep) * bins.rate_degC_min[0] / 60.0 * LAG_S
     for k in range(1, len(T)):
         step_s = time_s[k] - time_s[k - 1]
         keep = np.exp(-step_s / LAG_S)
