@@ -38,6 +38,10 @@ TRANSIENT_S = 900.0
 READING_DECIMALS = 9
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
 HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
+# of a log, by which readings may go on after its end: a recorder writes what it still holds;
+# chosen: the sessions of one day differ by more
+OVERHANG_SHARE = 0.1
+LONG_ENOUGH_S = 300.0  # of a log that is judged so; a session needs 5 min at rest
 # no two thermometers of one unit differ by more for long; above -25 degC, Fahrenheit for Celsius
 # does (0.8 T + 32)
 OTHER_SCALE_degC = 12.0
@@ -538,3 +542,12 @@ def _colder_than_ambient(judge: _Judge, gyros: list[str]) -> None:
     for g in gyros:
         text = f"is {colder:.0f} degC colder at the end of the log than the coldest ambient air"
         judge.drop(g, FaultKind.SCALE, judge.rows(g), f"{text}: wrong offset?")
+
+
+def of_another_run(time_s: NDArray, start_s: float, end_s: float) -> bool:
+    """Whether readings at time_s (n,) go on so long after a log from start_s to end_s that they
+    were hardly taken beside it.
+    """
+    lasts_s = end_s - start_s
+    allowed_s = max(OVERHANG_SHARE * lasts_s, HOLE_S)
+    return bool(lasts_s >= LONG_ENOUGH_S and time_s[-1] - end_s > allowed_s)
