@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.records import PIECE_ROWS
 from ins.robust import runs_of_true, white_sigma
 
 PLAUSIBLE_MEDIAN_degC = (
@@ -482,9 +483,11 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
 
 def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray) -> None:
     """Columns far from the median of the unit's thermometers over a fifth of the log."""
-    seen = np.isfinite(values).any(axis=0)
     middle = np.full(values.shape[1], np.nan)
-    middle[seen] = np.nanmedian(values[:, seen], axis=0)
+    for first in range(0, middle.size, PIECE_ROWS):  # a median takes 20 times its numbers
+        part = values[:, first : first + PIECE_ROWS]
+        seen = np.flatnonzero(np.isfinite(part).any(axis=0))
+        middle[first + seen] = np.nanmedian(part[:, seen], axis=0)
     if len(unit) == 2 or (len(unit) == len(gyros) + 1 and len(gyros) == 3):
         middle = _against_one(unit, gyros, values, middle)
     for name, v in zip(unit, values):
