@@ -128,9 +128,10 @@ def _with_vertical(
     Constants are as good as free in the search (restricted likelihood; Harville 1977, JASA 72): a
     gyro that is off must not be taken for hills.
     """
-    searches = [s for s in (SIZE, LENGTH) if getattr(session.priors, s.name) == FIT]
-    if len(searches) > 1:
-        searches[1] = replace(LENGTH, powers={SIZE.name: 0.5})
+    length = LENGTH
+    if session.priors.deflection_arcsec == FIT:
+        length = replace(LENGTH, powers={SIZE.name: 0.5})
+    searches = [s for s in (SIZE, length) if getattr(session.priors, s.name) == FIT]
     if not searches or Further.DEFLECTION not in session.layout.at:
         return flt, session
     free = replace(session, layout=session.layout.freed())

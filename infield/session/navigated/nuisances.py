@@ -212,8 +212,13 @@ class LevelSearch:
     def climb(
         self, run: Callable[[Record], ErrorFilter], flt: ErrorFilter, assumed: Record
     ) -> tuple[ErrorFilter, Record]:
-        """Up and down from what is assumed, as long as the likelihood grows. flt: under that."""
+        """Up from what is assumed, or else down, as long as the likelihood grows. flt: under
+        that.
+        """
+        began = assumed
         for factor in (self.step, 1.0 / self.step):
+            if assumed is not began:
+                break
             while True:
                 size = factor * getattr(assumed, self.name)
                 if not self.least <= size <= self.largest:
