@@ -38,7 +38,7 @@ VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that wa
 # is rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
 # long. That change, size^2 / length, is what a flight shows best: it stays where the length is
 # moved. How smooth the field is hardly shows: the filter believes in LONGEST_KM at most.
-DEFLECTION = LevelSearch("deflection_arcsec", 2.0, 45.0, np.sqrt(2.0))
+DEFLECTION_SIZE = LevelSearch("deflection_arcsec", 2.0, 45.0, np.sqrt(2.0))
 LENGTH = LevelSearch("deflection_km", 10.0, 240.0, 2.0)
 LONGEST_KM = 60.0
 
@@ -130,8 +130,8 @@ def _with_vertical(
     """
     length = LENGTH
     if session.priors.deflection_arcsec == FIT:
-        length = replace(LENGTH, powers={DEFLECTION.name: 0.5})
-    searches = [s for s in (DEFLECTION, length) if getattr(session.priors, s.name) == FIT]
+        length = replace(LENGTH, powers={DEFLECTION_SIZE.name: 0.5})
+    searches = [s for s in (DEFLECTION_SIZE, length) if getattr(session.priors, s.name) == FIT]
     if not searches or Further.DEFLECTION not in session.layout.at:
         return flt, session
     free = replace(session, layout=session.layout.freed())
