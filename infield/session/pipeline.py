@@ -149,7 +149,7 @@ def _take(
             twin,
             settings,
             repeated,
-            OnRecord((*history.marks, *agreeing), applied, history.now),
+            OnRecord((*history.marks, *agreeing), applied, history.now, bool(steps)),
         )
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:
