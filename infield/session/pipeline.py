@@ -148,7 +148,13 @@ def _take(
             twin,
             settings,
             repeated,
-            OnRecord((*history.marks, *agreeing), applied, _of_place(run, runs), history.now),
+            OnRecord(
+                marks=(*history.marks, *agreeing),
+                applied=applied,
+                of_place=_of_place(run, runs),
+                now=history.now,
+                follows_step=bool(walk.steps),
+            ),
         )
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:

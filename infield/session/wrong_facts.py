@@ -58,7 +58,8 @@ FORCE_SIGMAS = 5.0
 
 # Of a log that says which table it had subtracted, by how much likelier it must be that it had for
 # the statement to be believed whole: a thousand to one; and that it had not, to be convicted: 20
-# to 1, the error of a hurried hand being one in a hundred
+# to 1, the error of a hurried hand being one in a hundred. Of one that says it is raw, as most are,
+# 20 to 1 either way: at most 0.7 % of compensated ones are believed, whatever their table's size
 BELIEVED_NATS, CONVICTED_NATS = float(np.log(1000.0)), float(np.log(20.0))
 
 
@@ -218,29 +219,29 @@ def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspic
 
 
 def doubtful_compensation(
-    estimate: SessionEstimate, stored: ThermalTable, applied: ThermalTable | None
+    estimate: SessionEstimate, stored: ThermalTable | None, applied: ThermalTable | None
 ) -> Suspicion | None:
     """A log that says it had a table subtracted, and may not have: then that table stands in its
     biases as a whole. Or one that says it is raw, and may be compensated: then the stored table is
     missing from them. None where the log is to be believed, or the table is zero; a unit that finds
-    no heading is not asked.
+    no heading is not asked, nor a raw log without a stored table to weigh it against.
 
     The size of the pattern is known, so the two are weighed against each other: size 1 (it says
     wrongly) against 0 (as it says). None where it would not explain the session: a gyro that
     stepped may happen to resemble the table, and has to be remembered as a step.
     """
-    if estimate.solution is None:
-        return None
-    bins = estimate.bins
-    T = bins.temperature_degC
-    fact, sign, table = WrongFact.COMPENSATION, 1.0, applied
+    fact, sign, table, believed_nats = WrongFact.COMPENSATION, 1.0, applied, BELIEVED_NATS
     if table is None:
         fact, sign, table = WrongFact.COMPENSATED_BEFORE, -1.0, stored
+        believed_nats = CONVICTED_NATS
+    if estimate.solution is None or table is None:
+        return None
+    T = estimate.bins.temperature_degC
     pattern = sign * table.extended_to(float(T.min()), float(T.max())).settled_deg_h(T)
     learnt = learnt_of(estimate)
     size, sigma = _sizes(pattern.reshape(1, -1), learnt)
     against_it_nats = float((2.0 * size[0] - 1.0) / (2.0 * sigma[0] ** 2))
-    believed = against_it_nats < -BELIEVED_NATS or not pattern.any()
+    believed = against_it_nats < -believed_nats or not pattern.any()
     if believed or not learnt.explained_by(pattern.ravel()):
         return None
     return Suspicion(
@@ -249,7 +250,7 @@ def doubtful_compensation(
         at_s=float("nan"),
         size=float(size[0]),
         sigma=float(sigma[0]),
-        limit_sigmas=float(np.sqrt(2.0 * BELIEVED_NATS)),
+        limit_sigmas=float(np.sqrt(2.0 * believed_nats)),
         convicts=against_it_nats > CONVICTED_NATS,
         pattern=pattern.ravel(),
     )
