@@ -48,7 +48,7 @@ from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 from trajectories.simulator.sensors import IdealSensors
 
-ASSUMED = SessionSettings()
+ASSUMED = SessionSettings(flight=FlightPriors().assumed)
 AGEING = Spread(common_deg_h=0.006, shape_deg_h=0.004)  # as trajectories.simulator.unit_truth
 AIRBORNE_SHARE = 0.5  # of an epoch's rows that are off their wheels
 # The state: that of cramer_rao up to its modes, what fades, the flight's constants, the modes.

@@ -312,7 +312,8 @@ class Attributor:
     def _room(self) -> tuple[bool, bool]:
         """Whether there are places left for effects that are no noise, and for noise."""
         noise = sum(s.extra is not None for s in self.slots)
-        return len(self._effects) - noise < MOST_EFFECTS, noise < MOST_NOISES
+        others = sum(s.extra is None and not s.of_table for s in self.slots)
+        return others < MOST_EFFECTS, noise < MOST_NOISES
 
     def _noise_instead(self) -> None:
         """A slow noise beside named effects on one channel: would the noise alone have done?
