@@ -1,6 +1,8 @@
 """The records that pass between packages: frozen, checked once, arrays float64 and read-only.
 
 Times are seconds from the run's start; SI units and radians unless the name says otherwise.
+
+Decision: docs/decisions/0005-imu-source.md.
 """
 
 from collections.abc import Iterator

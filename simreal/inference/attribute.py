@@ -7,6 +7,8 @@ Each slot holds one effect; its posterior runs over all hypotheses given the oth
 What the twin's table leaves open by its own covariance is a state of every unit, as its turn-on is:
 it has slots of its own from the start, so that every effect is judged against a table that may be
 off. It is called a cause where the runs show it.
+
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -14,6 +14,8 @@ over the navigation solution that is there, never over the log again.
 The NIS under constants stays a test: the states' priors stand in every innovation's sigma, no noise
 level is fitted, and a nuisance has at most two numbers. A crab that changes on its own has a level
 that is fitted: the NIS of the lateral way then tests nothing, and the document says so.
+
+Decision: docs/decisions/0064-taxi-nuisances.md.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
