@@ -38,3 +38,10 @@ class AlignmentReason(StrEnum):
     NO_TABLE = "no_table"
     SPEED_AT_REST = "speed_at_rest"
     DEAD_ODOMETER = "dead_odometer"
+
+
+LATITUDE_REASONS = (
+    AlignmentReason.WRONG_LATITUDE,
+    AlignmentReason.LATITUDE_IN_RADIANS,
+    AlignmentReason.LATITUDE_IS_LONGITUDE,
+)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from alignment.level_fit import Fitted, LevelFound
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import FilterPass, StepPlan
-from alignment.reasons import AlignmentVerdict
+from alignment.reasons import LATITUDE_REASONS, AlignmentVerdict
 from ins.filters.error_filter import ErrorFilter
 from ins.records import NavHistory, Phase, Span
 from ins.verdicts import Reason
@@ -88,3 +88,8 @@ class Alignment:
     C_nb: NDArray | None = None
     used_share: float = 0.0
     level: LevelFound | None = None
+
+    @property
+    def wrong_latitude(self) -> tuple[Reason, ...]:
+        """What is wrong with the latitude that was entered; empty where nothing is."""
+        return tuple(r for r in self.reasons if r.code in LATITUDE_REASONS)

@@ -45,8 +45,9 @@ CLOCK_AHEAD = timedelta(days=1)  # of a start: local time taken for UTC is up to
 
 
 class Refusal(RuntimeError):
-    """What was asked for was not done and nothing was written, though the input was right: exit
-    code 4.
+    """What was asked for was not done, though the input was right: exit code 4.
+
+    Nothing was written.
     """
 
 

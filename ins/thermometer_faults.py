@@ -548,8 +548,18 @@ def _colder_than_ambient(judge: _Judge, gyros: list[str]) -> None:
 
 
 def of_another_run(time_s: NDArray, start_s: float, end_s: float) -> bool:
-    """Whether readings at time_s (n,) go on so long after a log from start_s to end_s that they
-    were hardly taken beside it.
+    """Whether temperatures are hardly of the log that they lie beside: they go on long after it.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Of the readings.
+    start_s, end_s : float
+        Of the log [s].
+
+    Returns
+    -------
+    other : bool
     """
     lasts_s = end_s - start_s
     allowed_s = max(OVERHANG_SHARE * lasts_s, HOLE_S)

@@ -63,7 +63,9 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
         As `open_regular`, and where the file is larger.
     """
     with open_regular(path) as stream:
-        data = stream.read(most_bytes + 1)
+        # the size is asked first: read() makes room for all that it may read
+        size = os.fstat(stream.fileno()).st_size
+        data = stream.read(min(size, most_bytes) + 1)
     if len(data) > most_bytes:
         told = f"more than {most_bytes} bytes, needed at most that"
         raise OSError(errno.EFBIG, told, str(path))

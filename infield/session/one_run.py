@@ -55,15 +55,15 @@ LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an
 class OnRecord:
     """What is on record for one run. marks: of the unit's earlier sessions; applied: the table that
     the log says it had subtracted, None of a raw one; of_place: how many runs of the update were
-    made at its place; now: when the update is made, None: nobody asks; follows_step: the table was
-    widened for a step, and tells no raw log from another.
+    made at its place; now: when the update is made, None: nobody asks; stored: the table as it was
+    before the update, which a unit may have applied, None where a step from it is followed.
     """
 
     marks: Sequence[UnitMarks] = ()
     applied: ThermalTable | None = None
     of_place: int = 1
     now: datetime | None = None
-    follows_step: bool = False
+    stored: ThermalTable | None = None
 
 
 def take_run(
@@ -111,8 +111,7 @@ def take_run(
     against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     off = force_off_gravity(run, twin, estimate)
-    stored = None if on_record.follows_step else table
-    declared = doubtful_compensation(estimate, stored, on_record.applied)
+    declared = doubtful_compensation(estimate, on_record.stored, on_record.applied)
     against_it = [
         off,
         None if alike is None or alike.same else alike.reason,

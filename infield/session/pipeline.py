@@ -153,7 +153,7 @@ def _take(
                 applied=applied,
                 of_place=_of_place(run, runs),
                 now=history.now,
-                follows_step=bool(walk.steps),
+                stored=None if walk.steps else table,
             ),
         )
         sessions.append(result)

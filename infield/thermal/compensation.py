@@ -101,28 +101,6 @@ def causal_series(model: TemperatureModel, log: TemperatureLog, *, part: str = "
     return at
 
 
-def compensate_batch(
-    imu: ImuLog,
-    model: TemperatureModel,
-    log: TemperatureLog,
-    temperature: GyroTemperature,
-    *,
-    part: str = "all",
-) -> ImuLog:
-    """The increments less the model's bias, with the smoothed temperatures of the whole run."""
-    series = batch_series(model, log, temperature, part=part)
-    return compensate(imu, gyro_bias_rad_s=series(imu.time_s - 0.5 * imu.dt_s) * DEG_PER_HOUR)
-
-
-def compensate_causal(
-    imu: ImuLog, model: TemperatureModel, log: TemperatureLog, *, part: str = "all"
-) -> ImuLog:
-    """The same in real-time order: each row sees only readings up to its own time."""
-    return compensate(
-        imu, gyro_bias_rad_s=causal_series(model, log, part=part)(imu.time_s) * DEG_PER_HOUR
-    )
-
-
 def means_both_ways(run: Run, model: TemperatureModel, time_s: NDArray) -> tuple[NDArray, NDArray]:
     """What either way takes out of the blocks of a run: with the whole run's temperatures smoothed,
     and in real-time order.

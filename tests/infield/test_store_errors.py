@@ -31,8 +31,9 @@ def test_a_missing_store_and_an_unknown_hash_are_types(store, tmp_path):
 
 def test_the_page_answers_by_the_type():
     assert _status(NoStore("words")) == _status(StoreError("words")) == 503
+    assert _status(StoreBusy("words")) == 503
     assert _status(InputError("store in the words")) == 400
-    assert _status(StoreBusy("words")) == 409
+    assert _status(TableMoved("words")) == 409
 
 
 @pytest.mark.parametrize("kind", [TableMoved, StoreBusy])

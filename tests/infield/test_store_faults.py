@@ -89,7 +89,7 @@ def test_full_disk_leaves_the_old_table(tmp_path):
         assert one_line(raised) and 1 <= len(store.history()) < 10
         assert store.history()[0] == first
         with pytest.raises(InputError, match="full"):
-            store.import_table({**first.table_dict, "imu_serial": "SN-2" * 40_000})
+            store.import_table({**first.table_dict, "imu_serial": "SN-2"}, note="SN-2" * 40_000)
 
 
 def test_file_size_limit_leaves_the_old_table(file_url, tmp_path):

@@ -50,7 +50,7 @@ VALUES = {
 @lru_cache(maxsize=1)
 def result():
     run = flown(ideal(700.0), twin_of("rlg"), 1).run
-    header = replace(run.header, run_id='a <b> & "c"\x07', imu_serial="]]> & 1")
+    header = replace(run.header, run_id='a <b> & "c"', imu_serial="]]> & 1")
     return replay(replace(run, header=header), choices(flat(), flat(x=0.05)), twin_of("rlg"))
 
 

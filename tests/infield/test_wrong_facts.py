@@ -199,7 +199,8 @@ def test_a_compensated_log_that_is_declared_raw_is_found():
     """Less its whole table: 7 of 60 such logs were committed beyond 4 sigma."""
     run, table = simulated(seed=3).run, factory()
     compensated = less(run, table.settled_deg_h(run.temperature.gyro_degC))
-    found = take_run(compensated, table, TWIN, SETTINGS, repeated=False)
+    known = OnRecord(stored=table)
+    found = take_run(compensated, table, TWIN, SETTINGS, False, known)
     assert found.verdict.outcome is Outcome.INCONSISTENT
     (reason, *_) = found.verdict.reasons
     assert reason.values["fact"] is WrongFact.COMPENSATED_BEFORE
@@ -211,7 +212,8 @@ def test_where_the_table_is_small_a_compensated_log_teaches_nothing_along_it():
     run, table, share = simulated(seed=3).run, factory(), 0.1
     degC = run.temperature.gyro_degC
     stored = table.replaced(parameters=share * table.parameters)
-    found = take_run(less(run, table.settled_deg_h(degC)), stored, TWIN, SETTINGS, repeated=False)
+    compensated = less(run, table.settled_deg_h(degC))
+    found = take_run(compensated, stored, TWIN, SETTINGS, False, OnRecord(stored=stored))
     assert found.verdict.accepted
     assert [s.fact for s in found.doubted][:1] == [WrongFact.COMPENSATED_BEFORE]
     for k, axis in enumerate("xyz"):
@@ -222,7 +224,8 @@ def test_where_the_table_is_small_a_compensated_log_teaches_nothing_along_it():
 
 
 def test_a_raw_log_is_believed_where_its_table_is_large():
-    found = take_run(simulated(seed=3).run, factory(), TWIN, SETTINGS, repeated=False)
+    known = OnRecord(stored=factory())
+    found = take_run(simulated(seed=3).run, factory(), TWIN, SETTINGS, False, known)
     assert found.verdict.accepted and not found.doubted
 
 
@@ -232,7 +235,8 @@ def test_a_gyro_that_stepped_is_remembered_as_a_step():
     """
     run = simulated(seed=1).run
     step = np.tile([0.05, 0.0, 0.0], (run.temperature.time_s.size, 1))
-    found = take_run(less(run, step), factory(), TWIN, SETTINGS, repeated=False)
+    known = OnRecord(stored=factory())
+    found = take_run(less(run, step), factory(), TWIN, SETTINGS, False, known)
     assert found.verdict.outcome is Outcome.INCONSISTENT and found.merged is not None
     assert [r.code for r in found.verdict.reasons] == [SessionReason.AGAINST_TABLE]
     assert not found.doubted

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ins import earth, increments
+from ins import earth
 from ins.attitude import dcm_from_rotation_vector
 from ins.records import ImuLog
+from ins.strapdown import increments
 from ins.strapdown import kernel as strapdown_kernel
 from ins.strapdown.mechanization import navigate
 

@@ -106,7 +106,7 @@ def test_tokens_come_from_a_file_or_the_environment(tmp_path, monkeypatch):
         ("# only\n", "holds no token"),
         ("0123456789abcdef\nB 0123456789abcdef\n", "same token twice"),
         ("Wörd 0123456789abcdéf", "printable ASCII"),
-        ("x" * 70_000, "larger than"),
+        ("x" * 70_000, "more than 65536 bytes"),
     ],
 )
 def test_a_bad_token_file_is_one_line_without_the_token(tmp_path, text, line):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.thermal.compensation import compensate_batch, compensate_causal
+from infield.thermal.compensation import batch_series, causal_series, less
 from infield.thermal.fog.model import model_from_document
 from infield.thermal.ramp_runs import ramp_run
 from infield.thermometer.causal_rate import (
@@ -135,8 +135,8 @@ def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, f
     twin = default_twin("fog")
     raw = ramp_run(run, twin)
     for compensated in (
-        compensate_batch(imu, model, run.temperature, gyro_temperature(run.temperature)),
-        compensate_causal(imu, model, run.temperature),
+        less(imu, batch_series(model, run.temperature, gyro_temperature(run.temperature))),
+        less(imu, causal_series(model, run.temperature)),
     ):
         left = ramp_run(type(run)(**{**run.__dict__, "imu": compensated}), twin)
         for k in range(3):
@@ -149,7 +149,7 @@ def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, f
             (run.temperature.time_s > 3000.0)[:, None], 99.0, run.temperature.gyro_degC
         ),
     )
-    spoiled = compensate_causal(imu, model, future)
+    spoiled = less(imu, causal_series(model, future))
     before = imu.time_s <= 3000.0
     # knows nothing of what comes
     np.testing.assert_array_equal(spoiled.dtheta_rad[before], compensated.dtheta_rad[before])

@@ -18,7 +18,7 @@ from ins.records import (
     VehicleNoise,
 )
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
-from trajectories.simulator import faults
+from tests import faults
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Pivot, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors

@@ -130,7 +130,7 @@ def _with_vertical(
     """
     length = LENGTH
     if session.priors.deflection_arcsec == FIT:
-        length = replace(LENGTH, powers={DEFLECTION_SIZE.name: 0.5})
+        length = replace(LENGTH, along=((DEFLECTION_SIZE, 0.5),))
     searches = [s for s in (DEFLECTION_SIZE, length) if getattr(session.priors, s.name) == FIT]
     if not searches or Further.DEFLECTION not in session.layout.at:
         return flt, session

@@ -16,7 +16,6 @@ from alignment.linearised import Course, NothingStands, RestedLog, latitude_cova
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
-from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import Found, SessionEstimate
@@ -51,7 +50,7 @@ from ins.verdicts import Reason
 
 
 class AlignmentRefused(InputError):
-    """Nothing stands once navigated, and the alignment says why: its `reasons`."""
+    """Nothing stands once navigated about a wrong latitude: the `reasons` that name it."""
 
     def __init__(self, reasons: tuple[Reason, ...]) -> None:
         super().__init__(str(reasons[0].code))
@@ -108,10 +107,9 @@ def estimate_session(
             sigma0=sigma0,
             aids=aids(AS_DECLARED),
         )
-    except NothingStands as moves:
-        why = [r for r in aligned.reasons if r.code is not moves.reason.code]
-        if aligned.verdict is AlignmentVerdict.REFUSED and why:
-            raise AlignmentRefused(tuple(why)) from None
+    except NothingStands:
+        if aligned.wrong_latitude:
+            raise AlignmentRefused(aligned.wrong_latitude) from None
         raise
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))

@@ -19,7 +19,7 @@ Decision: docs/decisions/0064-taxi-nuisances.md.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -201,15 +201,15 @@ def _levelled(
 @dataclass(frozen=True)
 class LevelSearch:
     """A search for the likeliest size of one number of what a filter assumes: its name, the least
-    and the largest size, and the factor between two that are tried. powers: of that factor, by
-    which other numbers go with it.
+    and the largest size, and the factor between two that are tried. along: other numbers that go
+    with it within their own bounds, by these powers of the factor.
     """
 
     name: str
     least: float
     largest: float
     step: float
-    powers: Mapping[str, float] = field(default_factory=dict)
+    along: tuple[tuple["LevelSearch", float], ...] = ()
 
     def climb(
         self, run: Callable[[Record], ErrorFilter], flt: ErrorFilter, assumed: Record
@@ -222,11 +222,12 @@ class LevelSearch:
             if assumed is not began:
                 break
             while True:
-                size = factor * getattr(assumed, self.name)
-                if not self.least <= size <= self.largest:
+                moved = [(self, 1.0), *self.along]
+                sizes = [factor**power * getattr(assumed, s.name) for s, power in moved]
+                if not all(s.least <= size <= s.largest for (s, _), size in zip(moved, sizes)):
                     break
-                beside = {n: factor**p * getattr(assumed, n) for n, p in self.powers.items()}
-                other = replace(assumed, **{self.name: size}, **beside)  # type: ignore[type-var]
+                names = [s.name for s, _ in moved]
+                other = replace(assumed, **dict(zip(names, sizes)))  # type: ignore[type-var]
                 tried = run(other)
                 if tried.tally.loglik <= flt.tally.loglik:
                     break

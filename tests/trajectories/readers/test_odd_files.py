@@ -10,6 +10,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from ins import user_input
 from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import convert, noisy
 from tests.trajectories.readers.known_motion import GIVEN
@@ -79,7 +80,7 @@ def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
     def refuse(*args, **kwargs):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(type(path), "open", refuse)
+    monkeypatch.setattr(user_input.os, "open", refuse)
     with pytest.raises(InputError, match=r"log\.csv: cannot be read \(Permission denied\)"):
         convert_log(path, MAP, GIVEN)
 
