@@ -72,8 +72,6 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("-o", "--output", type=Path, default=Path("availability.jsonl"))
     parser.add_argument("--before", type=Path, help="records of an older revision, for the page")
-    parser.add_argument("--windows", type=Path, help="records of availability_windows")
-    parser.add_argument("--windows-before", type=Path, help="the same of an older revision")
     parser.add_argument("--page", type=Path, help="folder for availability_study.md and .svg")
     options = parser.parse_args()
     if options.count:
@@ -84,12 +82,7 @@ def main() -> None:
             workers=options.workers,
         )
     if options.page:
-        study = Study(
-            records=read_records(options.output),
-            before=read_records(options.before),
-            windows=read_records(options.windows),
-            windows_before=read_records(options.windows_before),
-        )
+        study = Study(records=read_records(options.output), before=read_records(options.before))
         write_page(study, options.page)
 
 

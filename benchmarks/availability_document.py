@@ -10,7 +10,6 @@ import numpy as np
 from scipy.stats import norm
 
 from benchmarks.availability_session import KINDS, PARKED_S, REFERENCES, SPREAD
-from benchmarks.availability_windows import window_table
 from ins.records import GYRO_TECHNOLOGIES
 
 NAME = "availability_study"
@@ -46,12 +45,10 @@ class Share:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Records of the sessions, of those of an older revision, and of windows of alignment, likewise."""
+    """Records of the sessions, and of those of an older revision."""
 
     records: Sequence[Record]
     before: Sequence[Record] = ()
-    windows: Sequence[Record] = ()
-    windows_before: Sequence[Record] = ()
 
 
 def write_page(study: Study, folder: Path) -> None:
@@ -75,10 +72,6 @@ def page(study: Study) -> str:
         "## Why not\n",
         _reasons(now),
     ]
-    if study.windows:
-        parts += [WINDOWS, window_table(study.windows)]
-    if study.windows_before:
-        parts += ["Before:\n", window_table(study.windows_before)]
     return "\n".join([*parts, METHOD])
 
 
@@ -297,11 +290,6 @@ start from twelve stations. The estimator knows the unit's twin and nothing of t
 """
 BEFORE = """*Before* are {count} sessions, the first of the same draws, at {revisions}.
 
-"""
-WINDOWS = """## Two minutes with people aboard
-
-A ring-laser unit with its table, no phases, aligned in windows of 120 s of half an hour in which people board (`python -m benchmarks.availability_windows`). Strength 10 on an airliner has the mean rates of a recorded log
-(section 8.3 of [physics](reference/physics.md)). Wanted: error over sigma 0.9 to 1.1.
 """
 METHOD = """## How to read it
 

@@ -1,7 +1,7 @@
 """Speed beside pyins (`pip install python-ins`) on the same hour of data, 200 Hz: mechanization and
 a feedback filter.
 
-    python benchmarks/peers.py [--repeats 5] [--runs 1000] [--filter-minutes 60]
+    python benchmarks/peers.py [--repeats 5] [--filter-minutes 60]
 
 CPU seconds of this one process, medians over the repeats; the filter of pyins is run once (it takes
 minutes). Prints the machine, the date and Markdown tables. What is compared, and that both come to
@@ -23,8 +23,6 @@ import numpy as np
 
 from alignment.motion import kinds
 from alignment.navigation_filter import StepPlan, filter_steps, views_of
-from benchmarks.navigation_batch import navigate_batch
-from benchmarks.navigation_batch_errors import SensorErrors
 from ins import earth
 from ins.attitude import (
     dcm_from_euler,
@@ -223,34 +221,19 @@ def machine() -> str:
     )
 
 
-def mechanization(imu: ImuLog, peer: Pyins, runs: int, repeats: int) -> None:
+def mechanization(imu: ImuLog, peer: Pyins, repeats: int) -> None:
     n, start = imu.time_s.size, start_at(C_NB)
-    rng = np.random.default_rng(2)
-    errors = SensorErrors(
-        gyro_bias_rad_s=GYRO_SIGMA * rng.standard_normal((runs, 3)),
-        accel_bias_m_s2=ACCEL_SIGMA * rng.standard_normal((runs, 3)),
-    )
     first_theirs, first_ours = cpu_s(peer.whole)[0] / n, cpu_s(lambda: navigate(imu, start))[0] / n
-    navigate_batch(imu.between(0.0, 10.0), start, errors=errors)
     theirs = cpu_s(peer.whole, repeats)[0] / n
     epochs_min = 10.0
     by_epoch = cpu_s(lambda: peer.by_epoch(epochs_min))[0] / (60 * epochs_min / DT_S)
     ours = cpu_s(lambda: navigate(imu, start), repeats)[0] / n
-    one, two = (
-        cpu_s(
-            lambda t=t: navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=t),
-            min(repeats, 3),
-        )
-        for t in (1, 2)
-    )
     rows = [
         ("pyins Integrator, the whole hour in one call", theirs),
         ("pyins, first call of a process", first_theirs),
         (f"pyins, second by second ({epochs_min:.0f} min)", by_epoch),
         ("recal navigate, 1 s epochs", ours),
         ("recal navigate, first call of a process", first_ours),
-        (f"recal navigate_batch, {runs} runs, 1 thread", one[0] / runs / n),
-        (f"recal navigate_batch, {runs} runs, 2 threads", two[0] / runs / n),
     ]
     print(
         "| mechanization | samples per CPU second | to pyins in one call | to pyins second by"
@@ -258,10 +241,7 @@ def mechanization(imu: ImuLog, peer: Pyins, runs: int, repeats: int) -> None:
     )
     for name, cost in rows:
         print(f"| {name} | {1e-6 / cost:.2f} M | {theirs / cost:.3g} | {by_epoch / cost:.3g} |")
-    print(
-        f"\n2 threads: {one[1] / two[1]:.2f} times the wall-clock speed of 1, at"
-        f" {one[0] / two[0]:.2f} of its efficiency.\n"
-    )
+    print()
 
 
 def agreement(imu: ImuLog, peer: Pyins) -> None:
@@ -317,7 +297,6 @@ def feedback_filter(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--runs", type=int, default=1000, help="trajectories of the batch")
     parser.add_argument(
         "--filter-minutes",
         type=float,
@@ -331,7 +310,7 @@ def main() -> None:
     imu = parked_log(rng)
     peer = Pyins(imu)
     print(machine() + "\n")
-    mechanization(imu, peer, given.runs, given.repeats)
+    mechanization(imu, peer, given.repeats)
     agreement(imu, peer)
     feedback_filter(imu, peer, given.filter_minutes, given.repeats, rng)
 

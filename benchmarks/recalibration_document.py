@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks import flight_units
 from benchmarks.recalibration_unit import EXACT, HERMITE, KINDS, OLD, OURS, PERFECT
 
 NAME = "recalibration_study"
@@ -40,17 +39,13 @@ def plain(name: str) -> str:
 
 
 def write(study: dict[str, Any], folder: Path) -> None:
-    """recalibration_study.json, .md and .svg in a folder; with the study of flights, where one is
-    there.
-    """
-    of_flights = folder / f"{flight_units.NAME}.json"
-    flights = json.loads(of_flights.read_text(encoding="utf-8")) if of_flights.exists() else None
+    """recalibration_study.json, .md and .svg in a folder."""
     (folder / f"{NAME}.json").write_text(json.dumps(study, indent=1) + "\n", encoding="utf-8")
-    (folder / f"{NAME}.md").write_text(page(study, flights), encoding="utf-8")
+    (folder / f"{NAME}.md").write_text(page(study), encoding="utf-8")
     draw(study, folder / f"{NAME}.svg")
 
 
-def page(study: dict[str, Any], flights: flight_units.Line | None = None) -> str:
+def page(study: dict[str, Any]) -> str:
     """The study in Markdown."""
     first = next(iter(study["scenarios"].values()))
     parts = [
@@ -60,8 +55,6 @@ def page(study: dict[str, Any], flights: flight_units.Line | None = None) -> str
     ]
     for name, scenario in study["scenarios"].items():
         parts += [f"## {SCENARIOS[name]}\n", _targets(scenario), _table(scenario), _hours(scenario)]
-    if flights is not None:
-        parts.append(flight_units.section(flights))
     return "\n".join([*parts, METHOD])
 
 
