@@ -1,10 +1,6 @@
 """The least that any estimator can know of a gyro where no session ever came, apart from the filter
 and from the tables' own algebra.
 
-    python -m benchmarks.never_visited limits 100 116 > limits.jsonl   units 100 to 115, a line each
-    python -m benchmarks.never_visited drawn 100 104 > drawn.jsonl     the same learnt from draws
-    python -m benchmarks.never_visited summary limits.jsonl drawn.jsonl
-
 A unit ages by a curve c(T) of a known Gaussian law: a shift of 0.006 deg/h on all temperatures and
 a smooth shape of 0.004 deg/h over 30 degC. Session k shows c at the temperatures of its gyros plus
 what this power-on departs by (turn-on, flicker, random walk of the rate) plus white noise. All of
@@ -19,12 +15,9 @@ of this formula is used; units and sessions are drawn from the simulator, and th
 estimator is learnt by least squares from two thirds of them and scored on the others.
 """
 
-import json
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from benchmarks.flight_update import NODES_DEGC, THERMAL
+from benchmarks.study import Work, table
 from ins.twin_file import default_twin
 from ins.units import HOUR
 from trajectories.simulator.imperfections import gyro_session_bias
@@ -165,32 +159,16 @@ def learnt(seed: int) -> Line:
     }
 
 
-def summary(lines: Sequence[Line]) -> None:
-    """Print what the lines say together."""
-    of_limits = [line for line in lines if "never" in line]
-    for span in ("never", "cold") if of_limits else ():
-        for name in of_limits[0][span]:
-            rms = np.sqrt(np.mean([line[span][name] for line in of_limits]))
-            print(f"{span}, {name}: {rms:.5f} deg/h ({len(of_limits)} units)")
-    for line in lines:
-        if "drawn" in line:
-            drawn, formula = np.sqrt([line["drawn"], line["formula"]])
-            print(
-                f"unit {line['seed']}: learnt from draws {drawn:.5f}, formula {formula:.5f} deg/h"
-            )
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run what the head of this module shows."""
-    kind, rest = arguments[0], arguments[1:]
-    if kind == "summary":
-        return summary(
-            [json.loads(s) for name in rest for s in Path(name).read_text().splitlines()]
-        )
-    of_unit = {"limits": limits, "drawn": learnt}[kind]
-    for seed in range(int(rest[0]), int(rest[1])):
-        print(json.dumps(of_unit(seed)), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+def run(work: Work, *, first: int = 100, units: int = 16, drawn: int = 3) -> str:
+    """units: of which the limits are worked; drawn: of which they are learnt from draws too."""
+    found = work.each(limits, [(seed,) for seed in range(first, first + units)])
+    names = found[0]["never"]
+    squares = {
+        name: [np.mean([line[span][name] for line in found]) for span in ("never", "cold")]
+        for name in names
+    }
+    rows = [[name, *(f"{np.sqrt(s):.5f}" for s in squares[name])] for name in names]
+    text = table(("what is known", "where no session came, deg/h", "in the cold, deg/h"), rows)
+    learnt_of = work.each(learnt, [(seed,) for seed in range(first, first + drawn)])
+    told = [[f"{np.sqrt(line[key]):.5f}" for key in ("drawn", "formula")] for line in learnt_of]
+    return text + "\n" + table(("learnt from draws, deg/h", "formula, deg/h"), told)
