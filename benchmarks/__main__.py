@@ -26,6 +26,11 @@ from benchmarks.study import ROOT, Work, commit
 
 STUDIES = {
     "fog_confidence": "fog_confidence",
+    "gap_flights": "gap_flights",
+    "gap_nulls": "gap_nulls",
+    "gap_oracle": "gap_oracle",
+    "gap_real_noise": "gap_real_noise",
+    "gap_study": "gap_study",
     "gates": "gate_rates",
     "misalignment": "misalignment_rates",
     "never_visited": "never_visited",

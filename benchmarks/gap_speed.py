@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 from benchmarks.gap_size import scaled
-from benchmarks.gap_trials.__main__ import write_trial
 from benchmarks.gap_trials.trial import draw_trial
+from benchmarks.gap_trials.written import write_trial
 from infield.table.file import read_table
 from ins.twin_file import read_twin
 from simreal.inference.diagnosis import diagnose
