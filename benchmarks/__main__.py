@@ -25,6 +25,8 @@ from typing import Any
 from benchmarks.study import ROOT, Work, commit
 
 STUDIES = {
+    "accuracy": "accuracy",
+    "availability": "availability",
     "fog_confidence": "fog_confidence",
     "gap_flights": "gap_flights",
     "gap_nulls": "gap_nulls",

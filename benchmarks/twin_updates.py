@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import recal
-from benchmarks.availability_session import SIGMA_DEG_H, Station, ideal_run, stations
+from benchmarks.availability import SIGMA_DEG_H, Station, ideal_run, stations
 from infield.session.estimate import SessionEstimate
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import mean_rows
