@@ -27,6 +27,7 @@ from benchmarks.study import ROOT, Work, commit
 STUDIES = {
     "accuracy": "accuracy",
     "availability": "availability",
+    "fleet": "fleet",
     "fog_confidence": "fog_confidence",
     "gap_flights": "gap_flights",
     "gap_nulls": "gap_nulls",
@@ -36,10 +37,13 @@ STUDIES = {
     "gates": "gate_rates",
     "misalignment": "misalignment_rates",
     "never_visited": "never_visited",
+    "recalibration": "recalibration_study",
     "rests": "rests",
     "rlg_confidence": "rlg_confidence",
     "taxi_nuisances": "taxi_nuisances",
     "thermal": "thermal_rates",
+    "twin_fit": "twin_fit",
+    "twin_updates": "twin_updates",
     "unit_identity": "unit_identity",
 }
 

@@ -156,7 +156,7 @@ def _scored(result: UpdateResult, made: SimulatedRun) -> Record:
 
 def _estimated(session: SessionResult, estimate: SessionEstimate, made: SimulatedRun) -> Record:
     """Sigma, error and what was left out; normalised: error of the mean bias over its sigma."""
-    truth = _true_bins(estimate, made)
+    truth = true_bins(estimate, made)
     A = mean_rows(estimate)
     error = A @ (estimate.bins.table_deg_h + estimate.mean_deg_h - truth)
     sigma = np.sqrt(np.diag(A @ estimate.covariance @ A.T))
@@ -178,7 +178,7 @@ def _estimated(session: SessionResult, estimate: SessionEstimate, made: Simulate
     return found
 
 
-def _true_bins(estimate: SessionEstimate, made: SimulatedRun) -> NDArray:
+def true_bins(estimate: SessionEstimate, made: SimulatedRun) -> NDArray:
     """True total bias over each bin, in the order of the bins (3N,)."""
     truth = []
     for start_s, end_s in zip(estimate.bins.start_s, estimate.bins.end_s):
