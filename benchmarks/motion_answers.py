@@ -1,6 +1,6 @@
 """What every part of the product says of when a vehicle stands and moves, frozen on named runs.
 
-Every caller below is asked of every run, and what differs from tests/motion/answers.json is printed;
+Every caller below is asked of every run, and what differs from tests/motion/answers.json is told;
 `--freeze` writes that file anew. Times are seconds of the run, rounded to 0.01. Numbers
 within words become "#". CALLERS is the one place to change where an entry point moves.
 """
