@@ -6,6 +6,9 @@ vehicle has no velocity (its displacement since the stop) and keeps its heading 
 (parked-attitude constraint); what a rolling vehicle shows is added by aids (lateral motion,
 odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid down as a
 `FilterProgram` first, with numpy over the whole run, and worked through in one go.
+
+Decision: docs/decisions/0007-parked-position.md.
+Decision: docs/decisions/0008-heading-prior-withdrawn.md.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,8 +30,8 @@ from ins.noise import accel_densities, gyro_densities, walk_with_flicker
 from ins.records import NavHistory, TwinModel
 from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
 
-# the errors do not depend on the specific force (ARCHITECTURE.md), and 2.8 periods of rocking at
-# 0.28 Hz fit in
+# the errors do not depend on the specific force (docs/decisions/0006-error-state-w.md), and 2.8
+# periods of rocking at 0.28 Hz fit in
 STILL_STEP_S = 10.0
 PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that stands
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s

@@ -16,6 +16,8 @@ walk), white noise of the sensors, accelerometer turn-on and walk, start errors,
 sway, side motion, yaw creep, satellite fixes. Seen: standing, the way and the turn since the stop;
 rolling, the way to the side; satellite position and velocity; a surveyed heading. Not seen: speed,
 course, roll and pitch, which no vehicle warrants. Accelerometer flicker is left out.
+
+Decision: docs/decisions/0014-independent-bound.md.
 """
 
 from collections.abc import Iterable, Iterator

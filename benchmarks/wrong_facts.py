@@ -1,12 +1,13 @@
 """How often a wrong fact about a session is found, against its size, and what it does where it is
 not.
 
-A session is simulated whole, then one thing about it is made wrong: where it stands, its clock, a
-scale, an axis, a thermometer, the unit itself. `update_calibration` sees the rest as it is. A
-session that changes the table by a wrong fact is committed wrong where the table's error at the
-temperatures visited, over its sigma, exceeds four on any level gyro.
+A session is written from the equations (`benchmarks.plain_sessions`), then one thing about it is
+made wrong: where it stands, its clock, a scale, an axis, a thermometer, what its header says, the
+unit itself. `update_calibration` sees the rest as it is. A session that changes the table by a
+wrong fact is committed wrong where the table's error at the temperatures visited, over its sigma,
+exceeds four on any gyro.
 
-    python -m benchmarks.wrong_facts --units 10 --out facts.jsonl
+    python -m benchmarks.wrong_facts --units 20 --out facts.jsonl
     python -m benchmarks.wrong_facts --page facts.jsonl > page.md
 """
 
@@ -15,27 +16,37 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta
 
-from benchmarks.recalibration_unit import OFFSET_DEG_H, SERIAL, SHAPE_DEG_H, TWINS, taxi
-from infield.session.pipeline import update_calibration
+from benchmarks.plain_sessions import (
+    GRADES,
+    SERIAL,
+    Grade,
+    Outing,
+    Session,
+    Unit,
+    drawn_outing,
+    made_unit,
+    session,
+)
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.results import UpdateResult
 from infield.table.file import table_from_dict
-from ins.records import AXES, ImuLog, Run, TemperatureLog
+from infield.table.thermal_table import ThermalTable
+from ins.records import ImuLog, Run, TemperatureLog
+from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
-from trajectories.simulator.session import SessionPlan, simulate_run
-from trajectories.simulator.thermal import STARTS, thermal_history
-from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 
+NOW = datetime.fromisoformat("2026-03-02T00:00:00Z")  # of the update, the day after the sessions
 STEP_AT_S = 2400.0  # of a bias step: in the middle of the parked time
 TOO_FAR_SIGMAS = 4.0  # a committed error beyond is a wrong table
 SCORED_EVERY_S = 60.0
-LATITUDES_DEG = (-45.0, 30.0, 45.0, 60.0)
-HEADINGS_DEG = (0.0, 60.0, 135.0, 240.0)
 Change = Callable[[Run, float, int], Run]
 
 
@@ -113,23 +124,93 @@ def drifting_thermometer(run: Run, size: float, axis: int) -> Run:
     return replace(run, temperature=replace(log, gyro_degC=gyro))
 
 
-def wrong_unit(run: Run, size: float, axis: int) -> Run:
-    """Made by the simulation: `size` is the number of another unit."""
+def as_it_is(run: Run, size: float, axis: int) -> Run:
+    """Nothing: what is wrong was simulated."""
     return run
+
+
+def sign_turned(run: Run, size: float, axis: int) -> Run:
+    """Of gyro x."""
+    turned = _imu(run).dtheta_rad * np.array([-1.0, 1.0, 1.0])
+    return replace(run, imu=replace(_imu(run), dtheta_rad=turned))
+
+
+def swapped(run: Run, size: float, axis: int) -> Run:
+    """Gyros x and y."""
+    return replace(run, imu=replace(_imu(run), dtheta_rad=_imu(run).dtheta_rad[:, [1, 0, 2]]))
+
+
+def in_the_future(run: Run, size: float, axis: int) -> Run:
+    """The start by so many days after the update."""
+    start = (NOW + timedelta(days=size)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return replace(run, header=replace(run.header, start_utc=start))
+
+
+def declared_compensated(run: Run, size: float, axis: int) -> Run:
+    return replace(run, header=replace(run.header, applied_table_sha256="0" * 64))
+
+
+def _rough_fog(size: float) -> Grade:
+    """A ring laser's table, and noise that is all of fibre-optic size."""
+    return replace(GRADES["rlg"], arw=size, flicker=size, walk=size, turn_on=1.5 * size)
+
+
+RECORDINGS = {
+    1.0: {"receiver": True},
+    2.0: {"receiver": False},
+    3.0: {"receiver": False, "rounds": 0},
+}
 
 
 @dataclass(frozen=True)
 class Fact:
-    """What is made wrong, its unit, and the sizes tried."""
+    """What is made wrong of a run, its unit, and the sizes tried; or, by its size, what the gyros
+    are (grade), how the outing is drawn (outing), which technology the log declares, and whether
+    its table was taken out of it.
+    """
 
     change: Change
     unit: str
     sizes: tuple[float, ...]
+    grade: Callable[[float], Grade] = lambda size: GRADES["rlg"]
+    outing: Callable[[float, int], dict[str, Any]] = lambda size, axis: {}
+    technology: str = "rlg"
+    compensated: bool = False
+
+
+def _curve(size: float) -> Grade:
+    return replace(GRADES["rlg"], curve=size)
+
+
+def _lag(size: float, axis: int) -> dict[str, Any]:
+    """Of 600 s on one gyro."""
+    return {"lag_s": 600.0, "lag_deg_h_degC": tuple(size * np.eye(3)[axis])}
 
 
 FACTS = {
-    "nothing wrong": Fact(wrong_unit, "", (0.0,)),
-    "latitude": Fact(wrong_latitude, "deg", (0.03, 0.1, 0.3, 1.0)),
+    "nothing wrong": Fact(as_it_is, "", (0.0,)),
+    "compensated, declared raw: table of": Fact(
+        as_it_is, "deg/h", (0.01, 0.03, 0.06), grade=_curve, compensated=True
+    ),
+    "raw, declared compensated: table of": Fact(
+        declared_compensated, "deg/h", (0.01, 0.03, 0.06), grade=_curve
+    ),
+    "thermal lag of 600 s": Fact(as_it_is, "deg/h per degC", (0.0012, 0.0024, 0.0048), outing=_lag),
+    "temperatures of another run, longer by": Fact(as_it_is, "s", (-1600.0, 200.0, 1600.0)),
+    "start in the future": Fact(in_the_future, "days", (2.0, 365.0, 3650.0)),
+    "gyro x turned round, recording": Fact(
+        sign_turned, "", tuple(RECORDINGS), outing=lambda size, axis: RECORDINGS[size]
+    ),
+    "x and y swapped, recording": Fact(
+        swapped, "", tuple(RECORDINGS), outing=lambda size, axis: RECORDINGS[size]
+    ),
+    "fibre-optic, declared ring laser: noise": Fact(
+        as_it_is, "deg/sqrt(h)", (0.002, 0.003, 0.006), grade=_rough_fog
+    ),
+    "ring laser, declared fibre-optic: noise": Fact(
+        as_it_is, "deg/sqrt(h)", (0.001, 0.002, 0.003), grade=_rough_fog, technology="fog"
+    ),
+    "latitude": Fact(wrong_latitude, "deg", (0.03, 0.1, 0.3)),
     "height": Fact(wrong_height, "m", (100.0, 1000.0)),
     "time base": Fact(wrong_clock, "", (1e-4, 1e-3, 1e-2)),
     "gyro scale": Fact(wrong_gyro_scale, "", (3e-4, 1e-3, 3e-3, 1e-2)),
@@ -141,54 +222,60 @@ FACTS = {
     ),
     "one gyro thermometer off": Fact(one_gyro_thermometer, "degC", (3.0, 10.0)),
     "drifting thermometer": Fact(drifting_thermometer, "degC", (1.0, 3.0, 10.0)),
-    "another unit": Fact(wrong_unit, "", (1.0,)),
+    "another unit": Fact(as_it_is, "", (1.0,)),
 }
 
 
 def trial(name: str, size: float, seed: int) -> dict:
     """One session of one unit with one wrong fact: what was said, and the error of the table."""
-    rng = np.random.default_rng([seed, 57])
-    twin = TWINS["default"]
-    unit, table = _unit(rng)
-    told = unit
+    fact, rng, axis = FACTS[name], np.random.default_rng([seed, 57]), seed % 3
+    grade = fact.grade(size)
+    unit = made_unit(rng, grade)
+    table = _table(unit, fact.technology)
     if name == "another unit":
-        _, table = _unit(np.random.default_rng([seed, 58]))
-    lat, heading = LATITUDES_DEG[seed % 4], HEADINGS_DEG[(seed // 4 + seed) % 4]
-    start = tuple(STARTS)[(seed // 2) % len(STARTS)]
-    thermal = thermal_history(start, rng=rng)
-    simulated = simulate_run(
-        taxi(lat, heading), thermal, told, twin, rng=rng, plan=SessionPlan(run_id=f"{name}-{seed}")
-    )
-    wrong = FACTS[name].change(simulated.run, size, seed % 3)
-    result = update_calibration([wrong], table, twin)
-    T = thermal.at(np.arange(0.0, simulated.bias_time_s[-1], SCORED_EVERY_S)).gyro_degC
+        table = _table(made_unit(np.random.default_rng([seed, 58]), grade), fact.technology)
+    outing = drawn_outing(rng, receiver=seed % 2 == 0)
+    outing = replace(outing, **fact.outing(size, axis))
+    made = session(rng, unit, outing, technology=fact.technology)
+    run = fact.change(made.run, size, axis)
+    if fact.compensated:
+        run = less_table(run, unit)
+    if name.startswith("temperatures"):
+        run = replace(run, temperature=_other_temperatures(rng, unit, outing, made, size))
+    twin = replace(default_twin(fact.technology), imu_serial=SERIAL)
+    history = UnitHistory(applied_table=lambda sha256: table, now=NOW)
+    result = update_calibration([run], table, twin, history=history)
+    T = made.gyro_degC
     return {
         "fact": name,
         "size": size,
         "seed": seed,
         "outcome": str(result.outcome),
         "reasons": sorted({str(code) for code in _codes(result)}),
+        "doubted": [str(s.fact) for s in result.sessions[0].doubted],
         "worst_sigmas": _worst(result, unit, T),
         "sigma_deg_h": float(np.mean([result.after.sigma_deg_h(k, T[:, k]) for k in (0, 1)])),
-        **_shifts(result),
     }
 
 
-def _unit(rng: np.random.Generator):
-    unit = aged_unit(
-        rng, ageing_offset_deg_h=OFFSET_DEG_H, ageing_shape_deg_h=SHAPE_DEG_H, imu_serial=SERIAL
-    )
-    return unit, table_from_dict(unit.factory_table(), name="factory")
+def less_table(run: Run, unit: Unit) -> Run:
+    """The log less its unit's factory curves at the temperatures read."""
+    imu, log = _imu(run), _temperature(run)
+    read = [np.interp(imu.time_s, log.time_s, column) for column in log.gyro_degC.T]
+    bias = unit.factory(np.stack(read, axis=1)) * DEG_PER_HOUR
+    return replace(run, imu=replace(imu, dtheta_rad=imu.dtheta_rad - bias * imu.dt_s[:, None]))
 
 
-def _shifts(result: UpdateResult) -> dict:
-    session = result.sessions[0]
-    if session.merged is None:
-        return {}
-    return {
-        "axis_z": session.merged.axis_z.tolist(),
-        "nis": session.merged.nis / max(session.merged.dof, 1),
-    }
+def _other_temperatures(
+    rng: np.random.Generator, unit: Unit, outing: Outing, made: Session, longer_s: float
+) -> TemperatureLog:
+    """Those of another power-on of the unit, of another day."""
+    another = drawn_outing(rng, rounds=0, parked_s=_imu(made.run).end_s + longer_s)
+    return _temperature(session(rng, unit, another).run)
+
+
+def _table(unit: Unit, technology: str) -> ThermalTable:
+    return table_from_dict(unit.table(technology), name="factory")
 
 
 def _codes(result: UpdateResult) -> list[str]:
@@ -200,13 +287,14 @@ def _codes(result: UpdateResult) -> list[str]:
     return found
 
 
-def _worst(result: UpdateResult, unit: UnitTruth, T: NDArray) -> float:
+def _worst(result: UpdateResult, unit: Unit, gyro_degC: NDArray) -> float:
     """Largest error over sigma of the table after, at the temperatures visited, all gyros."""
-    worst = []
-    for k, axis in enumerate(AXES):
-        error = result.after.bias_deg_h(k, T[:, k]) - unit.bias_deg_h(axis, T[:, k])
-        worst.append(np.max(np.abs(error / result.after.sigma_deg_h(k, T[:, k]))))
-    return float(max(worst))
+    T = gyro_degC[:: int(SCORED_EVERY_S)]
+    off = [
+        np.abs(result.after.bias_deg_h(k, T[:, k]) - truth) / result.after.sigma_deg_h(k, T[:, k])
+        for k, truth in enumerate(unit.today(T).T)
+    ]
+    return float(np.max(off))
 
 
 def _interval(hits: int, count: int) -> tuple[float, float]:

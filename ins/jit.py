@@ -9,6 +9,8 @@ constants across the modules of these two, and of no third package. The folder l
 place that can be written: NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file,
 the user's own folder under the temporary one. With none of them a kernel is compiled anew in each
 process.
+
+Decision: docs/decisions/0083-compiled-kernels.md.
 """
 
 import contextlib

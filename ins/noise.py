@@ -4,6 +4,8 @@ A twin declares white noise, flicker ("bias instability" B), a rate random walk 
 spread in the units of data sheets. Here they become SI once. Flicker has the two-sided spectrum
 B^2 / (2 pi f). No finite state carries that: a covariance over bins takes it exactly
 (`flicker_covariance`), a filter replaces it by a random walk (`flicker_walk`, `walk_with_flicker`).
+
+Decision: docs/decisions/0034-flicker-walk.md.
 """
 
 from collections.abc import Callable

@@ -1,10 +1,13 @@
 """The records that pass between packages: frozen, checked once, arrays float64 and read-only.
 
 Times are seconds from the run's start; SI units and radians unless the name says otherwise.
+
+Decision: docs/decisions/0005-imu-source.md.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from datetime import datetime, timedelta
 from enum import IntEnum, StrEnum
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict
@@ -38,6 +41,7 @@ PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which 
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 LONGEST_NAME = 200  # characters; chosen: twice a run_id of 100, a serial has some 20
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
+CLOCK_AHEAD = timedelta(days=1)  # of a start: local time taken for UTC is up to 14 h ahead
 
 
 class Refusal(RuntimeError):
@@ -690,6 +694,21 @@ class RunHeader:
             )
         for key in ("run_id", "tail", "imu_serial", "gyro_mode"):
             check_name(key, getattr(self, key))
+
+    def starts_after(self, now: datetime) -> bool:
+        """Whether the run starts in the future, by more than clocks and time zones explain.
+
+        Parameters
+        ----------
+        now : datetime
+            With a time zone.
+
+        Returns
+        -------
+        later : bool
+            By more than CLOCK_AHEAD.
+        """
+        return datetime.fromisoformat(self.start_utc) > now + CLOCK_AHEAD
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.records import PIECE_ROWS
 from ins.robust import runs_of_true, white_sigma
 
 PLAUSIBLE_MEDIAN_degC = (
@@ -38,6 +39,10 @@ TRANSIENT_S = 900.0
 READING_DECIMALS = 9
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
 HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
+# of a log, by which readings may go on after its end: a recorder writes what it still holds;
+# chosen: the sessions of one day differ by more
+OVERHANG_SHARE = 0.1
+LONG_ENOUGH_S = 300.0  # of a log that is judged so; a session needs 5 min at rest
 # no two thermometers of one unit differ by more for long; above -25 degC, Fahrenheit for Celsius
 # does (0.8 T + 32)
 OTHER_SCALE_degC = 12.0
@@ -478,9 +483,11 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
 
 def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray) -> None:
     """Columns far from the median of the unit's thermometers over a fifth of the log."""
-    seen = np.isfinite(values).any(axis=0)
     middle = np.full(values.shape[1], np.nan)
-    middle[seen] = np.nanmedian(values[:, seen], axis=0)
+    for first in range(0, middle.size, PIECE_ROWS):  # a median takes 20 times its numbers
+        part = values[:, first : first + PIECE_ROWS]
+        seen = np.flatnonzero(np.isfinite(part).any(axis=0))
+        middle[first + seen] = np.nanmedian(part[:, seen], axis=0)
     if len(unit) == 2 or (len(unit) == len(gyros) + 1 and len(gyros) == 3):
         middle = _against_one(unit, gyros, values, middle)
     for name, v in zip(unit, values):
@@ -538,3 +545,12 @@ def _colder_than_ambient(judge: _Judge, gyros: list[str]) -> None:
     for g in gyros:
         text = f"is {colder:.0f} degC colder at the end of the log than the coldest ambient air"
         judge.drop(g, FaultKind.SCALE, judge.rows(g), f"{text}: wrong offset?")
+
+
+def of_another_run(time_s: NDArray, start_s: float, end_s: float) -> bool:
+    """Whether readings at time_s (n,) go on so long after a log from start_s to end_s that they
+    were hardly taken beside it.
+    """
+    lasts_s = end_s - start_s
+    allowed_s = max(OVERHANG_SHARE * lasts_s, HOLE_S)
+    return bool(lasts_s >= LONG_ENOUGH_S and time_s[-1] - end_s > allowed_s)

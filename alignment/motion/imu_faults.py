@@ -6,6 +6,8 @@ tilt. A transient of the raw rows that breaks either rule is no motion: what it 
 straight lines through 20 s of the integrated rows on either side, and taken out. Sigmas come from
 the same lines laid across the quiet rest of the log. Only up to the first real motion: a taxi
 begins with a velocity that stays, and takes longer than a shock.
+
+Decision: docs/decisions/0012-parked-transients.md.
 """
 
 from collections.abc import Sequence

@@ -3,6 +3,8 @@
 A steady roll, a slow circle and a smooth hover look like rest to inertial sensors, a slow push like
 rest to a receiver, a dead wheel encoder like parking: a vehicle stands where none that sees it says
 otherwise.
+
+Decision: docs/decisions/0055-one-rule-for-receivers.md.
 """
 
 from dataclasses import dataclass, replace

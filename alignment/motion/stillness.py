@@ -4,6 +4,8 @@ a second.
 A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that
 follows the computed velocity while the vehicle stands. Thresholds are in SI units and in sigmas of
 this unit's own noise, never in counts.
+
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 from collections.abc import Sequence

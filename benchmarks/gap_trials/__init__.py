@@ -4,4 +4,6 @@ same runs without.
 Nothing here reads or imports `simreal`: the effects are written from physics, a little richer than
 any catalogue. Read `trial` (draw_trial), then `runs` (plans, the base simulation), `effects` (what
 can be planted), `outside` (pyins).
+
+Decision: docs/decisions/0029-blind-trials.md.
 """

@@ -4,6 +4,8 @@ machine.
 Bold and bold italic letters are written as the letters that Unicode has for them, since browsers no
 longer read the mathvariant attribute. (docutils' own converter puts an accent over all that follows
 a braced letter, so it is not used.)
+
+Decision: docs/decisions/0048-mathml.md.
 """
 
 import html

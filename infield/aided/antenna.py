@@ -8,6 +8,8 @@ exp(-g) (Markov's inequality on the likelihood ratio). A lever arm is taken only
 off by more than the slow errors of a receiver can make it, ARM_FLOOR of a fix's sigma. What is
 taken enters the last flight as a considered parameter: its sigma widens the solution's and is not
 made smaller by the fixes that it was found from.
+
+Decision: docs/decisions/0039-antenna-considered.md.
 """
 
 from dataclasses import dataclass, replace

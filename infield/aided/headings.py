@@ -14,6 +14,8 @@ are divided by how much larger the scatter of sums of ten innovations is than wh
 and the heading is held for no better known than a flight from WIDEST_RAD knows it at any time.
 The start's sigma is three of those found, since the filter sees the same fixes again: its own sigma
 is then too small by 5 % (1 / sqrt(1 + 1/9)).
+
+Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from dataclasses import dataclass, replace

@@ -7,6 +7,8 @@ of no velocity once a second, with the variance of white noise of the same effec
 s). It says next to nothing of a vehicle that cruises (tau is long), or to sensors that drift by
 less, and bounds a solution that would run away at several times the speed that the log has ever
 shown.
+
+Decision: docs/decisions/0080-outages.md.
 """
 
 from dataclasses import dataclass, replace

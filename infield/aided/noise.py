@@ -8,6 +8,9 @@ the innovations, with the antenna free (`infield.aided.antenna`), so that no lev
 passes for noise. A slow error of the positions, which hides in innovations that fit, is tried in
 any case, one for each of two types of fixes. NIS is then near one by construction and tests nothing
 any more; the document says so and keeps the first.
+
+Decision: docs/decisions/0037-receiver-errors-and-noise.md.
+Decision: docs/decisions/0062-two-noise-factors.md.
 """
 
 from dataclasses import dataclass, field, replace

@@ -8,6 +8,8 @@ likelihood of the innovations up to then (a Gaussian sum filter, Sorenson and Al
 1971), with logarithms divided by how far the innovations are from white, as in
 `infield.aided.headings`. Mean and second moments of the mixture are put out: a heading of
 which nothing is known has a sigma of 104 deg (pi / sqrt(3)).
+
+Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from collections.abc import Iterable, Sequence

@@ -6,6 +6,8 @@ or not, covers it. So the posterior's logarithm is fitted by a Gaussian process 
 bowl and a smooth remainder, Rasmussen and Williams 2006, 2.7), the fit is sampled by many walkers
 (differential evolution, ter Braak 2006), and the posterior is asked where the walkers end, which
 mends the fit; in the end the draws are weighed by the posterior over what they were drawn from.
+
+Decision: docs/decisions/0067-drawn-posterior.md.
 """
 
 from collections.abc import Callable

@@ -10,6 +10,8 @@ session is an outlier with a small probability: then each gyro is shifted as a w
 random amount. Which sessions are is summed over the histories that are likely; each has a filter of
 its own, because an early outlier is often found by later sessions only. Units: deg/h, years.
 Source: physics.md 6.8.
+
+Decision: docs/decisions/0072-fleet-outliers.md.
 """
 
 from collections.abc import Sequence

@@ -4,6 +4,8 @@ all.
 Per stop and gyro: angle random walk; per run: turn-on, flicker, random walk
 (`infield.table.merge.session_covariance`); over all: the table's own uncertainty at the
 temperatures of the stops; and what levels and azimuths do not know.
+
+Decision: docs/decisions/0015-unknown-azimuths.md.
 """
 
 from collections.abc import Sequence

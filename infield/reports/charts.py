@@ -2,6 +2,8 @@
 
 Every drawing of a page goes this way: matplotlib took 40 % of the CPU of an update. Lengths are
 points of the drawing, 72 to the inch; it fetches nothing, and equal charts give equal text.
+
+Decision: docs/decisions/0074-charts-as-svg.md.
 """
 
 import hashlib

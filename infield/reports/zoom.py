@@ -3,6 +3,8 @@ them.
 
 Without JavaScript the drawing stays, and a page fetches nothing: the script library (uPlot, MIT
 licence, `scripts/uPlot.LICENSE`) stands in the page.
+
+Decision: docs/decisions/0052-zoom.md.
 """
 
 import json

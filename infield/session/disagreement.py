@@ -6,6 +6,8 @@ A session that contradicts the table is remembered as one mean bias per axis wit
 side, the verdict says so ("table disagrees with unit"), from when and by how much. Nothing follows
 of itself: `recal update ... --accept-step` widens the table's common shift of that axis by the size
 of the step before the agreeing sessions are merged.
+
+Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 
 from collections.abc import Sequence

@@ -21,6 +21,8 @@ Per session, with x the bias beyond what was subtracted, the data say exp(-x'Lx/
 
 Source: Bayesian linear regression with a Gaussian prior, P^-1 + J'L'J (Bishop 2006, eq. 3.50,
 3.51).
+
+Decision: docs/decisions/0017-heating-cooling.md.
 """
 
 from collections.abc import Sequence

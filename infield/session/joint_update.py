@@ -30,10 +30,10 @@ from infield.session.hysteresis import (
     with_terms,
 )
 from infield.session.points import measurement_information
-from infield.session.reasons import ThermalAction, ThermalKind
+from infield.session.reasons import ThermalAction, ThermalKind, WrongFact
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
-from infield.session.wrong_facts import Learnt, suspicions
+from infield.session.wrong_facts import Learnt, suspicions, without_lag
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.noise import DEFAULT_SIGMA_deg_h
@@ -124,7 +124,8 @@ def with_thermal_terms(
         if not chosen:
             continue
         wide = covering(table, chosen)
-        data = likelihoods_of(chosen, wide, twin, settings, walk)
+        plain = [_without_lag(s) for s in chosen]
+        data = likelihoods_of(plain, wide, twin, settings, walk)
         terms = find_terms(
             wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data]
         )
@@ -135,7 +136,7 @@ def with_thermal_terms(
             )
         if not any(term.found for term in terms):
             continue
-        again, after = _merged_again(chosen, data, wide, terms, twin, settings, walk)
+        again, after = _merged_again(plain, data, wide, terms, twin, settings, walk)
         if all(s.verdict.accepted for s in again):
             new = {id(old): s for old, s in zip(chosen, again)}
             return terms, [new.get(id(s), s) for s in sessions], after
@@ -147,6 +148,14 @@ def with_thermal_terms(
         wide = covering(table, merged)
         terms = _or_a_wrong_session(terms, wide, likelihoods_of(merged, wide, twin, settings, walk))
     return terms, list(sessions), None
+
+
+def _without_lag(session: SessionResult) -> SessionResult:
+    """The session without the doubt of a lag behind temperature, which the terms take over."""
+    assert session.estimate is not None
+    others = tuple(s for s in session.doubted if s.fact is not WrongFact.THERMAL_LAG)
+    plain = without_lag(session.estimate, session.doubted)
+    return replace(session, estimate=plain, doubted=others)
 
 
 def _or_a_wrong_session(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 import numpy as np
 
@@ -44,6 +45,7 @@ from infield.thermometer.gyro_temperature import (
     too_short,
 )
 from ins.records import Run, TwinModel
+from ins.thermometer_faults import of_another_run
 from ins.verdicts import Observability, Outcome, Reason, because
 
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an hour 6 min, one bin
@@ -53,12 +55,15 @@ LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an
 class OnRecord:
     """What is on record for one run. marks: of the unit's earlier sessions; applied: the table that
     the log says it had subtracted, None of a raw one; of_place: how many runs of the update were
-    made at its place.
+    made at its place; now: when the update is made, None: nobody asks; follows_step: the table was
+    widened for a step, and tells no raw log from another.
     """
 
     marks: Sequence[UnitMarks] = ()
     applied: ThermalTable | None = None
     of_place: int = 1
+    now: datetime | None = None
+    follows_step: bool = False
 
 
 def take_run(
@@ -73,9 +78,9 @@ def take_run(
     on_record = on_record or OnRecord()
     if repeated:
         return SessionResult(run, acceptance.refuse(because(SessionReason.ALREADY_MERGED)))
-    short = too_short(run.temperature)
-    if short is not None:
-        return SessionResult(run, acceptance.refuse(short))
+    amiss = _ahead_of(run, on_record.now) or too_short(run.temperature) or _outlasted(run)
+    if amiss is not None:
+        return SessionResult(run, acceptance.refuse(amiss))
     assert run.temperature is not None
     temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
     if len(temperature.unusable) == 3:
@@ -106,7 +111,8 @@ def take_run(
     against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     off = force_off_gravity(run, twin, estimate)
-    declared = doubtful_compensation(estimate, on_record.applied)
+    stored = None if on_record.follows_step else table
+    declared = doubtful_compensation(estimate, stored, on_record.applied)
     against_it = [
         off,
         None if alike is None or alike.same else alike.reason,
@@ -130,13 +136,16 @@ def take_run(
     )
     if not verdict.accepted:
         return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
+    held = [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
+    merged = estimate.merged_into(table, held)
+    verdict = acceptance.judge_merge(merged, estimate, suspicions(estimate))
+    if not verdict.accepted:
+        return replace(told, verdict=verdict, merged=merged)
     if declared is not None:
         estimate = widened_by(estimate, declared.pattern)
     estimate = widened_for_place(estimate, run.header.site, on_record.of_place)
     estimate, doubted = with_doubt(estimate)
-    merged = estimate.merged_into(
-        table, [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
-    )
+    merged = estimate.merged_into(table, held)
     return replace(
         told,
         verdict=acceptance.judge_merge(merged, estimate, suspicions(estimate)),
@@ -144,6 +153,26 @@ def take_run(
         merged=merged,
         doubted=doubted if declared is None else (declared, *doubted),
     )
+
+
+def _ahead_of(run: Run, now: datetime | None) -> Reason | None:
+    """A reason where the run starts in the future."""
+    if now is None or not run.header.starts_after(now):
+        return None
+    return because(
+        SessionReason.STARTS_IN_FUTURE,
+        start_utc=run.header.start_utc,
+        now_utc=f"{now:%Y-%m-%dT%H:%M:%SZ}",
+    )
+
+
+def _outlasted(run: Run) -> Reason | None:
+    """A reason where the temperatures are hardly of this run: they go on long after it."""
+    log, imu = run.temperature, run.imu
+    if log is None or not of_another_run(log.time_s, imu.start_s, imu.end_s):
+        return None
+    until_s = float(log.time_s[-1])
+    return because(SessionReason.OTHER_TEMPERATURES, until_s=until_s, end_s=imu.end_s)
 
 
 @dataclass(frozen=True)

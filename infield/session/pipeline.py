@@ -10,6 +10,7 @@ Its steps, run by run::
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 from alignment.reasons import AlignmentVerdict
 from infield.session.disagreement import SessionEvidence, Step, find_steps, utc
@@ -34,7 +35,8 @@ class UnitHistory:
     parent_sha256: hash of the stored table. already_merged(run_sha256) tells whether the table
     holds a run; applied_table(sha256) gives the table that a unit had subtracted (InputError where
     unknown). remembered: earlier sessions that contradicted the table. marks: what identifies the
-    unit, of the sessions that the table holds.
+    unit, of the sessions that the table holds. now: when the update is made, None: no run is held
+    against it.
     """
 
     parent_sha256: str | None = None
@@ -42,6 +44,7 @@ class UnitHistory:
     applied_table: Callable[[str], ThermalTable] | None = None
     remembered: Sequence[SessionEvidence] = ()
     marks: Sequence[UnitMarks] = ()
+    now: datetime | None = None
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,13 @@ def _take(
             twin,
             settings,
             repeated,
-            OnRecord((*history.marks, *agreeing), applied, _of_place(run, runs)),
+            OnRecord(
+                marks=(*history.marks, *agreeing),
+                applied=applied,
+                of_place=_of_place(run, runs),
+                now=history.now,
+                follows_step=bool(walk.steps),
+            ),
         )
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:

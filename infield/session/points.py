@@ -1,4 +1,7 @@
-"""Bias-temperature points of a session, and how well each gyro was seen."""
+"""Bias-temperature points of a session, and how well each gyro was seen.
+
+Decision: docs/decisions/0010-points-exclude-prior.md.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

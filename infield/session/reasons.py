@@ -99,6 +99,8 @@ class SessionReason(StrEnum):
 
     OF_RUN = "of_run"
     ALREADY_MERGED = "already_merged"
+    STARTS_IN_FUTURE = "starts_in_future"
+    OTHER_TEMPERATURES = "other_temperatures"
     NEVER_RESTS = "never_rests"
     LEVEL_REMOVED = "level_removed"
     TEMPERATURE_UNCOVERED = "temperature_uncovered"
@@ -149,8 +151,12 @@ class WrongFact(StrEnum):
     GYRO_SCALE = "gyro_scale"
     GYRO_AXES = "gyro_axes"
     GYRO_STEP = "gyro_step"
+    # a trait of the unit: what it does to a table that holds none
+    THERMAL_LAG = "thermal_lag"
     # of a log that says which table it had subtracted
     COMPENSATION = "compensation"
+    # of one that says it is raw
+    COMPENSATED_BEFORE = "compensated_before"
 
 
 class ParkedReason(StrEnum):

@@ -62,8 +62,17 @@ class FlightPriors:
     deflection_km: float | Literal["fit"] = FIT
 
     @property
+    def assumed(self) -> "FlightPriors":
+        """The same with numbers for what the flight is to find: what is usual."""
+        return replace(
+            self,
+            deflection_arcsec=self.deflection_rad / ARCSEC,
+            deflection_km=self.deflection_m / 1e3,
+        )
+
+    @property
     def deflection_rad(self) -> float:
-        """What a search for it begins with; the same of its length."""
+        """As given, else what is usual; likewise the length."""
         size = self.deflection_arcsec
         return ARCSEC * (DEFLECTION_arcsec if size == FIT else size)
 

@@ -4,6 +4,8 @@ SQLite keeps its rollback journal (not WAL): one file, so a copy of it is a whol
 reads from read-only media. synchronous=EXTRA makes a commit survive loss of power; writers take the
 lock first (BEGIN IMMEDIATE). On PostgreSQL a reader sees one snapshot (REPEATABLE READ, READ ONLY).
 No message holds a password.
+
+Decision: docs/decisions/0022-sqlite-journal.md.
 """
 
 import os

@@ -2,6 +2,8 @@
 
 Every function works inside the caller's transaction; InputError where a row is missing or was
 changed.
+
+Decision: docs/decisions/0046-clock-behind.md.
 """
 
 import hashlib

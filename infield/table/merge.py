@@ -9,6 +9,8 @@ Two forms of the same update: `merge_points` from y and R, `merge_posterior` fro
 carried b as states (prior m0 = H beta, C = H P H' + T; posterior m1, P1) and so may have left
 directions of b unobserved. Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o);
 Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
+
+Decision: docs/decisions/0011-not-observable-axes.md.
 """
 
 from collections.abc import Sequence

@@ -9,6 +9,8 @@ evidence is largest. A moving average of the readings instead follows the stairc
 on a step and r over the window at an edge. Source: Rauch, Tung, Striebel (1965) for the Gaussian
 case, whose smoother this equals; Rasmussen and Williams (2006), sections 3.4 and 3.7.1 for mode and
 evidence.
+
+Decision: docs/decisions/0018-rounded-temperatures.md.
 """
 
 from dataclasses import dataclass

@@ -4,6 +4,10 @@
 The filter steps at each fix and at least every STEP_S, so that attitude and specific force are the
 step's own. It is causal: a row holds what was known at its time, and what its start was found with
 (a gyrocompass uses all of its rest). Fed in parts, it gives the same bits however the log is cut.
+
+Decision: docs/decisions/0076-mean-specific-force.md.
+Decision: docs/decisions/0077-scale-states.md.
+Decision: docs/decisions/0081-gate-for-wild-fixes.md.
 """
 
 from dataclasses import replace

@@ -30,6 +30,9 @@ they then widen what is estimated and are left as they are (Schmidt's filter; Ja
 section 8.2). What an update finds is taken off the solution at once, so the errors' means are zero
 in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
 `ins.filters.aided_filter` does that.
+
+Decision: docs/decisions/0033-aided-error-frame.md.
+Decision: docs/decisions/0063-leaps.md.
 """
 
 from math import cos, exp, isfinite, log, sin, sqrt, tan

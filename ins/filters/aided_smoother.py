@@ -15,6 +15,8 @@ was begun anew needs no case of its own. Bierman (1977), section X.5; Bierman, A
 at a measurement with residual y of variance s and gain K, and lambda <- Phi' lambda,
 Lambda <- Phi' Lambda Phi at a step. It is the smoother of the filter's own linearisation: where the
 start was far off, the log is to be flown again from the smoothed start.
+
+Decision: docs/decisions/0061-adjoint-smoother.md.
 """
 
 from dataclasses import replace

@@ -5,6 +5,8 @@ State: the base states of `ins.filters.error_model`, then the gyro bias of each 
 axes [rad/s] (bin 0 x, y, z, bin 1 x, ...), then further states of the caller's, if any. The bins
 are static and start with their full joint covariance, so the last posterior of every bin is its
 smoothed estimate; no backward pass is needed.
+
+Decision: docs/decisions/0004-static-bins.md.
 """
 
 from collections.abc import Mapping

@@ -20,13 +20,11 @@ physics.md 6.2 and 6.5 are the parked and level-taxi cases. A heading error does
 is the cancellation of 6.5, exact here by construction, and the measured velocity in body axes is
 C_bn w.
 
-Ground-vehicle nuisances ride along: displacement error S over the current step, or since the
-vehicle stopped, in body x, y, accelerometer biases, crab ratio, lever arm along x, lateral velocity
-(Gauss-Markov), parked heading, odometer scale, vertical-gyro scale factor, centre-line azimuth, two
-clones of theta (at the start and at a time the caller chooses), and what wind, tyres and
-installation may add: more crab, side slip, errors of arms, delays, a receiver's slow errors. None
-of these drives another state; how they enter a measurement stands with the aids
-(`infield.session.navigated`).
+Ground-vehicle nuisances ride along (the states from S on, CONVENTIONS.md). Of these, only the
+accelerometer biases and the vertical gyro's scale drive w and theta. How the others enter a
+measurement stands with the aids (`infield.session.navigated`).
+
+Decision: docs/decisions/0006-error-state-w.md.
 """
 
 from dataclasses import dataclass

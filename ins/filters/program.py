@@ -3,6 +3,8 @@ states to set.
 
 Written with numpy, a whole run at once; worked through by `ins.filters.error_kernel` without Python
 in the loop.
+
+Decision: docs/decisions/0003-filter-program.md.
 """
 
 from collections.abc import Mapping, Sequence

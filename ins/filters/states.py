@@ -1,8 +1,8 @@
 """The layouts of the filters' state vectors, stated once for Python and for the compiled kernels.
 
 A slice is of three components (north, east, down or body x, y, z) or, where it has two, of the
-level pair. A number is one state. The meaning, unit and equation of each state stand in
-`ins.filters.error_model` (error filter) and in `ins.filters.aided_kernel` (aided filter).
+level pair. A number is one state. Symbols: CONVENTIONS.md; equations: `ins.filters.error_model`
+(error filter) and `ins.filters.aided_kernel` (aided filter).
 """
 
 # Error filter: its base states. The gyro bias of each time bin follows them, three to a bin.

@@ -7,6 +7,8 @@ position is taken, so no latitude is special.
 
 State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration
 correction.
+
+Decision: docs/decisions/0001-ecef-quaternion.md.
 """
 
 from math import atan2, cos, sin, sqrt

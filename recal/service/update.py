@@ -7,6 +7,7 @@ table and report together or neither.
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -319,9 +320,9 @@ def _estimate(
 
 def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
     """What the store, where there is one, has on record of a unit."""
-    parent = table_sha256(unit.table_dict)
+    parent, now = table_sha256(unit.table_dict), datetime.now(UTC)
     if database is None:
-        return UnitHistory(parent_sha256=parent)
+        return UnitHistory(parent_sha256=parent, now=now)
     serial = unit.table.imu_serial
     return UnitHistory(
         parent_sha256=parent,
@@ -329,6 +330,7 @@ def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
         applied_table=lambda sha256: database.by_sha256(sha256).table,
         remembered=database.contradictions(*_key(unit)) if unit.revision else (),
         marks=known_marks(database, unit_of_table(unit.table)) if unit.revision else (),
+        now=now,
     )
 
 

@@ -3,6 +3,8 @@ competitors; and what a table's own covariance leaves open.
 
 Straight lines between nodes ("hats"), at several resolutions; a smooth effect of the catalogue with
 its few parameters beats them where it fits, and loses where nothing named does.
+
+Decision: docs/decisions/0084-table-error-state.md.
 """
 
 from collections.abc import Callable, Sequence

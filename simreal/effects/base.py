@@ -4,6 +4,9 @@ rivals.
 An effect is a class with one implementation that serves three jobs: injected into a simulation,
 signature for the diagnosis, and the simulation with the effect added. Users register their own
 under the entry point group `recal.effects` (see examples/own_effect.py).
+
+Decision: docs/decisions/0027-effect-parts.md.
+Decision: docs/decisions/0028-effects-are-formulas.md.
 """
 
 from collections.abc import Mapping, Sequence

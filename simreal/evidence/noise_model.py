@@ -4,6 +4,8 @@ A channel is a mean rate or specific force: white noise (PSD N^2), flicker (PSD 
 1/(4 x run length)), rate random walk (variance K^2 t), a turn-on constant, a Markov process, and
 the difference of a bounded process: the quantised angle of a gyro (white), the sway velocity of a
 standing vehicle (damped oscillator). formats.md, section 3.
+
+Decision: docs/decisions/0049-block-freedom.md.
 """
 
 from dataclasses import dataclass, replace

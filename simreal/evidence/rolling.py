@@ -10,6 +10,8 @@ and then replayed: a column is the data, or what an effect would add to them::
 
 e: state that the effect makes less what the filter makes of it; u: sensor errors over the step; m:
 the effect's own part in the measurement.
+
+Decision: docs/decisions/0078-fixes-as-innovations.md.
 """
 
 from collections.abc import Callable, Iterable

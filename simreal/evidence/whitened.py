@@ -3,6 +3,8 @@
 Under the twin every row is N(0, 1) and independent, whatever the channel: ten-second means of the
 parked sensors, parked fixes, innovations of what follows. What happens within ten seconds enters as
 sums of squares over their expected value (`Scatter`), chi-square distributed.
+
+Decision: docs/decisions/0025-scatter-for-quick-effects.md.
 """
 
 from collections.abc import Mapping, Sequence

@@ -7,6 +7,8 @@ Each slot holds one effect; its posterior runs over all hypotheses given the oth
 What the twin's table leaves open by its own covariance is a state of every unit, as its turn-on is:
 it has slots of its own from the start, so that every effect is judged against a table that may be
 off. It is called a cause where the runs show it.
+
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -310,7 +312,8 @@ class Attributor:
     def _room(self) -> tuple[bool, bool]:
         """Whether there are places left for effects that are no noise, and for noise."""
         noise = sum(s.extra is not None for s in self.slots)
-        return len(self._effects) - noise < MOST_EFFECTS, noise < MOST_NOISES
+        others = sum(s.extra is None and not s.of_table for s in self.slots)
+        return others < MOST_EFFECTS, noise < MOST_NOISES
 
     def _noise_instead(self) -> None:
         """A slow noise beside named effects on one channel: would the noise alone have done?

@@ -3,6 +3,8 @@
 Each kind of noise multiplies the expected squares of the whitened data by 1 + q a: a from the
 twin's own covariance, q the square of the coefficient, unknown, log-uniform over the usual range
 and beyond, or negative where the twin declares more than there is.
+
+Decision: docs/decisions/0026-slow-noise-components.md.
 """
 
 from collections.abc import Sequence

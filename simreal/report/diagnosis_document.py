@@ -53,7 +53,7 @@ KEPT_OUT_WORDS = {
     " these runs do not show that it does",
     KeptOut.MADE_WORSE: "it makes the gap of data that it was not fitted to larger",
     KeptOut.OF_MOTION: "an error of the motion without a name is nothing that can be simulated",
-    KeptOut.TABLE_AGED: "an update learns it, and would lose it from a log without it",
+    KeptOut.TABLE_AGED: "an update learns it; taken out of the log, it would be lost",
     KeptOut.IMPLAUSIBLE: "it is larger than such an effect is, and an update would take it out of"
     " the log",
     KeptOut.NOT_UNIQUE: "another answer would leave another table, and an update would take it out"

@@ -157,7 +157,9 @@ def test_api_pages_hold_public_functions_only(extension):
 
     pages = api_pages()
     assert "### ins.earth.gravity\\_n" in pages["ins"] and "def _" not in "".join(pages.values())
-    assert "`C_nb` takes body components" in pages["ins"]
+    assert ".. automodule:: ins.attitude" in pages["ins"]
+    assert ".. autofunction:: ins.earth.gravity_n" in pages["ins"]
+    assert "The spine: runs of one unit" in pages["infield"]
 
 
 @by_page

@@ -13,6 +13,7 @@ import pytest
 
 import trajectories.runs.schema as run_schema
 from ins import twin_file
+from ins.filters import states
 from recal.cli import console
 from simreal.effects.catalogue import catalogue
 
@@ -21,6 +22,8 @@ REFERENCE = ROOT / "docs/reference"
 FORMATS = (REFERENCE / "formats.md").read_text("utf-8")
 EFFECTS = (REFERENCE / "effects.md").read_text("utf-8")
 REQUIREMENTS = (REFERENCE / "requirements.md").read_text("utf-8")
+CONVENTIONS = (ROOT / "CONVENTIONS.md").read_text("utf-8")
+STATE_COUNTS = {"BASE", "AIDED_MOTION", "AIDED_DRIVING", "AIDED_STATES"}
 PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
 SCHEMA = re.compile(r'"(recal\.[a-z_]+/\d)"')
 
@@ -143,3 +146,14 @@ def test_every_number_of_every_result_has_a_unit():
     of_update = [line.strip() for line in typed["recal.update/1"]]
     assert "sigma_own_deg_h  [deg/h]" in of_update and "shares  [1]" in of_update
     assert "temperature_degC  [degC]" in of_update and "time_s  [s]" in of_update
+
+
+def test_state_vectors_of_the_conventions():
+    rows = re.findall(r"^\| (\d+)(?:-(\d+))? \| `(\w+)` \|", CONVENTIONS, re.M)
+    listed = {name: range(int(first), int(last or first) + 1) for first, last, name in rows}
+    declared = {
+        name: range(at.start, at.stop) if isinstance(at, slice) else range(at, at + 1)
+        for name, at in vars(states).items()
+        if isinstance(at, slice | int) and name not in STATE_COUNTS
+    }
+    assert listed == declared

@@ -1,24 +1,36 @@
 """Wrong facts: the closed form against the full computation, chance, and whole sessions."""
 
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.session.one_run import take_run
+from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, WrongFact
 from infield.session.wrong_facts import (
     Learnt,
     Suspicion,
     _doubts,
+    _lags,
     force_off_gravity,
     suspicions,
     with_doubt,
+    without_lag,
 )
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import Outcome
-from tests.infield.sessions import PARKED, SETTINGS, TWIN, estimate, estimate_of, factory, simulated
+from tests.infield.sessions import (
+    PARKED,
+    SETTINGS,
+    TWIN,
+    estimate,
+    estimate_of,
+    factory,
+    simulated,
+    unit,
+)
 
 SCALE, CLOCK, STEP_deg_h = 0.02, 2e-3, 0.15
 
@@ -173,3 +185,119 @@ def test_a_doubted_step_leaves_neither_side_of_it_as_the_truth():
     turned = replace(step, fact=WrongFact.LATITUDE, axis="")
     (alone,) = _doubts(turned)
     assert alone == pytest.approx(0.02 * pattern.ravel())
+
+
+def less(run, bias_deg_h):
+    """The run less a bias (seconds, 3) [deg/h] at the seconds of its thermometers."""
+    imu, seconds = run.imu, run.temperature.time_s
+    at = np.stack([np.interp(imu.time_s, seconds, b) for b in bias_deg_h.T], axis=1)
+    dtheta = imu.dtheta_rad - at * DEG_PER_HOUR * imu.dt_s[:, None]
+    return replace(run, imu=replace(imu, dtheta_rad=dtheta))
+
+
+def test_a_compensated_log_that_is_declared_raw_is_found():
+    """Less its whole table: 7 of 60 such logs were committed beyond 4 sigma."""
+    run, table = simulated(seed=3).run, factory()
+    compensated = less(run, table.settled_deg_h(run.temperature.gyro_degC))
+    found = take_run(compensated, table, TWIN, SETTINGS, repeated=False)
+    assert found.verdict.outcome is Outcome.INCONSISTENT
+    (reason, *_) = found.verdict.reasons
+    assert reason.values["fact"] is WrongFact.COMPENSATED_BEFORE
+    assert reason.values["size"] == pytest.approx(1.0, abs=4.0 * reason.values["sigma"])
+
+
+def test_where_the_table_is_small_a_compensated_log_teaches_nothing_along_it():
+    """A unit with a tenth of that table: the session is merged, its error within the sigmas."""
+    run, table, share = simulated(seed=3).run, factory(), 0.1
+    degC = run.temperature.gyro_degC
+    stored = table.replaced(parameters=share * table.parameters)
+    found = take_run(less(run, table.settled_deg_h(degC)), stored, TWIN, SETTINGS, repeated=False)
+    assert found.verdict.accepted
+    assert [s.fact for s in found.doubted][:1] == [WrongFact.COMPENSATED_BEFORE]
+    for k, axis in enumerate("xyz"):
+        truth = unit().bias_deg_h(axis, degC[:, k])
+        truth = truth - (1.0 - share) * table.bias_deg_h(k, degC[:, k])
+        off = found.merged.table.bias_deg_h(k, degC[:, k]) - truth
+        assert np.all(np.abs(off) < 3.0 * found.merged.table.sigma_deg_h(k, degC[:, k]))
+
+
+def test_a_raw_log_is_believed_where_its_table_is_large():
+    found = take_run(simulated(seed=3).run, factory(), TWIN, SETTINGS, repeated=False)
+    assert found.verdict.accepted and not found.doubted
+
+
+def test_a_gyro_that_stepped_is_remembered_as_a_step():
+    """x lower by 0.05 deg/h since the table was made, and a warm-up: a doubt of a lag, or of a step
+    within the session, had let it pass.
+    """
+    run = simulated(seed=1).run
+    step = np.tile([0.05, 0.0, 0.0], (run.temperature.time_s.size, 1))
+    found = take_run(less(run, step), factory(), TWIN, SETTINGS, repeated=False)
+    assert found.verdict.outcome is Outcome.INCONSISTENT and found.merged is not None
+    assert [r.code for r in found.verdict.reasons] == [SessionReason.AGAINST_TABLE]
+    assert not found.doubted
+
+
+def lagging(degC, lag_s):
+    """What a first-order lag makes of temperatures (n, 3), one a second, by Euler's rule."""
+    felt = degC.copy()
+    for k in range(1, len(degC)):
+        felt[k] = felt[k - 1] + (degC[k - 1] - felt[k - 1]) / lag_s
+    return felt
+
+
+def test_a_lag_of_a_gyro_is_doubted_and_its_session_widened():
+    """0.005 deg/h per degC and 600 s on gyro y as it warms from cold."""
+    run = simulated(seed=3, start="cold").run
+    degC = run.temperature.gyro_degC
+    late = (lagging(degC, 600.0) - degC) * [0.0, 0.005, 0.0]
+    before = estimate_of(less(run, -late))
+    after, doubted = with_doubt(before)
+    assert (doubted[0].fact, doubted[0].axis) == (WrongFact.THERMAL_LAG, "y")
+    assert doubted[0].size == pytest.approx(0.005, abs=4.0 * doubted[0].sigma)
+    wider = np.sqrt(np.diag(after.covariance) / np.diag(before.covariance)).reshape(-1, 3)
+    assert wider[:, 1].max() > 1.1 and wider[:, [0, 2]].max() < 1.05
+    back = without_lag(after, doubted)
+    assert back.mean_deg_h == pytest.approx(before.mean_deg_h, abs=1e-9)
+    assert back.covariance == pytest.approx(before.covariance, abs=1e-9)
+
+
+def test_the_pattern_of_a_lag_is_that_of_its_differential_equation():
+    """At the middle of bins of five minutes, within 5 % of its largest value."""
+    bins, run = estimate(seed=1).bins, simulated(seed=1).run
+    degC, seconds = run.temperature.gyro_degC, run.temperature.time_s
+    behind = lagging(degC, 600.0) - degC
+    for k, pattern in enumerate(_lags(bins)):
+        exact = np.interp(bins.centre_s, seconds, behind[:, k])
+        assert pattern.bias_deg_h[:, k] == pytest.approx(exact, abs=0.05 * np.abs(exact).max())
+
+
+def test_a_session_of_the_future_is_refused():
+    run = simulated(seed=3).run
+    start = datetime.fromisoformat(run.header.start_utc)
+    for now, refused in ((start - timedelta(days=2), True), (start - timedelta(hours=14), False)):
+        record = OnRecord(now=now.astimezone(UTC))
+        found = take_run(run, factory(), TWIN, SETTINGS, False, record)
+        codes = [reason.code for reason in found.verdict.reasons]
+        assert (codes == [SessionReason.STARTS_IN_FUTURE]) == refused
+        assert found.verdict.accepted != refused
+
+
+def test_temperatures_of_a_longer_run_are_refused():
+    """A third longer than the imu; 5 % longer may be a recorder that stops late."""
+    run = simulated(seed=3).run
+    log, ends_s = run.temperature, run.imu.end_s
+    for share, refused in ((0.05, False), (0.33, True)):
+        more = np.arange(log.time_s[-1] + 1.0, ends_s * (1.0 + share))
+        grown = replace(
+            log,
+            time_s=np.append(log.time_s, more),
+            gyro_degC=np.vstack([log.gyro_degC, np.repeat(log.gyro_degC[-1:], more.size, axis=0)]),
+            accel_degC=None,
+            block_degC=None,
+            gradient_degC=None,
+            ambient_degC=None,
+        )
+        found = take_run(replace(run, temperature=grown), factory(), TWIN, SETTINGS, False)
+        codes = [reason.code for reason in found.verdict.reasons]
+        assert (codes == [SessionReason.OTHER_TEMPERATURES]) == refused

@@ -1,6 +1,7 @@
 """`recal check`: what it says, what it finds, its exit code."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from recal.cli.check import command
+from tests.infield.sessions import simulated
 from tests.recal.verbs import check
 from tests.trajectories.run_cases import (
     csv_run,
@@ -17,6 +19,7 @@ from tests.trajectories.run_cases import (
     scale_columns,
     set_cell,
 )
+from trajectories.runs.directory import write_run
 
 app = typer.Typer()
 app.command()(command)
@@ -213,3 +216,35 @@ def test_a_hole_in_the_temperatures_is_named_with_its_place(path):
         [rows[0], *(r for r in rows[1:] if not 1000.0 < float(r[0]) < 1300.0)],
     )
     assert warnings(path) == ["temperature.csv: no reading from 1000.0 to 1300.0 s (300 s)"]
+
+
+def test_a_start_in_the_future_is_named_with_both_times(path):
+    edit_json(path, lambda data: data.update(start_utc="2136-03-01T05:00:00Z"))
+    said = check(path)
+    assert said["verdict"] == "bad_input"
+    (problem,) = said["problems"]
+    assert problem["level"] == "suspect" and "2136-03-01T05:00:00Z" in problem["text"]
+
+
+def test_temperatures_that_outlast_the_imu_are_of_another_run(tmp_path):
+    """A session of 2,150 s beside temperatures of 3,600 s; those of 2,300 s may be its own."""
+    run = simulated(seed=1).run
+    log = run.temperature
+    for until_s, named in ((2300.0, False), (3600.0, True)):
+        time_s = np.arange(0.0, until_s)
+        degC = 20.0 + 10.0 * (1.0 - np.exp(-time_s / 1800.0))
+        degC = degC + 0.01 * np.random.default_rng(3).standard_normal((3, time_s.size))
+        other = replace(
+            log,
+            time_s=time_s,
+            gyro_degC=degC.T,
+            accel_degC=None,
+            block_degC=None,
+            gradient_degC=None,
+            ambient_degC=None,
+        )
+        folder = tmp_path / f"until-{until_s:g}"
+        write_run(folder, replace(run, temperature=other))
+        found = [p for p in check(folder)["problems"] if "another run" in p["text"]]
+        assert bool(found) == named
+        assert all(p["level"] == "suspect" for p in found)

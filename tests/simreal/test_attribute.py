@@ -85,7 +85,11 @@ def test_white_noise_five_percent_off_is_named_as_noise():
 )
 def test_noise_of_all_sensors_leaves_room_for_effects_and_they_for_noise(noises, others, room):
     """A unit noisier than its twin on six sensors had no room left for the drift it had as well."""
-    slots = [SimpleNamespace(extra=1.0)] * noises + [SimpleNamespace(extra=None)] * others
+    noise, effect, table = (
+        SimpleNamespace(extra=extra, of_table=of_table)
+        for extra, of_table in ((1.0, False), (None, False), (None, True))
+    )
+    slots = [noise] * noises + [effect] * others + [table] * 3
     searched = SimpleNamespace(slots=slots, bank=SimpleNamespace(hypotheses=[None] * 2))
     searched._room = lambda: Attributor._room(searched)
     searched._odds = lambda _: (np.array([1.0, 2.0, 3.0]), np.zeros(0))

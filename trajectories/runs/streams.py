@@ -7,6 +7,7 @@ Each loader returns the record (None after an error) and the spans it dropped; l
 import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
 
@@ -38,7 +39,7 @@ from ins.records import (
     Span,
     TemperatureLog,
 )
-from ins.thermometer_faults import HOLE_S
+from ins.thermometer_faults import HOLE_S, of_another_run
 from ins.units import DEG
 from trajectories.runs.checks import (
     JITTER_WARNING,
@@ -200,8 +201,15 @@ def tables(run: Run, reference: ReferenceLog | None) -> dict[str, Mapping[str, A
 
 
 def check_overlap(imu: ImuSource, held: RunStreams, header: RunHeader, findings: Findings) -> None:
-    """Streams that do not share the imu's time, a late start, a site far from the first fix."""
+    """Streams that do not share the imu's time, a start that is late or in the future, a site far
+    from the first fix.
+    """
     start, end = imu.start_s, imu.end_s
+    if header.starts_after(now := datetime.now(UTC)):
+        findings.suspect(
+            f"run.json: start_utc {header.start_utc} is in the future, the clock says"
+            f" {now:%Y-%m-%dT%H:%M:%SZ}"
+        )
     if not EARLIEST_S <= start <= LATEST_S:
         findings.warn(
             f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)"
@@ -218,6 +226,11 @@ def check_overlap(imu: ImuSource, held: RunStreams, header: RunHeader, findings:
                 " base?"
             )
         elif name == "temperature" and log is not None:
+            if of_another_run(log.time_s, start, end):
+                findings.suspect(
+                    f"temperature: time_s goes on to {log.time_s[-1]:.6g} s, imu ends at {end:.6g}"
+                    " s: the temperatures of another run?"
+                )
             findings.warn(*_unread(log.time_s, start, end))
     if held.gnss is not None:
         findings.warn(*_far_off(held.gnss, header))

@@ -34,6 +34,8 @@
                               stands in the unit's axes
     scoring_only              against the run's reference: RMS errors, and squared error over
                               variance
+
+Decision: docs/decisions/0038-fitted-nis.md.
 """
 
 from collections.abc import Mapping, Sequence

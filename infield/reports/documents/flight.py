@@ -10,8 +10,8 @@ from infield.reports.documents.session_records import (
 )
 from infield.reports.words.flight import TOLD_IN
 from infield.reports.words.sentences import codes, sentence, sentences
-from infield.session.flown.gates import CONSTANT, Carried
-from infield.session.flown.priors import Further
+from infield.session.flown.gates import Carried
+from infield.session.flown.priors import CONSTANT, Further
 from infield.session.flown.worth import FlightEvidence, Worth
 from infield.session.results import SessionResult
 from ins.records import AXES

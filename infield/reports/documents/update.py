@@ -385,11 +385,28 @@ def _assumptions(result: UpdateResult) -> list[str]:
         ),
         f"gyro misalignment within {misaligned} mrad for x, y, z (1 sigma)",
         f"noise of the unit from {twin.source}",
+        *_undetected(result),
         (
             f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
             f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year"
         ),
     ]
+
+
+def _undetected(result: UpdateResult) -> list[str]:
+    """What is taken as declared because these runs would not show that it is wrong."""
+    lines = [
+        f"gyro technology {result.after.gyro_technology} as declared: but for their noise,"
+        " ring-laser and fibre-optic gyros read alike in these runs"
+    ]
+    merged = [s.run for s in result.sessions if s.verdict.accepted]
+    directed = [run.gnss is not None or run.header.survey.heading_rad is not None for run in merged]
+    if not any(directed):
+        lines.append(
+            "order and signs of the gyros as declared: without a receiver or a surveyed heading, a"
+            " turned or swapped level gyro may read like another heading"
+        )
+    return lines
 
 
 def _predicted_effect(result: UpdateResult) -> PredictedEffect | None:

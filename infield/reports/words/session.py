@@ -81,6 +81,14 @@ _WRONG_FACTS: Mapping[WrongFact, str] = {
     WrongFact.GYRO_STEP: (
         "gyro {axis} had stepped by {size:+.4f} +- {sigma:.4f} deg/h at about {at_s:.0f} s"
     ),
+    WrongFact.THERMAL_LAG: (
+        "the bias of gyro {axis} followed its temperature late: {size:+.4f} +- {sigma:.4f} deg/h"
+        " per degC with 10 min of lag"
+    ),
+    WrongFact.COMPENSATED_BEFORE: (
+        "{size:.2f} +- {sigma:.2f} of the stored table are missing from the rates (0: the log is"
+        " raw, as run.json says; 1: it was subtracted before, and run.json needs its hash)"
+    ),
     WrongFact.COMPENSATION: (
         "{size:.2f} +- {sigma:.2f} of that table still stand in the rates (0: it was subtracted, as"
         " run.json says; 1: the log is raw, and run.json needs null)"
@@ -100,7 +108,7 @@ def _wrong_fact(
 ) -> str:
     """What a session looks like, and how clearly."""
     like = _WRONG_FACTS[WrongFact(fact)].format(axis=axis, at_s=at_s, size=size, sigma=sigma)
-    if fact == WrongFact.COMPENSATION:
+    if fact in (WrongFact.COMPENSATION, WrongFact.COMPENSATED_BEFORE):
         return f"applied_table_sha256: {like}"
     return (
         f"it looks as if {like}: {abs(sigmas):.1f} sigma, 99.9 % of sound sessions lie within"
@@ -199,6 +207,14 @@ _THERMAL: Mapping[ThermalAction, Callable[[str, tuple[str, str], str], str]] = {
 SENTENCES: Mapping[StrEnum, Template] = {
     SessionReason.OF_RUN: "{run_id}: {reason}",
     SessionReason.ALREADY_MERGED: "the table already holds this run (same content hash)",
+    SessionReason.STARTS_IN_FUTURE: (
+        "start_utc {start_utc} is in the future, the clock says {now_utc}: a table that is dated by"
+        " it would take every later session for an earlier one"
+    ),
+    SessionReason.OTHER_TEMPERATURES: (
+        "the temperatures go on to {until_s:.0f} s, the imu ends at {end_s:.0f} s: they were hardly"
+        " logged beside it"
+    ),
     SessionReason.NEVER_RESTS: (
         "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
     ),

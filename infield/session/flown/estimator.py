@@ -5,6 +5,8 @@ start and biases the whole log is navigated, height from the receiver, and one f
 linear errors goes over it: parked and taxi as there, fixes throughout, rests after landing. The
 errors hold no specific force (`ins.filters.error_model`), so that they stay linear for hours: after
 the second pass the solution is off by hundreds of metres and 0.1 mrad.
+
+Decision: docs/decisions/0053-flight-in-linear-filter.md.
 """
 
 from collections.abc import Mapping, Sequence

@@ -23,7 +23,7 @@ from infield.session.acceptance import MAX_REJECTED_SHARE
 from infield.session.flown.estimator import FlownEstimate
 from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
 from infield.session.flown.flight import LEAST_WITH_FIXES, Flight
-from infield.session.flown.priors import Further, Layout
+from infield.session.flown.priors import CONSTANT, Further, Layout
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors
 from infield.table.merge import CONFIDENCE
@@ -32,18 +32,6 @@ from ins.robust import norm
 from ins.units import ARCSEC, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
-# What stands still while it flies; slow errors of the receiver and the vertical come and go.
-CONSTANT = (
-    Further.ANTENNA,
-    Further.DELAY,
-    Further.ACCEL_Z,
-    Further.ACCEL_SCALE,
-    Further.ACCEL_SHIFT,
-    Further.ACCEL_SLOPE,
-    Further.GYRO_SCALE,
-    Further.MISALIGNMENT,
-    Further.FORCE,
-)
 # of a prior's variance that the flight must have removed for a state to be judged: below, what is
 # left is rounding (1e-3 of a variance is 5e-4 of a sigma)
 JUDGED_SHARE = 1e-3
@@ -191,20 +179,19 @@ def _moved(states: Sequence[Carried]) -> tuple[Reason, ...]:
 
 
 def deflected(priors: FlightPriors) -> tuple[Reason, ...]:
-    """A note where a flight was estimated under another deflection of the vertical than the assumed
-    one: as it shows, or as was given.
+    """A note where a flight was estimated under a larger deflection of the vertical than is usual:
+    as it shows, or as was given.
     """
-    found = priors.deflection_rad, priors.deflection_m
-    assumed = FlightPriors().deflection_rad, FlightPriors().deflection_m
-    if found == assumed:
+    assumed = FlightPriors()
+    if priors.deflection_rad <= assumed.deflection_rad:
         return ()
     return (
         because(
             FlightReason.DEFLECTED,
-            arcsec=found[0] / ARCSEC,
-            km=found[1] / 1e3,
-            assumed_arcsec=assumed[0] / ARCSEC,
-            assumed_km=assumed[1] / 1e3,
+            arcsec=priors.deflection_rad / ARCSEC,
+            km=priors.deflection_m / 1e3,
+            assumed_arcsec=assumed.deflection_rad / ARCSEC,
+            assumed_km=assumed.deflection_m / 1e3,
         ),
     )
 

@@ -30,16 +30,17 @@ from infield.session.settings import FIT, FlightPriors
 from ins.filters.error_filter import ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.records import GnssLog, NavHistory, TwinModel
-from ins.units import ARCSEC
 
 # as alignment.linearised: 2 or 3 as a rule; the first is about the ground session's result
 FLIGHT_PASSES = 3
 VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that was corrected once
-# of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30; the lengths of valleys and of ranges
-OF_VERTICAL = (
-    LevelSearch("deflection_arcsec", 2.0, 30.0, np.sqrt(2.0)),
-    LevelSearch("deflection_km", 10.0, 60.0, np.sqrt(2.0)),
-)
+# Of deflections: plains have 2 to 5 arcsec, the Alps 20 to 30, over 10 to 60 km. A Markov process
+# is rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
+# long. That change, size^2 / length, is what a flight shows best: it stays where the length is
+# moved. How smooth the field is hardly shows: the filter believes in LONGEST_KM at most.
+DEFLECTION_SIZE = LevelSearch("deflection_arcsec", 2.0, 45.0, np.sqrt(2.0))
+LENGTH = LevelSearch("deflection_km", 10.0, 240.0, 2.0)
+LONGEST_KM = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,27 +124,31 @@ def _with_vertical(
 ) -> tuple[ErrorFilter, FlownSession]:
     """The session under the likeliest deflection of the vertical, and the filter; as it is where
     that is not likelier by what a nuisance has to gain.
+
+    Constants are as good as free in the search (restricted likelihood; Harville 1977, JASA 72): a
+    gyro that is off must not be taken for hills.
     """
-    searches = [s for s in OF_VERTICAL if getattr(session.priors, s.name) == FIT]
+    length = LENGTH
+    if session.priors.deflection_arcsec == FIT:
+        length = replace(LENGTH, powers={DEFLECTION_SIZE.name: 0.5})
+    searches = [s for s in (DEFLECTION_SIZE, length) if getattr(session.priors, s.name) == FIT]
     if not searches or Further.DEFLECTION not in session.layout.at:
         return flt, session
-    found = replace(
-        session.priors,
-        deflection_arcsec=session.priors.deflection_rad / ARCSEC,
-        deflection_km=session.priors.deflection_m / 1e3,
-    )
+    free = replace(session, layout=session.layout.freed())
 
     def run(priors: FlightPriors) -> ErrorFilter:
-        return _swept(session.under(priors), last, fixes)
+        return _swept(free.under(priors), last, fixes)
 
-    best, before = flt, None
+    before, found = None, session.priors.assumed
+    assumed = best = run(found)
     while found != before:
         before = found
         for search in searches:
             best, found = search.climb(run, best, found)
-    if best.tally.loglik - flt.tally.loglik < TAXI_GAIN_NATS:
+    if best.tally.loglik - assumed.tally.loglik < TAXI_GAIN_NATS:
         return flt, session
-    return best, session.under(found)
+    session = session.under(replace(found, deflection_km=min(found.deflection_km, LONGEST_KM)))
+    return _swept(session, last, fixes), session
 
 
 def _swept(session: FlownSession, last: FilterPass, fixes: FixAid) -> ErrorFilter:

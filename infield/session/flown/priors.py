@@ -53,6 +53,21 @@ COMPONENTS: Mapping[Further, int] = MappingProxyType(
 )
 
 
+# What stands still while it flies; slow errors of the receiver and the vertical come and go.
+CONSTANT = (
+    Further.ANTENNA,
+    Further.DELAY,
+    Further.ACCEL_Z,
+    Further.ACCEL_SCALE,
+    Further.ACCEL_SHIFT,
+    Further.ACCEL_SLOPE,
+    Further.GYRO_SCALE,
+    Further.MISALIGNMENT,
+    Further.FORCE,
+)
+FREE = 100.0  # of a prior that says next to nothing: 0.03 deg/h, 1 mrad, 500 ppm
+
+
 @dataclass(frozen=True)
 class Layout:
     """Where each further state stands in the filter, from `first` on, and its prior sigma (k,)."""
@@ -65,6 +80,13 @@ class Layout:
         """Places of a state's components in the filter; empty where it was left out."""
         where = self.at.get(state, slice(0, 0))
         return range(where.start, where.stop)
+
+    def freed(self) -> "Layout":
+        """The same with constants whose priors say next to nothing."""
+        other = self.sigma.copy()
+        for state in (*CONSTANT, Further.SHIFT):
+            other[np.array(self.indices(state), dtype=np.int64) - self.first] *= FREE
+        return replace(self, sigma=other)
 
     def with_sigma(self, state: Further, sigma: float) -> "Layout":
         """The same with another prior sigma of one state."""

@@ -9,6 +9,8 @@ One that was switched on again while warm keeps a part of the pattern that it he
 readings change in a session is kept as that pattern. The specific force at rest
 less gravity is the bias of the accelerometer that points up; the level ones show where the vehicle
 turns.
+
+Decision: docs/decisions/0056-unit-marks.md.
 """
 
 from dataclasses import dataclass, replace

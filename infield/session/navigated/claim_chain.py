@@ -14,6 +14,8 @@ and by a filter over the parked phase that is smoothed over the whole of it
 Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is
 not removed), the windows do not share their common errors, accelerometer drift counts as tilt rate.
 The filter does all three.
+
+Decision: docs/decisions/0031-claim-chain.md.
 """
 
 from collections.abc import Sequence

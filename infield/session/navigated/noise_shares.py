@@ -6,6 +6,8 @@ over all gains; so its derivative by the logarithm of a source's variance q, at 
 as they like, is that source's part of P (envelope theorem), and the parts add up to P (Euler:
 doubling every variance doubles P). What the prior of the bins makes is the caller's to say. Kept as
 P^-1 dP/d(ln q) P^-1, which no longer depends on that prior.
+
+Decision: docs/decisions/0075-variance-shares.md.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -14,10 +14,12 @@ over the navigation solution that is there, never over the log again.
 The NIS under constants stays a test: the states' priors stand in every innovation's sigma, no noise
 level is fitted, and a nuisance has at most two numbers. A crab that changes on its own has a level
 that is fitted: the NIS of the lateral way then tests nothing, and the document says so.
+
+Decision: docs/decisions/0064-taxi-nuisances.md.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -199,24 +201,32 @@ def _levelled(
 @dataclass(frozen=True)
 class LevelSearch:
     """A search for the likeliest size of one number of what a filter assumes: its name, the least
-    and the largest size, and the factor between two that are tried.
+    and the largest size, and the factor between two that are tried. powers: of that factor, by
+    which other numbers go with it.
     """
 
     name: str
     least: float
     largest: float
     step: float
+    powers: Mapping[str, float] = field(default_factory=dict)
 
     def climb(
         self, run: Callable[[Record], ErrorFilter], flt: ErrorFilter, assumed: Record
     ) -> tuple[ErrorFilter, Record]:
-        """Up and down from what is assumed, as long as the likelihood grows. flt: under that."""
+        """Up from what is assumed, or else down, as long as the likelihood grows. flt: under
+        that.
+        """
+        began = assumed
         for factor in (self.step, 1.0 / self.step):
+            if assumed is not began:
+                break
             while True:
                 size = factor * getattr(assumed, self.name)
                 if not self.least <= size <= self.largest:
                     break
-                other = replace(assumed, **{self.name: size})  # type: ignore[type-var]
+                beside = {n: factor**p * getattr(assumed, n) for n, p in self.powers.items()}
+                other = replace(assumed, **{self.name: size}, **beside)  # type: ignore[type-var]
                 tried = run(other)
                 if tried.tally.loglik <= flt.tally.loglik:
                     break

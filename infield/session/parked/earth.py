@@ -17,6 +17,8 @@ stretches takes G times its variance and nothing in common, which is at least as
 relation of their headings (sum of G vectors, |sum|^2 <= G sum of squares). Units: deg/h. Source:
 [derived]; the bound: Julier and Uhlmann, American Control Conference (1997), covariance
 intersection.
+
+Decision: docs/decisions/0035-earth-rate-shared.md.
 """
 
 from collections.abc import Sequence

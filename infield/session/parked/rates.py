@@ -13,6 +13,8 @@ with the joint prior of table and twin that every session has (`infield.session.
 while flicker and random walk go on between the stretches. Where it does not stand there is no bin.
 Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001), eq.
 (1.4.14-1).
+
+Decision: docs/decisions/0032-no-heading-no-navigation.md.
 """
 
 from dataclasses import replace

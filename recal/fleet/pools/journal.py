@@ -4,6 +4,8 @@ task is handed out.
 Only the parent writes it. A kill leaves at most one cut line, at the end: it is dropped, and what
 it told is found out anew (the store knows which runs it holds). Lines of a call with another store
 or other settings count for nothing in this one.
+
+Decision: docs/decisions/0047-fleet-journal.md.
 """
 
 import hashlib

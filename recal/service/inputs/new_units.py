@@ -1,6 +1,8 @@
 """A store, or a unit in it, that an update would make without being asked to.
 
 A mistyped store must not pass for a new one, nor a unit with an invented table for its own.
+
+Decision: docs/decisions/0068-nothing-new-unasked.md.
 """
 
 from typing import NoReturn

@@ -1,5 +1,8 @@
 """Which terms of a triad's noise the data show, how well, and what recording would show the
-rest."""
+rest.
+
+Decision: docs/decisions/0073-unseen-terms.md.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

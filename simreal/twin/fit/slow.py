@@ -4,6 +4,8 @@ What is no noise is taken out with flat priors: a constant for each level on whi
 stands (Earth rate, gravity, turn-on), the bias against temperature, what the other triad tells of a
 slow tilt. Only contrasts that are free of all that enter the likelihood (restricted maximum
 likelihood), so each of them costs what it costs.
+
+Decision: docs/decisions/0070-slow-means-and-spectra.md.
 """
 
 from dataclasses import dataclass, field

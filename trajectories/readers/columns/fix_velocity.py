@@ -4,6 +4,8 @@ owns up to it.
 They hold nothing that the positions do not. The sigma takes the errors of two fixes as independent,
 where those of a receiver go on for minutes and mostly cancel in a difference: too large, so that
 counting position and velocity claims no more than that.
+
+Decision: docs/decisions/0041-velocity-from-positions.md.
 """
 
 from dataclasses import replace

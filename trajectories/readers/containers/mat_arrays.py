@@ -3,6 +3,8 @@
 Every length is checked against the bytes that are there before anything is made of it (scipy's
 reader, the yardstick of the tests, crashes on some damaged files). Sparse arrays, objects and
 functions are passed over. Source: MathWorks, MAT-File Format (R2019b), chapter 1.
+
+Decision: docs/decisions/0043-own-bounded-readers.md.
 """
 
 import math

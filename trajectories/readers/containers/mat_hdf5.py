@@ -5,6 +5,8 @@ so chunks are unpacked here, within their declared size, and only what lies in t
 read. A dataset with the attribute MATLAB_class is turned round (MATLAB stores by columns); one
 without, in a file of another program, is taken as it lies. Passed over: objects, functions, sparse
 arrays, complex numbers. Source: MathWorks, MAT-File Versions; HDF5 File Format Specification.
+
+Decision: docs/decisions/0082-hdf5-chunks.md.
 """
 
 import importlib

@@ -4,6 +4,8 @@ cut-off bag reads as well.
 A record is a header (length, then fields `name=value` each with its length) and data (length,
 bytes). Chunks hold further records, perhaps packed. A damaged chunk costs itself; a damaged record
 ends what can be read of its chunk, or of the file. Source: wiki.ros.org/Bags/Format/2.0.
+
+Decision: docs/decisions/0043-own-bounded-readers.md.
 """
 
 import struct

@@ -1,4 +1,7 @@
-"""GPS messages of an ArduPilot log as fixes."""
+"""GPS messages of an ArduPilot log as fixes.
+
+Decision: docs/decisions/0051-no-geoid.md.
+"""
 
 from collections.abc import Mapping
 

@@ -3,6 +3,8 @@ the numbers.
 
 An increment of velocity over its interval is gravity's size at rest and near it in any vehicle; a
 rate, a count or another order of columns is not.
+
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 import re

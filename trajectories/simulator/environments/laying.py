@@ -9,6 +9,8 @@ undisturbed body, functions with a derivative at every node of the scene. Then::
 with dv_n the derivative of C_nb d, and rho the turn of the local level with the displacement. What
 the sensors put out over a row is summed over its nodes; the parts that are differences of q and of
 dv_n are exact.
+
+Decision: docs/decisions/0058-environments-over-ideal-run.md.
 """
 
 from collections.abc import Sequence

@@ -6,6 +6,8 @@ finds it.
 
 Revision ID: 0004
 Revises: 0003
+
+Decision: docs/decisions/0045-append-only-triggers.md.
 """
 
 from alembic import op
