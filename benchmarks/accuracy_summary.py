@@ -45,21 +45,15 @@ def cell(bound: dict[str, Any], runs: Sequence[dict[str, Any]]) -> dict[str, Any
     expected: the verdict that the bound itself calls for; None within 2 % of a threshold, where
     either word is right.
     """
-    good = [r for r in runs if "failed" not in r]
     least, prior = np.array(bound["bound_deg_h"]), np.array(bound["prior_deg_h"])
-    head = {k: bound[k] for k in ("row", "lat_deg", "gnss", "hold")} | {
-        "runs": len(runs),
-        "failed": len(runs) - len(good),
-    }
-    if not good:
-        return head
-    error, sigma = (np.array([r[k] for r in good]) for k in ("error_deg_h", "sigma_deg_h"))
+    head = {k: bound[k] for k in ("row", "lat_deg", "gnss", "hold")} | {"runs": len(runs)}
+    error, sigma = (np.array([r[k] for r in runs]) for k in ("error_deg_h", "sigma_deg_h"))
     rms = np.sqrt(np.mean(error**2, axis=0))
-    low, high = (np.sqrt(len(good) / q) for q in chi2.ppf(_tails(), len(good))[::-1])
-    nees, dof = np.array([r["nees"] for r in good]), np.array([r["dof"] for r in good])
-    nis = np.array([r["nis_mean"] for r in good])
+    low, high = (np.sqrt(len(runs) / q) for q in chi2.ppf(_tails(), len(runs))[::-1])
+    nees, dof = np.array([r["nees"] for r in runs]), np.array([r["dof"] for r in runs])
+    nis = np.array([r["nis_mean"] for r in runs])
     single = chi2.ppf(np.array(_tails())[:, None], dof) / dof
-    heading = np.array([r["heading_normalised"] for r in good])
+    heading = np.array([r["heading_normalised"] for r in runs])
     return head | {
         "bound_deg_h": least.tolist(),
         "prior_deg_h": prior.tolist(),
@@ -68,17 +62,16 @@ def cell(bound: dict[str, Any], runs: Sequence[dict[str, Any]]) -> dict[str, Any
         "rms_low_deg_h": (rms * low).tolist(),
         "rms_high_deg_h": (rms * high).tolist(),
         "nees": float(nees.mean() / 3),
-        "nees_band": _band(3 * len(good)),
+        "nees_band": _band(3 * len(runs)),
         "nis": float(nis @ dof / dof.sum()),
         "nis_band": _band(int(dof.sum())),
         "nis_inside": float(np.mean((nis > single[0]) & (nis < single[1]))),
-        "nis_by_kind": _by_kind(good),
+        "nis_by_kind": _by_kind(runs),
         "heading_mean_square": float(np.mean(heading**2)),
-        "heading_band": _band(len(good)),
-        "verdicts": [dict(Counter(r["verdicts"][k] for r in good)) for k in range(3)],
+        "heading_band": _band(len(runs)),
+        "verdicts": [dict(Counter(r["verdicts"][k] for r in runs)) for k in range(3)],
         "expected": [expected_verdict(b / p) for b, p in zip(least, prior)],
-        "outcomes": dict(Counter(r["outcome"] for r in good)),
-        "messages": sorted({r["failed"] for r in runs if "failed" in r})[:3],
+        "outcomes": dict(Counter(r["outcome"] for r in runs)),
     }
 
 
@@ -111,31 +104,27 @@ def expected_verdict(share: float) -> str | None:
 
 def totals(cells: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Over the axes that the bound calls observable at all, and over the cells."""
-    full = [c for c in cells if "rms_deg_h" in c]
-    axes = [(c, k) for c in full for k in range(3)]
+    axes = [(c, k) for c in cells for k in range(3)]
     seen = [(c, k) for c, k in axes if c["bound_deg_h"][k] < WEAK * c["prior_deg_h"][k]]
     ratio = np.array([c["rms_deg_h"][k] / c["bound_deg_h"][k] for c, k in seen])
     sigma = np.array([c["sigma_deg_h"][k] / c["bound_deg_h"][k] for c, k in axes])
     inside = [c["rms_low_deg_h"][k] <= GOAL * c["bound_deg_h"][k] for c, k in seen]
     agreed = [
-        c["verdicts"][k].get(c["expected"][k], 0) / (c["runs"] - c["failed"])
-        for c, k in axes
-        if c["expected"][k]
+        c["verdicts"][k].get(c["expected"][k], 0) / c["runs"] for c, k in axes if c["expected"][k]
     ]
     return {
         "cells": len(cells),
         "runs": sum(c["runs"] for c in cells),
-        "failed": sum(c["failed"] for c in cells),
         "observable_axes": len(seen),
         "rms_over_bound": _spread(ratio),
         "sigma_over_bound": _spread(sigma),
         "within_goal": int(np.sum(ratio <= GOAL)),
         "goal_within_interval": int(np.sum(inside)),
         "overconfident_axes": int(np.sum(sigma < BELOW)),
-        "nees_inside": sum(c["nees_band"][0] < c["nees"] < c["nees_band"][1] for c in full),
-        "nis_inside": sum(c["nis_band"][0] < c["nis"] < c["nis_band"][1] for c in full),
-        "nis": _spread(np.array([c["nis"] for c in full])),
-        "nis_by_kind": _pooled(full),
+        "nees_inside": sum(c["nees_band"][0] < c["nees"] < c["nees_band"][1] for c in cells),
+        "nis_inside": sum(c["nis_band"][0] < c["nis"] < c["nis_band"][1] for c in cells),
+        "nis": _spread(np.array([c["nis"] for c in cells])),
+        "nis_by_kind": _pooled(cells),
         "pooled": _pooled_axes(seen),
         "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
     }

@@ -1,17 +1,14 @@
 """Outages of public logs beside pyins (`pip install pyins`): the same log, fixes, start, antenna
 and noise, its feedback filter.
 
-    python -m benchmarks.against_pyins LOGS [--clones FOLDER]
-
-LOGS as in `benchmarks.real_drives`; the outages are at the same shares of the time that has fixes.
+Logs as in `benchmarks.real_drives`; the outages are at the same shares of the time that has fixes.
 pyins is given what aided replay found
 of the log beside what was declared: where and at which attitude it starts and how sure that is, the
 noise, the lever arm, the delay of the fixes. Its states are position, velocity,
 attitude, biases, scale factors and misalignments. Scored: level RMS in each outage, against the
-fixes that were left out. Prints a Markdown table; it is part of docs/real_drives.md.
+fixes that were left out.
 """
 
-import argparse
 import warnings
 from pathlib import Path
 
@@ -20,6 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.real_drives import Source, converted, fly, sources, stretches
+from benchmarks.study import Work, table
 from infield.aided.flight import AidedResult
 from ins.attitude import dcm_from_euler, euler_from_dcm
 from ins.earth import displacement_ned, geodetic_from_ecef
@@ -117,7 +115,7 @@ def level_rms_m(found: AidedResult, trajectory: pd.DataFrame, span: tuple[float,
     return float(np.sqrt(np.mean(np.sum(level**2, axis=1))))
 
 
-def compared(source: Source, path: Path) -> list[str]:
+def compared(source: Source, path: Path) -> list[list[str]]:
     """A line of the table for each outage of a log."""
     try:
         run = converted(path).run
@@ -137,31 +135,32 @@ def compared(source: Source, path: Path) -> list[str]:
     try:
         trajectory = theirs(run, found)
     except (ValueError, np.linalg.LinAlgError) as error:
-        return [f"| `{source.path}` | | | pyins: {error} |"]
+        return [[f"`{source.path}`", "", "", "", f"pyins: {error}", ""]]
     lines = []
     for score, late in zip(found.outage_scores, found.smoothed_scores, strict=True):
         other = level_rms_m(found, trajectory, (score.start_s, score.end_s))
         lines.append(
-            f"| `{source.path}` | {score.end_s - score.start_s:.0f} s | {found.verdict} |"
-            f" {score.rms_level_m:.1f} ({score.error_over_sigma:.2f}) | {other:.1f} |"
-            f" {late.rms_level_m:.1f} |"
+            [
+                f"`{source.path}`",
+                f"{score.end_s - score.start_s:.0f} s",
+                found.verdict,
+                f"{score.rms_level_m:.1f} ({score.error_over_sigma:.2f})",
+                f"{other:.1f}",
+                f"{late.rms_level_m:.1f}",
+            ]
         )
     return lines
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("logs", type=Path)
-    parser.add_argument("--clones", type=Path)
-    given = parser.parse_args()
+def beside(name: str, logs: str, clones: str) -> list[list[str]]:
+    """A row of the table for each outage of a log, by its path."""
     warnings.filterwarnings("ignore")
-    head = "recal, level RMS, m (error/sigma) | pyins | recal, smoothed"
-    print(f"| log | outage | verdict | {head} |")
-    print("|---|---|---|---|---|---|")
-    for source in sources():
-        for line in compared(source, source.fetched(given.logs, given.clones)):
-            print(line, flush=True)
+    source = next(s for s in sources() if s.path == name)
+    return compared(source, source.fetched(Path(logs), Path(clones) if clones else None))
 
 
-if __name__ == "__main__":
-    main()
+def run(work: Work, *, logs: Path, clones: str = "") -> str:
+    """logs, clones: as of `real_drives`."""
+    found = work.each(beside, [(source.path, str(logs), clones) for source in sources()])
+    head = ("log", "outage", "verdict", "recal, level RMS, m (error/sigma)", "pyins")
+    return table((*head, "recal, smoothed"), [row for rows in found for row in rows])

@@ -2,25 +2,15 @@
 park, taxi, fly two hours, land, taxi and park, each with a unit, a receiver and nuisances of its
 own.
 
-    python benchmarks/flight_update.py sigmas rlg 0 40 > rlg.jsonl   errors over sigma; fog, mems
-    python benchmarks/flight_update.py hostile rlg 0 24 > hostile.jsonl  the gates
-    python benchmarks/flight_update.py shaken rlg 400 406 > shaken.jsonl  gyros 0.01 deg/h off aloft
-    python benchmarks/flight_update.py ground rlg 0 40 > ground.jsonl    the same without a flight
-    python benchmarks/flight_update.py motion rlg 0 24 > motion.jsonl    logged in the air alone
-    python benchmarks/flight_update.py landed rlg 0 24 > landed.jsonl    in the air and after it
-    python benchmarks/flight_update.py manoeuvres                        what shows which gyro
-    python benchmarks/flight_update.py summary rlg.jsonl ...
-
 The unit is drawn as in the study of recalibration (a MEMS unit from a blank table's prior), the
 nuisances of the flight from the priors that the update names (`SessionSettings.flight`); what is
 simulated is the simulator's own (`trajectories`). Temperatures at the gyros: 8 degC at power-on, 26
-before take-off, -17 at the end of the cruise. One line of JSON a flight.
+before take-off, -17 at the end of the cruise.
 """
 
 import json
-import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.flight_errors import ZERO, FlightErrors, Triple, with_flight_errors
+from benchmarks.study import Record, Work, rms, table
 from infield.session.estimate import SessionEstimate
 from infield.session.log import table_series
 from infield.session.one_run import take_run
@@ -38,10 +29,9 @@ from infield.session.settings import SessionSettings
 from infield.table.file import table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable, default_table
 from infield.thermometer.gyro_temperature import GyroTemperature
-from ins.records import AXES, GnssLog, GyroNoise, Site, TwinModel
+from ins.records import AXES, GyroNoise, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, DEG
-from tests.cut import cut_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,
@@ -71,7 +61,8 @@ FLIGHTS_OF_A_PLACE = 10  # simulated in turn from one place and heading
 MEMS_SIGMA_DEG_H, COMMON_SHARE = 30.0, 0.7
 WITHIN_SIGMAS = 4.0  # of a committed node: beyond, it is confident and wrong
 TAKE_OFF_S = 2250.0  # about; the cold of the cruise begins
-BEGINS_S, LEFT_S = 3000.0, 9000.0  # of a log that begins and ends in the air; landing is at 9100 s
+SPANS = ("session", "parked", "flight")
+HEAD = ("mean biases over", "error over sigma", "of gyros x, y, z", "NEES", "RMS, deg/h")
 THERMAL = ThermalHistory(
     ambient_degC=8.0,
     start_degC=8.0,
@@ -127,34 +118,6 @@ DOWN: tuple[Segment, ...] = (
 
 def cruise(duration_s: float) -> Cruise:
     return Cruise(duration_s=duration_s, speed_m_s=210.0)
-
-
-# the same 70 min of cruise, straight or with turns
-MANOEUVRES: Mapping[str, tuple[Segment, ...]] = {
-    "no turn": (cruise(4200.0),),
-    "one turn of 90 deg at the end": (cruise(3900.0), TurnFlight(angle_deg=90.0), cruise(300.0)),
-    "two of 90 deg, ten minutes apart": (
-        cruise(300.0),
-        TurnFlight(angle_deg=90.0),
-        cruise(600.0),
-        TurnFlight(angle_deg=-90.0),
-        cruise(3300.0),
-    ),
-    "two of 90 deg, an hour apart": (
-        cruise(300.0),
-        TurnFlight(angle_deg=90.0),
-        cruise(3600.0),
-        TurnFlight(angle_deg=-90.0),
-        cruise(300.0),
-    ),
-    "two of 180 deg, an hour apart": (
-        cruise(300.0),
-        TurnFlight(angle_deg=180.0),
-        cruise(3600.0),
-        TurnFlight(angle_deg=180.0),
-        cruise(300.0),
-    ),
-}
 
 
 @lru_cache(maxsize=8)
@@ -239,28 +202,18 @@ def drawn_unit(rng: np.random.Generator, technology: str) -> UnitTruth:
 
 
 def drawn_session(
-    seed: int,
-    technology: str,
-    *,
-    rate_hz: float = RATE_HZ,
-    change: Callable[[FlightErrors], FlightErrors] = lambda errors: errors,
-    antenna_m: Triple = ANTENNA_M,
-    flight: tuple[Segment, ...] = FLIGHT,
+    seed: int, technology: str, *, rate_hz: float = RATE_HZ, flight: tuple[Segment, ...] = FLIGHT
 ) -> Drawn:
-    """One flight of one unit; change: of its errors; antenna_m: where the antenna truly is; flight:
-    between the taxis, empty: none.
-    """
+    """One flight of one unit; flight: between the taxis, empty: none."""
     rng = np.random.default_rng([17, seed])
     twin = default_twin(technology)
     unit = drawn_unit(rng, technology)
     ideal = ideal_session(seed // FLIGHTS_OF_A_PLACE, rate_hz, flight)
     truth = replace(twin, gyro=drawn_gyro(rng, twin.gyro, technology))
-    plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=antenna_m, run_id=f"flight-{seed}")
-    errors = change(drawn_errors(rng, technology))
+    plan = SessionPlan(with_gnss=True, gnss_lever_arm_m=ANTENNA_M, run_id=f"flight-{seed}")
+    errors = drawn_errors(rng, technology)
     simulated = simulate_run(ideal, THERMAL, unit, truth, rng=rng, plan=plan)
     simulated = with_flight_errors(simulated, ideal, errors, rng)
-    header = replace(simulated.run.header, gnss_lever_arm_m=ANTENNA_M)
-    simulated = replace(simulated, run=replace(simulated.run, header=header))
     table = table_from_dict(unit.factory_table(NODES_DEGC), name="factory table")
     return Drawn(simulated, unit, table, twin)
 
@@ -362,234 +315,60 @@ def scored(seed: int, drawn: Drawn) -> Line:
     return line
 
 
-def on_ground(seed: int, drawn: Drawn) -> Line:
-    """The line of a session that parks and taxis alone."""
-    began = time.process_time()
-    result = take_run(drawn.simulated.run, drawn.table, drawn.twin, SessionSettings(), False)
-    assert result.estimate is not None and result.temperature is not None
-    error = bin_errors(drawn, result.estimate, result.temperature).ravel()
-    rows = mean_rows(result.estimate, -np.inf, np.inf)
-    return {
-        "seed": seed,
-        "outcome": result.verdict.outcome.value,
-        "cpu_s": time.process_time() - began,
-        "ground_error": (rows @ error).tolist(),
-        "ground_covariance": (rows @ result.estimate.covariance @ rows.T).tolist(),
-    }
+def one(technology: str, seed: int) -> Line:
+    return scored(seed, drawn_session(seed, technology))
 
 
-def logged_from_the_air(drawn: Drawn, *, until_s: float = np.inf) -> Drawn:
-    """The same session, logged from the climb on; its thermometer of the air is left out, which a
-    simulated cruise leaves as warm as the ground.
-    """
-    run = drawn.simulated.run
-    assert run.temperature is not None
-    cut = cut_run(run, BEGINS_S, min(until_s, run.imu.end_s))
-    cut = replace(cut, temperature=replace(cut.temperature, ambient_degC=None))
-    return replace(drawn, simulated=replace(drawn.simulated, run=cut))
-
-
-def during(log: GnssLog, start_s: float, end_s: float) -> NDArray:
-    """Fixes of a span (n,)."""
-    return np.asarray((log.time_s >= start_s) & (log.time_s < end_s))
-
-
-def moved(log: GnssLog, north_m: NDArray, velocity_m_s: NDArray) -> GnssLog:
-    """The fixes moved north (n,), their velocities too."""
-    v_n = log.v_n_m_s.copy()
-    v_n[:, 0] += velocity_m_s
-    return replace(log, lat_rad=log.lat_rad + north_m / 6_378_137.0, v_n_m_s=v_n)
-
-
-def silent(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Three outages, of up to twenty minutes."""
-    start = rng.uniform(3000.0, 7000.0, 3)
-    length = rng.uniform(60.0, 1200.0, 3)
-    gone = np.any([during(log, a, a + d) for a, d in zip(start, length)], axis=0)
-    columns = {k: None if v is None else v[~gone] for k, v in vars(log).items()}
-    return GnssLog(**columns)
-
-
-def jumping(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Positions that jump by 5 to 100 m for minutes."""
-    north = np.zeros(log.time_s.size)
-    for start in rng.uniform(2500.0, 8000.0, 4):
-        there = during(log, start, start + rng.uniform(30.0, 600.0))
-        north[there] += rng.uniform(5.0, 100.0) * rng.choice([-1.0, 1.0])
-    return moved(log, north, np.zeros(north.size))
-
-
-def led_astray(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Positions and velocities that are led away, smoothly and in step, by 0.05 to 2 m/s."""
-    rate, start = 10 ** rng.uniform(-1.3, 0.3), rng.uniform(3000.0, 7000.0)
-    velocity = rate * (1.0 - np.exp(-np.maximum(log.time_s - start, 0.0) / 120.0))
-    step_s = np.diff(log.time_s, prepend=log.time_s[0])
-    return moved(log, np.cumsum(velocity * step_s), velocity)
-
-
-def stuck(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Fixes that stay the same for five to fifteen minutes."""
-    start = rng.uniform(3000.0, 7000.0)
-    there = np.flatnonzero(during(log, start, start + rng.uniform(300.0, 900.0)))
-    lat, lon, v_n = log.lat_rad.copy(), log.lon_rad.copy(), log.v_n_m_s.copy()
-    lat[there], lon[there], v_n[there] = lat[there[0]], lon[there[0]], v_n[there[0]]
-    return replace(log, lat_rad=lat, lon_rad=lon, v_n_m_s=v_n)
-
-
-def biased(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Velocities that read 0.05 to 0.3 m/s too much for an hour, positions right."""
-    start = rng.uniform(3000.0, 5000.0)
-    excess = np.where(during(log, start, start + 3600.0), rng.uniform(0.05, 0.3), 0.0)
-    return moved(log, np.zeros(excess.size), excess)
-
-
-def late(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Fixes 0.2 to 1 s older than their stamps."""
-    return replace(log, time_s=log.time_s + rng.uniform(0.2, 1.0))
-
-
-def louder(log: GnssLog, rng: np.random.Generator) -> GnssLog:
-    """Noise three to ten times what the log declares."""
-    factor = rng.uniform(3.0, 10.0)
-    noise = 0.5 * factor * rng.standard_normal(log.time_s.size)
-    return moved(log, noise, 0.03 * factor * rng.standard_normal(noise.size))
-
-
-Receiver = Callable[[GnssLog, np.random.Generator], GnssLog]
-RECEIVERS: Mapping[str, Receiver] = {
-    "outages": silent,
-    "jumps": jumping,
-    "led astray": led_astray,
-    "stuck": stuck,
-    "velocity bias": biased,
-    "late": late,
-    "louder": louder,
-}
-
-
-def shaken(sigma_deg_h: float, sigma_ug: float) -> Callable[[FlightErrors], FlightErrors]:
-    """Errors with what vibration adds to gyros and accelerometers in flight."""
-
-    def change(errors: FlightErrors) -> FlightErrors:
-        gyro = tuple(v + sigma_deg_h for v in errors.gyro_shift_deg_h)
-        accel = tuple(v + sigma_ug for v in errors.accel_shift_ug)
-        return replace(errors, gyro_shift_deg_h=gyro, accel_shift_ug=accel)
-
-    return change
-
-
-UNITS: Mapping[str, Callable[[FlightErrors], FlightErrors]] = {
-    "gyros shaken": shaken(0.01, 0.0),
-    "accelerometers shaken": shaken(0.0, 100.0),
-}
-ARM_OFF_M = 4.0
-
-
-def hostile_session(seed: int, technology: str) -> tuple[str, Drawn]:
-    """One of the hostile flights, in turn, and its name."""
-    names = (*RECEIVERS, *UNITS, "arm")
-    name = names[seed % len(names)]
-    rng = np.random.default_rng([71, seed])
-    if name in UNITS:
-        return name, drawn_session(seed, technology, change=UNITS[name])
-    if name == "arm":
-        off = ARM_OFF_M * rng.standard_normal(3) / np.sqrt(3.0)
-        x, y, z = np.add(ANTENNA_M, off)
-        antenna = float(x), float(y), float(z)
-        return name, drawn_session(seed, technology, antenna_m=antenna)
-    drawn = drawn_session(seed, technology)
-    run = drawn.simulated.run
-    assert run.gnss is not None
-    run = replace(run, gnss=RECEIVERS[name](run.gnss, rng))
-    return name, replace(drawn, simulated=replace(drawn.simulated, run=run))
-
-
-def manoeuvres() -> None:
-    """Print sigmas of the session's mean biases, with and without turns of the same cruise."""
-    for name, segments in MANOEUVRES.items():
-        drawn = drawn_session(0, "rlg", flight=(*UP, *segments, *DOWN))
-        run = drawn.simulated.run
-        result = take_run(run, drawn.table, drawn.twin, SessionSettings(), False)
-        assert result.estimate is not None
-        rows = mean_rows(result.estimate, -np.inf, np.inf)
-        sigma = np.sqrt(np.diag(rows @ result.estimate.covariance @ rows.T))
-        print(f"{name}: sigma of x, y, z {np.round(sigma, 5)} deg/h", flush=True)
+def run(work: Work, *, technology: str = "rlg", flights: int = 40, first: int = 0) -> str:
+    lines = work.each(one, [(technology, seed) for seed in range(first, first + flights)])
+    return told(lines)
 
 
 def summary(paths: Sequence[Path]) -> None:
-    """Print what the lines of a benchmark say together."""
-    lines = [json.loads(text) for path in paths for text in path.read_text().splitlines()]
+    """Print what the lines of some files say together."""
+    print(told([json.loads(text) for path in paths for text in path.read_text().splitlines()]))
+
+
+def told(lines: Sequence[Record]) -> str:
+    """What lines of flights say together: errors over sigma of mean biases over some spans."""
     if any("hostile" in line for line in lines):
-        return _hostile_summary(lines)
-    if any("ground_error" in line for line in lines):
-        return _print_spans(lines, ("ground",))
+        return _of_hostile(lines)
     joined = [line for line in lines if line["joined"]]
-    print(f"{len(lines)} flights, {len(joined)} joined")
-    _print_spans(joined, ("session", "parked", "flight"))
-    for key in ("nodes_before_rms", "nodes_rms", "nodes_sigma_rms"):
-        print(key, f"{np.sqrt(np.mean(np.square([line[key] for line in joined]))):.5f} deg/h")
-    print("worst node", max(line["nodes_worst_sigmas"] for line in joined), "sigmas")
-    print("CPU", np.median([line["cpu_s"] for line in lines]), "s")
+    rows = [
+        row(span, joined) for span in SPANS if joined and all(f"{span}_error" in r for r in joined)
+    ]
+    words = [f"{len(lines)} flights, {len(joined)} joined"]
+    for key in ("nodes_before_rms", "nodes_rms", "nodes_sigma_rms") if joined else ():
+        words.append(f"{key} {rms([line[key] for line in joined]):.5f} deg/h")
+    worst = max((line["nodes_worst_sigmas"] for line in joined), default=0.0)
+    words.append(f"worst node {worst:.2f} sigmas")
+    words.append(f"CPU {np.median([line['cpu_s'] for line in lines]):.1f} s")
     for line in lines:
         if not line["joined"] or line["outcome"] != "accepted":
-            print(line["seed"], line["outcome"], line["reasons"], line["left_out"])
+            why = ", ".join([*line["reasons"], *line["left_out"]])
+            words.append(f"seed {line['seed']}: {line['outcome']} ({why})")
+    return table(HEAD, rows) + "\n" + "".join(f"- {word}\n" for word in words)
 
 
-def _print_spans(lines: Sequence[Mapping[str, list[float]]], spans: Sequence[str]) -> None:
-    """Errors over sigma of mean biases over some spans."""
-    for span in spans:
-        if any(f"{span}_error" not in line for line in lines):
-            continue
-        error = np.array([line[f"{span}_error"] for line in lines])
-        P = np.array([line[f"{span}_covariance"] for line in lines])
-        z = error / np.sqrt(np.diagonal(P, axis1=1, axis2=2))
-        nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error) / 3.0
-        rms = 1e4 * np.sqrt(np.mean(error**2, axis=0))
-        print(
-            f"{span}: error over sigma {np.sqrt(np.mean(z**2)):.3f}"
-            f" +- {np.sqrt(0.5 / z.size):.3f}"
-            f" (axes {np.round(np.sqrt(np.mean(z**2, axis=0)), 2)}),"
-            f" NEES {nees.mean():.3f}, RMS {np.round(rms, 1)} 1e-4 deg/h"
-        )
+def row(span: str, lines: Sequence[Record]) -> list[str]:
+    error = np.array([line[f"{span}_error"] for line in lines])
+    P = np.array([line[f"{span}_covariance"] for line in lines])
+    z = error / np.sqrt(np.diagonal(P, axis1=1, axis2=2))
+    nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error) / 3.0
+    axes = ", ".join(f"{v:.2f}" for v in np.sqrt(np.mean(z**2, axis=0)))
+    each = ", ".join(f"{v:.5f}" for v in np.sqrt(np.mean(error**2, axis=0)))
+    over = f"{rms(z):.3f} +- {np.sqrt(0.5 / z.size):.3f}"
+    return [span, over, axes, f"{nees.mean():.3f}", each]
 
 
-def _hostile_summary(lines: Sequence[Mapping[str, object]]) -> None:
+def _of_hostile(lines: Sequence[Record]) -> str:
+    rows = []
     for name in dict.fromkeys(line["hostile"] for line in lines):
-        of_kind = [line for line in lines if line["hostile"] == name]
-        accepted = [line for line in of_kind if line["outcome"] == "accepted"]
-        joined = [line for line in accepted if line["joined"]]
-        worst = [float(str(line["nodes_worst_sigmas"])) for line in accepted]
+        of = [line for line in lines if line["hostile"] == name]
+        accepted = [line for line in of if line["outcome"] == "accepted"]
+        worst = [line["nodes_worst_sigmas"] for line in accepted]
         wrong = sum(w > WITHIN_SIGMAS for w in worst)
-        print(
-            f"{name}: {len(of_kind)} flights, {len(accepted)} merged, {len(joined)} with the"
-            f" flight, {wrong} wrong, worst {max(worst, default=0.0):.1f} sigmas"
-        )
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run what the head of this module shows."""
-    if arguments[0] == "summary":
-        return summary([Path(name) for name in arguments[1:]])
-    if arguments[0] == "manoeuvres":
-        return manoeuvres()
-    kind, technology, first, end = arguments
-    for seed in range(int(first), int(end)):
-        if kind == "hostile":
-            name, drawn = hostile_session(seed, technology)
-            line = {"hostile": name, **scored(seed, drawn)}
-        elif kind == "shaken":
-            changed = UNITS["gyros shaken"]
-            line = dict(scored(seed, drawn_session(seed, technology, change=changed)))
-        elif kind in ("motion", "landed"):
-            until_s = LEFT_S if kind == "motion" else np.inf
-            drawn = logged_from_the_air(drawn_session(seed, technology), until_s=until_s)
-            line = dict(scored(seed, drawn))
-        elif kind == "ground":
-            line = dict(on_ground(seed, drawn_session(seed, technology, flight=())))
-        else:
-            line = dict(scored(seed, drawn_session(seed, technology)))
-        print(json.dumps(line), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+        flown = sum(line["joined"] for line in accepted)
+        rows.append([name, len(of), len(accepted), flown, wrong, f"{max(worst, default=0.0):.1f}"])
+    head = ("hostile", "flights", "merged", "with the flight", "wrong", "worst node, sigmas")
+    return table(head, rows)

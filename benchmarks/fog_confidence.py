@@ -4,17 +4,15 @@ the model says: hysteresis between up and down, a chamber whose control ripples,
 Truth of its own: curves of tests/infield/ramp_cases.py or straight pieces between knees; hysteresis
 by recursion over an exponential width; thermometer readings (noise and steps of 0.01 degC) read by
 the program as in a log, rates and all.
-
-    python -m benchmarks.fog_confidence [UNITS]
 """
 
-import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from benchmarks.study import Work, table
 from infield.thermal.fog.piecewise import piecewise_pair
 from infield.thermal.fog.ramps import AxisFit, RampStudy, separate
 from infield.thermal.ramp_runs import RampRun, read_ramps
@@ -23,7 +21,6 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import TemperatureLog
 from tests.infield.ramp_cases import TWIN, Truth, flicker, ramp
 
-UNITS = 40
 HYSTERESIS_WIDTH_degC = 3.0
 KNEES_degC = (-4.0, 14.0, 30.0)
 READING_s = {False: 2.0, True: 10.0}  # between readings, of fast ramps and of slow ones
@@ -160,7 +157,7 @@ def _score(a: AxisFit, k: int, truth: Truth, way: Way, found: dict[str, list[flo
         found["of three"].append(float(sum(inside)))
 
 
-def row(name: str, found: dict[str, list[float]]) -> str:
+def row(name: str, found: dict[str, list[float]]) -> list[str]:
     """Mean squared normalised errors and the worst; `!`: outside 99 % of chi-square, the twelve
     temperatures of one curve counted as four.
     """
@@ -178,18 +175,15 @@ def row(name: str, found: dict[str, list[float]]) -> str:
     knees = "-"
     if found["knees"]:
         knees = f"{np.mean(found['knees']):.0%}; {np.mean(found['of three']):.1f}"
-    return f"| {name} | {' | '.join(cells)} | {knees} | {np.mean(found['refused']):.0%} |"
+    return [name, *cells, knees, f"{np.mean(found['refused']):.0%}"]
 
 
-def in_time() -> list[str]:
+def in_time() -> str:
     """What the rate leaves of K_delta dT/dt in minute means, over their noise: in real-time order
     with a time constant of 60 s, with the one that the thermometers allow, and smoothed.
     """
     rng = np.random.default_rng(97)
-    lines = [
-        "| ripple, K_delta 0.3 | 60 s | as the thermometers allow | smoothed |",
-        "|---|---|---|---|",
-    ]
+    rows = []
     t = np.arange(0.0, 7200.0)
     white = TWIN.gyro.arw_deg_sqrt_h * np.sqrt(60.0)
     for ripple, period in ((0.0, 480.0), (0.3, 480.0), (0.3, 1200.0)):
@@ -204,19 +198,13 @@ def in_time() -> list[str]:
         ]
         left = [0.3 * (rate - true)[600:].reshape(-1, 60).mean(axis=1) for rate in rates]
         over = [f"{np.hypot(1.0, np.std(one) / white):.2f}" for one in left]
-        lines.append(f"| {ripple:g} degC in {period / 60:g} min | {' | '.join(over)} |")
-    return lines
+        rows.append([f"{ripple:g} degC in {period / 60:g} min", *over])
+    head = ("ripple, K_delta 0.3", "60 s", "as the thermometers allow", "smoothed")
+    return table(head, rows)
 
 
-def main(units: int = UNITS) -> None:
-    """Measure and print."""
-    sys.stdout.write("\n".join(in_time()) + "\n\n")
-    titles = "| case | K_delta | K_T | hysteresis | breakpoints on a knee; of three | refused |"
-    sys.stdout.write(f"{titles}\n|{'---|' * 6}\n")
-    for name in CASES:
-        sys.stdout.write(row(name, scores(name, units)) + "\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else UNITS)
+def run(work: Work, *, units: int = 40) -> str:
+    found = work.each(scores, [(name, units) for name in CASES])
+    head = ("case", "K_delta", "K_T", "hysteresis", "breakpoints on a knee; of three", "refused")
+    rows = [row(name, one) for name, one in zip(CASES, found)]
+    return in_time() + "\n" + table(head, rows)

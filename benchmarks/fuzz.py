@@ -1,15 +1,12 @@
 """Damage what the program reads, again and again, and see that each file costs one clear line.
 
-    python -m benchmarks.fuzz [--seconds 60] [--seed 1] [--only TARGET ...]
-
 Targets: a sample of every log format (tests/trajectories/readers/damage.py builds them, so that the
 corpus takes no room in the repository), the files of a run directory, and every JSON and TOML
 input. A mutation is known by its target, the seed and its number. A finding is any exception but
-InputError, a message of more than one line, more than a gigabyte, or a minute. Findings are printed
-as they come; `again` makes one anew.
+InputError, a message of more than one line, more than a gigabyte, or a minute. `again`
+makes a finding anew.
 """
 
-import argparse
 import json
 import re
 import tempfile
@@ -23,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.study import Work, table
 from infield.store.table_store import TableStore
 from infield.table.file import read_table_dict
 from infield.thermal.stored_model import read_thermal_model
@@ -76,7 +74,7 @@ def targets() -> list[Target]:
             name = f"{stream}.{fmt}"
             found.append(Target(f"run:{name}", _run(name, fmt), _inspect, is_text=fmt == "csv"))
     found.append(Target("json:run", _run("run.json", "csv"), _inspect, is_text=True))
-    found.append(Target("json:table", _json(table()), _import_table, is_text=True))
+    found.append(Target("json:table", _json(small_table()), _import_table, is_text=True))
     found.append(Target("json:twin", _json(twin_to_dict(default_twin("rlg"))), read_twin, True))
     found.append(Target("json:thermal", _json(THERMAL), read_thermal_model, is_text=True))
     found.append(Target("toml:settings", _text(settings()), read_config, is_text=True))
@@ -89,7 +87,7 @@ def targets() -> list[Target]:
     return found
 
 
-def table() -> dict[str, object]:
+def small_table() -> dict[str, object]:
     """A small whole table."""
     axis = {
         "temperature_degC": [0.0, 20.0, 40.0],
@@ -148,7 +146,7 @@ def tried(target: Target, whole: bytes, path: Path, seed: int, number: int) -> s
     return ""
 
 
-def run(chosen: list[Target], seed: int, seconds: float) -> tuple[Counter[str], list[Finding]]:
+def mutate(chosen: list[Target], seed: int, seconds: float) -> tuple[Counter[str], list[Finding]]:
     """Mutations of each target in turn until the time is over: how many of each, and findings."""
     count: Counter[str] = Counter()
     findings: list[Finding] = []
@@ -168,7 +166,6 @@ def run(chosen: list[Target], seed: int, seconds: float) -> tuple[Counter[str], 
                 count[target.name] += 1
                 if error:
                     findings.append(Finding(target.name, seed, number, error))
-                    print(json.dumps(findings[-1]._asdict()), flush=True)
                 path.write_bytes(whole)
     return count, findings
 
@@ -248,18 +245,16 @@ def _scenario(path: Path) -> object:
     return scenario_ideal(scenario) if end_s * scenario.imu.rate_hz < FEW_ROWS else scenario
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", nargs="*", default=[], help="beginnings of names of targets")
-    options = parser.parse_args()
-    wanted = tuple(options.only) or ("",)
-    chosen = [target for target in targets() if target.name.startswith(wanted)]
-    count, findings = run(chosen, options.seed, options.seconds)
-    print(json.dumps(dict(count), indent=1))
-    print(f"{sum(count.values())} mutations, {len(findings)} findings")
+def run(work: Work, *, seconds: float = 60.0, seed: int = 1, only: tuple[str, ...] = ("",)) -> str:
+    """only: beginnings of names of targets."""
+    ((counts, findings),) = work.each(hunt, [(seconds, seed, list(only))])
+    rows = [(name, count) for name, count in counts.items()]
+    told = "".join(f"- {json.dumps(finding)}\n" for finding in findings)
+    total = f"{sum(counts.values())} mutations, {len(findings)} findings.\n"
+    return table(("target", "mutations"), rows) + "\n" + total + told
 
 
-if __name__ == "__main__":
-    main()
+def hunt(seconds: float, seed: int, only: list[str]) -> tuple[dict[str, int], list[dict]]:
+    chosen = [target for target in targets() if target.name.startswith(tuple(only))]
+    count, findings = mutate(chosen, seed, seconds)
+    return dict(count), [finding._asdict() for finding in findings]

@@ -1,27 +1,22 @@
 """Whole diagnoses of simulated flights with one effect of flight each, and of flights without any.
 
-    python -m benchmarks.gap_flights [--sizes 8 12] [--seeds 0:2] [--only NAME ...] [--nulls 6]
-        [-o FILE]
-
 One flight: parked, taxi, a climb, turns both ways, a way of 20 km and more, a landing; GNSS, and a
 mount that shakes in the air. Every effect is made row by row from the
 truth, in another form than the catalogue's signature (no code of it is used), and brought to the
-wanted size in sigmas of the whitened rows. A line a trial; at the end how many were right, a stated
-neighbour, not found, or wrong.
+wanted size in sigmas of the whitened rows.
 """
 
-import argparse
-import json
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.study import Record, Work, share
+from benchmarks.study import table as markdown
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.earth import omega_ie_n
@@ -72,6 +67,7 @@ FLIGHT = (
 SHAKE_M_S2 = np.array([0.8, 1.0, 1.4])
 SWING_DEG_S = np.array([0.6, 0.4, 0.5])
 CLOSE = 0.03  # of the wanted size
+SCALE, ANTENNA = "gyro_scale_factor", "gnss_lever_arm_or_latency"
 WRONG_AND_SURE = 0.8  # probability from which a wrong name counts as sure
 
 
@@ -90,57 +86,32 @@ Layer = Callable[[Flown, float], Run]
 
 @dataclass(frozen=True)
 class Planted:
-    """An effect of flight: how it is laid over a run by its size, the right answers, and the
-    neighbours that are stated beforehand.
+    """An effect of flight by its name in the catalogue: how it is laid over a run by its size, the
+    size to begin with, and the neighbours that are stated beforehand.
     """
 
-    name: str
+    effect: str
     target: str
     lay: Layer
     start: float
-    answers: tuple[str, ...]
-    neighbours: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a trial came to; verdict "right", "neighbour", "none" or "wrong"."""
-
-    effect: str
-    wanted: float
-    reached: float
-    seed: int
-    outcome: str
-    sure: bool
-    said: tuple[tuple[str, str, float], ...]
-    sentence: str
-    cpu_s: float
+    neighbours: tuple[str, ...]
 
 
 def twin() -> TwinModel:
     return default_twin("rlg")
 
 
-@lru_cache(maxsize=2)
-def unit_of(technology: str, seed: int = 7) -> UnitTruth:
+@lru_cache(maxsize=1)
+def unit() -> UnitTruth:
     """A unit that has not aged."""
-    return aged_unit(
-        np.random.default_rng(seed),
-        gyro_technology=technology,
-        ageing_offset_deg_h=0.0,
-        ageing_shape_deg_h=0.0,
-    )
+    rng = np.random.default_rng(7)
+    return aged_unit(rng, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)
 
 
-@lru_cache(maxsize=2)
-def table_of(technology: str, seed: int = 7) -> ThermalTable:
-    """The unit's own curve: what the twin believes is true."""
-    curve = unit_of(technology, seed).factory_table(np.arange(-20.0, 61.0, 2.0))
-    return table_from_dict(curve, name="table")
-
-
+@lru_cache(maxsize=1)
 def table() -> ThermalTable:
-    return table_of("rlg")
+    """The unit's own curve: what the twin believes is true."""
+    return table_from_dict(unit().factory_table(np.arange(-20.0, 61.0, 2.0)), name="table")
 
 
 @lru_cache(maxsize=2)
@@ -169,7 +140,7 @@ def _flown(seed: int, number: int, heading_deg: float) -> Flown:
     )
     rng = np.random.default_rng([seed, number, 18])
     session = simulate_run(
-        ideal, thermal_history("ambient"), unit_of("rlg"), twin(), rng=rng, plan=plan
+        ideal, thermal_history("ambient"), unit(), twin(), rng=rng, plan=plan
     ).run
     air = 1.0 - ideal.on_wheels
     climbing = np.gradient(ideal.height_m, ideal.dt_s) > 1.0
@@ -396,311 +367,168 @@ def _clipped(run: Run, *, gyro: bool, axis: int, size: float) -> Run:
 
 
 PLANTED = (
+    Planted("gyro_saturation", "gyro_z", gyro_clips, 0.001, ("gyro_scale_asymmetry", SCALE)),
     Planted(
-        "gyro at the end of its range",
-        "gyro_z",
-        gyro_clips,
-        0.001,
-        ("gyro_saturation",),
-        ("gyro_scale_asymmetry", "gyro_scale_factor"),
-    ),
-    Planted(
-        "accelerometer at the end of its range",
+        "accel_saturation",
         "accel_z",
         accel_clips,
         0.05,
-        ("accel_saturation",),
         ("accel_scale_asymmetry", "accel_scale_factor"),
     ),
     Planted(
-        "accel vibration rectification",
+        "accel_vibration_rectification",
         "accel_x",
         accel_rectifies,
         1e-4,
-        ("accel_vibration_rectification",),
         ("accel_pressure_sensitivity", "accel_g2_sensitivity"),
     ),
     Planted(
-        "gyro vibration rectification",
+        "gyro_vibration_rectification",
         "gyro_y",
         gyro_rectifies,
         0.05,
-        ("gyro_vibration_rectification",),
         ("gyro_pressure_sensitivity", "gyro_g2_sensitivity", "coning_residual"),
     ),
     Planted(
-        "coning that the algorithm leaves",
+        "coning_residual",
         "gyro_z",
         gyro_cones,
         0.1,
-        ("coning_residual",),
         ("gyro_vibration_rectification", "gyro_g2_sensitivity"),
     ),
     Planted(
-        "gyro pressure",
+        "gyro_pressure_sensitivity",
         "gyro_x",
         gyro_feels_pressure,
         1e-3,
-        ("gyro_pressure_sensitivity",),
         ("gyro_vibration_rectification",),
     ),
     Planted(
-        "accelerometer pressure",
+        "accel_pressure_sensitivity",
         "accel_y",
         accel_feels_pressure,
         10.0,
-        ("accel_pressure_sensitivity",),
         ("accel_vibration_rectification",),
     ),
     Planted(
-        "accelerometer scale asymmetry",
+        "accel_scale_asymmetry",
         "accel_x",
         accel_stretches,
         200.0,
-        ("accel_scale_asymmetry",),
         ("accel_scale_factor", "accel_g2_sensitivity"),
     ),
+    Planted("gyro_scale_asymmetry", "gyro_z", gyro_stretches, 20.0, (SCALE,)),
+    Planted(SCALE, "gyro_z", gyro_scales, 20.0, ("gyro_scale_asymmetry", "clock_rate")),
+    Planted("gyro_misalignment", "gyro_x", gyro_leans, 10.0, ("gyro_magnetic_sensitivity",)),
+    Planted("gyro_g_sensitivity", "gyro_x", gyro_feels_force, 0.05, ("gyro_g2_sensitivity",)),
     Planted(
-        "gyro scale asymmetry",
-        "gyro_z",
-        gyro_stretches,
-        20.0,
-        ("gyro_scale_asymmetry",),
-        ("gyro_scale_factor",),
-    ),
-    Planted(
-        "gyro scale factor",
-        "gyro_z",
-        gyro_scales,
-        20.0,
-        ("gyro_scale_factor",),
-        ("gyro_scale_asymmetry", "clock_rate"),
-    ),
-    Planted(
-        "gyro misalignment",
-        "gyro_x",
-        gyro_leans,
-        10.0,
-        ("gyro_misalignment",),
-        ("gyro_magnetic_sensitivity",),
-    ),
-    Planted(
-        "gyro g-sensitivity",
-        "gyro_x",
-        gyro_feels_force,
-        0.05,
-        ("gyro_g_sensitivity",),
-        ("gyro_g2_sensitivity",),
-    ),
-    Planted(
-        "size effect",
+        "imu_size_effect",
         "accel_x",
         lever_of_accel,
         10.0,
-        ("imu_size_effect",),
-        ("gnss_lever_arm_or_latency", "gyro_accel_skew", "accel_misalignment"),
+        (ANTENNA, "gyro_accel_skew", "accel_misalignment"),
     ),
+    Planted(ANTENNA, "gnss", fixes_late, 5.0, ("gnss_clock_drift",)),
+    Planted("gnss_clock_drift", "gnss", clock_runs_away, 10.0, (ANTENNA,)),
+    Planted("gnss_slow_error", "gnss", fixes_circle, 1.0, (ANTENNA,)),
     Planted(
-        "GNSS latency",
-        "gnss",
-        fixes_late,
-        5.0,
-        ("gnss_lever_arm_or_latency",),
-        ("gnss_clock_drift",),
-    ),
-    Planted(
-        "GNSS clock drift",
-        "gnss",
-        clock_runs_away,
-        10.0,
-        ("gnss_clock_drift",),
-        ("gnss_lever_arm_or_latency",),
-    ),
-    Planted(
-        "GNSS slow error",
-        "gnss",
-        fixes_circle,
-        1.0,
-        ("gnss_slow_error",),
-        ("gnss_lever_arm_or_latency",),
-    ),
-    Planted(
-        "deflection of the vertical on the way",
-        "site",
-        plumb_line_turns,
-        20.0,
-        ("vertical_deflection_gradient",),
-        ("vertical_deflection",),
+        "vertical_deflection_gradient", "site", plumb_line_turns, 20.0, ("vertical_deflection",)
     ),
 )
 
 
-@dataclass(frozen=True)
-class Believed:
-    """What the runs of a trial are diagnosed with."""
-
-    twin: TwinModel
-    table: ThermalTable
-
-    def evidence(self, runs: Sequence[Run]) -> Evidence:
-        """The whitened rows of the runs, as the diagnosis sees them."""
-        views = [view_run(run, k, self.table, self.twin) for k, run in enumerate(runs)]
-        return Evidence([v for v in views if not isinstance(v, str)], self.twin)
-
-    def diagnosed(self, runs: Sequence[Run]) -> tuple[Diagnosis, float]:
-        """The whole diagnosis, and what it took [CPU s]."""
-        start = time.process_time()
-        found = diagnose(runs, self.twin, self.table, DiagnosisSettings())
-        return found, time.process_time() - start
-
-    def at_size(
-        self, lay: Callable[[float], list[Run]], start: float, wanted: float
-    ) -> tuple[list[Run], float]:
-        """The runs with an effect at the wanted size, and the size reached; lay: runs by a size of
-        the effect, 0 for none.
-        """
-        runs = lay(0.0)
-        without, size, reached = self.evidence(runs), start, 0.0
-        for _ in range(6):
-            runs = lay(size)
-            evidence = self.evidence(runs)
-            if evidence.size != without.size:
-                size *= 0.5
-                continue
-            reached = float(np.linalg.norm(evidence.z - without.z))
-            if abs(reached / wanted - 1.0) < CLOSE:
-                break
-            size *= wanted / reached
-        return runs, reached
-
-    def outcome(
-        self, planted: "Laid", sized: tuple[list[Run], float], *, wanted: float, seed: int
-    ) -> Outcome:
-        """What the diagnosis makes of runs of a size."""
-        runs, reached = sized
-        found, cpu_s = self.diagnosed(runs)
-        return outcome_of(planted, found, wanted=wanted, reached=reached, seed=seed, cpu_s=cpu_s)
-
-
-def ring_laser() -> Believed:
-    return Believed(twin(), table())
+def evidence_of(runs: Sequence[Run]) -> Evidence:
+    """The whitened rows of the runs, as the diagnosis sees them."""
+    views = [view_run(run, k, table(), twin()) for k, run in enumerate(runs)]
+    return Evidence([v for v in views if not isinstance(v, str)], twin())
 
 
 def diagnosed(runs: Sequence[Run]) -> tuple[Diagnosis, float]:
     """The whole diagnosis of flights, and what it took [CPU s]."""
-    return ring_laser().diagnosed(runs)
+    start = time.process_time()
+    found = diagnose(runs, twin(), table(), DiagnosisSettings())
+    return found, time.process_time() - start
 
 
-def trial(planted: Planted, seed: int, wanted: float) -> Outcome:
-    """One effect at one size in the flights of a seed, diagnosed."""
-    bases, believed = flights(seed), ring_laser()
-
-    def lay(size: float) -> list[Run]:
-        return [planted.lay(f, size) if size else f.run for f in bases]
-
-    sized = believed.at_size(lay, planted.start, wanted)
-    return believed.outcome(planted, sized, wanted=wanted, seed=seed)
-
-
-class Laid(Protocol):
-    """What a trial plants: its name, the sensor, the right answers and the stated neighbours."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def target(self) -> str: ...
-    @property
-    def answers(self) -> tuple[str, ...]: ...
-    @property
-    def neighbours(self) -> tuple[str, ...]: ...
+def at_size(planted: Planted, bases: Sequence[Flown], wanted: float) -> tuple[list[Run], float]:
+    """The runs with an effect at the wanted size, and the size reached."""
+    runs = [f.run for f in bases]
+    without, size, reached = evidence_of(runs), planted.start, 0.0
+    for _ in range(6):
+        runs = [planted.lay(f, size) for f in bases]
+        evidence = evidence_of(runs)
+        if evidence.size != without.size:
+            size *= 0.5
+            continue
+        reached = float(np.linalg.norm(evidence.z - without.z))
+        if abs(reached / wanted - 1.0) < CLOSE:
+            break
+        size *= wanted / reached
+    return runs, reached
 
 
-def outcome_of(planted: Laid, found: Diagnosis, **of_trial: float) -> Outcome:
-    """Right: the answer leads on its target and no other cause stands beside it; a neighbour: a
-    stated one leads, or the answer is in the set; none: nothing was found or nothing named.
+def trial(name: str, seed: int, wanted: float) -> Record:
+    """One effect at one size in the flights of a seed, diagnosed.
+
+    outcome: right: the effect leads on its target and no other cause stands beside it; neighbour: a
+    stated one leads, or the effect is in the set; none: nothing was found or nothing named.
     """
-    said = tuple((c.effect, c.target, round(c.probability, 3)) for c in found.causes)
+    planted = next(p for p in PLANTED if p.effect == name)
+    runs, reached = at_size(planted, flights(seed), wanted)
+    found, cpu_s = diagnosed(runs)
     named = [c for c in found.causes if c.named]
     leads = {(c.effect, c.target) for c in named}
-    right = {(name, planted.target) for name in planted.answers}
-    near = {(name, planted.target) for name in (*planted.answers, *planted.neighbours)}
+    right = (planted.effect, planted.target)
+    near = {(name, planted.target) for name in (planted.effect, *planted.neighbours)}
     in_sets = {(r.effect, r.target) for c in found.causes for r in c.rivals}
-    strange = [c for c in named if (c.effect, c.target) not in near]
+    sure = any(c.probability > WRONG_AND_SURE for c in named if (c.effect, c.target) not in near)
     if not named:
         outcome = "none"
-    elif leads == right & leads and leads:
+    elif leads == {right}:
         outcome = "right"
-    elif (leads & near or in_sets & right) and not any(
-        c.probability > WRONG_AND_SURE for c in strange
-    ):
+    elif (leads & near or right in in_sets) and not sure:
         outcome = "neighbour"
     else:
         outcome = "wrong"
-    sure = any(c.probability > WRONG_AND_SURE for c in strange)
-    return Outcome(
-        effect=planted.name,
-        wanted=of_trial["wanted"],
-        reached=round(of_trial["reached"], 2),
-        seed=int(of_trial["seed"]),
-        outcome=outcome,
-        sure=sure,
-        said=said,
-        sentence=found.sentence,
-        cpu_s=round(of_trial["cpu_s"], 1),
-    )
+    return {
+        "effect": planted.effect,
+        "wanted": wanted,
+        "reached": round(reached, 2),
+        "outcome": outcome,
+        "sure": sure,
+        "said": [f"{c.effect} on {c.target} {c.probability:.2f}" for c in found.causes],
+        "cpu_s": round(cpu_s, 1),
+    }
 
 
-def parser_of(name: str, words: str | None) -> argparse.ArgumentParser:
-    """The options that all whole trials share."""
-    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=words)
-    parser.add_argument("--sizes", type=float, nargs="*", default=[8.0, 12.0])
-    parser.add_argument("--seeds", default="0:1", help="A:B, B not included")
-    parser.add_argument("--nulls", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path, help="a JSON object a line, appended")
-    return parser
+def null(seed: int) -> Record:
+    """The diagnosis of flights without an effect."""
+    found, cpu_s = diagnosed([f.run for f in flights(seed)])
+    return {"verdict": found.verdict, "p_value": found.p_value, "cpu_s": round(cpu_s, 1)}
 
 
-def seeds_of(options: argparse.Namespace) -> range:
-    low, high = (int(v) for v in options.seeds.split(":"))
-    return range(low, high)
-
-
-def tell_nulls(
-    options: argparse.Namespace, believed: Believed, runs_of: Callable[[int], list[Run]]
-) -> None:
-    """Diagnose runs without an effect, as many as were asked for, a line each."""
-    first = seeds_of(options).start
-    for seed in range(first, first + options.nulls):
-        found, cpu_s = believed.diagnosed(runs_of(seed))
-        print(f"null {seed}: {found.verdict} p {found.p_value:.3g} {cpu_s:.1f} s", flush=True)
-
-
-def tell(outcome: Outcome, output: Path | None) -> None:
-    """Print an outcome, and append it to a file where one is named."""
-    line = json.dumps(asdict(outcome))
-    print(line, flush=True)
-    if output:
-        with output.open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-
-
-def main() -> None:
-    parser = parser_of("gap_flights", __doc__)
-    parser.add_argument("--only", nargs="+", choices=[p.name for p in PLANTED])
-    options = parser.parse_args()
-    tell_nulls(options, ring_laser(), lambda seed: [f.run for f in flights(seed)])
-    outcomes = []
-    for seed in seeds_of(options):
-        for planted in PLANTED:
-            if options.only and planted.name not in options.only:
-                continue
-            for wanted in options.sizes:
-                outcomes.append(trial(planted, seed, wanted))
-                tell(outcomes[-1], options.output)
-    for word in ("right", "neighbour", "none", "wrong"):
-        print(f"{word}: {sum(o.outcome == word for o in outcomes)} of {len(outcomes)}")
-    print(f"wrong and sure: {sum(o.sure for o in outcomes)}")
-
-
-if __name__ == "__main__":
-    main()
+def run(
+    work: Work,
+    *,
+    seeds: int = 2,
+    first: int = 0,
+    sizes: tuple[float, ...] = (8.0, 12.0),
+    effects: tuple[str, ...] = tuple(p.effect for p in PLANTED),
+    nulls: int = 0,
+) -> str:
+    """nulls: flights without an effect, from seed 100 on."""
+    drawn = range(first, first + seeds)
+    records = work.each(trial, [(e, seed, s) for seed in drawn for e in effects for s in sizes])
+    rows = []
+    for effect in effects:
+        own = [r for r in records if r["effect"] == effect]
+        by_size = [", ".join(r["outcome"] for r in own if r["wanted"] == s) for s in sizes]
+        rows.append([effect, *by_size, "; ".join(dict.fromkeys(s for r in own for s in r["said"]))])
+    outcomes = Counter(r["outcome"] for r in records)
+    counts = [f"{word} {share(n, len(records))}" for word, n in outcomes.items()]
+    quiet = work.each(null, [(seed,) for seed in range(100, 100 + nulls)])
+    alarms = sum(r["verdict"] != "no_gap" for r in quiet)
+    head = ("planted", *(f"at {s:g} sigma" for s in sizes), "what was named")
+    told = f"{'; '.join(counts)}; wrong and sure {sum(r['sure'] for r in records)}.\n"
+    without = f"Flights without an effect: {share(alarms, nulls)} alarms.\n" if nulls else ""
+    return "\n".join([markdown(head, rows), told, without])

@@ -1,28 +1,20 @@
 """False alarms of thermometers that round: no effect at all, noise from 0.1 to 10 resolutions.
 
-    python -m benchmarks.gap_nulls [TRIALS] [--first 0] [--minutes 15] [--until HH:MM]
-        [-o ROWS.jsonl]
-
 Each trial is a run that warms up while it stands. Its thermometers are written anew: the truth,
 air that wanders by `WANDER_DEGC` (a Gauss-Markov process that the twin knows nothing of), white
 noise of NOISES resolutions, and rounding, all declared in the twin but the air. The whole diagnosis
 is made,
-with the whole catalogue, and it should find nothing. A row is appended to the output as its trial
-is done; what was interrupted goes on where it stopped.
+with the whole catalogue, and it should find nothing.
 """
 
-import argparse
-import json
 from dataclasses import replace
-from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import beta
 
 from benchmarks.gap_trials.runs import NODES_DEGC
 from benchmarks.gap_trials.trial import Trial, draw_trial
+from benchmarks.study import Record, Work, share, table
 from infield.table.file import table_from_dict
 from ins.records import Run, TwinModel
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
@@ -31,51 +23,6 @@ RESOLUTION_DEGC = 0.01
 NOISES = (0.1, 0.2, 0.5, 0.7, 1.0, 2.0, 5.0, 10.0)  # in resolutions
 WANDER_DEGC, WANDER_S = 0.004, 20.0
 REPLICATES = 150
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_nulls", description=__doc__)
-    parser.add_argument("trials", type=int, nargs="?", default=400)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=15.0)
-    parser.add_argument("--until", default="", help="UTC, HH:MM: begin no trial later")
-    parser.add_argument("-o", "--output", type=Path)
-    options = parser.parse_args()
-    wanted = range(options.first, options.first + options.trials)
-    rows = [row for row in _kept(options.output) if row["seed"] in wanted]
-    done = {row["seed"] for row in rows}
-    for seed in wanted:
-        if options.until and datetime.now(UTC).strftime("%H:%M") >= options.until:
-            break
-        if seed in done:
-            continue
-        noise = NOISES[seed % len(NOISES)]
-        found = diagnosed(seed, noise, 60.0 * options.minutes)
-        thermal = any(c.target == "temperature" for c in found.causes) or (
-            found.left_present and any(p.channel == "temperature" for p in found.where)
-        )
-        rows.append(
-            {
-                "seed": seed,
-                "noise": noise,
-                "alarm": found.verdict != "no_gap",
-                "thermometer": thermal,
-                "p_value": found.p_value,
-                "said": found.sentence,
-            }
-        )
-        if options.output:
-            with options.output.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-    for line in summary(rows):
-        print(line)
-
-
-def _kept(output: Path | None) -> list[dict]:
-    """Rows of an earlier call."""
-    if output is None or not output.exists():
-        return []
-    return [json.loads(line) for line in output.read_text(encoding="utf-8").splitlines()]
 
 
 def diagnosed(seed: int, noise: float, parked_s: float) -> Diagnosis:
@@ -115,23 +62,26 @@ def read_anew(trial: Trial, twin: TwinModel, seed: int) -> Run:
     )
 
 
-def summary(rows: list[dict]) -> list[str]:
-    """Alarms of all trials and of each noise, with the interval of Clopper and Pearson."""
-    out = [_line("all", rows)]
-    out += [_line(f"noise {n:g} resolutions", [r for r in rows if r["noise"] == n]) for n in NOISES]
-    return out
+def null(seed: int, minutes: float) -> Record:
+    """What is said of one null."""
+    noise = NOISES[seed % len(NOISES)]
+    found = diagnosed(seed, noise, 60.0 * minutes)
+    left = found.left_present and any(p.channel == "temperature" for p in found.where)
+    return {
+        "noise": noise,
+        "alarm": found.verdict != "no_gap",
+        "thermometer": left or any(c.target == "temperature" for c in found.causes),
+        "p_value": found.p_value,
+        "said": found.sentence,
+    }
 
 
-def _line(name: str, rows: list[dict]) -> str:
-    n, alarms = len(rows), sum(r["alarm"] for r in rows)
-    thermal = sum(r["thermometer"] for r in rows)
-    low = beta.ppf(0.025, alarms, n - alarms + 1) if alarms else 0.0
-    high = beta.ppf(0.975, alarms + 1, n - alarms) if alarms < n else 1.0
-    return (
-        f"{name}: {alarms} of {n} alarms ({100 * low:.1f} to {100 * high:.1f} %),"
-        f" {thermal} of the thermometers"
-    )
+def row(name: str, of: list[Record]) -> list[object]:
+    return [name, share(sum(r["alarm"] for r in of), len(of)), sum(r["thermometer"] for r in of)]
 
 
-if __name__ == "__main__":
-    main()
+def run(work: Work, *, trials: int = 400, first: int = 0, minutes: float = 30.0) -> str:
+    records = work.each(null, [(seed, minutes) for seed in range(first, first + trials)])
+    by_noise = {n: [r for r in records if r["noise"] == n] for n in NOISES}
+    rows = [row(f"{n:g} resolutions", of) for n, of in by_noise.items() if of]
+    return table(("noise", "alarms", "of the thermometers"), [*rows, row("**all**", records)])

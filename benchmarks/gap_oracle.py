@@ -1,7 +1,5 @@
 """The ceiling of the gap study: how often can anyone name the planted effect?
 
-    python -m benchmarks.gap_oracle [DRAWS] [--units 3] [-o docs/gap_oracle.json]
-
 The linear-Gaussian cell: whitened rows are a planted effect of 3, 5, 8 or 12 sigma plus unit white
 noise. The effect is drawn by the priors of the catalogue: of an effect and its target, of a
 grid point of its shape, and of its size (`simreal.inference.bank.size_weights`); the direction of
@@ -16,29 +14,37 @@ Both must also raise an alarm: the threshold of each is its own 99.5 % point ove
 alone, as a diagnosis at the default level has it. Noise effects are no part of this cell.
 """
 
-import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, ive
 
-from benchmarks.gap_trials.trial import draw_trial
+from benchmarks.gap_size import NOISY
+from benchmarks.gap_trials.trial import Trial, draw_trial
+from benchmarks.study import Record, Work, table
 from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import Evidence
+from simreal.inference.attribute import Attribution
 from simreal.inference.bank import REACH, Bank, Group, Hypothesis
 from simreal.inference.scoring import Scorer, usual_range
+from simreal.inference.tails import tail_quantile
 
 SIZES = (3.0, 5.0, 8.0, 12.0)
 LEVEL = 0.005  # half of the default level of 1 %, as in simreal.inference.attribute
 NULLS = 4000
 LEAST_SHARE = 1e-8  # of a group's largest eigenvalue: a direction below is none
 NO_COLUMNS = np.zeros(0, dtype=int)
+SHARES = {
+    "oracle_right": "oracle right",
+    "oracle_right_and_alarm": "and with an alarm",
+    "ours_right": "diagnosis right",
+    "ours_right_and_alarm": "and with an alarm",
+}
 Key = tuple[str, str]
 
 
@@ -57,23 +63,6 @@ class Candidate:
     @property
     def freedom(self) -> int:
         return int(self.roots.shape[0])
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_oracle", description=__doc__)
-    parser.add_argument("draws", type=int, nargs="?", default=300)
-    parser.add_argument("--units", type=int, default=3)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path)
-    options = parser.parse_args()
-    rows = []
-    for seed in range(options.first, options.first + options.units):
-        rows += unit(seed, options.draws)
-    for line in summary(rows):
-        print(line, flush=True)
-    if options.output:
-        text = json.dumps({"rows": rows, "summary": summary(rows)}, indent=1)
-        options.output.write_text(text + "\n", encoding="utf-8")
 
 
 def unit(seed: int, draws: int) -> list[dict]:
@@ -243,23 +232,46 @@ class Ours:
         return out.argmax(axis=0), posterior.max(axis=0) > self.threshold
 
 
-def summary(rows: list[dict]) -> list[str]:
-    out = []
-    for size in SIZES:
-        own = [r for r in rows if r["sigma"] == size]
-        n = sum(r["draws"] for r in own)
+def oracle_of(trial: Trial, reached: float, found: Attribution, *, alpha: float) -> Record | None:
+    """The best possible answer on a trial's own rows, given the very data of the diagnosis: its
+    most probable name and target, with its probability, and whether it raises an alarm (at the
+    level of the diagnosis, on the same replicates of the noise).
 
-        def total(name: str, own: list[dict] = own) -> int:
-            return sum(r[name] for r in own)
+    It knows the twin's noise, the catalogue with its priors, that there is one effect and how many
+    sigmas it has. None where the trial has no effect, two of them or one of noise.
+    """
+    if len(trial.truth) != 1 or trial.truth[0].effect in NOISY:
+        return None
+    plain = found.evidence is found.plain_evidence
+    bank = found.bank if plain else Bank(found.plain_evidence, catalogue())
+    points = candidates(bank, (reached,))
+    names = sorted({c.key for c in points})
+    prior = np.array([c.log_prior[0] for c in points])
+    oracle = Oracle(points, names, prior - np.logaddexp.reduce(prior), reached)
+    null = oracle.evidence(oracle.by_name(bank.replicate_scores(found.replicate_z)))
+    by_name = oracle.by_name(bank.score[:, None])
+    evidence = float(oracle.evidence(by_name)[0])
+    best = int(by_name[:, 0].argmax())
+    effect, target = names[best]
+    return {
+        "effect": effect,
+        "target": target,
+        "probability": round(float(np.exp(by_name[best, 0] - evidence)), 5),
+        "alarm": evidence > tail_quantile(null, 0.5 * alpha),
+    }
 
-        best, ours = total("oracle_right_and_alarm"), total("ours_right_and_alarm")
-        out.append(
-            f"{size:g} sigma, {n} draws: oracle right {100 * total('oracle_right') / n:.1f} %, with"
-            f" an alarm {100 * best / n:.1f} %; diagnosis {100 * total('ours_right') / n:.1f} and"
-            f" {100 * ours / n:.1f} %: {100 * ours / max(best, 1):.1f} % of the oracle's"
-        )
-    return out
+
+def row(size: float, own: list[Record]) -> list[str]:
+    """Shares of all draws of a size."""
+    n = sum(r["draws"] for r in own)
+    total = {key: sum(r[key] for r in own) for key in SHARES}
+    of_oracle = total["ours_right_and_alarm"] / max(total["oracle_right_and_alarm"], 1)
+    shares = [f"{100 * total[key] / n:.1f} %" for key in SHARES]
+    return [f"{size:g} sigma", f"{n}", *shares, f"{100 * of_oracle:.1f} %"]
 
 
-if __name__ == "__main__":
-    main()
+def run(work: Work, *, draws: int = 400, units: int = 3, first: int = 0) -> str:
+    found = work.each(unit, [(seed, draws) for seed in range(first, first + units)])
+    rows = list(chain(*found))
+    head = ("size", "draws", *SHARES.values(), "share of the oracle's, with an alarm")
+    return table(head, [row(size, [r for r in rows if r["sigma"] == size]) for size in SIZES])

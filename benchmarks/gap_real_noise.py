@@ -1,8 +1,5 @@
 """Effects laid over real recordings: found, and named by what is really logged?
 
-    python -m benchmarks.gap_real_noise [--data ../shared/data] [--each 40] [--placebo KIND ...]
-        [--sealed] [--first 0] [--until HH:MM] [-o ROWS.json]
-
 Each log of the data that rests long enough gets a twin of its own noise (`recal twin fit`), with
 what the log shows as it is taken in (an implant must not be judged by what was there before: of the
 first ones without that, half rested on the log as it is). Then an
@@ -15,16 +12,16 @@ which effects of the magnetic field, of Earth rate and of the site would show. A
 rests on the placebo with a probability above a half is a hit of the placebo; it is said which of
 them stand alone, without any rival.
 
---sealed: what is found on the first half of an implanted log is written into a twin file, and that
-file is judged by the second half, which nothing was fitted to: nats of its gap before and after.
+`--halves`: what is found on the first half of an implanted log is written into a twin file, and
+that file is judged by the second half, which nothing was fitted to: nats of its gap before and
+after.
 """
 
-import argparse
 import json
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -32,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.real_logs import ROOT, convert_all
+from benchmarks.study import ROOT, Record, Work, table
 from ins.attitude import dcm_from_euler
 from ins.earth import omega_ie_n
 from ins.json_file import read_toml
@@ -144,74 +141,41 @@ class Log:
         return OF_HEADING if self.placebo == HEADINGS else THERMAL
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.gap_real_noise", description=__doc__
+@lru_cache(maxsize=1)
+def converted(data: str) -> dict[str, Run]:
+    """The logs as runs, by their names."""
+    folder = Path(data)
+    ln100, calgary = (
+        read_toml(ROOT / "examples" / "maps" / f"{name}.toml")
+        for name in ("x_LN100_up", "calgary_project_data")
     )
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--each", type=int, default=40, help="implants a log and placebo")
-    parser.add_argument("--first", type=int, default=0, help="number of the first implant")
-    parser.add_argument("--placebo", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--logs", nargs="+", choices=LOGS, default=list(LOGS))
-    parser.add_argument(
-        "--sealed", action="store_true", help="found on one half, judged by the other"
-    )
-    parser.add_argument("--until", default="", help="UTC, HH:MM: begin no implant later")
-    parser.add_argument("-o", "--output", type=Path)
-    options = parser.parse_args()
-    rows, notes = [], []
-    made = sealed if options.sealed else implanted
-    logs = prepared_logs(options.data, options.placebo, options.logs)
-    for log in logs:
-        left = ", ".join(f"{effect} on {target}" for effect, target in sorted(log.left))
-        shown = ", ".join(log.causes)
-        notes.append(
-            f"{log.name}, placebo {log.placebo}: as it is, under its own noise:"
-            f" {shown or 'nothing'}; with that in the twin: {left or 'nothing'}"
-        )
-        print(notes[-1], flush=True)
-    for k in range(options.first, options.first + options.each):
-        for log in logs:
-            if options.until and datetime.now(UTC).strftime("%H:%M") >= options.until:
-                continue
-            row = made(log, k)
-            if row["reached"] > 0.0:
-                rows.append(row)
-                print(json.dumps(row), flush=True)
-    told = sealed_summary(rows) if options.sealed else summary(rows)
-    for line in told:
-        print(line)
-    if options.output:
-        text = json.dumps({"rows": rows, "summary": told, "logs": notes}, indent=1)
-        options.output.write_text(text + "\n", encoding="utf-8")
+    runs = {
+        "ln100": convert_log(folder / "x_LN100_up.ins", ln100, {}).run,
+        "apm": convert_log(folder / "apm_fixedwing_TestLog2.mat", {}, {}).run,
+        "calgary": convert_log(folder / "calgary_project_data.BIN", calgary, {}).run,
+    }
+    for k in (1, 2, 3):  # a gap of 2 s follows
+        options = {"imu": k, "to_s": 73.0}
+        runs[f"copter-imu{k}"] = convert_log(folder / "ardupilot_log171.bin", options, {}).run
+    return runs
 
 
-def prepared_logs(
-    data: Path, kinds: Sequence[str] = KINDS, names: Sequence[str] = LOGS
-) -> list[Log]:
-    """All logs that rest, each under a twin of its own."""
-    out = []
-    with tempfile.TemporaryDirectory() as folder:
-        runs = convert_all(data, Path(folder))
-        calgary = read_toml(ROOT / "examples" / "maps" / "calgary_project_data.toml")
-        runs["calgary"] = convert_log(data / "calgary_project_data.BIN", calgary, {}).run
-        placebo = runs[PLACEBO].temperature
-        assert placebo is not None
-        for name in names:
-            twin = fit_twin(runs[name]).twin
-            view = "" if twin is None else view_run(runs[name], 0, None, twin)
-            if twin is None or isinstance(view, str):
-                print(f"{name}: no rest for a fit of its noise, left out", flush=True)
-                continue
-            rest = view.start_s, view.end_s
-            for kind in kinds:
-                run, starts = runs[name], 1
-                if kind == HEADINGS:
-                    starts = min(MOST_STARTS, int((rest[1] - rest[0]) // SHORTEST_START_S))
-                else:
-                    run = with_placebo(run, placebo, kind)
-                out.append(_prepared(Log(name, kind, run, twin, rest, starts)))
-    return out
+@lru_cache(maxsize=len(LOGS) * len(KINDS))
+def prepared(data: str, name: str, kind: str) -> Log | None:
+    """A log under a twin of its own; None where it does not rest for a fit of its noise."""
+    runs = converted(data)
+    placebo = runs[PLACEBO].temperature
+    twin = fit_twin(runs[name]).twin
+    view = "" if twin is None else view_run(runs[name], 0, None, twin)
+    if twin is None or placebo is None or isinstance(view, str):
+        return None
+    rest = view.start_s, view.end_s
+    run, starts = runs[name], 1
+    if kind == HEADINGS:
+        starts = min(MOST_STARTS, int((rest[1] - rest[0]) // SHORTEST_START_S))
+    else:
+        run = with_placebo(run, placebo, kind)
+    return _prepared(Log(name, kind, run, twin, rest, starts))
 
 
 def _prepared(log: Log) -> Log:
@@ -408,62 +372,79 @@ def _laid_over(run: Run, form: Form, axis: int, amplitude: float, number: int) -
     return replace(run, imu=replace(imu, dtheta_rad=dtheta))
 
 
-def summary(rows: list[dict]) -> list[str]:
-    """Shares by size and by log."""
-    out = [_line("all", rows)]
-    out += [_line(f"{s:g} sigma", [r for r in rows if r["sigma"] == s]) for s in SIZES]
-    out += [_line(name, [r for r in rows if r["log"] == name]) for name in LOGS]
-    out += [_line(f"placebo {k}", [r for r in rows if r["with"] == k]) for k in KINDS]
-    out += [_line(form, [r for r in rows if r["form"] == form]) for form in FORMS]
-    return [line for line in out if "of 0:" not in line]
+SAID = {
+    "seen": "something new found",
+    "place": "its gyro among the places",
+    "right": "right on top",
+    "in_set": "right or in the set",
+    "wrong_confident": "wrong at over 0.9",
+    "placebo": "tied to the placebo",
+    "placebo_named": "and named",
+    "placebo_alone": "and alone",
+}
+OF_HALVES = (
+    "found on the first half",
+    "something kept out",
+    "gap of the second less",
+    "more",
+    "more with all that was found",
+    "nats of the second before",
+    "after",
+    "with all",
+    "without the implant",
+)
 
 
-def sealed_summary(rows: list[dict]) -> list[str]:
-    """How much of the second half's gap goes with what was found on the first: of all, by size, by
-    form, and of what was named.
-    """
-    out = [_sealed_line("all", rows)]
-    out += [_sealed_line(f"{s:g} sigma", [r for r in rows if r["sigma"] == s]) for s in SIZES]
-    out += [_sealed_line(name, [r for r in rows if r["log"] == name]) for name in LOGS]
-    out += [_sealed_line(form, [r for r in rows if r["form"] == form]) for form in FORMS]
-    out.append(_sealed_line("with a named cause", [r for r in rows if r["named"]]))
-    return [line for line in out if "of 0:" not in line]
+def implant_cells(of: list[Record]) -> list[int]:
+    """How often each thing was said."""
+    return [sum(r[key] for r in of) for key in SAID]
 
 
-def _sealed_line(name: str, rows: list[dict]) -> str:
-    found = [r for r in rows if r["found"]]
-    before, after, without = (
-        sum(r[f"second_{when}"] for r in found) for when in ("before", "after", "without")
-    )
-    every = sum(r["second_with_all"] for r in found)
-    less = sum(r["second_after"] < r["second_before"] for r in found)
-    more = sum(r["second_after"] > r["second_before"] + 1.0 for r in found)
-    more_with_all = sum(r["second_with_all"] > r["second_before"] + 1.0 for r in found)
-    return (
-        f"{name}, of {len(rows)}: found on the first half {len(found)}, something kept out"
-        f" {sum(bool(r['kept_out']) for r in found)}; gap of the second less {less}, more {more}"
-        f" (with all that was found {more_with_all}); nats of the second {before:.0f} ->"
-        f" {after:.0f} (with all {every:.0f}), {without:.0f} without the implant"
-    )
+def half_cells(of: list[Record]) -> list[object]:
+    """How much of the second half's gap goes with what was found on the first."""
+    found = [r for r in of if r["found"]]
+    nats = [
+        sum(r[f"second_{when}"] for r in found)
+        for when in ("before", "after", "with_all", "without")
+    ]
+    return [
+        len(found),
+        sum(bool(r["kept_out"]) for r in found),
+        sum(r["second_after"] < r["second_before"] for r in found),
+        sum(r["second_after"] > r["second_before"] + 1.0 for r in found),
+        sum(r["second_with_all"] > r["second_before"] + 1.0 for r in found),
+        *(f"{n:.0f}" for n in nats),
+    ]
 
 
-def _line(name: str, rows: list[dict]) -> str:
-    counts = {
-        key: sum(r[key] for r in rows)
-        for key in (
-            "seen",
-            "place",
-            "right",
-            "in_set",
-            "wrong_confident",
-            "placebo",
-            "placebo_named",
-            "placebo_alone",
-        )
-    }
-    said = ", ".join(f"{key.replace('_', ' ')} {n}" for key, n in counts.items())
-    return f"{name}, of {len(rows)}: {said}"
+def one(data: str, name: str, kind: str, number: int, halves: bool) -> Record:
+    """One implant in one log; `left_out` where it does not rest, with or without it."""
+    log = prepared(data, name, kind)
+    if log is None:
+        return {"left_out": True}
+    record = sealed(log, number) if halves else implanted(log, number)
+    if not record["reached"]:
+        return {"left_out": True}
+    return {**record, "as_it_is": list(log.causes)}
 
 
-if __name__ == "__main__":
-    main()
+def run(
+    work: Work,
+    *,
+    data: Path = ROOT.parent / "shared" / "data",
+    each: int = 40,
+    first: int = 0,
+    placebos: tuple[str, ...] = KINDS,
+    logs: tuple[str, ...] = LOGS,
+    halves: bool = False,
+) -> str:
+    """each: implants a log and placebo; halves: found on one half, judged by the other."""
+    numbers = range(first, first + each)
+    asked = [(str(data), n, k, i, halves) for i in numbers for n in logs for k in placebos]
+    rows = [r for r in work.each(one, asked) if "left_out" not in r]
+    groups = {"all": rows}
+    for key, values in (("sigma", SIZES), ("log", LOGS), ("with", KINDS), ("form", tuple(FORMS))):
+        groups |= {f"{value}": [r for r in rows if r[key] == value] for value in values}
+    cells, titles = (half_cells, OF_HALVES) if halves else (implant_cells, SAID.values())
+    lines = [[name, len(of), *cells(of)] for name, of in groups.items() if of]
+    return table(("", "implants", *titles), lines)

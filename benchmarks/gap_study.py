@@ -1,127 +1,306 @@
-"""Seeded blind trials of `recal diagnose`: issue 4, "Figures to reach"::
-
-    python -m benchmarks.gap_study --out TRIALS.jsonl [--cells 12 none ...] [--seeds 0:20]
-        [--jobs 1] [--until 16:30]
-    python -m benchmarks.gap_study --out TRIALS.jsonl --draw docs [--commit HASH ...] [--speed FILE]
-
-appends a record for each trial as it is done: what was interrupted goes on. --draw writes
-gap_study.md, .json and .svg; records of other commits than those asked for only enter the table of
-earlier ones.
+"""Blind trials of `recal diagnose`: drawn, brought to their size, diagnosed without their truth,
+and scored by the questions of issue 4.
 """
 
-import argparse
-import json
-import subprocess
-import traceback
+import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from datetime import UTC, datetime
-from multiprocessing import get_context
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
 
-from benchmarks import gap_study_document
-from benchmarks.gap_study_summary import by_commit, miss_line, misses, summarise
-from benchmarks.gap_study_trial import CELLS, record_of
+import numpy as np
 
+from benchmarks import gap_scores as scores
+from benchmarks.gap_oracle import oracle_of
+from benchmarks.gap_shrink import true_shrink
+from benchmarks.gap_size import scaled, views_of
+from benchmarks.gap_trials.other_forms import OTHER_FORMS
+from benchmarks.gap_trials.trial import Planted, Trial, draw_noise_trial, draw_trial
+from benchmarks.study import Record, Work, share, table
+from infield.table.file import table_from_dict
+from simreal.effects.catalogue import catalogue
+from simreal.evidence.whitened import CHANNELS, Evidence
+from simreal.inference.causes import Cause
+from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, DiagnosisSettings, diagnose
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    options = _options(arguments)
-    if options.draw or options.misses:
-        records = read(options.out)
-        chosen = [r for r in records if not options.commit or r["commit"] in options.commit]
-        if options.misses:
-            print("\n".join(miss_line(r) for r in chosen if misses(r)))
-        if options.draw:
-            earlier = by_commit([r for r in records if r not in chosen])
-            speed = options.speed.read_text(encoding="utf-8") if options.speed else ""
-            gap_study_document.write(
-                {**summarise(chosen), "earlier": earlier, "speed": speed}, options.draw
-            )
-        return
-    done = {(r["cell"], r["seed"]) for r in read(options.out)}
-    low, high = (int(v) for v in options.seeds.split(":"))
-    tasks = [
-        (cell, seed)
-        for seed in range(low, high)
-        for cell in options.cells
-        if (cell, seed) not in done
-    ]
-    work(tasks, options.out, jobs=options.jobs, until=options.until)
+# effects that show on odometer, side slip and GNSS: free functions of the motion compete with them
+MOTION = (
+    "odometer_scale",
+    "odometer_time_offset",
+    "wheel_slip",
+    "odometer_boresight",
+    "lever_arm",
+    "side_slip",
+    "gnss_lever_arm_or_latency",
+)
+FORMS = tuple(effect.name for effect in OTHER_FORMS)
+REACHED = 0.25  # a trial whose size is further off the wanted one is not diagnosed
+MOST_PLACES = 3
 
 
-def work(tasks: Sequence[tuple[str, int]], out: Path, *, jobs: int, until: str) -> None:
-    """Does the tasks, appending to `out`; hands out no more work after `until` (UTC, HH:MM)."""
-    commit = _commit()
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with (
-        ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool,
-        out.open("a", encoding="utf-8") as file,
-    ):
-        running = [pool.submit(one, *task, commit, until) for task in tasks]
-        for future in as_completed(running):
-            record = future.result()
-            if record is not None:
-                file.write(json.dumps(record) + "\n")
-                file.flush()
+@dataclass(frozen=True, kw_only=True)
+class StudyCell:
+    """A kind of trial. title: what the page calls it; wanted: size in sigmas, 0 where there is none
+    to set; without: the true effect is not in the catalogue; names: the effects it is drawn from,
+    None for all.
 
-
-def one(cell: str, seed: int, commit: str, until: str) -> dict[str, Any] | None:
-    """A record; where the program fails, a record of the failure. None when it is too late to
-    begin.
+    first_seed: added to the study's seeds, so that no two cells share a trial.
     """
-    if until and datetime.now(UTC).strftime("%H:%M") >= until:
+
+    title: str
+    first_seed: int
+    wanted: float = 0.0
+    effects: int = 1
+    plan: str = "four"
+    source: str = "trajectories"
+    noise_off: float = 0.0
+    without: bool = False
+    alpha: float = DEFAULT_ALPHA
+    names: tuple[str, ...] | None = None
+
+
+CELLS = {
+    "12": StudyCell(title="one effect, 12 sigma", first_seed=0, wanted=12.0),
+    "none": StudyCell(title="no effect", first_seed=100_000, effects=0),
+    "8": StudyCell(title="one effect, 8 sigma", first_seed=200_000, wanted=8.0),
+    "without": StudyCell(
+        title="true effect not in the catalogue", first_seed=300_000, wanted=12.0, without=True
+    ),
+    "cold": StudyCell(
+        title="one cold hour, 12 sigma", first_seed=400_000, wanted=12.0, plan="one_cold"
+    ),
+    "two": StudyCell(
+        title="two effects, 12 sigma each", first_seed=500_000, wanted=12.0, effects=2
+    ),
+    "noise": StudyCell(title="declared noise 5 % off", first_seed=600_000, noise_off=0.05),
+    "5": StudyCell(title="one effect, 5 sigma", first_seed=700_000, wanted=5.0),
+    "pyins": StudyCell(
+        title="pyins source, 12 sigma", first_seed=800_000, wanted=12.0, source="pyins"
+    ),
+    "20": StudyCell(title="one effect, 20 sigma", first_seed=900_000, wanted=20.0),
+    "none5": StudyCell(title="no effect, --alpha 0.05", first_seed=100_000, effects=0, alpha=0.05),
+    "pyins_none": StudyCell(
+        title="pyins source, no effect", first_seed=800_000, effects=0, source="pyins"
+    ),
+    "forms": StudyCell(
+        title="physics in another form, 12 sigma", first_seed=1_200_000, wanted=12.0, names=FORMS
+    ),
+    "motion": StudyCell(
+        title="one effect on odometer, vehicle or GNSS, 12 sigma",
+        first_seed=1_000_000,
+        wanted=12.0,
+        names=MOTION,
+    ),
+    "motion_without": StudyCell(
+        title="the same, the true effect not in the catalogue",
+        first_seed=1_000_000,
+        wanted=12.0,
+        without=True,
+        names=MOTION,
+    ),
+}
+
+
+def record_of(name: str, seed: int) -> Record:
+    """The record of one trial; `skipped` says why where its size was out of reach."""
+    cell = CELLS[name]
+    trial, reached = _drawn(cell, cell.first_seed + seed)
+    record: Record = {
+        "cell": name,
+        "seed": seed,
+        "wanted": cell.wanted,
+        "reached": [round(r, 3) for r in reached],
+        "alpha": cell.alpha,
+        "planted": [_planted(p) for p in trial.truth],
+    }
+    if cell.wanted and any(abs(r / cell.wanted - 1.0) > REACHED for r in reached):
+        return {**record, "skipped": "size out of reach"}
+    table = table_from_dict(trial.table, name="trial")
+    names = {n for p in trial.truth for n in (p.effect, *p.answers)}
+    effects = tuple(e for e in catalogue() if e.name not in names) if cell.without else None
+    start, wall = time.process_time(), time.perf_counter()
+    settings = DiagnosisSettings(alpha=cell.alpha, seed=seed, effects=effects)
+    found = diagnose(trial.runs, trial.twin, table, settings)
+    spent = {
+        "cpu_s": round(time.process_time() - start, 2),
+        "wall_s": round(time.perf_counter() - wall, 2),
+    }
+    answers = {**record, **spent, **said(found), **_against_truth(trial, found)}
+    if cell.wanted and effects is None and len(reached) == 1:
+        answers["oracle"] = oracle_of(trial, reached[0], found.attribution, alpha=cell.alpha)
+    return answers
+
+
+def said(found: Diagnosis) -> Record:
+    """What a diagnosis says."""
+    return {
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "p_value": found.p_value,
+        "p_left": found.p_value_after,
+        "looks_like": found.looks_like,
+        "where": [[p.channel, round(p.share, 4)] for p in found.where[:MOST_PLACES]],
+        "causes": [_cause(c) for c in found.causes],
+    }
+
+
+def _planted(p: Planted) -> Record:
+    return {
+        "effect": p.effect,
+        "target": p.target,
+        "size": p.size,
+        "answers": list(p.answers),
+        "targets": list(p.targets),
+        "confounded": list(p.confounded),
+        "parameters": p.parameters,
+    }
+
+
+def _cause(c: Cause) -> Record:
+    rivals = [[r.effect, r.target, round(r.probability, 5)] for r in c.rivals]
+    shrink = None if c.shrink is None else [c.shrink.fraction, *c.shrink.interval_95, c.shrink.size]
+    return {
+        "effect": c.effect,
+        "target": c.target,
+        "probability": round(c.probability, 6),
+        "named": c.named,
+        "class": c.class_,
+        "run_id": c.run_id,
+        "size": round(c.size, 3),
+        "rivals": rivals,
+        "shrink": shrink,
+        "held_out": None if c.shrink is None else c.shrink.how,
+    }
+
+
+def _drawn(cell: StudyCell, seed: int) -> tuple[Trial, list[float]]:
+    """The trial, each of its effects at the wanted size by itself, and the sizes reached."""
+    if cell.noise_off:
+        return draw_noise_trial(seed, plan=cell.plan, off=cell.noise_off, source=cell.source), []
+    trial = draw_trial(
+        seed, plan=cell.plan, effects=cell.effects, names=cell.names, source=cell.source
+    )
+    alone = [scaled(replace(trial, truth=(p,)), cell.wanted) for p in trial.truth]
+    if len(alone) == 1:
+        return alone[0][0], [alone[0][1]]
+    return trial.with_sizes([t.truth[0].size for t, _ in alone]), [reached for _, reached in alone]
+
+
+def _against_truth(trial: Trial, found: Diagnosis) -> Record:
+    """Shares of the planted effect's whitened energy by channel, and the true shrink of each cause
+    (None: not defined).
+    """
+    if not trial.truth:
+        return {}
+    evidence = found.attribution.evidence
+    without = Evidence(views_of(trial, trial.runs_without), trial.twin, evidence.extra)
+    if without.size != evidence.size:
+        return {"energy": {}, "true_shrink": []}
+    s = evidence.z - without.z
+    return {
+        "energy": energy_by_channel(evidence.rows.channel, s),
+        "true_shrink": true_shrink(found, s),
+    }
+
+
+def energy_by_channel(channel: Sequence[int], s: Sequence[float]) -> dict[str, float]:
+    """Share of |s|^2 by channel name, largest first, above 1 %."""
+    total = np.bincount(np.asarray(channel), np.square(s), minlength=len(CHANNELS))
+    share = total / max(float(total.sum()), 1e-300)
+    return {CHANNELS[k]: round(float(share[k]), 4) for k in np.argsort(-share) if share[k] > 0.01}
+
+
+def run(
+    work: Work, *, seeds: int = 20, first: int = 0, cells: tuple[str, ...] = tuple(CELLS)
+) -> str:
+    asked = [(cell, seed) for seed in range(first, first + seeds) for cell in cells]
+    records = work.each(record_of, asked)
+    whole = [r for r in records if "verdict" in r]
+    counts = [(CELLS[cell].title, *_counts(cell, records)) for cell in cells]
+    bins = [_bin(b) for b in scores.calibration(whole)]
+    cpu_s = [r["cpu_s"] for r in whole]
+    head = ("reported probability", "answers", "mean reported", "share right (95 %)", "difference")
+    parts = [
+        "## All answers\n",
+        table(ANSWERS, [row for q in scores.QUESTIONS if (row := _answer(q, whole))]),
+        "## Trials\n",
+        table(("trials", "diagnosed", "size out of reach"), counts),
+        "## Calibration\n",
+        table(head, bins),
+        "CPU time of a diagnosis: median"
+        f" {np.median(cpu_s):.1f} s, at most {np.max(cpu_s):.1f} s.\n"
+        if cpu_s
+        else "",
+        "## Trials that miss\n",
+        "".join(f"- {miss_line(r)}\n" for r in whole if misses(r)) or "None.\n",
+    ]
+    return "\n".join(parts)
+
+
+ANSWERS = ("trials", "question", "share (95 %)", "oracle; diagnosis on the same", "goal", "")
+
+
+def _answer(question: scores.Question, records: Sequence[Record]) -> tuple[str, ...] | None:
+    """A row of the page; None where no record has an answer."""
+    found = scores.answer(question, records)
+    if found is None:
         return None
-    try:
-        return record_of(cell, seed, commit=commit)
-    except Exception as error:
-        where = traceback.format_exc().strip().splitlines()[-4:]
-        return {
-            "cell": cell,
-            "seed": seed,
-            "commit": commit,
-            "failed": f"{type(error).__name__}: {error}",
-            "at": where,
-        }
+    oracle = "{}; {} of {}".format(*found["oracle"]) if found["oracle"] else ""
+    goal, status = "-", ""
+    if question.goal is not None:
+        goal = f"{'at most' if question.at_most else 'at least'} {100 * question.goal:.0f} %"
+        status = STATUS[found["met"], found["shown"]]
+    said = share(found["k"], found["n"])
+    return CELLS[question.cell].title, question.words, said, oracle, goal, status
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """Records kept so far; a last line that was cut off is left out."""
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-    return [json.loads(line) for line in lines if line.endswith("\n")]
+# met, and whether the whole interval lies on one side of the goal
+STATUS = {
+    (True, True): "met",
+    (True, False): "open",
+    (False, True): "**missed**",
+    (False, False): "**open, wrong side**",
+}
 
 
-def _commit() -> str:
-    root = Path(__file__).parent
-    asked = subprocess.run(
-        ["git", "-C", str(root), "rev-parse", "--short", "HEAD"], capture_output=True, text=True
+def _counts(cell: str, records: Sequence[Record]) -> tuple[int, int]:
+    own = [r for r in records if r["cell"] == cell]
+    skipped = sum("skipped" in r for r in own)
+    return len(own) - skipped, skipped
+
+
+def _bin(b: Record) -> tuple[str, ...]:
+    right, (low, high) = b["right"] / b["claims"], b["interval_95"]
+    return (
+        f"{b['low']:g} to {b['high']:g}",
+        f"{b['claims']}",
+        f"{b['claimed']:.3f}",
+        f"{right:.3f} ({low:.2f} to {high:.2f})",
+        f"{right - b['claimed']:+.3f}",
     )
-    return asked.stdout.strip() or "unknown"
 
 
-def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_study", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="records, one JSON object a line")
-    parser.add_argument("--cells", nargs="+", choices=list(CELLS), default=list(CELLS))
-    parser.add_argument("--seeds", default="0:20", help="A:B, B not included")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--until", default="", help="UTC, HH:MM: begin no trial later")
-    parser.add_argument(
-        "--draw",
-        type=Path,
-        help="write the page of these records into this folder, and do no trial",
+def misses(record: Record) -> bool:
+    """Whether the trial is not as it should be (what to look into)."""
+    cell = record["cell"]
+    if not record["planted"]:
+        return scores.alarm(record)
+    if cell == "noise":
+        return not scores.as_noise(record)
+    if cell == "without":
+        return scores.named_falsely(record) or not scores.where_right(record)
+    right = scores.on_top(record)
+    if cell in ("cold", "5"):
+        lost = not right and not scores.set_or_unresolved(record)
+        return lost or scores.wrong_and_confident(record)
+    elsewhere = len(record["planted"]) == 1 and not scores.where_right(record)
+    return not right or scores.covered(record) is False or elsewhere
+
+
+def miss_line(record: Record) -> str:
+    """One line: cell and seed, what was planted, what was said and where."""
+    planted = " + ".join(f"{p['effect']}/{p['target']}" for p in record["planted"]) or "nothing"
+    causes = [f"{c['effect']}/{c['target']} {c['probability']:.2f}" for c in record["causes"]]
+    where = ", ".join(f"{c} {s:.2f}" for c, s in record["where"][:2])
+    return (
+        f"{record['cell']}:{record['seed']} planted {planted} -> {record['verdict']}:"
+        f" {'; '.join(causes) or 'no cause'}; where {where}; p {record['p_value']:.2g}"
     )
-    parser.add_argument(
-        "--misses",
-        action="store_true",
-        help="print the trials that are not as they should be, and do none",
-    )
-    parser.add_argument("--commit", nargs="+", help="the page is of these commits")
-    parser.add_argument(
-        "--speed", type=Path, help="what benchmarks.gap_speed printed, for the page"
-    )
-    return parser.parse_args(arguments)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,30 +1,23 @@
-"""R21: gyro misalignment from four azimuths over seeded simulations, and the drawing in
-docs/misalignment.svg.
-
-    python -m benchmarks.misalignment_rates [--seeds 200] [--runs 40]
-        [--drawing docs/misalignment.svg]
-
-prints Markdown. `--seeds`: tables of biases, no time at all; `--runs`: whole runs, about 1 s of CPU
-each, 0: none.
+"""R21: gyro misalignment from four azimuths over seeded simulations (at 39.9 deg; chi-square of the
+redundancy should be 1).
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.study import Work, table
 from infield.misalignment.closed_forms import document_angles
 from infield.misalignment.couplings import measure_misalignment
 from infield.misalignment.harmonic_fit import level_rate_deg_h, north_to_west_rad
-from infield.reports.figures import BLACK, BLUE, VERMILLION
 from ins.units import ARCSEC, DEG
+from tests.scenarios.azimuth_study import study
 
 RATE = level_rate_deg_h(39.9 * DEG)
 NOISE_DEG_H, INJECTED_RAD = 0.001, 60.0 * ARCSEC
 FOUR_RAD = np.array([0.0, 90.0, 180.0, 270.0]) * DEG
 ENTRIES = ("xy", "yx", "zx", "zy")
+HEAD = ("case", "seeds", "mean squared normalised error", "chi-square / dof", "arcsec")
+Row = tuple[str, ...]
 
 
 def biases(heading_rad: NDArray, entries_rad: NDArray) -> NDArray:
@@ -54,100 +47,37 @@ def table_errors(seed: int, off_deg: float) -> tuple[NDArray, float, NDArray]:
     return z, result.fit.chi2, errors / ARCSEC
 
 
-def of_tables(seeds: int) -> tuple[list[str], NDArray]:
-    """Markdown rows of both cases, and the normalised errors of the second."""
-    rows = []
-    for off in (0.0, 2.0):
-        seen = [table_errors(seed, off) for seed in range(seeds)]
-        z, errors = np.array([s[0] for s in seen]), np.array([s[2] for s in seen])
-        rms = np.sqrt(np.nanmean(errors**2, axis=0))
-        errors_told = (
-            f"RMS error of zx {rms[0]:.1f}; of (29) corrected {rms[1]:.1f}, as printed {rms[2]:.0f}"
-        )
-        rows.append(
-            f"| table, azimuths off by up to {off:g} deg | {seeds} | {np.mean(z**2):.3f} | "
-            f"{np.mean([s[1] for s in seen]) / 3:.3f} | {errors_told} |"
-        )
-    return rows, z
-
-
-def of_runs(count: int) -> list[str]:
-    """Markdown rows of whole runs."""
-    from tests.scenarios.azimuth_study import study
-
-    rows = []
-    for power_ons, given in ((1, False), (1, True), (4, True)):
-        found = [study(seed, power_ons=power_ons, given=given) for seed in range(count)]
-        names = ("xy", "yx", "zx", "zy") if given else ("zx", "zy", "xy+yx")
-        z = [f.z[name] for f in found for name in names]
-        sigma = ", ".join(
-            f"{name} {np.mean([f.sigma_mrad[name] for f in found]) * 206.265:.0f}" for name in names
-        )
-        rows.append(
-            f"| runs, {power_ons} power-on(s), azimuths {'given' if given else 'found'} | {count} |"
-            f" {np.mean(np.square(z)):.3f} | {np.mean([f.chi2 / f.dof for f in found]):.3f} | sigma"
-            f" {sigma} |"
-        )
-    return rows
-
-
-def drawing(z: NDArray) -> Figure:
-    """One case with its curve, and the normalised errors of all against the normal curve."""
-    figure = Figure(figsize=(10.0, 3.0), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    rng = np.random.default_rng(7)
-    H = np.linspace(0.0, 360.0, 181)
-    entries = np.array([0.3, -0.2, 0.5, -0.1]) * 1e-3
-    k = biases(FOUR_RAD, entries) + NOISE_DEG_H * rng.standard_normal((4, 3))
-    fit = measure_misalignment(FOUR_RAD, k, NOISE_DEG_H**2 * np.eye(12), level_rate_deg_h=RATE).fit
-    assert fit is not None
-    bias, a, b = fit.parameters[2]
-    left.plot(
-        H, bias + RATE * (a * np.cos(H * DEG) + b * np.sin(H * DEG)), color=BLACK, label="fit"
+def of_tables(seeds: int, off_deg: float) -> Row:
+    """Of tables of biases."""
+    seen = [table_errors(seed, off_deg) for seed in range(seeds)]
+    z, errors = np.array([s[0] for s in seen]), np.array([s[2] for s in seen])
+    rms = np.sqrt(np.nanmean(errors**2, axis=0))
+    return (
+        f"table, azimuths off by up to {off_deg:g} deg",
+        f"{seeds}",
+        f"{np.mean(z**2):.3f}",
+        f"{np.mean([s[1] for s in seen]) / 3:.3f}",
+        f"RMS error of zx {rms[0]:.1f}; of (29) corrected {rms[1]:.1f}, as printed {rms[2]:.0f}",
     )
-    left.errorbar(
-        FOUR_RAD / DEG,
-        k[:, 2],
-        yerr=NOISE_DEG_H,
-        fmt="o",
-        color=VERMILLION,
-        label="gyro z as measured",
-    )
-    left.errorbar(
-        FOUR_RAD / DEG,
-        fit.compensated_deg_h()[:, 2],
-        yerr=NOISE_DEG_H,
-        fmt="s",
-        color=BLUE,
-        label="compensated",
-    )
-    left.legend()
-    left.set(
-        title="zx 0.5 mrad, zy -0.1 mrad at 39.9 deg", xlabel="heading, deg", ylabel="bias, deg/h"
-    )
-    edges = np.linspace(-4.0, 4.0, 33)
-    right.hist(z.ravel(), bins=edges, density=True, color=BLUE, alpha=0.5)
-    right.plot(edges, np.exp(-(edges**2) / 2) / np.sqrt(2 * np.pi), color=BLACK)
-    right.set(title=f"{z.size} couplings of 60 arcsec", xlabel="error / sigma", ylabel="density")
-    return figure
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=200)
-    parser.add_argument("--runs", type=int, default=40)
-    parser.add_argument("--drawing", type=Path, default=None)
-    given = parser.parse_args()
-    rows, z = of_tables(given.seeds)
-    rows += of_runs(given.runs) if given.runs else []
-    print(
-        "| case | seeds | mean squared normalised error | chi-square / dof | arcsec |\n| --- | ---"
-        " | --- | --- | --- |"
+def of_runs(power_ons: int, given: bool, count: int) -> Row:
+    """Of whole runs."""
+    found = [study(seed, power_ons=power_ons, given=given) for seed in range(count)]
+    names = ENTRIES if given else ("zx", "zy", "xy+yx")
+    z = [f.z[name] for f in found for name in names]
+    sigmas = {name: np.mean([f.sigma_mrad[name] for f in found]) * 206.265 for name in names}
+    return (
+        f"runs, {power_ons} power-on(s), azimuths {'given' if given else 'found'}",
+        f"{count}",
+        f"{np.mean(np.square(z)):.3f}",
+        f"{np.mean([f.chi2 / f.dof for f in found]):.3f}",
+        "sigma " + ", ".join(f"{name} {sigma:.0f}" for name, sigma in sigmas.items()),
     )
-    print("\n".join(rows))
-    if given.drawing:
-        drawing(z).savefig(given.drawing, metadata={"Date": None})
 
 
-if __name__ == "__main__":
-    main()
+def run(work: Work, *, seeds: int = 200, runs: int = 40) -> str:
+    """seeds: tables of biases, no time at all; runs: whole runs, about 1 s of CPU each."""
+    tables = [of_tables(seeds, off) for off in (0.0, 2.0)]
+    power_ons = [(ons, given, runs) for ons, given in ((1, False), (1, True), (4, True)) if runs]
+    return table(HEAD, [*tables, *work.each(of_runs, power_ons)])

@@ -1,18 +1,13 @@
 """What every part of the product says of when a vehicle stands and moves, frozen on named runs.
 
-    python -m benchmarks.motion_answers --write | --compare [--only NAME ...] [--quick]
-
-`--write` asks every caller below of every run and writes tests/motion/answers.json; `--compare`
-asks again and prints what differs from it. Times are seconds of the run, rounded to 0.01. Numbers
+Every caller below is asked of every run, and what differs from tests/motion/answers.json is told;
+`--freeze` writes that file anew. Times are seconds of the run, rounded to 0.01. Numbers
 within words become "#". CALLERS is the one place to change where an entry point moves.
 """
 
-import argparse
 import json
 import re
 import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +20,7 @@ from alignment.motion import imu_faults, inertial, kinds, parked_seconds, stilln
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.speeds import watched_seconds
 from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
+from benchmarks.study import Work
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
 from infield.reports.words.sentences import sentence, sentences
@@ -375,45 +371,26 @@ def commit() -> str:
     return said.stdout.strip()
 
 
-def chosen(only: list[str], quick: bool) -> list[Named]:
-    """The runs asked for."""
-    named = [*SIMULATED, *RECORDED]
-    if only:
-        named = [n for n in named if n.name in only]
-    return [n for n in named if n.quick or not quick]
-
-
-def main() -> int:
-    """0: written, or nothing differs; 1: the differences are printed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    task = parser.add_mutually_exclusive_group(required=True)
-    task.add_argument("--write", action="store_true", help="freeze the answers of today")
-    task.add_argument("--compare", action="store_true", help="print what differs from them")
-    parser.add_argument("--only", nargs="*", default=[], help="names of runs")
-    parser.add_argument("--quick", action="store_true", help="the runs of the normal suite")
-    given = parser.parse_args()
+def run(
+    work: Work, *, freeze: bool = False, only: tuple[str, ...] = (), quick: bool = False
+) -> str:
+    """freeze: the answers of today, else what differs from the frozen ones is printed; only: names
+    of runs; quick: the runs of the normal suite.
+    """
     frozen = read_answers()["runs"] if ANSWERS.exists() else {}
-    runs: dict[str, dict[str, Any]] = dict(frozen) if given.only else {}
-    differs = 0
-    for named in chosen(given.only, given.quick):
-        if why := missing(named):
-            print(f"{named.name}: skipped, {why}")
-            if named.name in frozen:
-                runs[named.name] = frozen[named.name]
+    runs: dict[str, dict[str, Any]] = dict(frozen) if only else {}
+    lines = []
+    for named in (*SIMULATED, *RECORDED):
+        if (only and named.name not in only) or (quick and not named.quick):
             continue
-        begun = time.process_time()
+        if why := missing(named):
+            lines.append(f"{named.name}: skipped, {why}")
+            runs |= {name: answers for name, answers in frozen.items() if name == named.name}
+            continue
         runs[named.name] = answers_of(named.make())
-        lines = list(differences(frozen.get(named.name), runs[named.name])) if given.compare else []
-        differs += len(lines)
-        print(f"{named.name}: {time.process_time() - begun:.1f} s CPU, {len(lines)} differences")
-        print(*(f"  {line}" for line in lines), sep="\n", end="\n" if lines else "", flush=True)
-    if given.write:
+        differs = list(differences(frozen.get(named.name), runs[named.name]))
+        lines += [f"{named.name}: {len(differs)} differences", *(f"  {d}" for d in differs)]
+        work.failed += [] if freeze else [f"{named.name} differs"] * bool(differs)
+    if freeze:
         write_answers(runs)
-    print(f"{time.process_time():.0f} s CPU, {differs} differences")
-    return int(differs > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return "\n".join(lines)

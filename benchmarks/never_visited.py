@@ -1,11 +1,6 @@
 """The least that any estimator can know of a gyro where no session ever came, apart from the filter
 and from the tables' own algebra.
 
-    python -m benchmarks.never_visited limits 100 116 > limits.jsonl   units 100 to 115, a line each
-    python -m benchmarks.never_visited drawn 100 104 > drawn.jsonl     the same learnt from draws
-    python -m benchmarks.never_visited hours 100 116 > hours.jsonl     a held-out hour at the limit
-    python -m benchmarks.never_visited summary limits.jsonl drawn.jsonl hours.jsonl
-
 A unit ages by a curve c(T) of a known Gaussian law: a shift of 0.006 deg/h on all temperatures and
 a smooth shape of 0.004 deg/h over 30 degC. Session k shows c at the temperatures of its gyros plus
 what this power-on departs by (turn-on, flicker, random walk of the rate) plus white noise. All of
@@ -17,46 +12,23 @@ estimators in mean square, and its variance the limit:
 with S the temperatures of all bins of all sessions and D, one block a session, the covariance of a
 session's departures. `limits`: D is that of departures drawn from the simulator. `drawn`: nothing
 of this formula is used; units and sessions are drawn from the simulator, and the best linear
-estimator is learnt by least squares from two thirds of them and scored on the others. `hours`: the
-held-out hour of `benchmarks.flight_units` with tables whose errors are drawn from the limit.
+estimator is learnt by least squares from two thirds of them and scored on the others.
 """
 
-import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from benchmarks import free_inertial
-from benchmarks.flight_units import (
-    AMBIENT_DEGC,
-    COMMON_DEG_H,
-    FLOWN_S,
-    GRID_DEGC,
-    HEADINGS_DEG,
-    LATITUDES_DEG,
-    LENGTH_DEGC,
-    NEAR_DEGC,
-    SESSIONS,
-    SHAPE_DEG_H,
-    TECHNOLOGY,
-    WARMS_DEGC,
-    Flown,
-    drawn_unit,
-)
 from benchmarks.flight_update import NODES_DEGC, THERMAL
-from infield.table.file import table_from_dict
-from ins.records import AXES
+from benchmarks.study import Work, table
 from ins.twin_file import default_twin
 from ins.units import HOUR
 from trajectories.simulator.imperfections import gyro_session_bias
-from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import ThermalHistory
 from trajectories.simulator.unit_truth import aged_unit
 
@@ -66,8 +38,16 @@ DEPARTURES = 3000  # draws of three gyros: variances known to 1.5 %
 UNITS = 6000  # draws of three gyros for 165 bins: least squares learns 1.4 % of a variance too much
 LEARNT = 2.0 / 3.0
 EXACT_DEG_H = 1e-6  # of a curve that is known
+SESSIONS = 5
+TECHNOLOGY = "rlg"
+AMBIENT_DEGC = (-5.0, 20.0)
+WARMS_DEGC = 22.0  # above ambient once the unit is warm
+NEAR_DEGC = 2.0  # of a temperature that was visited
+FLOWN_S = 9900.0  # about, of a session with a flight
+GRID_DEGC = np.arange(NODES_DEGC[0], NODES_DEGC[-1] + 0.5)
+# as trajectories.simulator.unit_truth draws ageing
+COMMON_DEG_H, SHAPE_DEG_H, LENGTH_DEGC = 0.006, 0.004, 30.0
 MORE_SESSIONS = (5, 10, 20, 40, 80)
-DRAWS = 4  # tables a unit of the held-out hour
 
 Line = Mapping[str, Any]
 
@@ -179,100 +159,16 @@ def learnt(seed: int) -> Line:
     }
 
 
-def hour(seed: int) -> Line:
-    """Position errors at the end of the held-out hour [m] with tables that are off by what the
-    limit leaves, with the factory's and with a perfect one.
-    """
-    unit, rng = drawn_unit(seed), np.random.default_rng([22, seed])
-    k = int(rng.integers(len(HEADINGS_DEG)))
-    sensors = free_inertial.ideal("flight", LATITUDES_DEG[k], HEADINGS_DEG[k])
-    flown = replace(
-        thermal(float(rng.uniform(*AMBIENT_DEGC))),
-        flight_start_s=HOUR + 600.0,
-        flight_end_s=2.0 * HOUR,
-    )
-    plan = SessionPlan(run_id=f"hour-{seed}")
-    simulated = simulate_run(sensors, flown, unit.truth, unit.twin, rng=rng, plan=plan)
-    P = limit(seed, SESSIONS)
-    value, vector = np.linalg.eigh(P)
-    root = vector * np.sqrt(np.maximum(value, 0.0))
-    factory = table_from_dict(unit.truth.factory_table(NODES_DEGC), name="factory table")
-
-    def of_factory(axis: int, degC: NDArray) -> NDArray:
-        return np.asarray(factory.bias_deg_h(axis, degC))
-
-    def off_by(errors: NDArray) -> Callable[[int, NDArray], NDArray]:
-        def bias(axis: int, degC: NDArray) -> NDArray:
-            true = unit.truth.bias_deg_h(AXES[axis], degC)
-            return np.asarray(true + np.interp(degC, GRID_DEGC, errors[axis]))
-
-        return bias
-
-    biases: dict[str, Callable[[int, NDArray], NDArray]] = {
-        "before": of_factory,
-        "perfect": off_by(np.zeros((3, GRID_DEGC.size))),
+def run(work: Work, *, first: int = 100, units: int = 16, drawn: int = 3) -> str:
+    """units: of which the limits are worked; drawn: of which they are learnt from draws too."""
+    found = work.each(limits, [(seed,) for seed in range(first, first + units)])
+    names = found[0]["never"]
+    squares = {
+        name: [np.mean([line[span][name] for line in found]) for span in ("never", "cold")]
+        for name in names
     }
-    for draw in range(DRAWS):
-        errors = np.random.default_rng([25, seed, draw]).standard_normal((3, GRID_DEGC.size))
-        biases[f"limit {draw}"] = off_by(errors @ root.T)
-    sigma = {"before": np.full(GRID_DEGC.size, unit.truth.sigma_deg_h)}
-    at_limit, exact = np.sqrt(np.diag(P)), np.full(GRID_DEGC.size, 1e-4)
-    ends = {}
-    for name, bias in biases.items():
-        believed = unit.truth.factory_table(GRID_DEGC)
-        told = sigma.get(name, exact if name == "perfect" else at_limit)
-        for axis in AXES:
-            believed["axes"][axis]["sigma_deg_h"] = told.tolist()
-        table = Flown(bias, table_from_dict(believed, name="believed"))
-        end = free_inertial.fly_with(table, simulated, default_twin(TECHNOLOGY))
-        ends[name] = [end.north_m, end.east_m]
-    return {"seed": seed, "end_m": ends}
-
-
-def summary(lines: Sequence[Line]) -> None:
-    """Print what the lines say together."""
-    of_limits = [line for line in lines if "never" in line]
-    for span in ("never", "cold") if of_limits else ():
-        for name in of_limits[0][span]:
-            rms = np.sqrt(np.mean([line[span][name] for line in of_limits]))
-            print(f"{span}, {name}: {rms:.5f} deg/h ({len(of_limits)} units)")
-    for line in lines:
-        if "drawn" in line:
-            drawn, formula = np.sqrt([line["drawn"], line["formula"]])
-            print(
-                f"unit {line['seed']}: learnt from draws {drawn:.5f}, formula {formula:.5f} deg/h"
-            )
-    hours = [line["end_m"] for line in lines if "end_m" in line]
-    if hours:
-        whole = [h for h in hours if np.isfinite([*h.values()]).all()]
-        square = {
-            name: float(np.mean([np.sum(np.square(h[name])) for h in whole])) for name in whole[0]
-        }
-        added = {name: _added(whole, name) for name in square if name != "perfect"}
-        at_limit = np.mean([value for name, value in added.items() if name.startswith("limit")])
-        perfect, limit_m, before = np.sqrt([square["perfect"], at_limit, added["before"]])
-        share = perfect / np.hypot(perfect, limit_m)
-        print(f"{len(whole)} hours: perfect {perfect:.0f} m, limit adds {limit_m:.0f} m,", end=" ")
-        print(f"factory {before:.0f} m: old over limit {100.0 * share:.1f} % of old over perfect")
-
-
-def _added(hours: Sequence[Mapping[str, Sequence[float]]], name: str) -> float:
-    """Mean square distance from where a perfect table comes to with the same noise [m^2]."""
-    apart = [np.subtract(hour[name], hour["perfect"]) for hour in hours]
-    return float(np.mean(np.sum(np.square(apart), axis=1)))
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run what the head of this module shows."""
-    kind, rest = arguments[0], arguments[1:]
-    if kind == "summary":
-        return summary(
-            [json.loads(s) for name in rest for s in Path(name).read_text().splitlines()]
-        )
-    of_unit = {"limits": limits, "drawn": learnt, "hours": hour}[kind]
-    for seed in range(int(rest[0]), int(rest[1])):
-        print(json.dumps(of_unit(seed)), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+    rows = [[name, *(f"{np.sqrt(s):.5f}" for s in squares[name])] for name in names]
+    text = table(("what is known", "where no session came, deg/h", "in the cold, deg/h"), rows)
+    learnt_of = work.each(learnt, [(seed,) for seed in range(first, first + drawn)])
+    told = [[f"{np.sqrt(line[key]):.5f}" for key in ("drawn", "formula")] for line in learnt_of]
+    return text + "\n" + table(("learnt from draws, deg/h", "formula, deg/h"), told)

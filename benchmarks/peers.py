@@ -1,15 +1,11 @@
 """Speed beside pyins (`pip install python-ins`) on the same hour of data, 200 Hz: mechanization and
 a feedback filter.
 
-    python benchmarks/peers.py [--repeats 5] [--runs 1000] [--filter-minutes 60]
-
 CPU seconds of this one process, medians over the repeats; the filter of pyins is run once (it takes
-minutes). Prints the machine, the date and Markdown tables. What is compared, and that both come to
-the same result, is in the last table: speed against another program is worth nothing if one of them
-does less.
+minutes). Both come to the same result: speed against another program is worth nothing if
+one of them does less.
 """
 
-import argparse
 import datetime
 import os
 import platform
@@ -23,8 +19,7 @@ import numpy as np
 
 from alignment.motion import kinds
 from alignment.navigation_filter import StepPlan, filter_steps, views_of
-from benchmarks.navigation_batch import navigate_batch
-from benchmarks.navigation_batch_errors import SensorErrors
+from benchmarks.study import Work, table
 from ins import earth
 from ins.attitude import (
     dcm_from_euler,
@@ -67,14 +62,14 @@ def start_at(C_nb: np.ndarray) -> NavState:
     return NavState(time_s=0.0, site=SITE, v_n_m_s=np.zeros(3), C_nb=C_nb)
 
 
-def cpu_s(work: Callable[[], object], repeats: int = 1) -> tuple[float, float]:
-    """Median CPU and wall seconds."""
+def cpu_s(work: Callable[[], object], repeats: int = 1) -> float:
+    """Median CPU seconds."""
     taken = []
     for _ in range(repeats):
-        cpu, wall = time.process_time(), time.perf_counter()
+        start = time.process_time()
         work()
-        taken.append((time.process_time() - cpu, time.perf_counter() - wall))
-    return statistics.median(c for c, _ in taken), statistics.median(w for _, w in taken)
+        taken.append(time.process_time() - start)
+    return statistics.median(taken)
 
 
 # ------------------------------------------------------------------------------------------------
@@ -223,48 +218,29 @@ def machine() -> str:
     )
 
 
-def mechanization(imu: ImuLog, peer: Pyins, runs: int, repeats: int) -> None:
+def mechanization(imu: ImuLog, peer: Pyins, repeats: int) -> str:
     n, start = imu.time_s.size, start_at(C_NB)
-    rng = np.random.default_rng(2)
-    errors = SensorErrors(
-        gyro_bias_rad_s=GYRO_SIGMA * rng.standard_normal((runs, 3)),
-        accel_bias_m_s2=ACCEL_SIGMA * rng.standard_normal((runs, 3)),
-    )
-    first_theirs, first_ours = cpu_s(peer.whole)[0] / n, cpu_s(lambda: navigate(imu, start))[0] / n
-    navigate_batch(imu.between(0.0, 10.0), start, errors=errors)
-    theirs = cpu_s(peer.whole, repeats)[0] / n
+    first_theirs, first_ours = cpu_s(peer.whole) / n, cpu_s(lambda: navigate(imu, start)) / n
+    theirs = cpu_s(peer.whole, repeats) / n
     epochs_min = 10.0
-    by_epoch = cpu_s(lambda: peer.by_epoch(epochs_min))[0] / (60 * epochs_min / DT_S)
-    ours = cpu_s(lambda: navigate(imu, start), repeats)[0] / n
-    one, two = (
-        cpu_s(
-            lambda t=t: navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=t),
-            min(repeats, 3),
-        )
-        for t in (1, 2)
-    )
+    by_epoch = cpu_s(lambda: peer.by_epoch(epochs_min)) / (60 * epochs_min / DT_S)
+    ours = cpu_s(lambda: navigate(imu, start), repeats) / n
+    costs = {
+        "pyins Integrator, the whole hour in one call": theirs,
+        "pyins, first call of a process": first_theirs,
+        f"pyins, second by second ({epochs_min:.0f} min)": by_epoch,
+        "recal navigate, 1 s epochs": ours,
+        "recal navigate, first call of a process": first_ours,
+    }
     rows = [
-        ("pyins Integrator, the whole hour in one call", theirs),
-        ("pyins, first call of a process", first_theirs),
-        (f"pyins, second by second ({epochs_min:.0f} min)", by_epoch),
-        ("recal navigate, 1 s epochs", ours),
-        ("recal navigate, first call of a process", first_ours),
-        (f"recal navigate_batch, {runs} runs, 1 thread", one[0] / runs / n),
-        (f"recal navigate_batch, {runs} runs, 2 threads", two[0] / runs / n),
+        (name, f"{1e-6 / cost:.2f} M", f"{theirs / cost:.3g}", f"{by_epoch / cost:.3g}")
+        for name, cost in costs.items()
     ]
-    print(
-        "| mechanization | samples per CPU second | to pyins in one call | to pyins second by"
-        " second |\n|---|---|---|---|"
-    )
-    for name, cost in rows:
-        print(f"| {name} | {1e-6 / cost:.2f} M | {theirs / cost:.3g} | {by_epoch / cost:.3g} |")
-    print(
-        f"\n2 threads: {one[1] / two[1]:.2f} times the wall-clock speed of 1, at"
-        f" {one[0] / two[0]:.2f} of its efficiency.\n"
-    )
+    head = ("mechanization", "samples per CPU second", "to pyins in one call")
+    return table((*head, "to pyins second by second"), rows)
 
 
-def agreement(imu: ImuLog, peer: Pyins) -> None:
+def agreement(imu: ImuLog, peer: Pyins) -> str:
     end, h = peer.whole().iloc[-1], navigate(imu, start_at(C_NB), epoch_s=HOUR_S)
     offset = earth.displacement_ned(
         np.radians(end.lat),
@@ -275,66 +251,44 @@ def agreement(imu: ImuLog, peer: Pyins) -> None:
     )
     C_nb = dcm_from_euler(*np.radians([end.roll, end.pitch, end.heading]))
     turned = np.linalg.norm(rotation_vector_from_dcm(C_nb @ h.C_nb[-1].T))
-    print(
-        f"Mechanizations after the hour: {np.linalg.norm(offset):.2g} m and {turned / ARCSEC:.1g}"
-        " arcsec apart.\n"
-    )
+    apart = f"{np.linalg.norm(offset):.2g} m and {turned / ARCSEC:.1g} arcsec"
+    return f"Mechanizations after the hour: {apart} apart.\n"
 
 
-def feedback_filter(
-    imu: ImuLog, peer: Pyins, minutes: float, repeats: int, rng: np.random.Generator
-) -> None:
+def feedback_filter(imu: ImuLog, peer: Pyins, minutes: float, repeats: int) -> str:
+    rng = np.random.default_rng(2)
     C_nb = dcm_from_rotation_vector([TILT_SIGMA, -TILT_SIGMA, HEADING_SIGMA]) @ C_NB
     velocity = VELOCITY_SIGMA * rng.standard_normal((round(HOUR_S / STEP_S), 3))
     log = imu.between(0.0, 60 * minutes)
     (end, sigma), found = our_filter(log, C_nb, velocity), {}
-    ours = cpu_s(lambda: our_filter(log, C_nb, velocity), repeats)[0]
-    theirs = cpu_s(lambda: found.update(peer.filtered(C_nb, velocity, minutes)))[0]
+    ours = cpu_s(lambda: our_filter(log, C_nb, velocity), repeats)
+    theirs = cpu_s(lambda: found.update(peer.filtered(C_nb, velocity, minutes)))
     last, last_sd = found["trajectory"].iloc[-1], found["trajectory_sd"].iloc[-1]
-    steps = 60 * minutes / STEP_S
-    print(
-        f"| feedback filter, {minutes:g} min at 200 Hz, {steps:.0f} steps | CPU s | ms a step | to"
-        " pyins | heading error, sigma [mrad] | tilt error [arcsec] |\n|---|---|---|---|---|---|"
-    )
-    angles = np.radians([last.roll, last.pitch, last.heading])
-    for name, cost, C, s in (
-        (
-            "pyins run_feedback_filter, 15 states",
-            theirs,
-            dcm_from_euler(*angles),
-            np.radians(last_sd.heading),
-        ),
-        ("recal, 27 states, two passes", ours, end, sigma[2]),
-    ):
+    angles = dcm_from_euler(*np.radians([last.roll, last.pitch, last.heading]))
+    solutions = {
+        "pyins run_feedback_filter, 15 states": (theirs, angles, np.radians(last_sd.heading)),
+        "recal, 27 states, two passes": (ours, end, sigma[2]),
+    }
+    rows = []
+    for name, (cost, C, s) in solutions.items():
         phi = rotation_vector_from_dcm(C @ C_NB.T)
-        tilt = np.linalg.norm(phi[:2]) / ARCSEC
-        print(
-            f"| {name} | {cost:.3g} | {1e3 * cost / steps:.3g} | {theirs / cost:.0f} | "
-            f"{1e3 * phi[2]:+.3f}, {1e3 * s:.3f} | {tilt:.2f} |"
-        )
+        step_ms = 1e3 * cost / (60 * minutes / STEP_S)
+        heading = f"{1e3 * phi[2]:+.3f}, {1e3 * s:.3f}"
+        tilt = f"{np.linalg.norm(phi[:2]) / ARCSEC:.2f}"
+        rows.append((name, f"{step_ms:.3g}", f"{theirs / cost:.0f}", heading, tilt))
+    head = ("feedback filter at 10 Hz", "ms a step", "to pyins", "heading error, sigma [mrad]")
+    return table((*head, "tilt error [arcsec]"), rows)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--runs", type=int, default=1000, help="trajectories of the batch")
-    parser.add_argument(
-        "--filter-minutes",
-        type=float,
-        default=60.0,
-        help="how much of the hour the filters are given",
-    )
-    given = parser.parse_args()
+def beside_pyins(repeats: int, minutes: float) -> str:
     warnings.filterwarnings("ignore", module="pyins")
     warnings.filterwarnings("ignore", message="The copy keyword is deprecated")  # pandas 3 on pyins
-    rng = np.random.default_rng(1)
-    imu = parked_log(rng)
+    imu = parked_log(np.random.default_rng(1))
     peer = Pyins(imu)
-    print(machine() + "\n")
-    mechanization(imu, peer, given.runs, given.repeats)
-    agreement(imu, peer)
-    feedback_filter(imu, peer, given.filter_minutes, given.repeats, rng)
+    parts = [machine() + "\n", mechanization(imu, peer, repeats), agreement(imu, peer)]
+    return "\n".join([*parts, feedback_filter(imu, peer, minutes, repeats)])
 
 
-if __name__ == "__main__":
-    main()
+def run(work: Work, *, repeats: int = 5, filter_minutes: float = 60.0) -> str:
+    """filter_minutes: how much of the hour the filters are given."""
+    return "".join(work.each(beside_pyins, [(repeats, filter_minutes)]))

@@ -1,16 +1,9 @@
 """Aided replay of public logs that nobody here recorded or tuned for: what starts, what it says of
 itself, and how far off it is where fixes are left out.
 
-    python -m benchmarks.real_drives LOGS [--clones FOLDER] [--json FILE] [--often]
-
-LOGS is a folder: what is missing in it is downloaded (or, with --clones, taken from clones named
-OWNER+NAME/repo). --often: 15 s are left out at seven places of each log instead, in two flights.
-Nothing of a log is part of the project. Prints a Markdown table; the page made of it is
-docs/real_drives.md.
+Nothing of a log is part of the project. The page is docs/real_drives.md.
 """
 
-import argparse
-import json
 import subprocess
 import time
 import urllib.request
@@ -19,14 +12,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.aided_real_logs import Against, against_att, logged_attitude
+from benchmarks.study import Record, Work, rms, table
 from infield.aided.flight import AidedResult, Aiding
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.words.sentences import sentences
+from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
+from ins.filters.aided_filter import level_sigmas
 from ins.records import InputError, Run
 from ins.twin_file import default_twin
+from ins.units import DEG
+from trajectories.readers.containers import dataflash
 from trajectories.readers.conversion import Conversion, convert_log
+from trajectories.readers.formats import ardupilot_mat
 from trajectories.readers.rows.row_cleaning import LogGapError
 
 ERLE, ERLE_COMMIT = "erlerobot/logs", "3f7d4a0d17f2485f7fa5cb7124fc2a5b13d6c688"
@@ -226,19 +225,19 @@ def measured(source: Source, path: Path) -> Row:
     )
 
 
-def often(source: Source, path: Path) -> str:
-    """A row of the table of many short outages; empty where a log is too short or not flown."""
+def often(source: Source, path: Path) -> list[str] | None:
+    """A row of the table of many short outages; None where a log is too short or not flown."""
     try:
         run = converted(path).run
     except InputError:
-        return ""
+        return None
     if run.gnss is None:
-        return ""
+        return None
     t = run.gnss.time_s
     first_s = max(run.imu.start_s, float(t[0])) + 20.0
     last_s = min(run.imu.end_s, float(t[-1])) - OFTEN_S - 1.0
     if last_s - first_s < OFTEN_LEAST_S - OFTEN_S:
-        return ""
+        return None
     over: list[float] = []
     late: list[float] = []
     for shares in OFTEN:
@@ -249,9 +248,57 @@ def often(source: Source, path: Path) -> str:
             over += [score.error_over_sigma for score in found.outage_scores]
             late += [score.error_over_sigma for score in found.smoothed_scores]
     if not over:
-        return ""
-    rms, rms_late = (float(np.sqrt(np.mean(np.square(each)))) for each in (over, late))
-    return f"| `{source.path}` | {len(over)} | {rms:.2f} | {max(over):.2f} | {rms_late:.2f} |"
+        return None
+    return [
+        f"`{source.path}`",
+        f"{len(over)}",
+        f"{rms(over):.2f}",
+        f"{max(over):.2f}",
+        f"{rms(late):.2f}",
+    ]
+
+
+FLYING_M_S = 5.0
+
+
+@dataclass(frozen=True)
+class Against:
+    """Aided less ATT while flying: median and RMS of the rotation about north, east, down [deg];
+    median sigmas [deg].
+    """
+
+    median_deg: NDArray
+    rms_deg: NDArray
+    sigma_deg: NDArray
+    seconds: int
+
+
+def logged_attitude(path: Path) -> tuple[NDArray, NDArray]:
+    """Times in the log's own clock [s] and roll, pitch, yaw (n, 3) [rad] of its ATT messages."""
+    read = dataflash.read_tables if dataflash.is_dataflash(path) else ardupilot_mat.read_tables
+    table = read(path, {"ATT"})[0]["ATT"]
+    name, factor = ("TimeUS", 1e-6) if "TimeUS" in table else ("TimeMS", 1e-3)
+    angles = np.column_stack([np.asarray(table[k], dtype=float) for k in ("Roll", "Pitch", "Yaw")])
+    return np.asarray(table[name], dtype=float) * factor, angles * DEG
+
+
+def against_att(result: AidedResult, time_s: NDArray, euler_rad: NDArray) -> Against:
+    """What the two attitudes differ by; time_s on the run's clock."""
+    history = result.history
+    assert history is not None
+    k = np.clip(np.searchsorted(time_s, history.time_s), 0, time_s.size - 1)
+    off = (
+        rotation_vector_from_dcm(history.C_nb @ np.swapaxes(dcm_from_euler(*euler_rad[k].T), 1, 2))
+        / DEG
+    )
+    flying = np.linalg.norm(history.v_n_m_s[:, :2], axis=1) > FLYING_M_S
+    sigma = level_sigmas(history.phi_covariance, history.C_nb) / DEG
+    return Against(
+        median_deg=np.median(np.abs(off[flying]), axis=0),
+        rms_deg=np.sqrt(np.mean(off[flying] ** 2, axis=0)),
+        sigma_deg=np.median(sigma[flying], axis=0),
+        seconds=int(flying.sum()),
+    )
 
 
 def compared(found: AidedResult, path: Path, shift_s: float) -> Against | None:
@@ -264,60 +311,65 @@ def compared(found: AidedResult, path: Path, shift_s: float) -> Against | None:
     return against if against.seconds >= 5 else None
 
 
-def table(rows: list[Row]) -> str:
-    """As Markdown."""
-    lines = [
-        "| log | vehicle | s | verdict | starts at, s | heading sigma: start, end, deg |"
-        " off the autopilot: tilt, heading, deg | outages: length, error, sigma, m (error/sigma) |"
-        " CPU s |",
-        "|---|---|---|---|---|---|---|---|---|",
+HEAD = (
+    "log",
+    "vehicle",
+    "s",
+    "verdict",
+    "starts at, s",
+    "heading sigma: start, end, deg",
+    "off the autopilot: tilt, heading, deg",
+    "outages: length, error, sigma, m (error/sigma)",
+    "CPU s",
+)
+
+
+def cells(r: Record) -> list[str]:
+    """A row of the table."""
+    begin = [f"`{r['name']}`", r["vehicle"], f"{r['seconds']:.0f}"]
+    if r["start_s"] is None or r["sigma_start_deg"] is None:
+        return [*begin, f"{r['verdict']}: {r['why']}", "", "", "", "", ""]
+    outages = "; ".join(
+        f"{length:.0f} s: {end:.1f}, {sigma:.1f} ({ratio:.2f})"
+        for length, end, sigma, ratio in r["outages"]
+    )
+    att = ""
+    if r["att_heading_deg"] is not None:
+        att = f"{r['att_tilt_deg']:.1f}, {r['att_heading_deg']:.1f}"
+    told = f"{r['verdict']}, {r['grade']}" + (f" ({r['why']})" if r["why"] else "")
+    start = f"{r['start_s']:.0f}, {r['method']}"
+    sigmas = f"{r['sigma_start_deg']:.1f}, {r['sigma_end_deg']:.1f}"
+    return [*begin, told, start, sigmas, att, outages, f"{r['cpu_s']:.1f}"]
+
+
+def drive(name: str, logs: str, clones: str) -> Record:
+    """What comes out of a log, by its path."""
+    source = next(s for s in sources() if s.path == name)
+    path = source.fetched(Path(logs), Path(clones) if clones else None)
+    return asdict(measured(source, path))
+
+
+def outages_of(name: str, logs: str, clones: str) -> list[str] | None:
+    """Many short outages of a log."""
+    source = next(s for s in sources() if s.path == name)
+    return often(source, source.fetched(Path(logs), Path(clones) if clones else None))
+
+
+def run(work: Work, *, logs: Path, clones: str = "", short: bool = False) -> str:
+    """logs: folder of the logs; what is missing there is downloaded, or taken from clones named
+    OWNER+NAME/repo in the folder `clones`; short: 15 s are left out at seven places of each log, in
+    two flights.
+    """
+    asked = [(source.path, str(logs), clones) for source in sources()]
+    if short:
+        rows = [row for row in work.each(outages_of, asked) if row]
+        head = ("log", "outages", "error over sigma, RMS", "largest", "smoothed, RMS")
+        return table(head, rows)
+    found = work.each(drive, asked)
+    late = [
+        (row["name"], f"{was:.1f}", f"{now:.1f} ({ratio:.2f})")
+        for row in found
+        for was, now, ratio in row["smoothed"]
     ]
-    for r in rows:
-        if r.start_s is None or r.sigma_start_deg is None:
-            lines.append(
-                f"| `{r.name}` | {r.vehicle} | {r.seconds:.0f} | {r.verdict}: {r.why} | | | | | |"
-            )
-            continue
-        outages = "; ".join(
-            f"{length:.0f} s: {end:.1f}, {sigma:.1f} ({ratio:.2f})"
-            for length, end, sigma, ratio in r.outages
-        )
-        att = ""
-        if r.att_heading_deg is not None:
-            att = f"{r.att_tilt_deg:.1f}, {r.att_heading_deg:.1f}"
-        told = f"{r.verdict}, {r.grade}" + (f" ({r.why})" if r.why else "")
-        lines.append(
-            f"| `{r.name}` | {r.vehicle} | {r.seconds:.0f} | {told} | {r.start_s:.0f}, {r.method} |"
-            f" {r.sigma_start_deg:.1f}, {r.sigma_end_deg:.1f} | {att} | {outages} | {r.cpu_s:.1f} |"
-        )
-    return "\n".join(lines)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("logs", type=Path)
-    parser.add_argument("--clones", type=Path)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--often", action="store_true")
-    given = parser.parse_args()
-    if given.often:
-        print("| log | outages | error over sigma, RMS | largest | smoothed, RMS |")
-        print("|---|---|---|---|---|")
-        for source in sources():
-            line = often(source, source.fetched(given.logs, given.clones))
-            print(line, end="\n" if line else "", flush=True)
-        return
-    rows = []
-    for source in sources():
-        rows.append(measured(source, source.fetched(given.logs, given.clones)))
-        if given.json:
-            given.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
-    print(table(rows))
-    print("\nLevel RMS in the outages, filter and smoothed [m] (error over sigma of the smoothed):")
-    for row in rows:
-        for was, now, ratio in row.smoothed:
-            print(f"{row.name}: {was:.1f} {now:.1f} ({ratio:.2f})")
-
-
-if __name__ == "__main__":
-    main()
+    level = ("log", "level RMS in an outage, m", "smoothed, m (error over sigma)")
+    return table(HEAD, [cells(row) for row in found]) + "\n" + table(level, late)

@@ -1,30 +1,22 @@
 """R29: aged units through five sessions each, our merge against five baselines and the exact
 Bayesian merge.
 
-    python -m benchmarks.recalibration_study [--units 100] [--jobs 2] [-o docs]
-
-writes recalibration_study.md, .svg and .json. 100 units, their tables aged by 0.0072 deg/h; five
+100 units, their tables aged by 0.0072 deg/h; five
 power-ons each on random headings, thermal starts and latitudes, realistic taxi, no outside
 reference; then each unit is powered on anew, aligned for 60 min with each table in question and
 navigates for an hour. All seeded: the same command gives the same numbers.
 """
 
-import argparse
-import subprocess
-import time
 from collections import Counter
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import recalibration_document
 from benchmarks.baselines import BASELINES
-from benchmarks.free_inertial import PROFILES
+from benchmarks.free_inertial import PROFILES, Hour
 from benchmarks.recalibration_unit import (
     EXACT,
     HERMITE,
@@ -37,29 +29,14 @@ from benchmarks.recalibration_unit import (
     UnitResult,
     study_unit,
 )
+from benchmarks.study import Record, Work, table
 
 WORSE_DEG_H = (0.001, 0.004)
 RESAMPLES = 2000
 BASELINE_NAMES = tuple(name for name in BASELINES if name != OLD)
 
 
-def run_study(
-    twin_name: str,
-    *,
-    units: int,
-    sessions: int = SESSIONS,
-    profiles: Sequence[str] = tuple(PROFILES),
-    jobs: int = 1,
-) -> list[UnitResult]:
-    """Units 0 ... units - 1 of a scenario, in that order."""
-    one = partial(study_unit, twin_name=twin_name, sessions=sessions, profiles=tuple(profiles))
-    if jobs <= 1:
-        return [one(seed) for seed in range(units)]
-    with ProcessPoolExecutor(jobs) as pool:
-        return list(pool.map(one, range(units)))
-
-
-def summarise(results: Sequence[UnitResult]) -> dict[str, Any]:
+def summarise(results: Sequence[UnitResult]) -> Record:
     """Figures of a scenario: `rules` by name, `hours` by profile and name, `targets` of R29 and
     whether they are met.
     """
@@ -77,7 +54,7 @@ def summarise(results: Sequence[UnitResult]) -> dict[str, Any]:
     return {**summary, "targets": _targets(summary)}
 
 
-def _rule(results: Sequence[UnitResult], name: str) -> dict[str, Any]:
+def _rule(results: Sequence[UnitResult], name: str) -> Record:
     """RMS after 0, 1 ... sessions [deg/h]; worst session; shares of committed sessions that did not
     worsen the table.
     """
@@ -109,14 +86,14 @@ def _rms_over_units(mean_squares: list[list[float]]) -> list[float]:
     return np.sqrt(np.nanmean(np.array(mean_squares), axis=0)).tolist()
 
 
-def _better_kind(rules: dict[str, Any], baseline: str) -> str:
+def _better_kind(rules: Record, baseline: str) -> str:
     """The kind of points that suits a baseline best, by its visited RMS at the end."""
     return min(
         (f"{baseline}, {kind}" for kind in KINDS), key=lambda name: rules[name]["visited_deg_h"][-1]
     )
 
 
-def _hours(results: Sequence[UnitResult], profile: str) -> dict[str, Any]:
+def _hours(results: Sequence[UnitResult], profile: str) -> Record:
     """Position errors of the new power-on, and their ratios to those with the old and with the
     perfect table.
 
@@ -158,7 +135,7 @@ def _ratio(upper_m: NDArray, lower_m: NDArray) -> dict[str, float]:
     return {"value": _rms(upper_m) / _rms(lower_m), "low": float(low), "high": float(high)}
 
 
-def _targets(summary: dict[str, Any]) -> list[dict[str, Any]]:
+def _targets(summary: Record) -> list[Record]:
     """R29 line by line: what is asked, what is needed, what was got."""
     rules, ours = summary["rules"], summary["rules"][OURS]
     exact, others = rules[EXACT], [rules[n] for n in rules if n not in (OURS, HERMITE, EXACT)]
@@ -210,51 +187,114 @@ def _targets(summary: dict[str, Any]) -> list[dict[str, Any]]:
     return lines
 
 
-def _at_most(what: str, needed: float, got: float) -> dict[str, Any]:
+def _at_most(what: str, needed: float, got: float) -> Record:
     return {"what": what, "needed": f"at most {needed:g}", "got": got, "met": bool(got <= needed)}
 
 
-def _at_least(what: str, needed: float, got: float) -> dict[str, Any]:
+def _at_least(what: str, needed: float, got: float) -> Record:
     return {"what": what, "needed": f"at least {needed:g}", "got": got, "met": bool(got >= needed)}
 
 
-def _revision() -> str:
-    """The commit this runs from, with a mark where files differ from it."""
-    try:
-        where = Path(__file__).parent
-        return subprocess.run(
-            ["git", "describe", "--always", "--dirty"],
-            cwd=where,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
+SCENARIOS = {
+    "reference": "Reference scenario: no flicker, no random walk of the rate, no turn-on",
+    "default": (
+        "Default twin: flicker 0.002 deg/h, random walk 0.002 deg/h/sqrt(h), turn-on 0.003 deg/h"
+    ),
+}
+RULES = ("rule", "points", "visited", "with the other points", "unvisited", "worst session")
+RULES += ("not worse by 0.001", "by 0.004", "worst increase", "e2/sigma2")
+HOURS = ("RMS at the end", "of which the table", "mean over the hour", "old / this")
+HOURS += ("this / perfect",)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--units", type=int, default=100)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--twins", nargs="+", choices=list(TWINS), default=list(TWINS))
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
-    options = parser.parse_args()
-    options.output.mkdir(parents=True, exist_ok=True)
-    scenarios: dict[str, Any] = {}
-    study = {"schema": "recal.study/1", "revision": _revision(), "scenarios": scenarios}
-    for twin in options.twins:
-        started = time.perf_counter()
-        scenarios[twin] = summarise(run_study(twin, units=options.units, jobs=options.jobs))
-        print(f"{twin}: {options.units} units in {time.perf_counter() - started:.0f} s", flush=True)
-        recalibration_document.write(study, options.output)
-    for twin, scenario in scenarios.items():
-        for line in scenario["targets"]:
-            print(
-                f"{twin}: {line['what']}: {line['got']:.4g}, needed"
-                f" {line['needed']}{'' if line['met'] else '  MISSED'}"
-            )
+def one(seed: int, twin: str, sessions: int, profiles: Sequence[str]) -> Record:
+    """What came of a unit, as it is written down."""
+    return asdict(study_unit(seed, twin_name=twin, sessions=sessions, profiles=profiles))
 
 
-if __name__ == "__main__":
-    main()
+def results_of(records: Sequence[Record]) -> list[UnitResult]:
+    """The units again."""
+    found = []
+    for record in records:
+        hours = {
+            profile: {name: Hour(**hour) for name, hour in of.items()}
+            for profile, of in record["hours"].items()
+        }
+        found.append(UnitResult(**{**record, "hours": hours}))
+    return found
+
+
+def run(
+    work: Work,
+    *,
+    units: int = 100,
+    sessions: int = SESSIONS,
+    twins: tuple[str, ...] = tuple(TWINS),
+    profiles: tuple[str, ...] = tuple(PROFILES),
+) -> str:
+    parts = []
+    for twin in twins:
+        asked = [(seed, twin, sessions, list(profiles)) for seed in range(units)]
+        found = summarise(results_of(work.each(one, asked)))
+        outcomes = ", ".join(f"{n} {outcome}" for outcome, n in found["outcomes"].items())
+        parts += [
+            f"## {SCENARIOS[twin]}\n",
+            table(
+                ("requirement R29", "needed", "got", ""), [target_row(t) for t in found["targets"]]
+            ),
+            f"Level gyros after {sessions} sessions, RMS over units in deg/h ({outcomes}):\n",
+            table(RULES, [rule_row(found["rules"], name) for name in found["shown"]]),
+        ]
+        if profiles:
+            head = [f"{profile}: {column}" for profile in profiles for column in HOURS]
+            names = found["hours"][profiles[0]]
+            rows = [[bold(name), *chain(*_hour_cells(found["hours"], name))] for name in names]
+            parts += ["Free-inertial position error in the hour after a 60 min alignment:\n"]
+            parts += [table(("table", *head), rows)]
+    return "\n".join(parts)
+
+
+def target_row(t: Record) -> list[str]:
+    return [t["what"], t["needed"], f"{t['got']:.4g}", "met" if t["met"] else "**missed**"]
+
+
+def rule_row(rules: Record, name: str) -> list[str]:
+    rule, plain = rules[name], plain_of(name)
+    kind = name.removeprefix(plain).removeprefix(", ")
+    others = [rules[f"{plain}, {k}"] for k in KINDS if kind and k != kind]
+    error = rule["normalised_squared_error"]
+    kept = [
+        f"{100 * rule['not_worse'][w]:.1f} ({100 * rule['gyro_not_worse'][w]:.1f}) %"
+        for w in ("0.001", "0.004")
+    ]
+    return [
+        bold(name),
+        kind or "-",
+        f"{rule['visited_deg_h'][-1]:.4f}",
+        f"{others[0]['visited_deg_h'][-1]:.4f}" if others else "-",
+        f"{rule['unvisited_deg_h'][-1]:.4f}",
+        f"{rule['worst_session_deg_h']:.4f}",
+        *kept,
+        f"{rule['worst_increase_deg_h']:+.4f}",
+        "-" if error is None else f"{error:.2f}",
+    ]
+
+
+def _hour_cells(hours: Record, name: str) -> Iterator[list[str]]:
+    for of in hours.values():
+        hour = of[name]
+        metres = [f"{hour[key]:.0f} m" for key in ("final_rms_m", "table_rms_m", "mean_m")]
+        ratios = [hour[key] for key in ("gain", "over_perfect")]
+        yield [*metres, *("{value:.2f} ({low:.2f}-{high:.2f})".format(**r) for r in ratios)]
+
+
+def bold(name: str) -> str:
+    """A rule as the page names it; ours stands out."""
+    return f"**{name}**" if name == OURS else plain_of(name)
+
+
+def plain_of(name: str) -> str:
+    """A rule without its kind of points."""
+    for kind in KINDS:
+        name = name.removesuffix(f", {kind}")
+    return name

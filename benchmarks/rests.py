@@ -1,15 +1,11 @@
 """Every rest of the recorded logs of ../shared/data, aligned, and what an update makes of each log.
 
-    python -m benchmarks.rests --page docs/rests.md
-
 Nobody has a table of these units: each is aligned and updated as an unknown one. Beside them five
 quiet minutes of a simulated ring-laser unit at 34 deg latitude, without its table. A log that the
 folder does not hold is left out, and the page says so.
 """
 
-import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +13,7 @@ import recal
 from alignment.motion.inertial import quiet_stretches
 from alignment.motion.seconds import seconds_of
 from benchmarks.motion_runs import DATA, RECORDED, Case
+from benchmarks.study import Work, table
 from infield.reports.words.sentences import sentences
 from infield.session.pipeline import update_calibration
 from ins.records import Site
@@ -39,34 +36,11 @@ BESIDE = {
     "Calgary": "mean rates alone: 341.9; declared bias 0.1 deg/h, 0.6 deg of heading",
     "plane": "autopilot: roll 0.71, pitch 4.54",
 }
-HEAD = """# Every rest of the recorded logs
-
-Written by `python -m benchmarks.rests --page docs/rests.md`; figures as measured. The logs are
-those used throughout ([log formats](log_formats.md)). Nobody has a table of their units: the bias
-is taken as 0 with the raw bias of the technology, or with the excess of the rates over Earth rate
-where that is more, as sigma. None comes with a surveyed heading; "beside" says what else is known.
-
-| log | rest, s | verdict | heading, deg | roll, deg | pitch, deg | seconds used | beside |
-|---|---|---|---|---|---|---|---|"""
-REFUSED = """
-Why no heading, or nothing at all:
-"""
-UPDATES = """
-## What an update makes of them
-
-| log | outcome | why |
-|---|---|---|"""
-QUIET = """
-## Five quiet minutes at 34 deg, no table
-
-A ring-laser unit that stands still, its table unknown: bias 0 with the raw bias of its technology
-as sigma.
-
-| unit | verdict | heading error, deg | sigma, deg | error over sigma |
-|---|---|---|---|---|"""
+HEAD = ("log", "rest, s", "verdict", "heading, deg", "roll, deg", "pitch, deg", "seconds used")
+QUIET = ("unit", "verdict", "heading error, deg", "sigma, deg", "error over sigma")
 
 
-def rest_rows(name: str, case: Case) -> Iterator[tuple[str, str]]:
+def rest_rows(name: str, case: Case) -> Iterator[tuple[list[str], str]]:
     """A row for each rest of a log, and why there is no heading."""
     stretches = [s for s in quiet_stretches(seconds_of(case.run.imu)) if s[1] - s[0] >= LEAST_S]
     for start_s, end_s in stretches or [(case.run.imu.start_s, case.run.imu.end_s)]:
@@ -82,7 +56,7 @@ def rest_rows(name: str, case: Case) -> Iterator[tuple[str, str]]:
             BESIDE.get(name, ""),
         ]
         why = f"* {name}: {found['reasons'][0]}." if found["verdict"] != "aligned" else ""
-        yield f"| {' | '.join(cells)} |", why
+        yield cells, why
 
 
 def _with_sigma(value: float | None, sigma: float | None) -> str:
@@ -96,62 +70,51 @@ def _used(percent: float | None, duration_s: float) -> str:
     return f"{0.01 * percent * duration_s:.0f}" if percent else "-"
 
 
-def update_row(name: str, case: Case) -> str:
+def update_row(name: str, case: Case) -> list[str]:
     """What an update makes of a log."""
     result = update_calibration([case.run], case.table, case.twin)
     reasons = [r for session in result.sessions for r in session.verdict.reasons]
-    return f"| {name} | {result.outcome.value} | {'; '.join(dict.fromkeys(sentences(reasons)))} |"
+    return [name, result.outcome.value, "; ".join(dict.fromkeys(sentences(reasons)))]
 
 
-def quiet_rows() -> Iterator[str]:
-    """Five quiet minutes of units without their table."""
+def quiet_row(seed: int) -> list[str]:
+    """Five quiet minutes of a unit without its table."""
     site = Site(lat_rad=LAT_DEG * DEG, lon_rad=7 * DEG, height_m=250.0)
     motion = lay([Park(duration_s=SECONDS)], alignment_s=SECONDS)
     ideal = ideal_sensors(build_truth(motion, site, heading_rad=HEADING_DEG * DEG), 50.0)
-    twin = default_twin("rlg")
-    for seed in range(UNITS):
-        rng = np.random.default_rng([seed, 34])
-        unit = aged_unit(rng, gyro_technology="rlg")
-        plan = SessionPlan(with_phases=False)
-        made = simulate_run(ideal, thermal_history("ambient"), unit, twin, rng=rng, plan=plan)
-        aligned = recal.align(made.run, None, twin)
-        error = (aligned.heading_deg - HEADING_DEG + 180.0) % 360.0 - 180.0
-        sigma = aligned.sigma_heading_deg
-        yield (
-            f"| {seed + 1} | {aligned.verdict} | {error:+.3f} | {sigma:.3f} |"
-            f" {error / sigma:+.2f} |"
-        )
+    twin, rng = default_twin("rlg"), np.random.default_rng([seed, 34])
+    unit = aged_unit(rng, gyro_technology="rlg")
+    plan = SessionPlan(with_phases=False)
+    made = simulate_run(ideal, thermal_history("ambient"), unit, twin, rng=rng, plan=plan)
+    aligned = recal.align(made.run, None, twin)
+    error = (aligned.heading_deg - HEADING_DEG + 180.0) % 360.0 - 180.0
+    sigma = aligned.sigma_heading_deg
+    told = [f"{error:+.3f}", f"{sigma:.3f}", f"{error / sigma:+.2f}"]
+    return [f"{seed + 1}", str(aligned.verdict), *told]
 
 
-def page(data: Path) -> Iterator[str]:
-    """The page, line by line."""
-    here = [named for named in RECORDED if (data / named.needs).exists()]
-    cases = [(named.name, named.make()) for named in here]
-    rows = [row for name, case in cases for row in rest_rows(name, case)]
-    yield HEAD
-    yield from (row for row, _ in rows)
-    yield REFUSED
-    yield from (why for _, why in rows if why)
-    missing = [named.name for named in RECORDED if named not in here]
-    if missing:
-        yield f"\nNot here: {', '.join(missing)}."
-    yield UPDATES
-    for name, case in cases:
-        yield update_row(name, case)
-    yield QUIET
-    yield from quiet_rows()
+def of_log(name: str) -> dict[str, list]:
+    """Rests of a recorded log, why there is no heading, and its update."""
+    case = next(named for named in RECORDED if named.name == name).make()
+    rows = list(rest_rows(name, case))
+    whys = [why for _, why in rows if why]
+    return {"rests": [row for row, _ in rows], "whys": whys, "update": update_row(name, case)}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--page", type=Path, help="file to write; else printed")
-    options = parser.parse_args()
-    text = "\n".join(page(DATA)) + "\n"
-    if options.page:
-        options.page.write_text(text, "utf-8")
-    else:
-        print(text)
-
-
-if __name__ == "__main__":
-    main()
+def run(work: Work) -> str:
+    here = [named.name for named in RECORDED if (DATA / named.needs).exists()]
+    logs = work.each(of_log, [(name,) for name in here])
+    missing = [named.name for named in RECORDED if named.name not in here]
+    parts = [
+        table((*HEAD, "beside"), [row for log in logs for row in log["rests"]]),
+        "Why no heading, or nothing at all:\n",
+        "".join(f"{why}\n" for log in logs for why in log["whys"]),
+        f"Not here: {', '.join(missing)}.\n" if missing else "",
+        "## What an update makes of them\n",
+        table(("log", "outcome", "why"), [log["update"] for log in logs]),
+        "## Five quiet minutes at 34 deg, no table\n",
+        "A ring-laser unit that stands still, its table unknown: bias 0 with the raw bias of its",
+        "technology as sigma.\n",
+        table(QUIET, work.each(quiet_row, [(seed,) for seed in range(UNITS)])),
+    ]
+    return "\n".join(parts)

@@ -3,17 +3,15 @@ that go with the rate, thermometers that read late?
 
 Minute means from a truth written apart from the fit (tests/infield/gradient_cases.py), the readings
 of thermometers and lines then made late by a first-order lag in steps of a second.
-
-    python -m benchmarks.rlg_confidence [UNITS]
 """
 
-import sys
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from benchmarks.study import Work, table
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.rlg.fit import AxisModel
 from infield.thermal.rlg.gradients import fit_gradients
@@ -21,7 +19,6 @@ from infield.thermal.rlg.terms import TERMS
 from ins.records import AXES
 from tests.infield.gradient_cases import SIDES, TWIN, Unit, case
 
-UNITS = 40
 STEPS = 60  # of a minute, for the lag
 SCORED = ("K2", "K4", "K6x", "K6y", "K6z")
 
@@ -102,7 +99,7 @@ def _score(a: AxisModel, unit: Unit, reference: float, found: dict[str, list[flo
             found[term].append(float((a.theta[k] - truth[k]) / a.sigma[k]))
 
 
-def row(name: str, found: dict[str, list[float]]) -> str:
+def row(name: str, found: dict[str, list[float]]) -> list[str]:
     """Mean squared normalised errors, worst of all, the share of a two-sided test at 99 %."""
     cells = []
     for term in (*SCORED, "lag"):
@@ -114,16 +111,10 @@ def row(name: str, found: dict[str, list[float]]) -> str:
         mean = float(np.mean(z**2))
         cells.append(f"{mean:.2f} ({'' if low < mean < high else '!'}{z.size})")
     worst = max((np.max(np.abs(z)) for z in found.values() if z), default=0.0)
-    return f"| {name} | {' | '.join(cells)} | {worst:.1f} |"
+    return [name, *cells, f"{worst:.1f}"]
 
 
-def main(units: int = UNITS) -> None:
-    """Measure and print."""
-    sys.stdout.write(f"| case | {' | '.join(SCORED)} | lag | worst |\n|{'---|' * 8}\n")
-    for name in CASES:
-        sys.stdout.write(row(name, scores(name, units)) + "\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else UNITS)
+def run(work: Work, *, units: int = 40) -> str:
+    found = work.each(scores, [(name, units) for name in CASES])
+    head = ("case", *SCORED, "lag", "worst")
+    return table(head, [row(name, one) for name, one in zip(CASES, found)])

@@ -1,18 +1,15 @@
 """What wind, tyres, installation and stamps do to a session with a taxi: verdicts, errors against
 sigmas, and what was named.
 
-`python -m benchmarks.taxi_nuisances [-n SESSIONS] [--declared] [CASE...]` prints a row a case: runs
-of one power-on with half an hour of parking and nine minutes of taxi over three headings, each of
-another unit, laid over with one thing that nobody declared. The bodies are moved and the streams
-shifted here, sample by sample, with no formula of the estimator. `--declared`: the estimator is
-kept from looking for anything beyond what is declared, which is what it did before.
+Runs of one power-on with half an hour of parking and nine minutes of taxi over three headings, each
+of another unit, laid over with one thing that nobody declared. The bodies are moved and the streams
+shifted here, sample by sample, with no formula of the estimator.
 """
 
-import argparse
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -23,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from benchmarks.gap_trials.seen import Seen, moved, run_of, streams_of
+from benchmarks.study import Record, Work, table
 from infield.session.estimate import SessionEstimate
 from infield.session.navigated import nuisances
 from infield.session.one_run import take_run
@@ -283,6 +281,14 @@ WRONG: dict[str, Case] = {
     "fixes six times as noisy": noisy_fixes,
 }
 CASES = {**EXPLAINED, **WRONG}
+MEANS = {
+    "nis": "NIS",
+    "heading": "heading, squared error over variance",
+    "nees": "biases, the same",
+    "heading_mrad": "sigma of heading, mrad",
+    "bias_deg_h": "sigma of level gyros, deg/h",
+    "cpu_s": "CPU s",
+}
 
 
 @dataclass(frozen=True)
@@ -334,41 +340,47 @@ def ideal_taxi(heading_deg: float) -> IdealSensors:
     return ideal_sensors(truth, 10.0)
 
 
-def row(name: str, sessions: Sequence[Scored]) -> str:
+def told(name: str, seed: int, declared: bool, aided: bool) -> Record:
+    """What the table needs of a session."""
+    with as_declared() if declared else nullcontext():
+        s = scored_session(CASES[name], seed, aided=aided)
+    return {
+        "case": name,
+        "outcome": str(s.result.verdict.outcome),
+        "nis": s.estimate.nis_mean,
+        "heading": s.heading**2,
+        "nees": s.nees / 3.0,
+        "heading_mrad": 1e3 * s.sigma_heading_rad,
+        "bias_deg_h": float(np.mean(s.sigma_deg_h[:2])),
+        "cpu_s": s.cpu_s,
+        "named": [str(name) for name in s.needed],
+    }
+
+
+def row(name: str, of: list[Record]) -> list[str]:
     """Verdicts, mean squares over sigma, sigmas and what was named, of one case."""
-    outcomes = Counter(str(s.result.verdict.outcome) for s in sessions)
-    named = Counter(one for s in sessions for one in s.needed)
-    return (
-        f"{name:26s} {outcomes['accepted']:4d} {outcomes['inconsistent']:4d}"
-        f" {outcomes['refused']:4d}  {np.mean([s.estimate.nis_mean for s in sessions]):5.2f}"
-        f"  {np.mean([s.heading**2 for s in sessions]):7.2f}"
-        f"  {np.mean([s.nees for s in sessions]) / 3.0:6.2f}"
-        f"  {1e3 * np.mean([s.sigma_heading_rad for s in sessions]):.4f}"
-        f"  {1e3 * np.mean([s.sigma_deg_h[:2] for s in sessions]):.3f}"
-        f"  {np.median([s.cpu_s for s in sessions]):.2f}  {dict(named) or ''}"
-    )
+    outcomes = Counter(r["outcome"] for r in of)
+    named = Counter(name for r in of for name in r["named"])
+    means = {key: np.mean([r[key] for r in of]) for key in MEANS}
+    verdicts = [str(outcomes[o]) for o in ("accepted", "inconsistent", "refused")]
+    said = ", ".join(f"{name} {n}" for name, n in named.items())
+    return [name, *verdicts, *(f"{means[key]:.4g}" for key in MEANS), said]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("case", nargs="*", help="part of a case's name; default: all")
-    parser.add_argument("-n", type=int, default=12, help="sessions a case")
-    parser.add_argument("--declared", action="store_true", help="look for nothing more")
-    parser.add_argument("--wheels", action="store_true", help="no GNSS, no odometer")
-    wanted = parser.parse_args()
-    names = [n for n in CASES if not wanted.case or any(part in n for part in wanted.case)]
-    print(f"{'case':26s}  acc  inc  ref    NIS  heading  biases  sig_h   sig_b  cpu  named")
-    for name in names:
-        if wanted.declared:
-            with as_declared():
-                sessions = _sessions(name, wanted.n, aided=not wanted.wheels)
-        else:
-            sessions = _sessions(name, wanted.n, aided=not wanted.wheels)
-        print(row(name, sessions), flush=True)
-
-
-def _sessions(name: str, count: int, *, aided: bool) -> list[Scored]:
-    return [scored_session(CASES[name], seed, aided=aided) for seed in range(count)]
+def run(
+    work: Work,
+    *,
+    sessions: int = 12,
+    cases: tuple[str, ...] = tuple(CASES),
+    declared: bool = False,
+    wheels: bool = False,
+) -> str:
+    """declared: nothing is looked for beyond what is declared; wheels: no GNSS, no odometer."""
+    asked = [(name, seed, declared, not wheels) for name in cases for seed in range(sessions)]
+    records = work.each(told, asked)
+    by_case = {name: [r for r in records if r["case"] == name] for name in cases}
+    head = ("case", "accepted", "inconsistent", "refused", *MEANS.values(), "named")
+    return table(head, [row(name, of) for name, of in by_case.items() if of])
 
 
 def _simulated(ideal: IdealSensors, seed: int, *, aided: bool) -> SimulatedRun:
@@ -457,7 +469,3 @@ def _fixes_moved(made: Made, north_m: Callable[[NDArray], NDArray]) -> Run:
     log = made.run.gnss
     lat = log.lat_rad + north_m(log.time_s) / EARTH_M
     return replace(made.run, gnss=replace(log, lat_rad=lat))
-
-
-if __name__ == "__main__":
-    main()

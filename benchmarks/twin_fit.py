@@ -1,9 +1,6 @@
 """Twins fitted to simulated parked hours whose noise is known: coverage, errors against the bound,
 slopes and wavelet moments beside it.
 
-    python -m benchmarks.twin_fit run TECHNOLOGY FIRST LAST -o hours.jsonl
-    python -m benchmarks.twin_fit table hours.jsonl [more.jsonl]
-
 Each hour is simulated at 100 Hz, its sizes drawn by factors 0.3 to 3 about BASES; in one of three
 somebody boards, ring-laser gyros have a dither line. The bound is Whittle's integral at the truth,
 written here apart from the fit. `slopes` reads the Allan deviation of `allantools` (not a
@@ -12,13 +9,10 @@ variances by non-negative least squares (as GMWM does: Guerrier et al. 2013), it
 white noise.
 """
 
-import argparse
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +20,7 @@ from scipy.fft import dct
 from scipy.optimize import nnls
 
 import recal
+from benchmarks.study import Work
 from ins.records import Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import (
@@ -53,7 +48,7 @@ HISTORY = thermal_history("ambient")
 BLOCK_S = 20.0  # of the contrasts from which the bound takes what no noise can be told from
 FACTOR = 3.0
 BASES = {"rlg": 1.0, "fog": 5.0, "mems": 1.0}  # times the default gyro of the technology
-QUANTA = (0.5, 3.0)  # over the white noise of a row; `--quanta` measures others
+QUANTA = (0.5, 3.0)  # over the white noise of a row
 LINE_HZ, LINE_RAD_S = 31.7, 3e-5
 TOLD_SIGMA = 0.5  # of a log variance by the bound: a parameter that an hour tells
 UNTOLD_SIGMA = 1.0  # a parameter that it does not
@@ -69,27 +64,6 @@ UNITS = {
     "vehicle.sway_m_s": 1.0,
 }
 GYRO_NAMES, ACCEL_NAMES = list(UNITS)[:5], list(UNITS)[5:]
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.twin_fit", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run")
-    run.add_argument("technology", choices=tuple(BASES))
-    run.add_argument("first", type=int)
-    run.add_argument("last", type=int)
-    run.add_argument("--quanta", type=float, nargs=2, default=QUANTA, metavar=("FROM", "TO"))
-    run.add_argument("-o", "--output", type=Path, required=True)
-    table = commands.add_parser("table")
-    table.add_argument("hours", type=Path, nargs="+")
-    options = parser.parse_args()
-    if options.command == "run":
-        for seed in range(options.first, options.last):
-            with options.output.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(one_hour(options.technology, seed, options.quanta)) + "\n")
-        return
-    lines = [line for path in options.hours for line in path.read_text().splitlines()]
-    print("\n".join(table_lines([json.loads(line) for line in lines])))
 
 
 @lru_cache(maxsize=1)
@@ -359,5 +333,15 @@ def _rms(values: NDArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-if __name__ == "__main__":
-    main()
+def run(
+    work: Work,
+    *,
+    technologies: tuple[str, ...] = tuple(BASES),
+    hours: int = 23,
+    first: int = 0,
+    quanta: tuple[float, ...] = QUANTA,
+) -> str:
+    """quanta: least and largest, over the white noise of a row."""
+    seeds = range(first, first + hours)
+    asked = [(technology, seed, list(quanta)) for technology in technologies for seed in seeds]
+    return "\n".join(table_lines(work.each(one_hour, asked))) + "\n"

@@ -1,26 +1,19 @@
 """Updates with a twin fitted to an earlier hour of the unit, against updates with the defaults of
 its technology, where the true noise is another one.
 
-    python -m benchmarks.twin_updates run FIRST LAST -o updates.jsonl
-    python -m benchmarks.twin_updates table updates.jsonl
-
 Each unit (ring laser, fibre optic, MEMS in turn) has sizes of noise 0.3 to 3 times the defaults,
 each drawn apart. An hour of it parked at 10 Hz is fitted; an hour parked and a taxi, another
 power-on, are updated three times: with the defaults, with the fitted twin, with the true one. The
 squared error of the mean bias of each gyro over its variance is 1 where sigma is right.
 """
 
-import argparse
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import recal
-from benchmarks.availability_session import SIGMA_DEG_H, Station, ideal_run, stations
-from infield.session.estimate import SessionEstimate
+from benchmarks.availability import SIGMA_DEG_H, Station, ideal_run, stations, true_bins
+from benchmarks.study import Work, table
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import mean_rows
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
@@ -43,25 +36,6 @@ NOISE = {
     "vehicle": ("sway_m_s", "yaw_creep_arcsec_sqrt_h"),
 }
 COMMON_SHARE = 0.7  # of the ageing's variance, as a table without covariance has it
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.twin_updates", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run")
-    run.add_argument("first", type=int)
-    run.add_argument("last", type=int)
-    run.add_argument("-o", "--output", type=Path, required=True)
-    table = commands.add_parser("table")
-    table.add_argument("updates", type=Path, nargs="+")
-    options = parser.parse_args()
-    if options.command == "run":
-        for seed in range(options.first, options.last):
-            with options.output.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(one_unit(seed)) + "\n")
-        return
-    lines = [line for path in options.updates for line in path.read_text().splitlines()]
-    print("\n".join(table_lines([json.loads(line) for line in lines])))
 
 
 def drawn_twin(technology: str, rng: np.random.Generator) -> TwinModel:
@@ -118,40 +92,28 @@ def squares(made: SimulatedRun, factory: dict, twin: TwinModel) -> list[float] |
     if estimate is None or not session.verdict.accepted:
         return None
     A = mean_rows(estimate)
-    error = A @ (estimate.bins.table_deg_h + estimate.mean_deg_h - _true_bins(estimate, made))
+    error = A @ (estimate.bins.table_deg_h + estimate.mean_deg_h - true_bins(estimate, made))
     variance = np.diag(A @ estimate.covariance @ A.T)
     return [float(v) for v in error**2 / variance]
 
 
-def _true_bins(estimate: SessionEstimate, made: SimulatedRun) -> NDArray:
-    """True total bias over each bin, in the order of the bins (3N,)."""
-    truth = []
-    for start_s, end_s in zip(estimate.bins.start_s, estimate.bins.end_s):
-        rows = (made.bias_time_s > start_s) & (made.bias_time_s <= end_s)
-        truth.append(made.gyro_bias_true_deg_h[rows].mean(axis=0))
-    return np.concatenate(truth)
-
-
-def table_lines(units: list[dict]) -> list[str]:
-    """Mean squared errors over variance, by technology and twin."""
-    head = "| unit | twin | accepted | squared error over variance | standard error | largest |"
-    lines = [head, "|" + "---|" * 6]
+def run(work: Work, *, units: int = 200, first: int = 0) -> str:
+    found = work.each(one_unit, [(seed,) for seed in range(first, first + units)])
+    rows = []
     for technology in TECHNOLOGIES:
-        own = [u for u in units if u["technology"] == technology]
-        for name in ("defaults", "fitted", "true") if own else ():
-            kept = [u[name] for u in own if u[name] is not None]
-            if not kept:
-                lines.append(f"| {technology} | {name} | 0 of {len(own)} | | | |")
-                continue
-            values = np.array(kept)
-            means = values.mean(axis=1)
-            error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 1 else np.nan
-            lines.append(
-                f"| {technology} | {name} | {len(kept)} of {len(own)} | {values.mean():.2f}"
-                f" | {error:.2f} | {values.max():.1f} |"
-            )
-    return lines
+        own = [u for u in found if u["technology"] == technology]
+        rows += [row(technology, name, own) for name in ("defaults", "fitted", "true") if own]
+    head = ("unit", "twin", "accepted", "squared error over variance", "standard error", "largest")
+    return table(head, rows)
 
 
-if __name__ == "__main__":
-    main()
+def row(technology: str, name: str, own: list[dict]) -> list[str]:
+    """Mean squared errors over variance of a technology under a twin."""
+    values = np.array([u[name] for u in own if u[name] is not None])
+    taken = f"{len(values)} of {len(own)}"
+    if not len(values):
+        return [technology, name, taken, "", "", ""]
+    means = values.mean(axis=1)
+    error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 1 else np.nan
+    figures = [f"{values.mean():.2f}", f"{error:.2f}", f"{values.max():.1f}"]
+    return [technology, name, taken, *figures]

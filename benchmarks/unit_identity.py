@@ -5,23 +5,16 @@ Units are drawn whole: their own curves and ageing, biases of their acceleromete
 thermometers, own heat and lags. A third of the power-ons finds the unit still warm, some logs begin
 late. The unit's history is that of sessions elsewhere; the table is the factory's, as it is before
 anything was learnt (the hardest case for the biases).
-
-    python -m benchmarks.unit_identity --units 100 --out identity.jsonl
-    python -m benchmarks.unit_identity --page identity.jsonl
 """
 
-import argparse
-import json
-import sys
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
 
 from benchmarks.recalibration_unit import OFFSET_DEG_H, SERIAL, SHAPE_DEG_H, TWINS, taxi
+from benchmarks.study import Work, share, table
 from infield.session.identity.marks import UnitMarks
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.results import UpdateResult
@@ -41,6 +34,7 @@ LATE_s = 120.0  # up to which logs begin after power-on
 TOO_FAR_SIGMAS = 4.0
 LATITUDES_DEG = (-45.0, 30.0, 45.0, 60.0)
 HEADINGS_DEG = (0.0, 60.0, 135.0, 240.0)
+HEAD = ("case", "found", "committed beyond 4 sigmas", "worst committed, sigmas", "doubted")
 CASES = ("own log", "another unit", "raw, declared compensated", "compensated, declared so")
 
 
@@ -205,59 +199,22 @@ def _marks(result: UpdateResult) -> dict:
     }
 
 
-def _interval(hits: int, count: int) -> tuple[float, float]:
-    """Clopper-Pearson, 95 %."""
-    low = float(beta.ppf(0.025, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(0.975, hits + 1, count - hits)) if hits < count else 1.0
-    return low, high
+def row(case: str, of: list[dict]) -> list[object]:
+    """Of a case: logs found, committed wrong, the worst that was committed, doubted."""
+    taken = [r for r in of if r["outcome"] == "accepted"]
+    worst = [r["worst_sigmas"] for r in taken]
+    return [
+        case,
+        share(len(of) - len(taken), len(of)),
+        sum(w > TOO_FAR_SIGMAS for w in worst),
+        f"{max(worst):.1f}" if worst else "-",
+        sum("compensation" in r["doubted"] for r in taken),
+    ]
 
 
-def worst_of(errors: list[float]) -> str:
-    """The largest, a dash where there is none."""
-    return f"{max(errors):.1f}" if errors else "-"
-
-
-def summary(records: list[dict]) -> list[str]:
-    """A row a case."""
-    lines = []
-    for case in CASES:
-        of = [r for r in records if r["case"] == case]
-        if not of:
-            continue
-        found = sum(r["outcome"] != "accepted" for r in of)
-        taken = [r["worst_sigmas"] for r in of if r["outcome"] == "accepted"]
-        low, high = _interval(found, len(of))
-        wrong = sum(worst > TOO_FAR_SIGMAS for worst in taken)
-        doubted = sum("compensation" in r["doubted"] for r in of if r["outcome"] == "accepted")
-        lines.append(
-            f"| {case} | {found} of {len(of)} ({100 * low:.0f} to {100 * high:.0f} %) |"
-            f" {wrong} | {max(taken) if taken else float('nan'):.1f} | {doubted} |"
-        )
-    return lines
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--units", type=int, default=5)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--history", type=int, default=2, help="earlier sessions of the unit")
-    parser.add_argument("--case", action="append")
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--page", type=Path)
-    options = parser.parse_args()
-    if options.page:
-        records = [json.loads(line) for line in options.page.read_text().splitlines()]
-        sys.stdout.write("\n".join(summary(records)) + "\n")
-        return
-    records = []
-    for seed in range(options.first, options.first + options.units):
-        for case in options.case or CASES:
-            records.append(trial(case, seed, options.history))
-            if options.out:
-                with options.out.open("a") as out:
-                    out.write(json.dumps(records[-1]) + "\n")
-    sys.stdout.write("\n".join(summary(records)) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+def run(work: Work, *, units: int = 100, first: int = 0, history: int = 2) -> str:
+    """history: earlier sessions of each unit."""
+    seeds = range(first, first + units)
+    records = work.each(trial, [(case, seed, history) for seed in seeds for case in CASES])
+    by_case = {case: [r for r in records if r["case"] == case] for case in CASES}
+    return table(HEAD, [row(case, of) for case, of in by_case.items() if of])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from alignment.inertial_start import attitude_of, start_attitude
-from benchmarks.rough_parking import ABOARD, Rough, Unit, parked
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, rotation_vector_from_dcm
 from ins.records import NavState
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
+from tests.alignment.rough_parking import ABOARD, Rough, Unit, parked
 
 PERFECT = Unit(arw_deg_sqrt_h=0.0, vrw_ug_sqrt_hz=0.0, gyro_deg_h=0.0, accel_ug=0.0)
 STONE = Rough(people_s=np.inf, doors_s=np.inf, sway_m=0.0, yaw_deg=0.0)

@@ -1,7 +1,7 @@
 """Motion of a parked vehicle as noise with a level: found where it is, honest, and free of charge
 where there is none.
 
-Truth is `benchmarks.rough_parking` (pyins): tilt steps of people, doors that ring, gusts as a
+Truth is `tests.alignment.rough_parking` (pyins): tilt steps of people, doors that ring, gusts as a
 damped resonance with a slow part; none of it has the form that is fitted (white, walk, strays).
 """
 
@@ -14,9 +14,9 @@ from alignment.motion import kinds, level
 from alignment.motion.kinds import Cause
 from alignment.motion.stillness import Motion
 from alignment.reasons import WITH_HEADING
-from benchmarks.rough_parking import ABOARD, QUIET, parked
 from ins.attitude import wrap_pi
 from ins.twin_file import default_twin
+from tests.alignment.rough_parking import ABOARD, QUIET, parked
 
 TWIN = default_twin("rlg")
 SIGMA_DEG_H = np.full(3, 0.01)

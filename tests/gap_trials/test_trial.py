@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.gap_trials import runs
-from benchmarks.gap_trials.__main__ import write_trial
 from benchmarks.gap_trials.effects import EFFECTS
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
+from benchmarks.gap_trials.written import write_trial
 from infield.table.file import table_from_dict
 from ins.records import InputError
 from ins.twin_file import read_twin

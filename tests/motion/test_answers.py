@@ -1,7 +1,7 @@
 """The frozen answers of every judge of rest and movement, asked again (issue 14, point 2).
 
-An answer that is meant to change is written anew with `python -m benchmarks.motion_answers --write`
-and named in the CHANGELOG with the reason.
+An answer that is meant to change is written anew with `python -m benchmarks run motion_answers
+--freeze` and named in the CHANGELOG with the reason.
 """
 
 from dataclasses import replace

@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from benchmarks.gap_trials.__main__ import write_trial
+from benchmarks.gap_trials.written import write_trial
 from infield.table.file import table_sha256
 from ins.records import InputError
 from ins.twin_file import read_twin

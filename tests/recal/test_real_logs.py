@@ -12,7 +12,6 @@ import typer
 from typer.testing import CliRunner
 
 from alignment import gyrocompass
-from benchmarks import real_logs
 from ins.earth import gravity_magnitude
 from ins.records import InputError
 from ins.twin_file import default_twin
@@ -166,22 +165,3 @@ def test_level_of_the_parked_plane_is_that_of_its_autopilot(plane):
     assert result.pitch_rad / DEG == pytest.approx(4.51, abs=2 * result.sigma_pitch_rad / DEG)
     assert result.sigma_roll_rad < 0.5 * DEG
     assert [p.phase for p in result.phases] == ["alignment"]
-
-
-def test_runs_for_the_gap_diagnosis(tmp_path):
-    """The benchmark's runs can be read again; rests and halves are where the notes beside the data
-    say.
-    """
-    runs = real_logs.convert_all(DATA, tmp_path)
-    assert set(runs) == {p.name for p in tmp_path.iterdir()}
-    for name, run in runs.items():
-        assert read_run(tmp_path / name).sha256 == run.sha256
-    first, second = runs["apm-first"].imu, runs["apm-second"].imu
-    assert (round(first.end_s), round(second.start_s), round(second.end_s)) == (87, 87, 175)
-    parked, landed = real_logs.at_rest(runs["apm"])
-    assert parked == pytest.approx((14, 184), abs=2.0) and landed == pytest.approx(
-        (571, 604), abs=2.0
-    )
-    assert real_logs.at_rest(runs["ln100"]) == [pytest.approx((0, 300), abs=0.1)]
-    assert real_logs.at_rest(runs["copter-imu3"]) == [pytest.approx((17, 61), abs=1.0)]
-    assert len(list(real_logs.table_lines(runs))) == 2 + 8

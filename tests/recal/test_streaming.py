@@ -7,7 +7,8 @@ from functools import partial
 
 import pytest
 
-from benchmarks.streaming_memory import LIMIT_MB, make_run, measure
+from benchmarks.long_flight import make_run
+from benchmarks.speed import LIMIT_MB, measure
 from infield.store.table_store import TableStore
 from recal.cli.console import result_text
 from tests.infield.sessions import TAXI, factory_dict, simulated

@@ -1,28 +1,20 @@
-"""The availability study: draws by number alone, resumed where it stopped, published intervals."""
+"""The availability study: draws by number alone, published intervals."""
 
-import json
 from collections import Counter
 
 import numpy as np
 import pytest
 
-from benchmarks.availability import missing, read_records, wanted
-from benchmarks.availability_document import (
-    Share,
-    Study,
+from benchmarks.availability import (
+    STATIONS,
     accepted,
     at_usual_strength,
-    page,
-    sessions_of,
-    squared_error,
-)
-from benchmarks.availability_session import (
-    KINDS,
-    REFERENCES,
-    STATIONS,
     draw,
+    sigma_ratio,
+    squared_error,
     stations,
     study_session,
+    wilson,
 )
 
 
@@ -59,32 +51,17 @@ def test_a_round_holds_every_environment_with_every_technology():
 )
 def test_intervals_are_wilsons(count, of, low, high):
     """Agresti & Coull (1998), table of ten trials."""
-    np.testing.assert_allclose(Share(count=count, of=of).wilson(), (low, high), atol=1e-3)
+    np.testing.assert_allclose(wilson(count, of), (low, high), atol=1e-3)
 
 
-def test_a_stopped_study_goes_on_where_it_stopped(tmp_path):
-    path = tmp_path / "records.jsonl"
-    whole = [json.dumps(record(k)) for k in range(3)]
-    path.write_text("\n".join([*whole[:2], whole[2][:40]]))
-    records = read_records(path)
-    assert [r["index"] for r in records] == [0, 1]
-    left = missing(wanted(4, 1), records)
-    assert [d.index for d in left if d.index < REFERENCES] == [2, 3]
-    assert sum(d.index >= REFERENCES for d in left) == 3 * STATIONS
-    assert read_records(tmp_path / "none.jsonl") == []
-
-
-def test_the_page_counts_what_the_records_say():
+def test_the_scores_count_what_the_records_say():
     records = [record(k) for k in range(54)]
     records[0] = record(0, outcome="refused", reasons=["too_noisy"])
-    yardstick = record(REFERENCES, sigma_deg_h=[1.0, 1.0, 1.0])
-    assert accepted(records) == Share(count=53, of=54)
-    assert sessions_of([*records, yardstick]) == records
+    calm = {(r["technology"], r["station"]): {"sigma_deg_h": [1.0, 1.0, 1.0]} for r in records}
+    assert accepted(records) == "98 % (90 to 100)"
     assert squared_error(records)[0] == pytest.approx(0.75)
     assert all(2 / 3 < r["strength"] < 1.5 for r in at_usual_strength(records))
-    text = page(Study(records=[*records, yardstick]))
-    assert all(f"`{kind}`" in text for kind in KINDS)
-    assert "`too_noisy` 1" in text and "98 % (90 to 100)" in text
+    assert sigma_ratio(records, calm) == f"{np.sqrt(14 / 3):.2f}"
 
 
 def test_a_calm_session_is_scored_against_the_truth():

@@ -2,13 +2,14 @@
 (benchmarks/).
 """
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from benchmarks import recalibration_document, recalibration_study
+from benchmarks import recalibration_study
 from benchmarks.baselines import (
     BASELINES,
     GlobalCubic,
@@ -18,7 +19,7 @@ from benchmarks.baselines import (
     SessionMean,
 )
 from benchmarks.exact_merge import Evidence, exact_merge
-from benchmarks.free_inertial import ALIGNMENT_S, HOUR_S, Flown, Sortie, fly, ideal
+from benchmarks.free_inertial import ALIGNMENT_S, HOUR_S, PROFILES, Flown, Sortie, fly, ideal
 from benchmarks.recalibration_unit import (
     EXACT,
     HERMITE,
@@ -210,7 +211,7 @@ def test_the_flight_without_errors_is_navigated_to_centimetres():
 
 @pytest.fixture(scope="module")
 def small_study() -> list[UnitResult]:
-    return recalibration_study.run_study("reference", units=3, sessions=2, profiles=())
+    return [study_unit(seed, twin_name="reference", sessions=2) for seed in range(3)]
 
 
 def test_two_sessions_bring_an_aged_table_back(small_study):
@@ -232,20 +233,17 @@ def test_two_sessions_bring_an_aged_table_back(small_study):
     assert summary["rules"][HERMITE]["visited_deg_h"][-1] < 1.2 * ours["visited_deg_h"][-1]
 
 
-def test_the_study_is_its_seeds(small_study):
-    assert study_unit(0, twin_name="reference", sessions=2) == small_study[0]
+def test_a_unit_is_its_seed_and_is_written_down_whole(small_study):
+    record = json.loads(json.dumps(recalibration_study.one(0, "reference", 2, ())))
+    assert recalibration_study.results_of([record]) == small_study[:1]
 
 
-def test_the_page_says_what_the_study_found(small_study, tmp_path):
-    summary = recalibration_study.summarise(small_study)
-    recalibration_document.write(
-        {"revision": "test", "scenarios": {"reference": summary}}, tmp_path
-    )
-    page = (tmp_path / "recalibration_study.md").read_text()
-    assert f"| **recal** | - | {summary['rules'][OURS]['visited_deg_h'][-1]:.4f} | - |" in page
-    for target in summary["targets"]:
-        assert (f"| {target['what']} |" in page) and (target["met"] or "**missed**" in page)
-    assert "independent-variance merge" in (tmp_path / "recalibration_study.svg").read_text()
+def test_the_table_of_rules_holds_what_the_study_found(small_study):
+    rules = recalibration_study.summarise(small_study)["rules"]
+    row = recalibration_study.rule_row(rules, OURS)
+    assert row[:4] == ["**recal**", "-", f"{rules[OURS]['visited_deg_h'][-1]:.4f}", "-"]
+    other = recalibration_study.rule_row(rules, "newest per bin, measured")
+    assert other[3] == f"{rules['newest per bin, smoothed']['visited_deg_h'][-1]:.4f}"
 
 
 def test_the_true_prior_is_the_ageing_that_units_are_drawn_with():
@@ -274,7 +272,7 @@ def test_r29(record_property):
     scenario.
     """
     summary = recalibration_study.summarise(
-        recalibration_study.run_study("reference", units=100, jobs=2)
+        [study_unit(k, twin_name="reference", profiles=tuple(PROFILES)) for k in range(100)]
     )
     for line in summary["targets"]:
         record_property(line["what"], line["got"])

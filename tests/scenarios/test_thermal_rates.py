@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import thermal_faults as faults
 from benchmarks import thermal_merge as merge
-from benchmarks.thermal_rates import Rate, interval_95, page
+from benchmarks.study import interval_95
 
 FEW = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 # see docs/rates_thermal.md
@@ -83,10 +83,7 @@ def test_r18_the_same_run_again_changes_no_bit(runs):
     assert count.hits == count.total
 
 
-def test_the_interval_and_the_page():
-    # Clopper-Pearson: 1 - 0.025^(1/200)
+def test_the_interval_is_clopper_pearsons():
+    # 1 - 0.025^(1/200)
     assert interval_95(0, 200) == (0.0, pytest.approx(0.01828, abs=1e-5))
     assert interval_95(200, 200)[0] == pytest.approx(0.025 ** (1 / 200))
-    assert "| R4 | a thing | 190/200 | 95.0 % | 91.0 to 97.6 % | all |" in page(
-        [Rate("R4", "a thing", 190, 200, "all")], 1.0
-    )

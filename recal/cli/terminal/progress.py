@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-FIRST_RUN = "first run on this machine: compiling, 5 to 20 s"  # benchmarks/first_run.py
+FIRST_RUN = "first run on this machine: compiling, 5 to 20 s"  # benchmarks/speed.py
 
 
 class Progress:

@@ -21,7 +21,7 @@ from simreal.twin.fit.terms import Term
 
 # Gears swing at 1 to 2 Hz with a tenth of critical damping (docs/environments.md). In a strong
 # breeze a ring laser's rows show 4 % more noise at 12 to 16 Hz, nothing from 16 Hz on; people
-# nothing from 8 Hz on (python -m benchmarks.twin_check bands).
+# nothing from 8 Hz on (docs/twin_fit.md).
 GEAR_BELOW_HZ, SWINGS_BELOW_HZ = 16.0, 8.0
 # a turn of 1 Hz has faded to 1/400 here
 GEAR_ABOVE_HZ = 0.05

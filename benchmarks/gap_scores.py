@@ -1,5 +1,5 @@
-"""Scores of gap study records: what is right, in the set, unresolved, wrong and confident; shares
-with 95 % intervals.
+"""Scores of the blind trials: what is right, in the set, unresolved, wrong and confident; and what
+issue 4 asks of them, each question with its cell, score and goal.
 
 right: name among the planted answers and target among its targets. The top cause is the one of
 largest probability (to 0.001; then of largest size). Generic answers (unknown ..., slow_variation)
@@ -7,18 +7,18 @@ are no names: never "wrong and confident".
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
+from benchmarks.study import Record, interval_95
 from simreal.declared.generic import FREE_FUNCTIONS
 from simreal.effects.base import SLOW_NAME
 from simreal.effects.gyro_noise import NOISE_OF_TIME
 from simreal.inference.verdict import GapVerdict
 
-Record = dict[str, Any]
 CONFIDENT = 0.9
 # descriptions, not causes
 GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW_NAME, NOISE_OF_TIME}
@@ -190,13 +190,6 @@ def covered(record: Record) -> bool | None:
     return bool(cause["shrink"][1] - 1e-9 <= max(truth, -1.0) <= cause["shrink"][2] + 1e-9)
 
 
-def interval(k: int, n: int) -> tuple[float, float]:
-    """Clopper-Pearson, 95 %, of a share k of n."""
-    low = 0.0 if k == 0 else float(beta.ppf(0.025, k, n - k + 1))
-    high = 1.0 if k == n else float(beta.ppf(0.975, k + 1, n - k))
-    return low, high
-
-
 def calibration(records: Sequence[Record]) -> list[Record]:
     """Bins of the reported probability of each member of the first set: mean claimed, share
     right.
@@ -219,7 +212,101 @@ def calibration(records: Sequence[Record]) -> list[Record]:
                     "claims": len(inside),
                     "right": k,
                     "claimed": float(np.mean([p for p, _ in inside])),
-                    "interval_95": interval(k, len(inside)),
+                    "interval_95": interval_95(k, len(inside)),
                 }
             )
     return out
+
+
+# ---- what issue 4 asks
+
+
+@dataclass(frozen=True)
+class Question:
+    """score: of a record, None where it does not apply. goal: the share wanted, None where none is;
+    at_most: its sense.
+    """
+
+    cell: str
+    words: str
+    score: Callable[[Record], bool | None]
+    goal: float | None = None
+    at_most: bool = False
+
+
+def excused(score: Callable[..., bool]) -> Callable[[Record], bool]:
+    """A score for which inseparable effects count."""
+    return partial(score, confounded=True)
+
+
+def _of_size(cell: str, top: float | None, inside: float | None) -> tuple[Question, ...]:
+    wrong = "wrong and confident"
+    return (
+        Question(cell, "right effect and target on top", on_top, top),
+        Question(cell, "in the credible set", in_set, inside),
+        Question(cell, "in the set, inseparable effects counted", excused(in_set)),
+        Question(cell, wrong, wrong_and_confident),
+        Question(cell, f"{wrong}, inseparable effects excused", excused(wrong_and_confident)),
+        Question(cell, "first place right", where_right),
+        Question(cell, "first place holds a fifth of the effect's energy", where_energy),
+        Question(cell, "shrink interval covers the true shrink", covered, 0.90),
+    )
+
+
+def set_or_unresolved(record: Record) -> bool:
+    return in_set(record) or unresolved(record)
+
+
+def below_five_percent(record: Record) -> bool:
+    return bool(record["p_value"] < 0.05)
+
+
+QUESTIONS = (
+    Question("none", "false alarms at the default level", alarm, 0.02, True),
+    Question("none", "p-value below 0.05", below_five_percent, 0.05, True),
+    Question("none5", "false alarms at --alpha 0.05", alarm, 0.05, True),
+    *_of_size("20", 0.93, 0.97),
+    *_of_size("12", 0.93, 0.97),
+    *_of_size("8", 0.85, 0.95),
+    *_of_size("5", None, None),
+    Question("5", "in the set or honestly unresolved", set_or_unresolved, 0.85),
+    Question("cold", "wrong and confident", wrong_and_confident, 0.03, True),
+    Question("cold", "the same, inseparable effects excused", excused(wrong_and_confident)),
+    Question("cold", "right effect and target on top", on_top),
+    Question("cold", "in the credible set", in_set),
+    Question("two", "both named", on_top, 0.85),
+    Question("two", "both in their sets", in_set),
+    Question("noise", "named as noise of the right channel", as_noise),
+    Question("noise", "a drift named", as_drift, 0.0, True),
+    Question("without", "another effect's name at over 0.9", named_falsely, 0.10, True),
+    Question("without", "the same, inseparable effects excused", excused(named_falsely)),
+    Question("without", "first place right", where_right, 0.90),
+    Question("without", "first place holds a fifth of the effect's energy", where_energy),
+    *_of_size("pyins", 0.93, 0.97),
+    *_of_size("motion", None, None),
+    Question("forms", "right effect or a stated neighbour in the set", excused(in_set), 0.90),
+    Question("forms", "wrong and confident", excused(wrong_and_confident), 0.03, True),
+    Question("motion_without", "another effect's name at over 0.9", named_falsely),
+    Question("motion_without", "first place right", where_right),
+    Question("pyins_none", "false alarms at the default level", alarm, 0.02, True),
+)
+
+
+def answer(question: Question, records: Sequence[Record]) -> Record | None:
+    """The share and its interval; None where no record has an answer.
+
+    met: the share is on the good side of the goal; shown: the whole interval is on one side of it.
+    """
+    own = [r for r in records if r["cell"] == question.cell]
+    said = [s for s in (question.score(r) for r in own) if s is not None]
+    if not said:
+        return None
+    k, n = sum(said), len(said)
+    low, high = interval_95(k, n)
+    met, shown = None, None
+    if question.goal is not None:
+        met = k / n <= question.goal if question.at_most else k / n >= question.goal
+        shown = not low <= question.goal <= high
+    judged = [r for r in own if question.score is on_top and oracle_on_top(r) is not None]
+    oracle = sum(bool(oracle_on_top(r)) for r in judged), sum(map(on_top, judged)), len(judged)
+    return {"k": k, "n": n, "met": met, "shown": shown, "oracle": oracle if judged else None}

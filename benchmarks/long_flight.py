@@ -1,22 +1,12 @@
-"""Largest resident memory and time of the commands that read a run, on flights of 1 h and of 10 h
-at 200 Hz.
+"""A run of a flight of some hours at 200 Hz, made in pieces from truth.
 
-    python benchmarks/streaming_memory.py [--csv] [HOURS ...]
-
-Each flight is made in pieces from truth: cold start, 30 min parked, the realistic taxi, take-off,
-cruise with turns, landing; GNSS at 1 Hz, odometer at 10 Hz. Each command runs in a process of its
-own; its ru_maxrss is the figure.
+Cold start, 30 min parked, the realistic taxi, take-off, cruise with turns, landing; GNSS at 1 Hz,
+odometer at 10 Hz.
 """
 
-import argparse
-import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +26,6 @@ from trajectories.simulator.sensors import ideal_sensors
 RATE_HZ = 200.0
 PIECE_S = 300.0
 SLOW_HZ = 20.0  # rate at which the streams beside the imu are made
-LIMIT_MB = 1000.0
 TAXI = [
     {"segment": "turn", "angle_deg": 90},
     {"segment": "taxi", "duration_s": 120, "speed_m_s": 9.5},
@@ -46,35 +35,6 @@ TAXI = [
     {"segment": "stop", "duration_s": 60},
     {"segment": "turn", "angle_deg": -90},
 ]
-
-
-class Use(NamedTuple):
-    """What a command took."""
-
-    wall_s: float
-    cpu_s: float
-    peak_mb: float
-
-
-# A process begins with the resident memory of the one that starts it, which counts in its
-# ru_maxrss: start from a small one.
-LAUNCH = """
-import os, subprocess, sys, time
-start = time.perf_counter()
-child = subprocess.Popen(sys.argv[1:], stdout=sys.stderr)
-_, status, usage = os.wait4(child.pid, 0)
-print(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0)
-sys.exit(os.waitstatus_to_exitcode(status) != 0)
-"""
-
-
-def recal(*arguments: str, folder: Path) -> Use:
-    """Run one command; SystemExit unless it ends well."""
-    command = [sys.executable, "-c", LAUNCH, sys.executable, "-m", "recal", *arguments]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-    if done.returncode != 0:
-        raise SystemExit(f"recal {' '.join(arguments)} failed:\n{done.stderr}")
-    return Use(*map(float, done.stdout.split()))
 
 
 def flight(hours: float) -> Scenario:
@@ -176,39 +136,3 @@ def write_imu(path: Path, pieces: Iterator[ImuLog]) -> None:
             file.write_table(
                 pa.table([log.time_s, *log.dtheta_rad.T, *log.dv_m_s.T], schema=schema)
             )
-
-
-def measure(folder: Path) -> dict[str, Use]:
-    """Check, align, replay and update of `folder`/run against the table beside it."""
-    recal("table", "import", "table.json", folder=folder)
-    return {
-        command: recal(command, "run", folder=folder)
-        for command in ("check", "align", "replay", "update")
-    }
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("hours", nargs="*", type=float, default=[1.0, 10.0])
-    parser.add_argument("--csv", action="store_true", help="imu.csv in the place of imu.parquet")
-    parser.add_argument(
-        "--no-phases", action="store_true", help="a log that does not say where it takes off"
-    )
-    given = parser.parse_args()
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; 200 Hz; limit {LIMIT_MB:.0f} MB")
-    print(f"{'flight':>8s} {'command':>8s} {'wall s':>8s} {'CPU s':>8s} {'peak MB':>8s}")
-    for hours in given.hours:
-        with tempfile.TemporaryDirectory() as name:
-            make_run(
-                Path(name), hours, fmt="csv" if given.csv else "parquet", phases=not given.no_phases
-            )
-            for command, use in measure(Path(name)).items():
-                print(
-                    f"{hours:6g} h {command:>8s} {use.wall_s:8.1f} {use.cpu_s:8.1f}"
-                    f" {use.peak_mb:8.0f}",
-                    flush=True,
-                )
-
-
-if __name__ == "__main__":
-    main()

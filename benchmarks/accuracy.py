@@ -1,21 +1,24 @@
-"""One cell of the accuracy study: a row of physics.md 6.7 at a latitude, its bound, and seeded
-sessions scored.
+"""Estimator sigma, actual RMS error and Cramer-Rao bound of each gyro, for all rows of physics.md
+6.7 and the realistic taxi.
 
 A run is simulated once, with satellites, and estimated in four ways: with and without them (taken
 out of the run), with and without the parked-attitude constraint. Rows and seeds are those of the
 tests (`tests.scenarios.study`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from itertools import chain
 
 import numpy as np
 
+from benchmarks.accuracy_summary import BELOW, GOAL, WORDS, summarise
 from benchmarks.cramer_rao import Sights, Spread, bias_bound
 from benchmarks.navigation_response import navigation_response
+from benchmarks.study import Record, Work, table
 from infield.session.acceptance import judge_estimate
-from infield.session.points import observability
+from infield.session.points import WEAK, observability
 from infield.session.settings import SessionSettings
 from ins.records import Site, Survey, TwinModel
 from ins.units import DEG, MILLIRADIAN
@@ -97,7 +100,7 @@ def ways(row: Row, lat_deg: float) -> tuple[tuple[bool, bool], ...]:
     return WAYS[:1] if lat_deg == 45.0 else ()
 
 
-def bounds(name: str, lat_deg: float) -> list[dict[str, Any]]:
+def bounds(name: str, lat_deg: float) -> list[Record]:
     """Bound of each way: sigma of the session-mean bias along north, east (first heading) and down,
     deg/h.
     """
@@ -126,37 +129,25 @@ def bounds(name: str, lat_deg: float) -> list[dict[str, Any]]:
     return found
 
 
-def sessions(name: str, lat_deg: float, seeds: range) -> list[dict[str, Any]]:
-    """Scores of each seed and way, as plain values; an estimator that fails is a score with its
-    message.
-    """
+def sessions(name: str, lat_deg: float, seed: int) -> list[Record]:
+    """Scores of one seed, each way."""
     row = ROWS[name]
     base, found = ideal_run(row, lat_deg), []
-    for seed in seeds:
-        made = simulated_session(
-            base,
-            seed,
-            twin=row.twin,
-            sigma_deg_h=SIGMA_DEG_H,
-            start=START,
-            with_gnss=True,
-            survey=_survey(row, seed),
-        )
-        for gnss, hold in ways(row, lat_deg):
-            run = made.run if gnss else replace(made.run, gnss=None)
-            head = {"row": name, "lat_deg": lat_deg, "gnss": gnss, "hold": hold, "seed": seed}
-            try:
-                outcome = estimated(
-                    made,
-                    run,
-                    row.twin,
-                    sigma_deg_h=SIGMA_DEG_H,
-                    settings=SessionSettings(hold_heading=hold),
-                )
-            except (ArithmeticError, ValueError) as error:
-                found.append({**head, "failed": f"{type(error).__name__}: {error}"})
-                continue
-            found.append({**head, **_scores(outcome, _north_east_down(base), hold)})
+    made = simulated_session(
+        base,
+        seed,
+        twin=row.twin,
+        sigma_deg_h=SIGMA_DEG_H,
+        start=START,
+        with_gnss=True,
+        survey=_survey(row, seed),
+    )
+    for gnss, hold in ways(row, lat_deg):
+        run = made.run if gnss else replace(made.run, gnss=None)
+        settings = SessionSettings(hold_heading=hold)
+        outcome = estimated(made, run, row.twin, sigma_deg_h=SIGMA_DEG_H, settings=settings)
+        head = {"row": name, "lat_deg": lat_deg, "gnss": gnss, "hold": hold, "seed": seed}
+        found.append({**head, **_scores(outcome, _north_east_down(base), hold)})
     return found
 
 
@@ -169,7 +160,7 @@ def _survey(row: Row, seed: int) -> Survey | None:
     return Survey(heading_rad=off, sigma_heading_rad=sigma)
 
 
-def _scores(outcome: Outcome, order: list[int], hold: bool) -> dict[str, Any]:
+def _scores(outcome: Outcome, order: list[int], hold: bool) -> Record:
     seen = observability(outcome.estimate, hold_heading=hold)
     tally = outcome.estimate.solution.filter.tally
     return {
@@ -191,3 +182,109 @@ def _north_east_down(base: IdealSensors) -> list[int]:
     do not matter).
     """
     return [1, 0, 2] if abs(base.C_nb[0, 0, 0]) < 0.5 else [0, 1, 2]
+
+
+AXES = ("north", "east", "down")
+WAY_NAMES = {
+    (False, True): "wheels, parked heading",
+    (False, False): "wheels",
+    (True, True): "wheels, parked heading, GNSS",
+    (True, False): "wheels, GNSS",
+}
+SHORT = dict(zip(WORDS, "own"))
+POOLED = ("seen", "axis", "cells", "RMS / bound", "sigma / bound")
+CELLS = ("row", "GNSS", "held", "runs", *(f"{axis}: sigma / RMS / bound" for axis in AXES))
+CELLS += ("worst RMS / bound", "NEES", "NIS", "verdicts")
+
+
+def run(
+    work: Work,
+    *,
+    runs: int = 50,
+    rows: tuple[str, ...] = tuple(ROWS),
+    latitudes: tuple[float, ...] = LATITUDES_DEG,
+) -> str:
+    cells = [(name, lat) for lat in latitudes for name in rows if ways(ROWS[name], lat)]
+    kept = list(chain(*work.each(bounds, cells)))
+    kept += chain(*work.each(sessions, [(*cell, seed) for seed in range(runs) for cell in cells]))
+    found = summarise(kept, list(ROWS))
+    parts = ["## In short\n", _totals(found["totals"])]
+    parts += ["Over all rows and latitudes, observable axes only:\n"]
+    parts += [table(POOLED, [_pooled(p) for p in found["totals"]["pooled"]])]
+    parts += [
+        "## Cells that miss\n",
+        "".join(f"- {m}\n" for m in misses(found["cells"])) or "None.\n",
+    ]
+    for lat in latitudes:
+        of = [_cell(c) for c in found["cells"] if c["lat_deg"] == lat]
+        parts += [f"## Latitude {lat:g} deg\n", table(CELLS, of)]
+    return "\n".join(parts)
+
+
+def _totals(t: Record) -> str:
+    lines = [
+        f"{t['runs']} sessions estimated in {t['cells']} cells",
+        f"RMS over bound on the {t['observable_axes']} observable axes:"
+        f" {_range(t['rms_over_bound'])}; {t['within_goal']} within {GOAL},"
+        f" {t['goal_within_interval']} with {GOAL} inside or above the 95 % interval of the RMS",
+        f"sigma over bound on all axes: {_range(t['sigma_over_bound'])};"
+        f" {t['overconfident_axes']} below {BELOW}",
+        f"NEES inside its band in {t['nees_inside']} cells of {t['cells']}",
+        f"NIS inside its band in {t['nis_inside']} cells of {t['cells']}: {_range(t['nis'])}",
+        "NIS by kind of measurement: "
+        + ", ".join(f"{kind} {nis:.3f}" for kind, (nis, _) in t["nis_by_kind"].items()),
+        f"verdicts agree with the bound's own in {100 * t['verdicts_agreed']:.2f} % of the runs"
+        " and axes",
+    ]
+    return "".join(f"- {line}\n" for line in lines)
+
+
+def _pooled(p: Record) -> tuple[object, ...]:
+    ratios = (f"{p[key]:.3f}" for key in ("rms_over_bound", "sigma_over_bound"))
+    return WAY_NAMES[p["gnss"], p["hold"]], AXES[p["axis"]], p["cells"], *ratios
+
+
+def _range(spread: dict[str, float]) -> str:
+    return "{least:.3f} to {largest:.3f} (RMS {rms:.3f})".format(**spread) if spread else "none"
+
+
+def misses(cells: list[Record]) -> Iterator[str]:
+    """Everything beyond the goal, below the bound or outside a NEES band, by name."""
+    for c in cells:
+        label = f"{c['row']}, {c['lat_deg']:g} deg, {WAY_NAMES[c['gnss'], c['hold']]}"
+        for k, axis in enumerate(AXES):
+            bound = c["bound_deg_h"][k]
+            if c["rms_deg_h"][k] > GOAL * bound and bound < WEAK * c["prior_deg_h"][k]:
+                low, rms, high = (c[f"rms{end}_deg_h"][k] / bound for end in ("_low", "", "_high"))
+                yield f"{label}, {axis}: RMS {rms:.2f} of the bound ({low:.2f} to {high:.2f})"
+            if c["sigma_deg_h"][k] < BELOW * bound:
+                yield f"{label}, {axis}: sigma {c['sigma_deg_h'][k] / bound:.3f} of the bound"
+        low, high = c["nees_band"]
+        if not low < c["nees"] < high:
+            yield f"{label}: NEES {c['nees']:.2f}, band {low:.2f} to {high:.2f}"
+
+
+def _cell(c: Record) -> list[str]:
+    """A row of the page."""
+    keys = ("sigma_deg_h", "rms_deg_h", "bound_deg_h")
+    mils = [" / ".join(f"{1e3 * c[key][k]:.2f}" for key in keys) for k in range(3)]
+    ratio = [rms / bound for rms, bound in zip(c["rms_deg_h"], c["bound_deg_h"])]
+    seen = [k for k in range(3) if c["bound_deg_h"][k] < WEAK * c["prior_deg_h"][k]]
+    worst = max((ratio[k] for k in seen), default=float("nan"))
+    of = ["yes" if c[key] else "" for key in ("gnss", "hold")]
+    flags = [_flag(c, "nees"), _flag(c, "nis"), _verdicts(c)]
+    return [c["row"], *of, f"{c['runs']}", *mils, f"{worst:.2f}", *flags]
+
+
+def _flag(c: Record, name: str) -> str:
+    """A mean square, bold outside its band."""
+    low, high = c[f"{name}_band"]
+    return f"{c[name]:.2f}" if low < c[name] < high else f"**{c[name]:.2f}**"
+
+
+def _verdicts(c: Record) -> str:
+    """The commonest of each axis, and the share that differs from what the bound calls for."""
+    words = "".join(SHORT[max(v, key=lambda word: v[word])] for v in c["verdicts"])
+    pairs = [(v, e) for v, e in zip(c["verdicts"], c["expected"]) if e]
+    off = max((1 - v.get(e, 0) / c["runs"] for v, e in pairs), default=0.0)
+    return f"{words} ({100 * off:.0f} % differ)" if off > 0 else words
