@@ -29,6 +29,7 @@ STUDIES = {
     "against_pyins": "against_pyins",
     "availability": "availability",
     "fleet": "fleet",
+    "flight_bound": "flight_bound",
     "flights": "flight_update",
     "fog_confidence": "fog_confidence",
     "fuzz": "fuzz",
