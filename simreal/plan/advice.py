@@ -78,7 +78,8 @@ def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
     if not plans:
         return f"No recording of the short list tells {names}."
     top = max(p.judged[k].score for p in plans)
-    near = [p for p in plans if top - p.judged[k].score <= EQUAL_GAIN * (top - now.score)]
+    gain = max(top - now.score, 0.0)  # shapes are sought anew: it may fall by a thousandth
+    near = [p for p in plans if top - p.judged[k].score <= EQUAL_GAIN * gain]
     best = min(near, key=lambda p: p.recordings[-1].cost_hours)
     then = best.judged[k]
     if then.lacks:

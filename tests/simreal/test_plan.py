@@ -3,6 +3,7 @@ search for recordings.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -256,6 +257,26 @@ def test_advice_is_a_sentence_for_each_rival(maker):
     assert after < 0.7 * before
     assert "gyro_g_sensitivity" in force
     assert advice(credible[2:3], evidence) == [] == advice(credible[:1], evidence)
+
+
+def test_where_every_recording_tells_less_that_is_said(maker, monkeypatch):
+    """A plan may score below the runs alone by a rounding: 0.033937 after 0.033950 ended `diagnose`
+    in a ValueError.
+    """
+    monkeypatch.setattr(Planner, "best_next", lambda planner, now, listed: [less_told(now)])
+    evidence = Evidence([maker.view(COLD)], TWIN)
+    (said,) = advice(
+        [("gyro_warmup_transient", "gyro_x"), ("gyro_thermal_linear", "gyro_x")], evidence
+    )
+    assert "gyro_thermal_linear" in said
+
+
+def less_told(now):
+    """A plan with one recording whose pairs are told a little worse."""
+    worse = [
+        SimpleNamespace(**{**vars(j), "score": 0.99 * j.score, "cos": j.cos}) for j in now.judged
+    ]
+    return SimpleNamespace(judged=worse, recordings=(COLD,))
 
 
 def test_rivals_are_named_each_with_the_sensor_it_can_be_on(maker):
