@@ -140,15 +140,16 @@ def take_run(
     verdict = acceptance.judge_merge(merged, estimate, suspicions(estimate))
     if not verdict.accepted:
         return replace(told, verdict=verdict, merged=merged)
-    if declared is not None:
-        estimate = widened_by(estimate, declared.pattern)
-    estimate = widened_for_place(estimate, run.header.site, on_record.of_place)
-    estimate, doubted = with_doubt(estimate)
-    merged = estimate.merged_into(table, held)
+    wider = estimate if declared is None else widened_by(estimate, declared.pattern)
+    wider = widened_for_place(wider, run.header.site, on_record.of_place)
+    wider, doubted = with_doubt(wider)
+    if wider is not estimate:
+        merged = wider.merged_into(table, held)
+        verdict = acceptance.judge_merge(merged, wider, suspicions(wider))
     return replace(
         told,
-        verdict=acceptance.judge_merge(merged, estimate, suspicions(estimate)),
-        estimate=estimate,
+        verdict=verdict,
+        estimate=wider,
         merged=merged,
         doubted=doubted if declared is None else (declared, *doubted),
     )
