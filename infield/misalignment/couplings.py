@@ -159,7 +159,7 @@ def with_heading_errors(
             because(
                 MisalignmentNote.HEADINGS_TURNED,
                 turned_rad=turned,
-                allowed_rad=allowed,
+                times=abs(turned / allowed),
                 prior_mrad=settings.prior_mrad,
             )
         )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.reports.words.sentences import plain
 from ins.records import Run, TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G
+from ins.verdicts import plain_number
 from simreal.declared.generic import TABLE_AGED
 from simreal.effects.base import GYROS, SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue
@@ -455,8 +455,8 @@ def _cause_lines(cause: CauseRecord) -> list[str]:
 
 
 def _parameter_text(p: ParameterRecord) -> str:
-    sigma = "" if p.sigma is None else f" +- {plain(p.sigma, '.2g')}"
-    text = f"{plain(p.value, '.4g')}{sigma} {p.unit}"
+    sigma = "" if p.sigma is None else f" +- {plain_number(p.sigma, '.2g')}"
+    text = f"{plain_number(p.value, '.4g')}{sigma} {p.unit}"
     if p.unusual:
         return f"{text} (implausibly large)"
     return f"{text} (less than declared)" if p.below_declared else text

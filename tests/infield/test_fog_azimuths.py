@@ -14,9 +14,9 @@ from infield.misalignment.harmonic_fit import (
     level_rate_deg_h,
     north_to_west_rad,
 )
-from infield.reports.words.sentences import sentences
 from ins.records import InputError
 from ins.units import ARCSEC, DEG, MILLIRADIAN
+from ins.verdicts import sentences
 
 LAT = 39.9 * DEG
 RATE = level_rate_deg_h(LAT)
