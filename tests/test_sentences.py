@@ -57,7 +57,7 @@ CHOSEN = {
     ],
 }
 # codes among the values of a reason: their templates are filled by the same values
-INNER = {"SessionReason.LIKE_A_WRONG_FACT": "WrongFact"}
+INNER = {"PriorsReason.NO_SESSIONS": "NothingKept", "SessionReason.LIKE_A_WRONG_FACT": "WrongFact"}
 
 
 @cache

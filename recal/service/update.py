@@ -52,7 +52,7 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.text import result_text
-from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
+from recal.service.results.update_summary import AxisChange, Points, axes_of, points_of, summary
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 

@@ -20,7 +20,7 @@ from simreal.inference.wrong_site import WRONG_LATITUDE
 from simreal.predict.document import NIS, share_text
 from simreal.predict.records import GapValueRecord, PredictedRunRecord
 from simreal.report.diagnosis_curves import Overlay
-from simreal.report.diagnosis_document import KEPT_OUT_WORDS, p_text
+from simreal.report.diagnosis_document import p_text
 from simreal.report.diagnosis_figures import (
     band_drawing,
     gap_maps,
@@ -96,7 +96,6 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         title=_title(document),
         percent=percent,
         looks=LOOK_WORDS,
-        kept_out_words=KEPT_OUT_WORDS,
         mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
         actions=_actions(document),
         glossary=_glossary(document),

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script
 from recal.service.look.records import Fit, LookDocument, LookVerdict, Use
 from recal.service.results.pages import page_environment
+from simreal.report.twin_document import PARAMETER_NAMES, size_words
 from simreal.report.twin_page import allan_drawing
-from simreal.report.twin_words import PARAMETER_NAMES, size_words
 
 LOOK_VERDICTS = {  # word, look, symbol
     LookVerdict.USABLE: ("Usable", "good", "✔"),
