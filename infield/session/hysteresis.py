@@ -239,12 +239,6 @@ def find_terms(
     return tuple(found)
 
 
-def _not_tested(axis: str) -> ThermalTerm:
-    return ThermalTerm(
-        axis=axis, kind=ThermalKind.RATE, value=0.0, sigma=0.0, action=ThermalAction.NOT_TESTED
-    )
-
-
 def _action(kind: ThermalKind) -> ThermalAction:
     """What is done about a term that is taken for real."""
     if kind is ThermalKind.RATE:

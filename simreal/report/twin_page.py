@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from infield.reports.charts import DOT, Band, Item, Line, Marks, Panel, side_by_side
 from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
-from simreal.report.page import render_page
+from infield.reports.page import render_page
 from simreal.report.twin_document import PARAMETER_NAMES, size_words, would_tell
 from simreal.report.twin_records import ChannelRecord, TwinFitRecord
 from simreal.twin.fit.result import Needs, Parameter
@@ -21,6 +21,7 @@ def twin_html(document: TwinFitRecord) -> str:
     assert found is not None
     return render_page(
         "twin.html.j2",
+        "simreal.report",
         d=document,
         rows=[(p, size_words(p), would_tell(p)) for p in found.parameters],
         names=PARAMETER_NAMES,
