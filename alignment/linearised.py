@@ -215,14 +215,14 @@ def _laid_out(
     course: Course,
     flown: tuple[NavHistory, _Judged],
     start: Start,
-) -> tuple[FilterPass, level_fit.Stretch]:
+) -> tuple[FilterPass, level_fit.SearchInputs]:
     """A pass of the filter over a solution, and what the search for its level needs."""
     history, judged = flown
     until_s = judged.motion.parked_until_s if course.parked_only else course.until_s
     plan = plan_steps(judged.motion, prior.edges_s, until_s=until_s)
     if not plan.kind.size:
         raise NothingStands(log.rest[1] - log.rest[0], twin.source)
-    stretch = level_fit.Stretch(
+    stretch = level_fit.SearchInputs(
         plan, judged.level, history.time_s, course.hold_heading, declared_sway_m(twin)
     )
     last = FilterPass(
@@ -240,7 +240,7 @@ def _laid_out(
     return last, stretch
 
 
-def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.Run:
+def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.FilterRun:
     """A pass of the filter under any level and any scale of the unit's noise."""
     rolls = np.flatnonzero(last.plan.kind >= ROLLING)
     until = int(rolls[0]) if rolls.size else len(last.plan.kind)

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from benchmarks.study import Work, table
 from infield.thermal.fog.piecewise import piecewise_pair
-from infield.thermal.fog.ramps import AxisFit, RampStudy, separate
+from infield.thermal.fog.ramps import RampFit, RampStudy, separate
 from infield.thermal.ramp_runs import RampRun, read_ramps
 from infield.thermometer.causal_rate import causal_rates, time_constant_s
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -136,7 +136,7 @@ def scores(name: str, units: int) -> dict[str, list[float]]:
     return found
 
 
-def _score(a: AxisFit, k: int, truth: Truth, way: Way, found: dict[str, list[float]]) -> None:
+def _score(a: RampFit, k: int, truth: Truth, way: Way, found: dict[str, list[float]]) -> None:
     c, T = a.curves, a.curves.temperature_degC
     assert c.K_delta_covariance is not None and c.K_T_covariance is not None
     off = (c.K_delta - truth.K_delta(k, T)) / np.sqrt(np.diag(c.K_delta_covariance))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from infield.learning.draws import Draws, draw
 from infield.learning.hierarchy import Normal, Said, said_by, solve
 from infield.learning.kept import KeptUnit
-from infield.learning.likelihood import Evidence, FleetLikelihood
+from infield.learning.likelihood import FleetEvidence, FleetLikelihood
 from infield.learning.parameters import (
     OF_POINTS,
     TYPE_SPREAD,
@@ -71,7 +71,7 @@ Parameters = Mapping[PriorName, Learnt]
 
 
 @dataclass(frozen=True)
-class Check:
+class DrawCheck:
     """How well the posterior was drawn: asked `draws` times, for `effective` equal draws; used: the
     intervals are those of the draws.
     """
@@ -95,10 +95,10 @@ class LearntFleet:
     parameters: Parameters
     types: Mapping[str, Parameters]
     of_units: Sequence[Parameters]
-    evidence: Evidence
-    defaults: Evidence
+    evidence: FleetEvidence
+    defaults: FleetEvidence
     draws: Draws
-    check: Check
+    check: DrawCheck
     settled: bool
 
     @property
@@ -279,9 +279,9 @@ def _drawn(
     return laplace, draw(log_posterior, found.theta, laplace.covariance, prior.sigma, rng)
 
 
-def _check(draws: Draws) -> Check:
+def _check(draws: Draws) -> DrawCheck:
     """Used as long as the draws say more than the curvature would."""
-    return Check(draws.asked, draws.effective, used=draws.effective >= FEWEST_EFFECTIVE)
+    return DrawCheck(draws.asked, draws.effective, used=draws.effective >= FEWEST_EFFECTIVE)
 
 
 def _of_technology(draws: Draws, laplace: Normal, used: bool, spread: float) -> list[_Marginal]:

@@ -28,7 +28,7 @@ NOT_AT_ONE_ATTITUDE = ("xz", "yz", "z own axis")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coupling:
+class CouplingEstimate:
     """One coefficient with its sigma [rad] and what that is worth beside the prior."""
 
     name: str
@@ -49,9 +49,9 @@ class Misalignment:
     reasons: tuple[Reason, ...]
     geometry: Geometry
     fit: AzimuthFit | None = None
-    couplings: tuple[Coupling, ...] = ()
+    couplings: tuple[CouplingEstimate, ...] = ()
 
-    def coupling(self, name: str) -> Coupling:
+    def coupling(self, name: str) -> CouplingEstimate:
         return next(c for c in self.couplings if c.name == name)
 
 
@@ -161,10 +161,10 @@ def _weights(**of_coupling: float) -> NDArray:
     return weights
 
 
-def _judged(name: str, value: float, sigma: float, prior: float) -> Coupling:
+def _judged(name: str, value: float, sigma: float, prior: float) -> CouplingEstimate:
     """The verdict by what the sigma is after the measurement over what it was before."""
     ratio = 1.0 / np.sqrt(1.0 + (prior / sigma) ** 2)
-    return Coupling(
+    return CouplingEstimate(
         name=name, value_rad=value, sigma_rad=sigma, verdict=Observability.of(float(ratio))
     )
 

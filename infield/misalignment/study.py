@@ -19,7 +19,7 @@ from infield.misalignment.azimuth_biases import (
     stop_biases,
 )
 from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
-from infield.misalignment.azimuth_runs import Stop, find_stops, heading_disagreement
+from infield.misalignment.azimuth_runs import AzimuthStop, find_stops, heading_disagreement
 from infield.misalignment.couplings import Misalignment, measure_misalignment, with_heading_errors
 from infield.misalignment.geometry import azimuth_geometry
 from infield.misalignment.harmonic_fit import azimuth_columns, level_rate_deg_h
@@ -62,7 +62,7 @@ class AzimuthStudy:
     covariance: NDArray
     temperature_degC: NDArray | None = None
     runs: tuple[Run, ...] = ()
-    stops: tuple[Stop, ...] = ()
+    stops: tuple[AzimuthStop, ...] = ()
     notes: tuple[Reason, ...] = ()
     levels: LevelOffsets | None = None
     why_no_levels: Reason | None = None
@@ -167,7 +167,7 @@ class _Runs:
     """The inputs of `study_runs`, to judge and to fill a study with."""
 
     runs: Sequence[Run]
-    stops: list[Stop]
+    stops: list[AzimuthStop]
     table: ThermalTable
     twin: TwinModel
     known: KnownAzimuths | None

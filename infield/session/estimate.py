@@ -12,7 +12,7 @@ from alignment.motion.kinds import UNKNOWN
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.stillness import Motion
 from alignment.motion.sway import Sway
-from alignment.motion.turn_between import Turn
+from alignment.motion.turn_between import HeadingChange
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
 from infield.session.reasons import Nuisance, VarianceSource
@@ -72,7 +72,7 @@ class ParkedEvidence:
     rate_deg_h: NDArray
     used_s: NDArray
     earth: SessionEarth
-    turns: tuple[Turn, ...]
+    turns: tuple[HeadingChange, ...]
     left_out: tuple[LeftOut, ...]
     shape_dof: int
     shape_nis: float

@@ -156,7 +156,7 @@ class ThermalNote(ReasonCode):
     )
 
 
-class Moves(StrEnum):
+class BiasDriver(StrEnum):
     """What a model takes to move the bias."""
 
     RATE = "temperature and its rate"

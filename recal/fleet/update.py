@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 
 from ins.verdicts import plain
 from recal.fleet.document import Timing, fleet_document
-from recal.fleet.document_records import FleetDocument, FleetTiming, TimingDocument, UnitSummary
+from recal.fleet.document_records import FleetDocument, FleetTiming, TimingDocument, UnitReport
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
@@ -266,7 +266,7 @@ def _document(
     timing: TimingDocument,
 ) -> FleetDocument:
     outcomes = [*(journal.runs[run.path] for runs in units.values() for run in runs), *set_aside]
-    summaries = {key: journal.units.get(unit_folder(key), UnitSummary()) for key in units}
+    summaries = {key: journal.units.get(unit_folder(key), UnitReport()) for key in units}
     return fleet_document(
         request, outcomes, summaries, FleetTiming(**vars(timing), earlier_calls=journal.calls)
     )

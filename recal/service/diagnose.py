@@ -190,10 +190,10 @@ def _predicted(
     # with the store and the updates' estimators behind them: half a second of CPU
     from recal.service.inputs.unit_inputs import table_of_unknown_unit
     from simreal.predict.document import simulator_record
-    from simreal.predict.held_out import Believed, predict_runs
+    from simreal.predict.held_out import GivenTwin, predict_runs
 
     table = beside.table or table_of_unknown_unit(runs[0], twin)
-    believed = Believed(twin, beside.table, beside.sha256)
+    believed = GivenTwin(twin, beside.table, beside.sha256)
     return simulator_record(predict_runs(runs, believed, table, settings, found))
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ins.records import AXES
 from simreal.plan.flights import FlightStudy
-from simreal.plan.gram import ODDS_NATS, Contender, Told
-from simreal.plan.pairs import INSEPARABLE, Judged
+from simreal.plan.gram import ODDS_NATS, Contender, PairSeparation
+from simreal.plan.pairs import INSEPARABLE, PairAssessment
 from simreal.plan.recordings import Recording
 from simreal.plan.study import NULL_NATS, Plan, Study
 from simreal.report.plan_records import (
@@ -162,7 +162,7 @@ def _plan(plan: Plan, study: Study) -> PlanOfRecordings:
     )
 
 
-def _judged(j: Judged, study: Study) -> JudgedRecord:
+def _judged(j: PairAssessment, study: Study) -> JudgedRecord:
     short = JudgedRecord(label=j.pair.label, verdict=j.verdict, lacks=j.lacks)
     if not j.both:
         return short
@@ -179,7 +179,7 @@ def _judged(j: Judged, study: Study) -> JudgedRecord:
     )
 
 
-def _sizes(e: Contender, t: Told, study: Study, *, special: bool) -> SizesRecord:
+def _sizes(e: Contender, t: PairSeparation, study: Study, *, special: bool) -> SizesRecord:
     """Size of an effect in the runs, and the coefficients from which it is seen and told from its
     rival.
 
@@ -217,7 +217,7 @@ def _gained(before: Plan | None, after: Plan) -> tuple[str, ...]:
     return tuple(j.pair.label for j, b in zip(after.judged, old) if j.margin_high >= 1.0 > b)
 
 
-def _never(j: Judged) -> NeverRecord:
+def _never(j: PairAssessment) -> NeverRecord:
     if j.lacks:
         why = f"needs {j.lacks}"
     elif j.cos > ALIKE_COS:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from ins.records import TwinModel
 from simreal.report.twin_records import CellRecord, TwinCheckRecord
-from simreal.twin.fit.agreement import MISFIT_P, TOLERATED, Agreement, Cell, Of
+from simreal.twin.fit.agreement import MISFIT_P, TOLERATED, Agreement, BandPower, Of
 
 TOO_LITTLE = "the runs hold too little rest to judge the noise model: needed 6 min at rest"
 
@@ -55,7 +55,7 @@ def agreement_line(found: Agreement, command: str) -> str:
     )
 
 
-def cell_words(c: Cell) -> str:
+def cell_words(c: BandPower) -> str:
     """A cell: its size over the declared one."""
     size = math.sqrt(max(c.ratio, 0.0))
     where = f"below {c.high_hz:g} Hz" if c.low_hz == 0.0 else f"{c.low_hz:g} to {c.high_hz:g} Hz"

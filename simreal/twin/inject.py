@@ -17,7 +17,7 @@ from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
 from ins.records import GnssLog, ImuLog, OdometerLog, Run, TemperatureLog, VehicleNoise
 from simreal.declared.twin_effects import TwinEffect, twin_traces
 from simreal.effects.telemetry import Telemetry, Trace
-from simreal.twin.added_noise import Draws, at, draw, swayed
+from simreal.twin.added_noise import NoiseDraws, at, draw, swayed
 from trajectories.runs.directory import run_sha256
 
 BEYOND_S = 60.0  # the first and the last value hold this far outside the telemetry
@@ -39,7 +39,7 @@ class Injected:
 
     run: Run
     trace: Trace
-    draws: Draws
+    draws: NoiseDraws
     side: SideMotion
 
 
@@ -99,7 +99,9 @@ def _side_motion(telemetry: Telemetry, trace: Trace) -> SideMotion:
     return SideMotion(v_n, np.cumsum(0.5 * (v_n + before) * step, axis=0))
 
 
-def _imu(imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: Draws, side: SideMotion) -> ImuLog:
+def _imu(
+    imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: NoiseDraws, side: SideMotion
+) -> ImuLog:
     t, dt = imu.time_s, imu.dt_s
     dtheta, dv = imu.dtheta_rad + draws.dtheta_rad, imu.dv_m_s + draws.dv_m_s
     if trace.gyro_rad_s is not None:
@@ -127,7 +129,7 @@ def _felt(imu: ImuLog, telemetry: Telemetry, trace: Trace, C_nb: NDArray) -> NDA
     return np.stack([-turn[:, 2] * way, end - start, turn[:, 0] * way], axis=1)
 
 
-def _felt_sway(draws: Draws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
+def _felt_sway(draws: NoiseDraws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
     """Velocity increments (m, 3) of level sway."""
     velocity = np.column_stack([draws.sway_m_s, np.zeros(draws.time_s.size)])
     before = np.concatenate([np.zeros((1, 3)), velocity[:-1]])
@@ -159,7 +161,7 @@ def _temperature(
     log: TemperatureLog | None,
     telemetry: Telemetry,
     trace: Trace,
-    draws: Draws,
+    draws: NoiseDraws,
     rng: np.random.Generator,
 ) -> TemperatureLog | None:
     if log is None or (trace.temperature_degC is None and not draws.temperature_variance):
@@ -176,7 +178,7 @@ def _odometer(
     log: OdometerLog | None,
     telemetry: Telemetry,
     trace: Trace,
-    draws: Draws,
+    draws: NoiseDraws,
     rng: np.random.Generator,
 ) -> OdometerLog | None:
     if log is None:
@@ -193,7 +195,7 @@ def _gnss(
     log: GnssLog | None,
     telemetry: Telemetry,
     trace: Trace,
-    draws: Draws,
+    draws: NoiseDraws,
     side: SideMotion,
     rng: np.random.Generator,
 ) -> GnssLog | None:

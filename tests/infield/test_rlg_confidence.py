@@ -14,7 +14,7 @@ from infield.table.least_squares import NormalEquations
 from infield.thermal.compensation import batch_series, bias_deg_h
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.gradients import fit_gradients
-from infield.thermal.rlg.lag import Beside, Lag, corrected_columns, derivatives
+from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, derivatives
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.rlg.terms import TERMS
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -130,7 +130,7 @@ def test_normal_equations_of_a_lag_are_those_of_the_corrected_columns():
     t, lag = 60.0 * np.arange(50.0), Lag(200.0, 90.0)
     X, y = rng.standard_normal((50, len(TERMS) + 3)), rng.standard_normal(50)
     both = np.column_stack([X, derivatives(X, t)])
-    beside = Beside(NormalEquations(both.T @ both, both.T @ y, float(y @ y), 50))
+    beside = LaggedNormal(NormalEquations(both.T @ both, both.T @ y, float(y @ y), 50))
     corrected = corrected_columns(X, t, lag)
     found = beside.at(lag)
     assert found.A == pytest.approx(corrected.T @ corrected)

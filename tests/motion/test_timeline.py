@@ -14,10 +14,10 @@ from alignment.motion.kinds import (
     ROLLING,
     STILL,
     UNKNOWN,
-    Cause,
-    Evidence,
+    Disturbance,
     Says,
     Witness,
+    WitnessEvidence,
 )
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import gnss_evidence, steady_roll, watched_seconds, wheel_evidence
@@ -133,7 +133,7 @@ def test_the_rule(kind, speed, words, found):
     seen = np.array([speed, 0.0, 0.0, 0.0, np.nan])
     allowed = (0.25, 0.02, 0.5, 0.5, 1.0)
     evidence = {
-        witness: Evidence(witness, np.full(T.size, said), np.full(T.size, s), limit)
+        witness: WitnessEvidence(witness, np.full(T.size, said), np.full(T.size, s), limit)
         for witness, said, s, limit in zip(
             (Witness.NAVIGATION, Witness.ROWS, Witness.GNSS, Witness.WHEELS, Witness.PHASES),
             words,
@@ -202,7 +202,7 @@ def test_rows_lost_in_a_gust_do_not_end_the_parked_time(seed):
     case = motion_runs.simulated(100 * seed + 13, motion_runs.TAXI, events=[gust])
     run = motion_runs.changed(case, lambda run: motion_runs.without_rows(run, 420.15, 420.85)).run
     (fault,) = repair(run.imu, seconds_of(run.imu), 0.0, run.imu.end_s)[1]
-    assert fault.reason == Cause.DROPOUT and fault.start_s < 420.0 < fault.end_s < 460.0
+    assert fault.reason == Disturbance.DROPOUT and fault.start_s < 420.0 < fault.end_s < 460.0
 
 
 def test_rows_lost_on_the_way_are_no_repair_of_a_taxi():

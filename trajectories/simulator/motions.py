@@ -41,7 +41,7 @@ CHANNELS = ("speed_m_s", "course_rate_rad_s", "climb_rate_m_s", "airborne")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class SimulatedMotion:
     """A whole motion: profiles of time (PPoly), the spans at rest, and the phases by name.
 
     `course_rad` starts at 0 and is relative to the first heading; `climb_rate_m_s` is up.
@@ -98,7 +98,7 @@ class _Plan:
             self.time_s += duration_s
 
 
-def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> Motion:
+def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> SimulatedMotion:
     """Segments end to end, from rest at time 0, as smooth profiles with their phases.
 
     Raises InputError where a segment cannot follow from the one before (parking at speed, flying
@@ -116,7 +116,7 @@ def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> Motion:
             ("first_park" if number == 0 and phase == "parked" else phase, start_s, plan.time_s)
         )
     course_rate = _profile(plan.blends["course_rate_rad_s"], plan.time_s)
-    return Motion(
+    return SimulatedMotion(
         end_s=plan.time_s,
         speed_m_s=_profile(plan.blends["speed_m_s"], plan.time_s),
         course_rate_rad_s=course_rate,
@@ -338,7 +338,7 @@ REFERENCE_MOTIONS = tuple(_REFERENCE)
 
 def reference_motion(
     name: str, *, parked_s: float = PARKED_S, alignment_s: float = 600.0
-) -> tuple[float, Motion]:
+) -> tuple[float, SimulatedMotion]:
     """Heading at alignment [rad] and motion of a row of physics.md 6.7, or of the realistic taxi.
 
     Raises InputError where the name is not one of REFERENCE_MOTIONS.

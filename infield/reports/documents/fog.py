@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
-from infield.thermal.fog.model import SCHEMA, FogModel, HeldOut, shifted
+from infield.thermal.fog.model import SCHEMA, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
-from infield.thermal.fog.ramps import AxisFit, Curves, RampStudy
+from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
 from infield.thermal.ramp_runs import RampRun
 from ins.records import AXES
 from ins.verdicts import UNWRITTEN, codes, sentences
@@ -239,7 +239,7 @@ class FogDocument(ThermalDocument):
     noise_model: NoiseModelDocument
     axes: Mapping[str, AxisDocument]
     check: Sequence[CheckDocument]
-    held_out: Sequence[HeldOut] = field(repr=False, compare=False, metadata=UNWRITTEN)
+    held_out: Sequence[HeldOutResidual] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def fog_document(
     pairs: dict[str, PiecewisePair],
     model: FogModel,
     *,
-    checks: Sequence[HeldOut] = (),
+    checks: Sequence[HeldOutResidual] = (),
     allowed_deg_h: float,
     word_bits: int,
     version: str,
@@ -337,7 +337,7 @@ def _run(role: str, run: RampRun) -> RunDocument:
 
 
 def _axis(
-    a: AxisFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
+    a: RampFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
 ) -> AxisDocument:
     c, T = a.curves, a.curves.temperature_degC
     return AxisDocument(
@@ -374,7 +374,7 @@ def _axis(
     )
 
 
-def _sigma_shape(a: AxisFit, pair: PiecewisePair) -> NDArray:
+def _sigma_shape(a: RampFit, pair: PiecewisePair) -> NDArray:
     """Sigma of K_T less its mean. Where the data call for knees, a smooth curve cannot follow them:
     what it is off the pieces is as uncertain as that.
     """
@@ -392,7 +392,7 @@ def _sigma(curves: Curves) -> list[float]:
     return np.sqrt(np.diag(curves.K_delta_covariance)).tolist()
 
 
-def _pair(a: AxisFit) -> PairDocument | None:
+def _pair(a: RampFit) -> PairDocument | None:
     if a.fast_pair is None:
         return None
     K_T, K_delta = a.fast_pair.K_T_deg_h, a.fast_pair.K_delta
@@ -404,7 +404,7 @@ def _pair(a: AxisFit) -> PairDocument | None:
     )
 
 
-def _subtraction(a: AxisFit, study: RampStudy) -> SubtractionDocument | None:
+def _subtraction(a: RampFit, study: RampStudy) -> SubtractionDocument | None:
     if a.document is None:
         return None
     seen = np.isfinite(a.document.K_delta)
@@ -426,7 +426,7 @@ def _subtraction(a: AxisFit, study: RampStudy) -> SubtractionDocument | None:
     )
 
 
-def _closed(a: AxisFit, curves: Curves | None) -> ClosedFormDocument | None:
+def _closed(a: RampFit, curves: Curves | None) -> ClosedFormDocument | None:
     """The rates are those of whole ramps there, so that their ends tell less."""
     if curves is None:
         return None
@@ -438,7 +438,7 @@ def _closed(a: AxisFit, curves: Curves | None) -> ClosedFormDocument | None:
     )
 
 
-def _slow_rate(a: AxisFit, study: RampStudy, allowed: float) -> SlowRateDocument:
+def _slow_rate(a: RampFit, study: RampStudy, allowed: float) -> SlowRateDocument:
     K = float(np.max(np.abs(a.curves.K_delta)))
     test = max(run.rate for run in study.fast)
     by_unit, by_test = admissible_slow_rate(K, K * test, test, allowed)
@@ -492,7 +492,7 @@ def _piecewise(curve: Piecewise) -> CurveDocument:
     )
 
 
-def _check(found: HeldOut) -> CheckDocument:
+def _check(found: HeldOutResidual) -> CheckDocument:
     before, after, causal = found.before_deg_h, found.after_deg_h, found.causal_deg_h
     axes = {
         axis: CheckedAxisDocument(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.misalignment.closed_forms import DocumentAngles, document_angles, document_compensation
-from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, Coupling
+from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
 from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, north_to_west_rad
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
 from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
@@ -231,7 +231,7 @@ def _redundancy(fit: AzimuthFit) -> RedundancyDocument:
     return RedundancyDocument(chi2=fit.chi2, dof=fit.dof, limit_999=fit.band)
 
 
-def _coupling(c: Coupling) -> CouplingDocument:
+def _coupling(c: CouplingEstimate) -> CouplingDocument:
     value = c.value_rad if np.isfinite(c.sigma_rad) else float("nan")
     return CouplingDocument(
         entry=c.name,
@@ -318,7 +318,7 @@ def _unseen(what: str, why: Reason) -> UnseenDocument:
     return UnseenDocument(what=what, why=sentence(why), why_code=why.code.value)
 
 
-def _why_unseen(c: Coupling) -> Unseen:
+def _why_unseen(c: CouplingEstimate) -> Unseen:
     if np.isfinite(c.sigma_rad):
         return Unseen.WEAK
     return Unseen.DIAGONAL if c.name == "xy+yx" else Unseen.NORTH

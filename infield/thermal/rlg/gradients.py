@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.reasons import LatePart, Moves, ThermalNote, ThermalReason
+from infield.thermal.reasons import BiasDriver, LatePart, ThermalNote, ThermalReason
 from infield.thermal.rlg.fit import STRETCH_MIN, AxisFit, AxisModel
 from infield.thermal.rlg.lag import Lag
 from infield.thermal.study import (
-    Study,
+    ThermalStudy,
     contradicted,
     levels_differ,
     moving_base,
@@ -42,7 +42,7 @@ BOTH_WAYS_degC = 5.0  # of temperatures passed warming and cooling; chosen: 1/2 
 
 
 @dataclass(frozen=True, kw_only=True)
-class GradientStudy(Study):
+class GradientStudy(ThermalStudy):
     """All that came of the runs."""
 
     runs: tuple[GradientRun, ...]
@@ -75,7 +75,7 @@ def fit_gradients(
         for found in a.collinear
     ]
     late = [_late(a.axis, a.lag) for a in axes if a.lag.found]
-    against = contradicted(axes, Moves.GRADIENTS)
+    against = contradicted(axes, BiasDriver.GRADIENTS)
     return replace(
         study,
         axes=() if against else axes,

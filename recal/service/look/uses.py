@@ -80,7 +80,7 @@ class UseReason(ReasonCode):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
+class LookFindings:
     """What a look found of a log, for its uses.
 
     run_path: of the run that the commands name; fitted: None where no rest was found.
@@ -97,7 +97,7 @@ class Judged:
         return 0.0 if self.fitted is None else self.fitted.parked_s
 
 
-def uses_of(judged: Judged) -> tuple[UseDocument, ...]:
+def uses_of(judged: LookFindings) -> tuple[UseDocument, ...]:
     """Every use, in the order in which a newcomer goes through them."""
     return (_alignment(judged), _noise(judged), _table(judged), _replay(judged), _diagnosis(judged))
 
@@ -140,7 +140,7 @@ def _first_reason(aligned: AlignmentDocument) -> str:
     return str(aligned.reasons[0]) if aligned.reasons else "the rest says too little"
 
 
-def _alignment(judged: Judged) -> UseDocument:
+def _alignment(judged: LookFindings) -> UseDocument:
     aligned, words = judged.aligned, ("recal", "align", judged.run_path)
     if aligned.verdict is AlignmentVerdict.ALIGNED:
         sigma_deg = float(aligned.sigma_heading_deg)
@@ -152,7 +152,7 @@ def _alignment(judged: Judged) -> UseDocument:
     return _use(Use.ALIGNMENT, Fit.NO, because(UseReason.NOT_ALIGNED, why=why))
 
 
-def _noise(judged: Judged) -> UseDocument:
+def _noise(judged: LookFindings) -> UseDocument:
     if judged.fitted is None:
         return _use(Use.NOISE, Fit.NO, because(UseReason.NO_REST))
     parameters = judged.fitted.parameters
@@ -164,7 +164,7 @@ def _noise(judged: Judged) -> UseDocument:
     return _use(Use.NOISE, Fit.YES if told else Fit.PARTLY, why, words)
 
 
-def _table(judged: Judged) -> UseDocument:
+def _table(judged: LookFindings) -> UseDocument:
     run = judged.run
     if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
         return _use(Use.TABLE, Fit.NO, because(UseReason.NO_TEMPERATURE))
@@ -195,7 +195,7 @@ def _still_s(aligned: AlignmentDocument) -> float:
     return parked_s * aligned.used_percent / 100.0
 
 
-def _replay(judged: Judged) -> UseDocument:
+def _replay(judged: LookFindings) -> UseDocument:
     words = ("recal", "replay", judged.run_path)
     gnss = judged.run.gnss
     if gnss is not None and gnss.time_s.size >= FEWEST_FIXES:
@@ -207,7 +207,7 @@ def _replay(judged: Judged) -> UseDocument:
     return _use(Use.REPLAY, Fit.NO, because(UseReason.NO_START))
 
 
-def _diagnosis(judged: Judged) -> UseDocument:
+def _diagnosis(judged: LookFindings) -> UseDocument:
     if judged.fitted is None:
         return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_REST))
     run = judged.run_path

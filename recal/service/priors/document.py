@@ -10,7 +10,7 @@ from infield.learning.parameters import UNITS, PriorName, defaults_of
 from ins.json_file import Json
 from ins.records import InputError
 from ins.verdicts import OMIT_NONE, Outcome, Reason, ReasonCode, because, record_of, sentences
-from recal.service.priors.kept import LeftOut
+from recal.service.priors.kept import ExcludedSession
 
 PRIORS_SCHEMA = "recal.priors/1"
 OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
@@ -232,7 +232,7 @@ def _notes(found: LearntFleet) -> list[Reason]:
     return notes
 
 
-def left_out_documents(left_out: Sequence[LeftOut]) -> list[LeftOutDocument]:
+def left_out_documents(left_out: Sequence[ExcludedSession]) -> list[LeftOutDocument]:
     """What could not be learnt from."""
     return [LeftOutDocument(**vars(item)) for item in left_out]
 

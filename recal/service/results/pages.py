@@ -32,7 +32,7 @@ from infield.reports.figures import (
 )
 from infield.reports.page import decimals_for, page_environment
 from infield.reports.update_page import estimated_of, update_html
-from infield.session.disagreement import Step
+from infield.session.disagreement import BiasStep
 from ins.json_file import JsonObject
 from ins.verdicts import record_of, sentence
 from simreal.report.diagnosis_document import summary
@@ -53,6 +53,7 @@ __all__ = [
     "PANEL_WIDTH",
     "VERMILLION",
     "Band",
+    "BiasStep",
     "Boxes",
     "Item",
     "JsonObject",
@@ -60,7 +61,6 @@ __all__ = [
     "Marks",
     "MethodDocument",
     "Panel",
-    "Step",
     "UpdateDocument",
     "Uprights",
     "chart",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from alignment.motion.kinds import ROLLING
 from ins.earth import radii_of_curvature
 from ins.robust import robust_sigma
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 
 # of the steps between readings that a resolution must explain: 1 in 1,000 may be a glitch
 GRID_SHARE = 0.999
@@ -37,7 +37,7 @@ class Thermometers:
     resolution: float
 
 
-def thermometers(streams: list[Stream]) -> Thermometers | None:
+def thermometers(streams: list[ParkedStream]) -> Thermometers | None:
     """What all gyro thermometers of the runs show."""
     columns = [
         column[np.isfinite(column)]
@@ -69,7 +69,7 @@ def resolution(columns: list[NDArray]) -> float:
     return step if whole.mean() > GRID_SHARE else 0.0
 
 
-def receiver(streams: list[Stream]) -> dict[str, Sample]:
+def receiver(streams: list[ParkedStream]) -> dict[str, Sample]:
     """Sigmas of position and velocity while parked, by key of the twin; velocities about zero,
     positions about their mean, so that what lasts longer than the rest is not in them.
     """
@@ -98,7 +98,7 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
     return {name: _sample(columns) for name, columns in named.items() if columns}
 
 
-def wheels(streams: list[Stream]) -> Sample | None:
+def wheels(streams: list[ParkedStream]) -> Sample | None:
     """Noise of the wheels' speed: parked where they read anything, else from what neighbouring
     readings differ by while they roll (an upper limit where the vehicle jerks).
     """
@@ -124,7 +124,7 @@ def wheels(streams: list[Stream]) -> Sample | None:
     return Sample(robust_sigma(moving) / np.sqrt(SECOND_DIFFERENCE), moving.size / 3.0)
 
 
-def _at_rest(stream: Stream, time_s: NDArray) -> NDArray:
+def _at_rest(stream: ParkedStream, time_s: NDArray) -> NDArray:
     """Times (k,) that lie in still seconds."""
     at = np.searchsorted(stream.seconds.end_s, time_s - 1e-6)
     inside = at < stream.still.size

@@ -7,7 +7,7 @@ from enum import StrEnum
 from numpy.typing import NDArray
 
 from ins.records import TwinModel
-from simreal.twin.fit.streams import Line
+from simreal.twin.fit.streams import SpectralLine
 from simreal.twin.reasons import Why
 
 
@@ -91,7 +91,7 @@ class TwinFit:
     names: tuple[str, ...]
     covariance: NDArray
     curves: tuple[ChannelCurve, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
     runs: tuple[RunUsed, ...]
     differ: Mapping[str, float]
     axis_white: Mapping[str, float]

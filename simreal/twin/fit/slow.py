@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 from simreal.twin.fit.terms import Shape, Term, bin_covariance
 
 FEWEST_BINS = 6  # one for a level, two for temperature, one for a tilt, 2 that say something
@@ -101,7 +101,7 @@ class Covariance:
     quick: NDArray
 
 
-def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
+def slow_data(stream: ParkedStream, block_s: float) -> list[SlowData]:
     """The six channels of a stream as means over block_s."""
     n = round(block_s)
     rows = [np.arange(a, a + (b - a) // n * n).reshape(-1, n) for a, b in stream.spans]
@@ -125,7 +125,7 @@ def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
     return found
 
 
-def _common(stream: Stream, place: NDArray, middle_s: NDArray) -> list[NDArray]:
+def _common(stream: ParkedStream, place: NDArray, middle_s: NDArray) -> list[NDArray]:
     """Regressors (n, p) that each axis has: places, powers of temperature."""
     places = (place[:, None] == np.unique(place)).astype(float)
     if stream.temperature is None:
@@ -145,7 +145,9 @@ def _common(stream: Stream, place: NDArray, middle_s: NDArray) -> list[NDArray]:
     return found
 
 
-def _tilting(stream: Stream, mean: NDArray, seconds: NDArray, place: NDArray, axis: int) -> NDArray:
+def _tilting(
+    stream: ParkedStream, mean: NDArray, seconds: NDArray, place: NDArray, axis: int
+) -> NDArray:
     """Regressor (n, 1): the rate about a body axis at which the vertical of the accelerometers
     turns, d(up)/dt = -omega x up; none across a disturbance.
     """
