@@ -436,7 +436,7 @@ class Attributor:
 
     def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
         slot = self._unrefined(number, odds, groups)
-        if slot.group is None:
+        if slot.group is None or isinstance(slot.hypothesis, NoiseHypothesis):
             slot.posterior = np.exp(odds - logsumexp(odds))  # as it is before its own noise is in
             return slot
         slot.group = self._refined(slot.hypothesis, slot.group, others)
