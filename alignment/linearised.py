@@ -33,7 +33,7 @@ from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
 from ins.records import ImuLog, ImuSource, InputError, NavHistory, NavState, Phase, Site, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.verdicts import because
+from ins.verdicts import because, sentence
 
 CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
 MAX_PASSES = 4
@@ -77,14 +77,9 @@ TO_THE_END = Course()
 class NothingStands(InputError):
     """No step of the rest stands still, so that there is nothing to estimate from."""
 
-    TEMPLATE = (
-        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
-        " moves, or the unit is much noisier than its noise model ({source})"
-    )
-
     def __init__(self, rest_s: float, source: str) -> None:
-        super().__init__(self.TEMPLATE.format(rest_s=rest_s, source=source))
         self.reason = because(AlignmentReason.NOTHING_STANDS, rest_s=rest_s, source=source)
+        super().__init__(sentence(self.reason))
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,13 @@ from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Ca
 from benchmarks.study import Work
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
-from infield.reports.words.sentences import sentence, sentences
 from infield.session import log, pipeline
 from infield.session.parked import stretches
 from infield.thermal import ramp_runs
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short
 from ins.records import ImuSource, InputError
 from ins.units import DEG
-from ins.verdicts import Reason
+from ins.verdicts import Reason, sentence, sentences
 from simreal.effects import telemetry
 from simreal.evidence import run_view
 from trajectories.runs import physics_gates

@@ -14,11 +14,11 @@ from alignment.motion.inertial import quiet_stretches
 from alignment.motion.seconds import seconds_of
 from benchmarks.motion_runs import DATA, RECORDED, Case
 from benchmarks.study import Work, table
-from infield.reports.words.sentences import sentences
 from infield.session.pipeline import update_calibration
 from ins.records import Site
 from ins.twin_file import default_twin
 from ins.units import DEG
+from ins.verdicts import sentences
 from tests.cut import cut_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park

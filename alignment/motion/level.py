@@ -48,11 +48,6 @@ class ParkedLevel:
     place_m: NDArray
     yaw_rad: NDArray
 
-    @property
-    def quiet_place_m(self) -> float:
-        """The level of its quiet stretches."""
-        return float(np.min(self.place_m)) if self.place_m.size else 0.0
-
 
 def standing(history: NavHistory, motion: Motion) -> Motion:
     """The motion with all that a level describes taken for rest: what shook the vehicle, left it

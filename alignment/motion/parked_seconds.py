@@ -103,7 +103,7 @@ def _first_place(
         return None, float("nan")
     sums, still = part.sums, ~seconds.touched
     moved, last, again_s = "", still.size, float("nan")
-    for a, b in _runs(~still, seconds):
+    for a, b in _runs(~still):
         turn, tilt = _change(sums, seconds, a, b)
         if max(turn, tilt) > NEW_PLACE_RAD:
             moved = (
@@ -123,7 +123,7 @@ def _first_place(
     )
 
 
-def _runs(touched: NDArray, seconds: Seconds) -> list[tuple[int, int]]:
+def _runs(touched: NDArray) -> list[tuple[int, int]]:
     """[first, behind last) of the disturbances, those a few seconds apart taken as one."""
     runs: list[tuple[int, int]] = []
     for k in np.flatnonzero(touched):

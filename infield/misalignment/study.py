@@ -216,7 +216,7 @@ class _Runs:
             stop=j + 1,
             run_id=self.runs[self.stops[j].run].header.run_id,
             given_rad=given[j],
-            seen_rad=given[j] - off,
+            seen_rad=np.mod(given[j] - off, 2.0 * np.pi),
         )
         return [contradicted]
 
@@ -314,7 +314,9 @@ def study_table(
         lat_rad=lat_rad,
         twin=twin,
         settings=settings,
-        azimuths=because(Azimuths.OF_TABLE, sigma_heading_rad=sigma_heading_rad),
+        azimuths=because(
+            Azimuths.OF_TABLE, exact=sigma_heading_rad == 0.0, sigma_heading_rad=sigma_heading_rad
+        ),
         why_no_levels=because(Unseen.NO_ACCELEROMETERS),
         result=result,
         heading_rad=heading_rad,

@@ -20,10 +20,9 @@ from infield.reports.charts import (
 from infield.reports.documents.misalignment import CouplingDocument, MisalignmentDocument
 from infield.reports.figures import BLACK, BLUE, GREY, VERMILLION
 from infield.reports.page import number, render_page
-from infield.reports.words.significance import measured_words
 from ins.records import AXES
 from ins.units import ARCSEC, DEG
-from ins.verdicts import Observability, plain
+from ins.verdicts import Observability, measured_words, plain
 
 BANNERS = {
     MisalignmentVerdict.MEASURED: "good",

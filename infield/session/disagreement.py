@@ -83,7 +83,15 @@ class Step:
 
     @property
     def reason(self) -> Reason:
-        return because(SessionReason.TABLE_DISAGREES, **vars(self))
+        return because(
+            SessionReason.TABLE_DISAGREES,
+            axis=self.axis,
+            shift_deg_h=self.shift_deg_h,
+            sigma_deg_h=self.sigma_deg_h,
+            since_utc=self.since_utc,
+            count=len(self.run_ids),
+            run_ids=self.run_ids,
+        )
 
 
 def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tuple[Step, ...]:

@@ -61,16 +61,16 @@ def levels_differ(runs: Sequence[RampRun]) -> bool:
     return bool(len(levels) > 1 and np.ptp(levels, axis=0).max() > SAME_LEVEL_RAD)
 
 
-def moving_base(run: RampRun, **role: str) -> tuple[Reason, ...]:
-    """Why a run that turns cannot be used; empty where it rests."""
+def moving_base(run: RampRun, name: str = "run") -> tuple[Reason, ...]:
+    """Why a run that turns cannot be used; empty where it rests. name: with its role."""
     if run.turned_rad <= TURNED_RAD:
         return ()
     why = because(
         ThermalReason.MOVING_BASE,
+        run=name,
         run_id=run.run_id,
         turned_rad=run.turned_rad,
         needed_rad=TURNED_RAD,
-        **role,
     )
     return (why,)
 

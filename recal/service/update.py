@@ -22,7 +22,6 @@ from infield.reports.documents.update_records import (
     RunDocument,
     UpdateDocument,
 )
-from infield.reports.words.sentences import sentence, sentences
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
 from infield.session.results import UpdateResult
@@ -34,7 +33,7 @@ from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.records import InputError, Run, TableDocument, TwinModel
-from ins.verdicts import Outcome, because
+from ins.verdicts import Outcome, because, sentence, sentences
 from recal.service.inputs.config import read_config
 from recal.service.inputs.new_units import refuse_store, require_unit
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
@@ -53,7 +52,7 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.text import result_text
-from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
+from recal.service.results.update_summary import AxisChange, Points, axes_of, points_of, summary
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 

@@ -10,7 +10,6 @@ from urllib.parse import quote
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
-from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 
 from recal.service.results.pages import page_environment
@@ -99,7 +98,7 @@ class Site:
         """
         session = None if request is None else self.session(request)
         text = (
-            _environment()
+            page_environment("recal", "web/templates")
             .get_template(template)
             .render(
                 style=_style(),
@@ -141,18 +140,9 @@ class Site:
 
 
 @lru_cache(maxsize=1)
-def _environment() -> Environment:
-    shared = page_environment()
-    assert shared.loader is not None
-    return shared.overlay(
-        loader=ChoiceLoader([PackageLoader("recal", "web/templates"), shared.loader])
-    )
-
-
-@lru_cache(maxsize=1)
 def _style() -> Markup:
     """The style sheet of the reports with what the page adds."""
-    found = _environment()
+    found = page_environment("recal", "web/templates")
     return Markup(found.get_template("style.css").render() + found.get_template("web.css").render())
 
 

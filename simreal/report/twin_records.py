@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from ins.verdicts import OMIT_NONE, UNWRITTEN
 from simreal.twin.fit.agreement import Of
-from simreal.twin.fit.result import Needs, TwinFit, Why
+from simreal.twin.fit.result import Needs, TwinFit
+from simreal.twin.reasons import Why
 
 FIT_SCHEMA, CHECK_SCHEMA = "recal.twin_fit/1", "recal.twin_check/1"
 FIT_METHOD = (

@@ -109,7 +109,7 @@ def _imu(imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: Draws, side: Si
     if side.v_n_m_s.any() or draws.sway_m_s.any():
         velocity = side.v_n_m_s + swayed(draws, telemetry.time_s)[1]
         level_n = omega_en_n(telemetry.lat_rad, telemetry.height_m, velocity)
-        dtheta += increments(telemetry, _in_body(telemetry.C_nb, level_n), t, dt)
+        dtheta += increments(telemetry, in_body(telemetry.C_nb, level_n), t, dt)
         C_nb = _between(t - 0.5 * dt, telemetry)
         dv += _felt(imu, telemetry, trace, C_nb) + _felt_sway(draws, telemetry, C_nb)
     return replace(imu, dtheta_rad=_rounded(dtheta, draws.quantum_rad), dv_m_s=dv)
@@ -121,7 +121,7 @@ def _felt(imu: ImuLog, telemetry: Telemetry, trace: Trace, C_nb: NDArray) -> NDA
         return np.zeros((imu.rows, 3))
     end = np.interp(imu.time_s, telemetry.time_s, trace.lateral_m_s)
     start = np.append(0.0, end[:-1])
-    earth = _in_body(C_nb, np.broadcast_to(omega_ie_n(telemetry.lat_rad), (imu.rows, 3)))
+    earth = in_body(C_nb, np.broadcast_to(omega_ie_n(telemetry.lat_rad), (imu.rows, 3)))
     turn = imu.dtheta_rad + earth * imu.dt_s[:, None]
     way = 0.5 * (start + end)
     return np.stack([-turn[:, 2] * way, end - start, turn[:, 0] * way], axis=1)
@@ -132,7 +132,7 @@ def _felt_sway(draws: Draws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
     velocity = np.column_stack([draws.sway_m_s, np.zeros(draws.time_s.size)])
     before = np.concatenate([np.zeros((1, 3)), velocity[:-1]])
     coriolis = np.cross(2 * omega_ie_n(telemetry.lat_rad), 0.5 * (velocity + before))
-    return _in_body(C_nb, velocity - before + coriolis * draws.dt_s[:, None])
+    return in_body(C_nb, velocity - before + coriolis * draws.dt_s[:, None])
 
 
 def _between(time_s: NDArray, telemetry: Telemetry) -> NDArray:
@@ -142,7 +142,8 @@ def _between(time_s: NDArray, telemetry: Telemetry) -> NDArray:
     return at(time_s, telemetry.time_s, telemetry.C_nb.reshape(-1, 9)).reshape(-1, 3, 3)
 
 
-def _in_body(C_nb: NDArray, vector_n: NDArray) -> NDArray:
+def in_body(C_nb: NDArray, vector_n: NDArray) -> NDArray:
+    """Vectors (n, 3) of the navigation frame in body axes."""
     return np.asarray(np.einsum("nij,ni->nj", C_nb, vector_n))
 
 

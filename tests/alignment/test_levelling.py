@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from alignment.gyrocompass import align
-from infield.reports.words.sentences import sentences
 from ins.earth import gravity_magnitude, omega_ie_n
 from ins.records import ImuLog, Site
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+from ins.verdicts import sentences
 
 SITE = Site(lat_rad=-37.96 * DEG, lon_rad=144.76 * DEG, height_m=16.0)
 GRAVITY = float(gravity_magnitude(SITE.lat_rad, SITE.height_m))

@@ -11,8 +11,8 @@ from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import seconds_of
 from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior
-from infield.reports.words.sentences import sentence
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import sentence
 from tests.infield.aided_cases import SITE, flown, ideal, twin_of
 
 

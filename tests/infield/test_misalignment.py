@@ -18,7 +18,6 @@ from infield.misalignment.reasons import MisalignmentNote
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs, study_table
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
-from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest, session_end
 from infield.session.navigated.estimator import estimate_session
 from infield.session.pipeline import UnitHistory, update_calibration
@@ -28,6 +27,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, InputError
 from ins.units import ARCSEC, DEG, MICRO_G
+from ins.verdicts import sentences
 from tests.infield.azimuth_cases import (
     SITE,
     STOP_S,

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from benchmarks.rlg_confidence import CASES, heated, read_late, scores
 from infield.reports.documents.rlg import rlg_document
-from infield.reports.words.sentences import sentences
 from infield.table.least_squares import NormalEquations
 from infield.thermal.compensation import batch_series, bias_deg_h
 from infield.thermal.reasons import ThermalNote
@@ -20,7 +19,7 @@ from infield.thermal.rlg.model import model_from_document
 from infield.thermal.rlg.terms import TERMS
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError, TemperatureLog
-from ins.verdicts import plain
+from ins.verdicts import plain, sentences
 from tests.infield.gradient_cases import TWIN, Chamber, Unit, temperatures
 
 FEW, MANY = 5, 40

@@ -10,7 +10,7 @@ import pytest
 from infield.replay.reasons import ReplayVerdict
 from infield.reports.documents.replay import ChangeDocument, DifferenceDocument, _sigma_of_change
 from infield.reports.replay_page import verdict_words
-from infield.reports.words.significance import differs, measured_words
+from ins.verdicts import differs, measured_words
 
 
 def test_the_coupling_of_the_readme_is_not_different_from_zero():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from recal.service.results.update_words import stored_summary as summary
+from recal.service.results.update_summary import stored_summary as summary
 from tests.infield.mems_flights import flight
 from tests.recal.verbs import align, update
 from trajectories.readers.conversion import convert_log

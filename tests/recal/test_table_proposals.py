@@ -154,7 +154,7 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     monkeypatch.setattr(report, "update_html", lambda document: f"proposal {document['proposal']}")
     records = "infield.reports.documents.update_records"
     monkeypatch.setattr(f"{records}.update_of", lambda document: document)
-    monkeypatch.setattr("recal.service.results.update_words.stored_summary", lambda document: [])
+    monkeypatch.setattr("recal.service.results.update_summary.stored_summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
     assert json.loads((folder / "again/update.json").read_text()) == {

@@ -50,8 +50,6 @@ from infield.aided.left_out import OutageScore
 from infield.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
 from infield.aided.start import FoundStart
 from infield.aided.taken import TypeShare, shares_by_type
-from infield.reports.words.aided import WEAK_WORDS
-from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, level_sigmas
@@ -63,7 +61,7 @@ from ins.filters.states import AIDED_VEL as VEL
 from ins.kalman import nis_band
 from ins.records import FixType, ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
-from ins.verdicts import OMIT_NONE
+from ins.verdicts import OMIT_NONE, codes, sentences
 
 MOST = 500  # rejects that are listed
 ANGLES = ("roll", "pitch", "heading")
@@ -311,7 +309,7 @@ def aided_document(
         resets_s=[float(t) for t in reset_times(history)],
         leaps_s=[float(t) for t in leap_times(history)],
         grade=result.grade or AidedGrade.GOOD,
-        degraded=[WeakDocument(**vars(w), words=WEAK_WORDS[w.why]) for w in result.weak],
+        degraded=[WeakDocument(**vars(w), words=w.why.template) for w in result.weak],
         consistency=_consistency(result, history),
         noise=_noise(result),
         antenna=_antenna(result.antenna),

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
-from infield.reports.words.sentences import codes, sentences
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog.model import SCHEMA, FogModel, HeldOut, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import AxisFit, Curves, RampStudy
 from infield.thermal.ramp_runs import RampRun
 from ins.records import AXES
-from ins.verdicts import UNWRITTEN
+from ins.verdicts import UNWRITTEN, codes, sentences
 
 DAY_S = 86400.0
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
-from infield.reports.words.sentences import codes, sentence, sentences
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Choice, Residual
@@ -19,7 +18,7 @@ from infield.thermal.rlg.held_out import RlgHeldOut
 from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
 from ins.records import AXES
-from ins.verdicts import UNWRITTEN, Reason, because, written_as
+from ins.verdicts import UNWRITTEN, Reason, because, codes, sentence, sentences, written_as
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (

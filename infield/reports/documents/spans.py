@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from infield.reports.words.sentences import sentence
 from ins.records import Span
-from ins.verdicts import OMIT_NONE, LeftOut, Reason
+from ins.verdicts import OMIT_NONE, LeftOut, Reason, sentence
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.reports.words.sentences import sentence, sentences
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect
 from infield.thermal.reasons import ThermalNote, ThermalVerdict
 from infield.thermal.stored_model import Removed, StoredModel, residual_table, taken_out
 from ins.records import AXES, TwinModel
-from ins.verdicts import because
+from ins.verdicts import because, sentence, sentences
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -97,7 +97,7 @@ def estimate_in_motion(
             motion=_NO_MOTION,
             twin=twin,
             level_earth_rate_rad_s=level_rate,
-            sigmas={**nuisance_sigmas(run, known.twin, settings), "W": 1.0 + heading * speed},
+            sigmas={**nuisance_sigmas(run, settings), "W": 1.0 + heading * speed},
             aids=(),
             parked=lambda plan, history: _each_step(held, plan),
         ),

@@ -194,7 +194,7 @@ def _cannot_separate(
     """Reasons, each with what was measured, what was needed and what would help."""
     for role, runs in (("fast", fast), ("slow", slow)):
         for run in runs:
-            why = moving_base(run, role=role) or _no_ramp(run, role)
+            why = moving_base(run, f"{role} run") or _no_ramp(run, role)
             if why:
                 return why
     f_legs, s_legs = ([leg for run in runs for leg in run.legs] for runs in (fast, slow))

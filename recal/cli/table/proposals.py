@@ -198,7 +198,7 @@ def _show(
 ) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
     from ins.verdicts import plain
-    from recal.service.results.update_words import stored_summary
+    from recal.service.results.update_summary import stored_summary
     from recal.service.tables import about_proposal, proposed_document, write_proposal
 
     document = proposed_document(full)

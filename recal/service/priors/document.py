@@ -4,13 +4,12 @@ technology, of its types and of its units.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from infield.learning.learn import Learnt, LearntFleet, Parameters
 from infield.learning.parameters import UNITS, PriorName, defaults_of
 from ins.json_file import Json
 from ins.records import InputError
-from ins.verdicts import OMIT_NONE, Outcome, record_of
+from ins.verdicts import OMIT_NONE, Outcome, Reason, ReasonCode, because, record_of, sentences
 from recal.service.priors.kept import LeftOut
 
 PRIORS_SCHEMA = "recal.priors/1"
@@ -22,13 +21,35 @@ HOW_LEARNT = (
 )
 
 
-class PriorsReason(StrEnum):
+class NothingKept(ReasonCode):
+    """What a store lacks that priors are learnt from."""
+
+    NO_UNIT = "no_unit", "no unit{of} with a table:", "recal table list names its units"
+    NO_SESSION = (
+        "no_session",
+        "{units:its one unit|{units} units}{of} {units:has|have} no session that can be learnt"
+        " from{unread: ({left_out} cannot be read)|}:",
+        "recal update --commit keeps sessions",
+    )
+
+
+class PriorsReason(ReasonCode):
     """Why nothing was learnt, or what could not be."""
 
-    NO_SESSIONS = "no_sessions"
-    FEW_SESSIONS = "few_sessions"
-    ONE_UNIT = "one_unit"
-    NOT_SETTLED = "not_settled"
+    NO_SESSIONS = "no_sessions", "store {store}: {lacks}"
+    FEW_SESSIONS = (
+        "few_sessions",
+        "{sessions} sessions do not show {hidden:, |}: there the default stands",
+    )
+    ONE_UNIT = (
+        "one_unit",
+        "one unit: what is said of the technology is said of this unit, widened by the spread from"
+        " unit to unit that is assumed",
+    )
+    NOT_SETTLED = (
+        "not_settled",
+        "the search did not settle: take the values as the defaults, more sessions would help",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,8 +173,8 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
         ],
         outliers=_outliers(found),
         check=_check(found),
-        notes=list(notes.values()),
-        note_codes=[str(code) for code in notes],
+        notes=sentences(notes),
+        note_codes=[note.code.value for note in notes],
     )
 
 
@@ -198,23 +219,16 @@ def _check(found: LearntFleet) -> CheckDocument:
     )
 
 
-def _notes(found: LearntFleet) -> dict[PriorsReason, str]:
+def _notes(found: LearntFleet) -> list[Reason]:
     """What these sessions cannot say."""
     hidden = [str(name) for name, learnt in found.parameters.items() if not learnt.shown]
-    notes = {}
+    notes = []
     if hidden:
-        notes[PriorsReason.FEW_SESSIONS] = (
-            f"{found.sessions} sessions do not show {', '.join(hidden)}: there the default stands"
-        )
+        notes.append(because(PriorsReason.FEW_SESSIONS, sessions=found.sessions, hidden=hidden))
     if len({unit.imu_serial for unit in found.units}) == 1:
-        notes[PriorsReason.ONE_UNIT] = (
-            "one unit: what is said of the technology is said of this unit, widened by the spread"
-            " from unit to unit that is assumed"
-        )
+        notes.append(because(PriorsReason.ONE_UNIT))
     if not found.settled:
-        notes[PriorsReason.NOT_SETTLED] = (
-            "the search did not settle: take the values as the defaults, more sessions would help"
-        )
+        notes.append(because(PriorsReason.NOT_SETTLED))
     return notes
 
 

@@ -14,9 +14,10 @@ from infield.learning.parameters import UNITS, PriorName
 from infield.store.errors import NoStore
 from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import (
+    NothingKept,
     PriorsDocument,
     PriorsReason,
     ScopeDocument,
@@ -90,8 +91,8 @@ def learn_priors(
         refused = replace(
             document,
             verdict=Outcome.REFUSED,
-            reasons=[why],
-            reason_codes=[str(PriorsReason.NO_SESSIONS)],
+            reasons=[sentence(why)],
+            reason_codes=[why.code.value],
         )
         return _written(request, refused, ())
     technologies = list(dict.fromkeys(unit.gyro_technology for unit in with_sessions))
@@ -110,17 +111,18 @@ def learn_priors(
     return _written(request, document, kept)
 
 
-def _why_none(store_name: str, request: LearnRequest, units: int, left_out: int) -> str:
+def _why_none(store_name: str, request: LearnRequest, units: int, left_out: int) -> Reason:
     """Why there is nothing to learn from: no such unit, or none of its sessions."""
     of = f" of serial {request.serial}" if request.serial else ""
     of += f" of {request.technology}" if request.technology else ""
-    if not units:
-        return f"store {store_name}: no unit{of} with a table: recal table list names its units"
-    which = f"{units} units{of} have" if units != 1 else f"its one unit{of} has"
-    lost = f" ({left_out} cannot be read)" if left_out else ""
-    return (
-        f"store {store_name}: {which} no session that can be learnt from{lost}:"
-        " recal update --commit keeps sessions"
+    return because(
+        PriorsReason.NO_SESSIONS,
+        store=store_name,
+        lacks=NothingKept.NO_SESSION if units else NothingKept.NO_UNIT,
+        of=of,
+        units=units,
+        unread=left_out > 0,
+        left_out=left_out,
     )
 
 

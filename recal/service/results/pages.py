@@ -30,13 +30,11 @@ from infield.reports.figures import (
     robust_limits,
     thinned,
 )
-from infield.reports.page import _environment as page_environment
-from infield.reports.page import decimals_for
+from infield.reports.page import decimals_for, page_environment
 from infield.reports.update_page import estimated_of, update_html
-from infield.reports.words.sentences import sentence
 from infield.session.disagreement import Step
 from ins.json_file import JsonObject
-from ins.verdicts import record_of
+from ins.verdicts import record_of, sentence
 from simreal.report.diagnosis_document import summary
 from simreal.report.diagnosis_records import DiagnosisRecord
 

@@ -87,12 +87,6 @@ class Agreement:
         bad = [c for c in own if c.p_value * len(own) < MISFIT_P]
         return tuple(sorted(bad, key=lambda c: (c.p_value, -abs(np.log(max(c.ratio, 1e-12))))))
 
-    @property
-    def vehicle_misfits(self) -> tuple[Cell, ...]:
-        """The same of the vehicle's."""
-        own = [c for c in self.cells if c.of is Of.VEHICLE]
-        return tuple(c for c in own if c.p_value * len(own) < MISFIT_P)
-
 
 @dataclass(frozen=True)
 class Part:

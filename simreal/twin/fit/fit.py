@@ -37,12 +37,13 @@ from simreal.twin.fit.evidence import (
 )
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import spectra_of
 from simreal.twin.fit.streams import Line, Stream, stream_of
 from simreal.twin.fit.terms import Shape, Term
+from simreal.twin.reasons import Why
 
 GYRO_TRIAD, ACCEL_TRIAD = (0, 1, 2), (3, 4, 5)
 # of the white noise at the highest frequency, where quantisation is first looked for: 0.1 is seen

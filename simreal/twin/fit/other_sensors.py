@@ -23,11 +23,10 @@ CORRELATED = np.exp(-1.0)
 
 @dataclass(frozen=True)
 class Sample:
-    """A sigma with the readings behind it; correlation_s: after which an error is a third."""
+    """A sigma with the readings behind it."""
 
     sigma: float
     count: float
-    correlation_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,6 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
     position: list[NDArray] = []
     height: list[NDArray] = []
     velocity: list[NDArray] = []
-    rate_s = 1.0
     for stream in streams:
         gnss = stream.run.gnss
         if gnss is None or stream.still_s < SHORTEST_FIX_S:
@@ -85,7 +83,6 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
         at = _at_rest(stream, gnss.time_s)
         if at.sum() < FEWEST_SEEN:
             continue
-        rate_s = float(np.median(np.diff(gnss.time_s)))
         lat, lon = gnss.lat_rad[at], gnss.lon_rad[at]
         meridian, transverse = radii_of_curvature(lat)
         north = (lat - lat.mean()) * meridian
@@ -98,7 +95,7 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
         "gnss.sigma_vertical_m": height,
         "gnss.sigma_velocity_m_s": velocity,
     }
-    return {name: _sample(columns, rate_s) for name, columns in named.items() if columns}
+    return {name: _sample(columns) for name, columns in named.items() if columns}
 
 
 def wheels(streams: list[Stream]) -> Sample | None:
@@ -134,14 +131,14 @@ def _at_rest(stream: Stream, time_s: NDArray) -> NDArray:
     return np.asarray(inside & stream.still[np.minimum(at, stream.still.size - 1)])
 
 
-def _sample(columns: list[NDArray], rate_s: float) -> Sample:
+def _sample(columns: list[NDArray]) -> Sample:
     square = float(np.mean(np.concatenate(columns) ** 2))
     lags = min(len(c) for c in columns) // 4
     r = np.mean([_correlation(c, lags) for c in columns], axis=0)
     below = np.flatnonzero(r < CORRELATED)
     lasting = int(below[0]) if below.size else lags
     independent = sum(len(c) for c in columns) / (1.0 + 2.0 * float(np.sum(r[1:lasting])))
-    return Sample(float(np.sqrt(square)), independent, (lasting - 1) * rate_s)
+    return Sample(float(np.sqrt(square)), independent)
 
 
 def _correlation(column: NDArray, lags: int) -> NDArray:
