@@ -8,13 +8,13 @@ from pathlib import Path
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
+from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import read_twin
 from recal.service.inputs.twin_table import TwinTable, twin_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import result_text
 from recal.service.twin.judged import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
@@ -222,7 +222,7 @@ def _results(
     with_table = beside.data is not None
     names = [v.name for v in found.views]
     twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)
-    files = {"twin.json": result_text(twin)}
+    files = {"twin.json": to_json(twin)}
     if beside.data is not None:
         files[TABLE_NAME] = json_text(beside.data) + "\n"
     return _made(record, diagnosis_html(record, overlays(found)), files)
@@ -239,7 +239,7 @@ def _noise_fit(found: Diagnosis, beside: TwinTable, asked: Asked) -> NoiseFit | 
 
 
 def _made(record: DiagnosisRecord, page: str, files: dict[str, str]) -> Diagnosed:
-    own = {"diagnosis.json": result_text(record), "diagnosis.html": page}
+    own = {"diagnosis.json": to_json(record), "diagnosis.html": page}
     return Diagnosed(record, page=lambda: page, files=own | files)
 
 

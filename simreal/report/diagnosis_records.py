@@ -1,14 +1,12 @@
-"""What diagnosis.json (`recal.diagnosis/1`, formats.md section 5) holds: a field is a key.
-
-`ins.verdicts.plain` makes the JSON of a record, `ins.verdicts.record_of` the record of the JSON.
-"""
+"""What diagnosis.json (`recal.diagnosis/1`, formats.md section 5) holds: a field is a key."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from infield.reports.documents.noise_fit import NoiseFit
+from ins.documents import OMIT_NONE, AsRead, written_as
 from ins.records import EffectDocument
-from ins.verdicts import OMIT_NONE, written_as
 from simreal.inference.verdict import GapVerdict, Judging, KeptOut, Looks
 from simreal.predict.records import SimulatorRecord
 
@@ -148,7 +146,7 @@ class CauseRecord:
     rms: Mapping[str, RmsRecord]
     nodes: tuple[float, ...]
     values: tuple[float, ...]
-    twin_effects: tuple[EffectDocument, ...]
+    twin_effects: tuple[Annotated[EffectDocument, AsRead()], ...]
     kept_out: KeptOut | None = field(default=None, metadata=OMIT_NONE)
     advice: str | None = field(default=None, metadata=OMIT_NONE)
 
@@ -163,7 +161,7 @@ class OpenRecord:
     target: str
     why: KeptOut
     settled_by: tuple[str, ...]
-    twin_effects: tuple[EffectDocument, ...]
+    twin_effects: tuple[Annotated[EffectDocument, AsRead()], ...]
 
 
 @dataclass(frozen=True, kw_only=True)

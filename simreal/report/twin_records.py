@@ -5,7 +5,7 @@ is a key.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ins.verdicts import OMIT_NONE, UNWRITTEN
+from ins.documents import OMIT_NONE, UNWRITTEN
 from simreal.twin.fit.agreement import Of
 from simreal.twin.fit.result import Needs, TwinFit, Why
 

@@ -10,9 +10,9 @@ from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.words.sentences import codes, sentences
 from infield.session.parked.zero_rate import ZeroRates
+from ins.documents import OMIT_NONE, Null
 from ins.records import Phase, Run
 from ins.units import ARCSEC, DEG
-from ins.verdicts import OMIT_NONE, Null
 
 SCHEMA = "recal.alignment/1"
 

@@ -17,9 +17,10 @@ from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, nort
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
 from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
 from infield.reports.words.sentences import codes, sentence, sentences
+from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
-from ins.verdicts import OMIT_NONE, Observability, Reason, because
+from ins.verdicts import Observability, Reason, because
 
 SCHEMA = "recal.misalignment/1"
 

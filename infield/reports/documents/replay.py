@@ -55,10 +55,11 @@ from infield.reports.documents.spans import SpanDocument as LeftOutDocument
 from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.words.sentences import codes, sentence, sentences
 from infield.reports.words.significance import differs
+from ins.documents import OMIT_NONE, UNWRITTEN
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
-from ins.verdicts import OMIT_NONE, UNWRITTEN, Reason, because
+from ins.verdicts import Reason, because
 
 SCHEMA = "recal.replay/1"
 PARKED = "parked"  # beside the witnesses of stops, where the ground speed was above 5 kt

@@ -6,8 +6,8 @@ from enum import StrEnum
 
 from infield.reports.documents.spans import SpanDocument
 from infield.reports.zoom import ZoomFigure
+from ins.documents import UNWRITTEN
 from ins.records import Phase
-from ins.verdicts import UNWRITTEN
 from recal.service.check import HoldsDocument
 from simreal.report.twin_records import TwinFitRecord
 from trajectories.runs.checks import Finding

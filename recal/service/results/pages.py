@@ -35,8 +35,8 @@ from infield.reports.page import decimals_for
 from infield.reports.update_page import estimated_of, update_html
 from infield.reports.words.sentences import sentence
 from infield.session.disagreement import Step
+from ins.documents import from_json
 from ins.json_file import JsonObject
-from ins.verdicts import record_of
 from simreal.report.diagnosis_document import summary
 from simreal.report.diagnosis_records import DiagnosisRecord
 
@@ -89,4 +89,4 @@ def stored_update_html(document: JsonObject) -> str:
 
 def diagnosis_lines(document: JsonObject) -> list[str]:
     """A stored diagnosis.json in a few lines for people."""
-    return summary(record_of(DiagnosisRecord, document))
+    return summary(from_json(DiagnosisRecord, document, name="diagnosis.json"))
