@@ -152,7 +152,7 @@ def from_json(kind: type[R], document: str | Mapping[str, Any], *, name: str) ->
     except ValueError as error:
         raise InputError(f"{name}: not valid JSON ({error})") from None
     try:
-        return cast(R, _reader(kind).validate_python(data))
+        return cast(R, _reader(cast(Any, kind)).validate_python(data))
     except ValidationError as error:
         raise InputError(complaints(error, kind, name=name)[0]) from None
 
@@ -178,7 +178,7 @@ def _written(value: Any, number: Callable[[float], Any]) -> Any:
 
 def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for f in _fields(type(record)):
+    for f in _fields(record.__class__):
         item = getattr(record, f.name)
         if item is None and (f.metadata.get("omit_none") or f.metadata.get("inline")):
             continue

@@ -37,8 +37,7 @@ from infield.reports.words.sentences import sentence
 from infield.session.disagreement import Step
 from ins.documents import from_json
 from ins.json_file import JsonObject
-from simreal.report.diagnosis_document import summary
-from simreal.report.diagnosis_records import DiagnosisRecord
+from simreal.report.diagnosis_document import GapReport, summary
 
 __all__ = [
     "BLUE",
@@ -89,4 +88,4 @@ def stored_update_html(document: JsonObject) -> str:
 
 def diagnosis_lines(document: JsonObject) -> list[str]:
     """A stored diagnosis.json in a few lines for people."""
-    return summary(from_json(DiagnosisRecord, document, name="diagnosis.json"))
+    return summary(from_json(GapReport, document, name="diagnosis.json"))
