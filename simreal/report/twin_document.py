@@ -3,25 +3,30 @@ nothing.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+from ins.documents import OMIT_NONE, UNWRITTEN
 from ins.records import FitDocument, TwinModel
-from simreal.evidence.noise_model import SIX_CHANNELS
-from simreal.report.twin_records import (
-    FIT_METHOD,
-    ChannelRecord,
-    LineRecord,
-    ParameterRecord,
-    RunRecord,
-    TwinFitRecord,
-)
 from simreal.report.twin_words import PARAMETER_NAMES, YAW_NOTE, needs_words, size_words, why_words
 from simreal.twin.fit.evidence import AXES_DIFFER_P
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.gear import GEAR_BELOW_HZ
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
+from simreal.twin.fit.result import (
+    ChannelCurve,
+    Needs,
+    Parameter,
+    RunUsed,
+    SpectralLine,
+    TwinFit,
+    Why,
+)
 from simreal.twin.fit.streams import STILL_AT_LEAST_S
 
+SCHEMA = "recal.twin_fit/1"
+FIT_METHOD = (
+    "restricted maximum likelihood of slow means with Whittle's of half-overlapping Hann spectra"
+)
 CONTRADICTED = (
     "the data contradict any model of the {triad} noise by far: filtered by the logger, shaken by"
     " what the model does not know, or a rest too short; its numbers stay what they were"
@@ -43,67 +48,91 @@ DIFFERENT = (
 )
 
 
-def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> TwinFitRecord:
+@dataclass(frozen=True, kw_only=True)
+class TwinParameter:
+    """One number of the twin; interval_95: the upper end is a one-sided limit where not identified;
+    nats: log likelihood against none of it; needed_s, needed_runs: what would identify it.
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: float
+    sigma: float
+    interval_95: Sequence[float]
+    identified: bool
+    believed: float
+    seconds: float
+    nats: float | None
+    why: Why | None
+    text: str
+    needs: Needs
+    needed_s: float | None
+    needed_runs: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitReport:
+    """The document of a fit: a field is a key; found: what a page is drawn from."""
+
+    schema: str = SCHEMA
+    verdict: str
+    reasons: Sequence[str]
+    version: str
+    method: str = FIT_METHOD
+    imu_serial: str
+    gyro_technology: str
+    start: str
+    runs: Sequence[RunUsed]
+    parked_s: float
+    parameters: Sequence[TwinParameter]
+    channels: Sequence[ChannelCurve]
+    lines: Sequence[SpectralLine]
+    axes_alike_p: Mapping[str, float]
+    vehicle_share: Mapping[str, float]
+    windows_left_out: Mapping[str, float]
+    read_below_hz: Mapping[str, float] = field(default_factory=dict)
+    read_above_hz: Mapping[str, float] = field(default_factory=dict)
+    notes: Sequence[str]
+    found: TwinFit | None = field(default=None, metadata=UNWRITTEN)
+    twin: str | None = field(default=None, metadata=OMIT_NONE)
+
+
+def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> FitReport:
     """The document of a fit that found something."""
-    return TwinFitRecord(
+    return FitReport(
         verdict="fitted",
         reasons=(),
         version=version,
         imu_serial=found.twin.imu_serial,
         gyro_technology=found.twin.gyro_technology,
         start=believed.source,
-        runs=[_run(r) for r in found.runs],
-        parked_s=found.seconds,
+        runs=found.runs,
+        parked_s=found.parked_s,
         parameters=[_parameter(p) for p in found.parameters],
-        channels=[
-            ChannelRecord(
-                channel=c.channel,
-                p_value=c.p_value,
-                white=found.axis_white.get(c.channel),
-                frequency_hz=c.hz.tolist(),
-                power=c.power.tolist(),
-                power_model=c.model.tolist(),
-                dof=c.dof.tolist(),
-                tau_s=c.tau_s.tolist(),
-                allan=c.allan.tolist(),
-                allan_model=c.allan_model.tolist(),
-                allan_low=c.allan_low.tolist(),
-                allan_high=c.allan_high.tolist(),
-            )
-            for c in found.curves
-        ],
-        lines=[
-            LineRecord(
-                channel=SIX_CHANNELS[line.channel],
-                frequency_hz=line.frequency_hz,
-                amplitude=line.amplitude,
-                sigma=line.sigma,
-            )
-            for line in found.lines
-        ],
-        axes_alike_p=dict(found.differ),
-        vehicle_share={SIX_CHANNELS[k]: float(found.shared[k]) for k in range(3)},
-        windows_left_out=dict(found.left_out),
-        read_below_hz=dict(found.read_below_hz),
-        read_above_hz=dict.fromkeys(found.rocked, GEAR_BELOW_HZ),
+        channels=found.channels,
+        lines=found.lines,
+        axes_alike_p=found.axes_alike_p,
+        vehicle_share=found.vehicle_share,
+        windows_left_out=found.windows_left_out,
+        read_below_hz=found.read_below_hz,
+        read_above_hz=found.read_above_hz,
         notes=_notes(found),
         found=found,
     )
 
 
-def no_rest_document(
-    found: NoRest, believed: TwinModel, serial: str, version: str
-) -> TwinFitRecord:
+def no_rest_document(found: NoRest, believed: TwinModel, serial: str, version: str) -> FitReport:
     """The document of a fit of runs that never rest."""
     names = ", ".join(r.run_id for r in found.runs)
-    return TwinFitRecord(
+    return FitReport(
         verdict="refused",
         reasons=[f"{names}: never at rest for {STILL_AT_LEAST_S:.0f} s; needed a parked stretch"],
         version=version,
         imu_serial=serial,
         gyro_technology=believed.gyro_technology,
         start=believed.source,
-        runs=[_run(r) for r in found.runs],
+        runs=found.runs,
         parked_s=0.0,
         parameters=(),
         channels=(),
@@ -131,7 +160,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
         "not_identified": {p.name: why_words(p) for p in found.parameters if not p.identified},
         "lines": [
             {
-                "channel": SIX_CHANNELS[line.channel],
+                "channel": line.channel,
                 "frequency_hz": line.frequency_hz,
                 "amplitude": line.amplitude,
                 "swing": line.swing,
@@ -149,7 +178,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
     return replace(found.twin, fit=fit)
 
 
-def summary(d: TwinFitRecord) -> list[str]:
+def summary(d: FitReport) -> list[str]:
     """The fit in a few lines for people."""
     if d.found is None:
         return [f"{d.imu_serial}: {d.verdict}", *(f"  because {why}" for why in d.reasons)]
@@ -171,13 +200,9 @@ def summary(d: TwinFitRecord) -> list[str]:
 WORDS_SHORT = "not told by these runs"
 
 
-def _run(r: RunUsed) -> RunRecord:
-    return RunRecord(run_id=r.run_id, sha256=r.sha256, parked_s=r.parked_s)
-
-
-def _parameter(p: Parameter) -> ParameterRecord:
+def _parameter(p: Parameter) -> TwinParameter:
     words, unit = PARAMETER_NAMES[p.name]
-    return ParameterRecord(
+    return TwinParameter(
         name=p.name,
         words=words,
         unit=unit,
@@ -209,7 +234,7 @@ def _notes(found: TwinFit) -> list[str]:
     against = parts - {"vehicle"}
     notes = [CONTRADICTED.format(triad=triad) for triad in sorted(against)]
     notes += [FILTERED.format(triad=k, hz=hz) for k, hz in found.read_below_hz.items()]
-    moved = [name for name in found.rocked if name.split("_")[0] not in against]
+    moved = [name for name in found.read_above_hz if name.split("_")[0] not in against]
     if moved:
         notes.append(ROCKED.format(channels=", ".join(moved), hz=GEAR_BELOW_HZ))
     told = {p.name for p in found.parameters if p.identified}
@@ -219,7 +244,7 @@ def _notes(found: TwinFit) -> list[str]:
     if "accel.gauss_markov_ug" in told:
         size = found.twin.accel.bias_instability_ug
         notes.append(FLICKER_FOR_MARKOV.format(triad="accelerometer", size=size, unit="ug"))
-    for triad, p in found.differ.items():
+    for triad, p in found.axes_alike_p.items():
         if p < AXES_DIFFER_P and triad not in against:
             own = {k: v for k, v in found.axis_white.items() if k.startswith(triad)}
             sizes = ", ".join(f"{name[-1]} {value:.3g}" for name, value in own.items())
@@ -227,12 +252,12 @@ def _notes(found: TwinFit) -> list[str]:
     if found.of("vehicle.yaw_creep_arcsec_sqrt_h").identified:
         notes.append(YAW_NOTE)
     if found.lines:
-        worst = max(found.lines, key=lambda line: line.amplitude / (1.0 + 1e3 * (line.channel > 2)))
+        worst = max(found.lines, key=_loudness)
         channels = len({line.channel for line in found.lines})
-        unit = "rad/s" if worst.channel < 3 else "m/s^2"
+        unit = "rad/s" if worst.channel.startswith("gyro") else "m/s^2"
         notes.append(
             f"{len(found.lines)} lines of dither or engines on {channels} channels are left out of"
-            f" the noise, such as {worst.frequency_hz:.4g} Hz on {SIX_CHANNELS[worst.channel]},"
+            f" the noise, such as {worst.frequency_hz:.4g} Hz on {worst.channel},"
             f" amplitude {worst.amplitude:.2g} {unit}; the twin lists them for recal"
             " diagnose"
         )
@@ -240,3 +265,8 @@ def _notes(found: TwinFit) -> list[str]:
     if silent:
         notes.append(f"never at rest, not used: {', '.join(silent)}")
     return notes
+
+
+def _loudness(line: SpectralLine) -> float:
+    """Amplitude, comparable between gyros and accelerometers: a rad/s counts as 1001 m/s^2."""
+    return line.amplitude if line.channel.startswith("gyro") else line.amplitude / 1001.0

@@ -16,9 +16,14 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
-from simreal.report.twin_document import fitted_twin, no_rest_document, summary, twin_fit_document
+from simreal.report.twin_document import (
+    FitReport,
+    fitted_twin,
+    no_rest_document,
+    summary,
+    twin_fit_document,
+)
 from simreal.report.twin_page import allan_panels, twin_html
-from simreal.report.twin_records import TwinFitRecord
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
 from simreal.twin.fit.result import Parameter
@@ -32,7 +37,7 @@ TWIN_FIT_STEPS = 2  # that `told` is told of beside the runs: the fit, the other
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class FittedTwin(Result[TwinFitRecord]):
+class FittedTwin(Result[FitReport]):
     """A twin fitted to runs.
 
     Parameters
