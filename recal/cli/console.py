@@ -14,11 +14,11 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from ins.documents import to_json
 from ins.user_input import one_line, visible
 from recal.cli.terminal.help import FOLDER, help_records, usage_words
 from recal.cli.terminal.user_config import read_user_config
 from recal.service.results.issuer import name_issuer
-from recal.service.results.text import result_text
 
 DONE_EXIT, FAILED_EXIT, USAGE_EXIT, BAD_INPUT_EXIT, REFUSED_EXIT, INCONSISTENT_EXIT = (
     0,
@@ -238,7 +238,7 @@ def answer(
     verbose: the whole result on standard error, too; quiet: no words.
     """
     if verbose:
-        print(result_text(result), file=sys.stderr, end="")
+        print(to_json(result), file=sys.stderr, end="")
     if as_json:
         emit_json(result)
     elif not quiet:
@@ -262,4 +262,4 @@ def linked(path: Path) -> str:
 
 def emit_json(result: object) -> None:
     """The result and nothing else, on standard output; numbers that are not finite become null."""
-    sys.stdout.write(result_text(result))
+    sys.stdout.write(to_json(result))

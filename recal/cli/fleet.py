@@ -154,7 +154,7 @@ def update(
         raise typer.BadParameter(
             "--workers are processes here, --cluster has workers of its own: give one of them"
         )
-    from ins.verdicts import plain
+    from ins.documents import plain
     from recal.fleet.update import FleetRequest, update_fleet
     from recal.service.inputs.config import read_config
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.session_records import PhaseDocument
 from infield.reports.documents.spans import SpanDocument
+from ins.documents import INLINE, OMIT_NONE
 from ins.records import ImuSource, InputError, ReferenceLog, TemperatureLog
 from ins.units import DEG_PER_HOUR
-from ins.verdicts import INLINE, OMIT_NONE
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.runs import directory

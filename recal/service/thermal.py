@@ -25,8 +25,8 @@ from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.rlg.held_out import held_out_run
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.stored_model import check_usable, read_thermal_model, removed_from
+from ins.documents import plain
 from ins.records import InputError, Run
-from ins.verdicts import plain
 from recal.service.inputs.chamber_runs import reduced_groups
 from recal.service.inputs.records import AnyRun, AnyTwin, read_one
 from recal.service.results.files import output_directory, program_version, write_files

@@ -32,6 +32,7 @@ from infield.store.rows import unit_of_table
 from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
+from ins.documents import to_json
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.verdicts import Outcome, because, sentence, sentences
 from recal.service.inputs.config import read_config
@@ -51,7 +52,6 @@ from recal.service.priors.use import APPROVED, PriorsUse, priors_in_use, setting
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import result_text
 from recal.service.results.update_summary import AxisChange, Points, axes_of, points_of, summary
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
@@ -496,7 +496,7 @@ class _Try:
                 table_sha256(unit.table_dict),
                 result.after,
                 merged_runs(result),
-                result_text(document),
+                to_json(document),
                 first_table=None if unit.revision else unit.table_dict,
                 by=signed[0],
                 note=signed[1],
@@ -529,7 +529,7 @@ def commit_update(
         table_sha256(unit.table_dict),
         result.after,
         merged_runs(result),
-        result_text(document),
+        to_json(document),
         first_table=None if unit.revision else unit.table_dict,
         note=note,
     )
@@ -558,4 +558,4 @@ def _numbered(document: UpdateDocument, unit: UnitInputs, revision: int) -> Upda
 
 def _files(directory: Path, document: UpdateDocument, *, html: bool) -> dict[Path, str]:
     page = {directory / "update.html": update_page.update_html(document)} if html else {}
-    return {directory / "update.json": result_text(document), **page}
+    return {directory / "update.json": to_json(document), **page}

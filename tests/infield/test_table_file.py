@@ -88,7 +88,10 @@ def test_files_round_trip(tmp_path):
     path = tmp_path / "t.json"
     path.write_text(json_text(data))
     assert table_sha256(read_table_dict(path)) == table_sha256(data)
-    assert json_text(table_to_dict(table_from_dict(read_table_dict(path), name="table.json"))) == path.read_text()
+    assert (
+        json_text(table_to_dict(table_from_dict(read_table_dict(path), name="table.json")))
+        == path.read_text()
+    )
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "hermite"])

@@ -111,7 +111,7 @@ def export(
     For an autopilot: recal table export --to px4 --device-id 3670026 -o unit.params,
     or recal table export --to ardupilot --imu 1 -o unit.parm
     """
-    from ins.verdicts import plain
+    from ins.documents import plain
     from recal.service.results.overwrite import CSV_TABLE, PARAMETERS, need_free_file
     from recal.service.table_files import CubicRequest, write_table
     from recal.service.tables import about, find_revision, line_of, open_tables

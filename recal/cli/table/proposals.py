@@ -197,7 +197,7 @@ def _show(
     full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool
 ) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
-    from ins.verdicts import plain
+    from ins.documents import plain
     from recal.service.results.update_summary import stored_summary
     from recal.service.tables import about_proposal, proposed_document, write_proposal
 

@@ -35,9 +35,10 @@ from simreal.twin.fit.evidence import (
     TriadFit,
     fit_triad,
 )
+from simreal.twin.fit.gear import GEAR_BELOW_HZ
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import spectra_of
@@ -119,29 +120,41 @@ def fit_twin(
     parameters += _others(streams, believed)
     twin = _twin_of(believed, parameters, header.imu_serial)
     names, covariance = _covariance(parameters, gyro, accel)
+    white = _axis_white(gyro, accel)
+    rocked = [SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})]
     return TwinFit(
         twin=twin,
         parameters=tuple(parameters),
         names=names,
         covariance=covariance,
-        curves=curves,
-        lines=lines,
+        channels=tuple(replace(c, white=white.get(c.channel)) for c in curves),
+        lines=tuple(_line(line) for line in lines),
         runs=tuple(used),
-        differ={"gyro": gyro.differ_p, "accel": accel.differ_p},
-        axis_white=_axis_white(gyro, accel),
+        axes_alike_p={"gyro": gyro.differ_p, "accel": accel.differ_p},
+        axis_white=white,
         axes={
             **(_axis_variances(gyro) if "gyro" not in against else {}),
             **(_axis_variances(accel) if "accel" not in against else {}),
         },
-        shared=shared,
-        left_out=left_out,
-        seconds=seconds,
+        vehicle_share={SIX_CHANNELS[k]: float(shared[k]) for k in range(3)},
+        windows_left_out=left_out,
+        parked_s=seconds,
         read_below_hz={
             name: fit.band_hz
             for name, fit in (("gyro", gyro), ("accel", accel))
             if fit.band_hz is not None
         },
-        rocked=tuple(SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})),
+        read_above_hz=dict.fromkeys(rocked, GEAR_BELOW_HZ),
+    )
+
+
+def _line(line: Line) -> SpectralLine:
+    return SpectralLine(
+        channel=SIX_CHANNELS[line.channel],
+        frequency_hz=line.frequency_hz,
+        amplitude=line.amplitude,
+        sigma=line.sigma,
+        swing=line.swing,
     )
 
 
