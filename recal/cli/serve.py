@@ -97,7 +97,7 @@ def command(
     )
     sys.stdout.flush()
     _greet(settings, made, f"{url}login?ticket={ticket}", quiet=quiet)
-    _run(app, listener, log=verbose)
+    _run(app, settings, listener, log=verbose)
 
 
 def _settings(
@@ -176,10 +176,10 @@ def _greet(settings: ServeSettings, made: str, link: str, *, quiet: bool) -> Non
         say("read only: no token was given (--token-file or RECAL_SERVE_TOKEN)", quiet=quiet)
 
 
-def _run(app: Any, listener: socket.socket, *, log: bool) -> None:
+def _run(app: Any, settings: ServeSettings, listener: socket.socket, *, log: bool) -> None:
     """Serve until interrupted; requests are logged on standard error with -v."""
     import uvicorn
 
     from recal.web.connections import server_config
 
-    uvicorn.Server(server_config(app, log=log)).run(sockets=[listener])
+    uvicorn.Server(server_config(app, settings, log=log)).run(sockets=[listener])
