@@ -47,8 +47,22 @@ class LearntPriors(Result[PriorsDocument]):
 
 @dataclass(frozen=True, kw_only=True)
 class LearnRequest:
-    """What to learn from. technology, serial: None for all; keep: who keeps it in the store and
-    their note, None to store nothing.
+    """What to learn from.
+
+    Parameters
+    ----------
+    store_url : str
+        The store of tables.
+    technology : str, optional
+        Only units of rlg, fog or mems. Default: all.
+    serial : str, optional
+        Only the unit of this serial. Default: all.
+    keep : (str, str), optional
+        Who keeps it in the store and their note, None to store nothing.
+    output : path, optional
+        The folder to write to.
+    seed : int
+        Of the random generator.
     """
 
     store_url: str
