@@ -504,7 +504,7 @@ def trial(name: str, seed: int, wanted: float) -> Record:
 def null(seed: int) -> Record:
     """The diagnosis of flights without an effect."""
     found, cpu_s = diagnosed([f.run for f in flights(seed)])
-    return {"verdict": found.verdict, "p_value": found.p_value, "cpu_s": round(cpu_s, 1)}
+    return {"verdict": found.verdict, "p_value": found.gap.p_value, "cpu_s": round(cpu_s, 1)}
 
 
 def run(

@@ -66,12 +66,12 @@ def null(seed: int, minutes: float) -> Record:
     """What is said of one null."""
     noise = NOISES[seed % len(NOISES)]
     found = diagnosed(seed, noise, 60.0 * minutes)
-    left = found.left_present and any(p.channel == "temperature" for p in found.where)
+    left = found.unexplained.present and any(p.channel == "temperature" for p in found.where)
     return {
         "noise": noise,
         "alarm": found.verdict != "no_gap",
         "thermometer": left or any(c.target == "temperature" for c in found.causes),
-        "p_value": found.p_value,
+        "p_value": found.gap.p_value,
         "said": found.sentence,
     }
 

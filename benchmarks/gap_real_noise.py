@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 
 from benchmarks.study import ROOT, Record, Work, table
 from ins.attitude import dcm_from_euler
+from ins.documents import to_json
 from ins.earth import omega_ie_n
 from ins.json_file import read_toml
 from ins.records import Run, TemperatureLog, TwinModel
 from ins.twin_file import read_twin
-from recal.service.results.text import result_text
 from recal.service.twin.fit import fit_twin
 from simreal.declared.twin_effects import parse_effects, twin_extra_noise, twin_traces
 from simreal.effects.telemetry import Telemetry
@@ -310,7 +310,7 @@ def sealed(log: Log, number: int) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "twin.json"
         made = twin_with_causes(log.twin, found.causes, names, with_table=False)
-        path.write_text(result_text(made), encoding="utf-8")
+        path.write_text(to_json(made), encoding="utf-8")
         kept = read_twin(path)
     return {
         **_asked(log, laid, number, reached),

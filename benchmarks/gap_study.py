@@ -134,9 +134,9 @@ def said(found: Diagnosis) -> Record:
     return {
         "verdict": found.verdict,
         "sentence": found.sentence,
-        "p_value": found.p_value,
-        "p_left": found.p_value_after,
-        "looks_like": found.looks_like,
+        "p_value": found.gap.p_value,
+        "p_left": found.gap_after.p_value,
+        "looks_like": found.unexplained.looks_like,
         "where": [[p.channel, round(p.share, 4)] for p in found.where[:MOST_PLACES]],
         "causes": [_cause(c) for c in found.causes],
     }
@@ -162,7 +162,7 @@ def _cause(c: Cause) -> Record:
         "target": c.target,
         "probability": round(c.probability, 6),
         "named": c.named,
-        "class": c.class_,
+        "class": c.repeats,
         "run_id": c.run_id,
         "size": round(c.size, 3),
         "rivals": rivals,

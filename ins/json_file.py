@@ -34,12 +34,17 @@ UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|functio
 NEEDED_WORDS = {
     "string_type": "text",
     "float_type": "a number",
+    "float_parsing": "a number",
     "int_type": "a whole number",
+    "int_parsing": "a whole number",
     "int_from_float": "a whole number",
     "bool_type": "true or false",
     "list_type": "a list",
     "dict_type": "keys with values",
     "model_type": "keys with values",
+    "dataclass_type": "keys with values",
+    "tuple_type": "a list",
+    "is_instance_of": "a list",
     "finite_number": "a finite number",
     "greater_than_equal": "at least {ge:g}",
     "greater_than": "more than {gt:g}",
@@ -297,14 +302,14 @@ def parse(model: type[M], data: Mapping[str, Json], *, name: str) -> M:
         raise InputError(complaints(error, model, name=name)[0]) from None
 
 
-def complaints(error: ValidationError, model: type[BaseModel], *, name: str) -> list[str]:
+def complaints(error: ValidationError, model: type, *, name: str) -> list[str]:
     """One line for each wrong key: file, key, what was got, what was needed.
 
     Parameters
     ----------
     error : ValidationError
         Of pydantic.
-    model : type of BaseModel
+    model : type
         What the keys must be; misspelt keys are compared with it.
     name : str
         The file; each line begins with it.
@@ -409,7 +414,7 @@ def _numbers(value: Any, key: str) -> Iterator[tuple[str, int | float]]:
         yield key, value
 
 
-def _complaint(item: Any, model: type[BaseModel], name: str) -> str:
+def _complaint(item: Any, model: type, name: str) -> str:
     loc = [
         part for part in item["loc"] if isinstance(part, int) or not UNION_MEMBER.fullmatch(part)
     ]
@@ -459,7 +464,7 @@ def _needed(kind: str, facts: Mapping[str, Json]) -> str:
     """What a key must be, from pydantic's error type and context."""
     if kind == "value_error":
         return str(facts["error"])
-    if kind == "literal_error":
+    if kind in ("literal_error", "enum"):
         return str(facts["expected"]).replace("'", "")
     return NEEDED_WORDS.get(kind, f"another value ({kind})").format(**facts)
 

@@ -15,7 +15,7 @@ from typing import Any
 from api_pages import parsed
 from key_units import unit_of
 
-from ins.verdicts import UNWRITTEN
+from ins.documents import UNWRITTEN
 
 SCHEMA_KEY = "schema"
 WORDS = ""  # the key under which a record's own words stand
@@ -106,7 +106,7 @@ def _fields(kind: type) -> "Keys":
         if f.metadata.items() >= UNWRITTEN.items():
             continue
         inner, many = _record_in(hints[f.name])
-        key = f.metadata.get("key", f.name)
+        key = f.metadata.get("alias", f.name)
         listed = key + ("[]" if many else "")
         keys[listed] = measure_of(key, hints[f.name]) if inner is None else _fields(inner)
     return keys

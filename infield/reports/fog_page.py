@@ -24,8 +24,8 @@ from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.page import render_page
 from infield.thermal.fog.model import HeldOutResidual, curve_from
 from infield.thermal.reasons import ThermalVerdict
+from ins.documents import plain
 from ins.records import AXES
-from ins.verdicts import plain
 
 K_T, K_DELTA = "K_T [deg/h]", "K_delta [deg/h per degC/min]"
 

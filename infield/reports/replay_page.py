@@ -22,8 +22,8 @@ from infield.reports.figures import BLACK, GREY, NEW, OLD, PANEL_POINTS, thinned
 from infield.reports.page import number, render_page
 from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_panels, zoom_script
 from ins.attitude import euler_from_dcm, wrap_pi
+from ins.documents import plain
 from ins.units import DEG, KNOT, NAUTICAL_MILE
-from ins.verdicts import plain
 
 COLOURS = {"previous": OLD, "active": NEW}
 DASHES = {"previous": DASHED, "active": ""}

@@ -26,8 +26,8 @@ from infield.thermal.reasons import ThermalVerdict
 from infield.thermal.rlg.fit import AxisModel, five_minute_means
 from infield.thermal.rlg.held_out import RlgHeldOut
 from infield.thermal.rlg.terms import TERMS, columns
+from ins.documents import plain
 from ins.records import AXES
-from ins.verdicts import plain
 
 RATES = np.array([name in ("K4", "K5") for name in TERMS])
 SETTLED = np.array([name in ("K1", "K2", "K3") for name in TERMS])

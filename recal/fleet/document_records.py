@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ins.verdicts import OMIT_NONE
+from ins.documents import OMIT_NONE
 from recal.fleet.records import FleetOutcome, FleetVerdict
 from recal.service.priors.forecast_records import ForecastDocument
 from recal.service.results.pages import BiasStep, MethodDocument

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from ins.verdicts import plain
+from ins.documents import to_json
 from recal.fleet.document import Timing, fleet_document
 from recal.fleet.document_records import FleetDocument, FleetTiming, TimingDocument, UnitReport
 from recal.fleet.folders import run_folder, unit_folder
@@ -35,7 +35,6 @@ from recal.fleet.report import fleet_html
 from recal.service.inputs.listings import read_small_text
 from recal.service.inputs.records import twin_fit_command
 from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.text import result_text
 from recal.service.store import (
     TableStore,
     UnitKey,
@@ -94,7 +93,7 @@ def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> Fleet
     finally:
         journal.close()
     pages = {
-        request.output / "fleet.json": result_text(plain(document)),
+        request.output / "fleet.json": to_json(document),
         request.output / "fleet.html": fleet_html(document),
     }
     write_files(pages)

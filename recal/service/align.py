@@ -16,8 +16,9 @@ from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.zero_rate import ZeroRates, mean_zero_rate
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.documents import Null
 from ins.records import Phase, Run
-from ins.verdicts import Null, Reason, because, sentence
+from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, raw_bias_sigma_deg_h
 from recal.service.results.result import Result

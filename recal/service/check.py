@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.session_records import PhaseDocument
 from infield.reports.documents.spans import SpanDocument
+from ins.documents import INLINE, OMIT_NONE
 from ins.records import ImuSource, InputError, ReferenceLog, TemperatureLog
 from ins.units import DEG_PER_HOUR
-from ins.verdicts import INLINE, OMIT_NONE
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.runs import directory
@@ -142,7 +142,7 @@ def check(
     run : str or path
         A run directory.
     serial : str, optional
-        The imu_serial that it should have.
+        Serial number that the run should have. Default: any.
     told : callable
         Told what is being done, in CHECK_STEPS steps.
 

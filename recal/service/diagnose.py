@@ -8,25 +8,31 @@ from pathlib import Path
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
+from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import read_twin
 from recal.service.inputs.twin_table import TwinTable, twin_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import result_text
 from recal.service.twin.judged import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core
-from simreal.inference.diagnosis import Diagnosis
+from simreal.inference.causes import Cause
+from simreal.inference.diagnosis import Diagnosis, NotLookedAt
 from simreal.inference.user_level import user_level
 from simreal.plan.record_next import record_next, settling
-from simreal.predict.records import SimulatorRecord
+from simreal.predict.document import PredictedUpdates
 from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
-from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
+from simreal.report.diagnosis_document import (
+    Asked,
+    GapReport,
+    diagnosis_document,
+    refused_document,
+    summary,
+)
 from simreal.report.diagnosis_page import diagnosis_html
-from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.twin.fit.agreement import agreement
 from simreal.twin.fit.streams import stream_at_rest
 from simreal.twin.write_back import TABLE_NAME, twin_with_causes
@@ -38,7 +44,7 @@ DIAGNOSE_STEPS = core.DIAGNOSIS_STEPS + 2  # that `diagnose` tells of: reading a
 
 
 @dataclass(frozen=True)
-class Cause:
+class FoundCause:
     """An effect that the logs show: its probability, and the share of the excess that goes with it
     on data it was not fitted to.
     """
@@ -50,7 +56,7 @@ class Cause:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Diagnosed(Result[DiagnosisRecord]):
+class Diagnosed(Result[GapReport]):
     """The gap between simulator and logs.
 
     Parameters
@@ -68,7 +74,7 @@ class Diagnosed(Result[DiagnosisRecord]):
         return float("nan") if score is None else score
 
     @property
-    def causes(self) -> tuple[Cause, ...]:
+    def causes(self) -> tuple[FoundCause, ...]:
         """The effects found, the most probable first; shrink: NaN where no data judge it."""
         return tuple(_cause(c) for c in self.record.causes)
 
@@ -83,9 +89,9 @@ class Diagnosed(Result[DiagnosisRecord]):
         return directory
 
 
-def _cause(c: CauseRecord) -> Cause:
+def _cause(c: Cause) -> FoundCause:
     shrink = float("nan") if c.shrink is None else c.shrink.fraction
-    return Cause(c.effect, c.target, c.probability, shrink)
+    return FoundCause(c.effect, c.target, c.probability, shrink)
 
 
 def diagnose(
@@ -107,14 +113,15 @@ def diagnose(
     twin : path
         Twin file: what the simulator believes; its table lies beside it.
     hold_out : sequence of str
-        Runs (id or directory) that only judge the shrink.
-    alpha : float
-        False alarms per diagnosis, 1e-4 to 0.5.
+        A run, by name or folder, that only judges how far the gap shrinks. May be repeated.
+    alpha : float in [1e-4, 0.5]
+        Share of diagnoses that may raise a false alarm.
     seed : int
         Of the random generator.
     simulator : bool
-        Also predict the update of each run by a twin fitted to the others (of the runs held out,
-        where there are any, by one fitted to the rest), with what was found and without.
+        Also predict the update of each run by a twin fitted to the others: drift, heading and NIS
+        with what was found and without. Takes a diagnosis more for each run; with --hold-out, only
+        those runs are predicted.
     told : callable
         Told what is being done.
 
@@ -185,7 +192,7 @@ def _predicted(
     beside: TwinTable,
     settings: core.DiagnosisSettings,
     found: Diagnosis,
-) -> SimulatorRecord:
+) -> PredictedUpdates:
     """What the twin predicts of updates of runs that it was not fitted to."""
     # with the store and the updates' estimators behind them: half a second of CPU
     from recal.service.inputs.unit_inputs import table_of_unknown_unit
@@ -202,7 +209,7 @@ def _results(
     runs: list[Run],
     beside: TwinTable,
     asked: Asked,
-    predicted: SimulatorRecord | None,
+    predicted: PredictedUpdates | None,
 ) -> Diagnosed:
     """The diagnosis, and all files by name."""
     users = [
@@ -222,7 +229,7 @@ def _results(
     with_table = beside.data is not None
     names = [v.name for v in found.views]
     twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)
-    files = {"twin.json": result_text(twin)}
+    files = {"twin.json": to_json(twin)}
     if beside.data is not None:
         files[TABLE_NAME] = json_text(beside.data) + "\n"
     return _made(record, diagnosis_html(record, overlays(found)), files)
@@ -238,8 +245,8 @@ def _noise_fit(found: Diagnosis, beside: TwinTable, asked: Asked) -> NoiseFit | 
     return noise_fit(agreement(at_rest, found.twin) if at_rest else None, asked.runs)
 
 
-def _made(record: DiagnosisRecord, page: str, files: dict[str, str]) -> Diagnosed:
-    own = {"diagnosis.json": result_text(record), "diagnosis.html": page}
+def _made(record: GapReport, page: str, files: dict[str, str]) -> Diagnosed:
+    own = {"diagnosis.json": to_json(record), "diagnosis.html": page}
     return Diagnosed(record, page=lambda: page, files=own | files)
 
 
@@ -267,7 +274,7 @@ def _run_id(name: str, paths: list[Path], runs: list[Run]) -> str:
 
 def _unfit(
     runs: list[Run], twin: TwinModel, table: ThermalTable | None, sha256: str
-) -> list[tuple[str, str]] | None:
+) -> list[NotLookedAt] | None:
     """Why no run can be looked at, by run id; None where one can, or is of another unit: then the
     input is bad.
     """
@@ -282,5 +289,5 @@ def _unfit(
         view = view_run(run, k, table, twin, table_sha256=sha256)
         if not isinstance(view, str):
             return None
-        reasons.append((header.run_id, view))
+        reasons.append(NotLookedAt(header.run_id, view))
     return reasons

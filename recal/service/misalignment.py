@@ -20,6 +20,7 @@ from infield.reports.documents.misalignment import MisalignmentDocument, misalig
 from infield.reports.misalignment_page import render
 from infield.session.log import with_applied_table_undone
 from infield.store.table_store import TableStore
+from ins.documents import to_json
 from ins.records import InputError, TwinModel
 from ins.twin_file import default_twin, twin_to_dict
 from ins.units import ARCSEC, DEG
@@ -29,7 +30,6 @@ from recal.service.inputs.unit_inputs import opened, unit_inputs
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import result_text
 
 __all__ = [
     "AzimuthSettings",
@@ -92,7 +92,7 @@ class Misaligned(Result[MisalignmentDocument]):
         }
         twin = self.twin
         if twin_out is not None and twin is not None:
-            files[Path(twin_out)] = result_text(twin_to_dict(twin))
+            files[Path(twin_out)] = to_json(twin_to_dict(twin))
         write_files(files)
         return directory
 

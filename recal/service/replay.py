@@ -47,8 +47,8 @@ class Aided:
     outages : sequence of (float, float)
         Start and length [s] of stretches whose fixes are left out, and score the solution.
     smooth : bool
-        Also the solution that all fixes make, those to come included.
-    vehicle : str
+        Also write the aided solution that all fixes make, those to come included.
+    vehicle : {'car', 'find', 'other'}
         `car`: held by its wheels (no velocity to the side or upward, an odometer's speed), unless
         the fixes contradict them; `find`: the same, where the log shows that it rolls and does not
         bank; `other`: neither.

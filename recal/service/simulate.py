@@ -8,8 +8,8 @@ import numpy as np
 
 from infield.table.file import json_text, table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import INLINE
 from ins.records import Phase, ReferenceLog, Run, TableDocument, TwinModel
-from ins.verdicts import INLINE
 from recal.service.inputs.records import AnyTable, table_of
 from recal.service.results.files import write_text
 from recal.service.results.paths import AnyPath

@@ -30,10 +30,10 @@ from infield.table.file import (
     read_table_dict,
     table_to_dict,
 )
+from ins.documents import INLINE
 from ins.records import GYRO_TECHNOLOGIES, InputError, TableDocument
 from ins.twin_file import read_twin
 from ins.user_input import read_bounded
-from ins.verdicts import INLINE
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
 from recal.service.tables import RevisionFacts, about, need, other_technology

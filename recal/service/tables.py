@@ -19,11 +19,11 @@ from infield.store.table_store import (
     UnitKey,
 )
 from infield.store.verify import StoreCheck, StoreVerdict
+from ins.documents import INLINE, OMIT_NONE, to_json
 from ins.json_file import JsonObject, read_json_object
 from ins.records import InputError, TableDocument
-from ins.verdicts import INLINE, OMIT_NONE, Outcome
+from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_files
-from recal.service.results.text import result_text
 
 __all__ = [
     "Revision",
@@ -304,7 +304,7 @@ def write_proposal(full: FullProposal, output: Path) -> None:
     from infield.reports.update_page import update_html
 
     directory, document = output_directory(output, "table"), proposed_document(full)
-    texts = {"update.json": result_text(document), "update.html": update_html(update_of(document))}
+    texts = {"update.json": to_json(document), "update.html": update_html(update_of(document))}
     write_files({directory / name: text for name, text in texts.items()})
 
 

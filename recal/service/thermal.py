@@ -25,8 +25,8 @@ from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.rlg.held_out import held_out_run
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.stored_model import check_usable, read_thermal_model, removed_from
+from ins.documents import plain
 from ins.records import InputError, Run
-from ins.verdicts import plain
 from recal.service.inputs.chamber_runs import reduced_groups
 from recal.service.inputs.records import AnyRun, AnyTwin, read_one
 from recal.service.results.files import output_directory, program_version, write_files
@@ -75,9 +75,18 @@ class ThermalFit(Result[FogDocument | RlgDocument]):
 
 @dataclass(frozen=True, kw_only=True)
 class FogRequest:
-    """How ramps are taken apart. allowed_deg_h: gradient term that a slow ramp may have, else the
-    twin's bias instability; word_bits: of the exported fixed-point tables; remounted: the unit was
-    moved between the runs; one_sided: accept ramps of one direction at two rates.
+    """How ramps are taken apart.
+
+    Parameters
+    ----------
+    allowed_deg_h : float, optional
+        Largest gradient term of a slow ramp [deg/h]. Default: the twin's bias instability.
+    word_bits : int in [8, 32]
+        Bits of a word of the exported whole-number tables.
+    remounted : bool
+        The unit was taken off and mounted again between the runs.
+    one_sided : bool
+        Accept ramps of one direction, at two rates.
     """
 
     allowed_deg_h: float | None = None
@@ -177,15 +186,15 @@ def fit_rlg(
     Parameters
     ----------
     runs : sequence of Run or path
-        Runs of one unit at rest, warmed and cooled.
+        Run directories of one unit at rest, warmed and cooled.
     check : sequence of Run or path
-        Runs to test on, not fitted to.
+        Runs that only test the model.
     twin : TwinModel or path, optional
         Noise model; else the store's, else the defaults of the technology.
     store : str or TableStore, optional
         Looked in for the noise model.
     remounted : bool
-        The unit was moved between the runs.
+        The unit was taken off and mounted again between the runs.
     told : callable
         Told what is being done: a step for each run, and THERMAL_STEPS more.
 
@@ -270,13 +279,14 @@ def take_out(
     model : str or path
         A thermal_rlg.json or thermal_fog.json that was fitted.
     run : Run or path
-        Raw gyro output.
+        A run directory with raw gyro output.
     output : str or path
         The compensated run to write.
     part : str
-        "all", or "rates": leave in what a settled unit has, for a thermal table.
+        What to take out: all, or only rates, which leaves what a settled unit has to a thermal
+        table.
     batch : bool
-        Smoothed temperatures instead of real-time order.
+        Use smoothed temperatures. Default: only those up to each row's time.
     told : callable
         Told what is being done, in TAKE_OUT_STEPS steps.
     """

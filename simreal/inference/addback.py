@@ -47,21 +47,23 @@ FEW_SIGMA = 8.0  # 1e-15 of Gaussian errors lie beyond
 
 
 @dataclass(frozen=True)
-class Shrink:
-    """Share of the excess gone on held-out data, with its 95 % interval; size: of the held-out gap,
-    in sigmas.
-    """
+class Gone:
+    """Share of a gap that is gone, with its 95 % interval."""
 
     fraction: float
     interval_95: tuple[float, float]
-    held_out: bool
-    size: float
-    how: Judging
 
-    @property
-    def too_small(self) -> bool:
-        """The held-out gap is too small to quantify a shrink."""
-        return self.size < FEW_SIGMA
+
+@dataclass(frozen=True)
+class Shrink(Gone):
+    """Share of the excess that is gone on held-out data; size: of the held-out gap, in sigmas;
+    too_small: to quantify a shrink.
+    """
+
+    held_out: bool
+    how: Judging
+    size: float
+    too_small: bool
 
 
 def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = None) -> Shrink:
@@ -194,7 +196,8 @@ def fieller(
     value = float(np.clip(N / D, -1.0, 1.0)) if D > 0 else 0.0
     interval = (float(S[inside].min()), float(S[inside].max())) if inside.any() else (value, value)
     interval = (min(interval[0], value), max(interval[1], value))
-    return Shrink(value, interval, True, float(np.sqrt(max(D, 0.0))), how)
+    size = float(np.sqrt(max(D, 0.0)))
+    return Shrink(value, interval, True, how, size, size < FEW_SIGMA)
 
 
 def _touched(attribution: Attribution, slot: Slot) -> NDArray:
@@ -324,4 +327,5 @@ def _of_noise(attribution: Attribution, slot: Slot) -> Shrink:
     low, high = np.quantile(fractions, [0.025, 0.975])
     how = Judging.BY_RUN if held else Judging.SAME_RUN
     interval = float(min(low, fractions[0])), float(max(high, fractions[0]))
-    return Shrink(float(fractions[0]), interval, held, abs(found) / max(sigma, 1e-300), how)
+    size = abs(found) / max(sigma, 1e-300)
+    return Shrink(float(fractions[0]), interval, held, how, size, size < FEW_SIGMA)

@@ -6,10 +6,13 @@ Decision: docs/decisions/0085-unique-and-plausible.md.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.documents import OMIT_NONE, AsRead
+from ins.records import EffectDocument
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.generic import (
     FREE_FUNCTIONS,
@@ -22,14 +25,15 @@ from simreal.declared.generic import (
     UNKNOWN_MOTION,
 )
 from simreal.declared.twin_effects import leaves_the_log
-from simreal.effects.base import GYROS, Effect
+from simreal.effects.base import ACCELS, GYROS, SLOW_NAME, Effect
+from simreal.effects.catalogue import effects_named
 from simreal.effects.gyro_noise import NOISE_OF_TIME
 from simreal.effects.telemetry import Telemetry
 from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
 from simreal.inference.bank import Bank, Hypothesis, unit_scale
 from simreal.inference.noise_hypotheses import NoiseHypothesis, Term, log_bf, term_of
-from simreal.inference.scoring import Scorer, condition, fit
+from simreal.inference.scoring import Conditioned, Scorer, fit
 from simreal.inference.verdict import KeptOut
 
 CREDIBLE = 0.95  # of a set: 19 of 20 hold what is true
@@ -40,6 +44,7 @@ SAME_COSINE = 0.95
 # has 1.7 of its own
 TABLE_COSINE = 0.99
 UNLISTED = (UNKNOWN_MOTION, "")  # a cause outside the catalogue
+MOST_BARS = 8  # answers of a cause that a page draws
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
 TIME_NODES = (
     4  # of the free function of time, the coarsest of the bank: what is no smooth drift is left
@@ -58,134 +63,205 @@ ABSURD = 3.0
 
 
 @dataclass(frozen=True)
-class Value:
-    """A parameter with its sigma (NaN: not estimated), unit and usual range (None: no such
-    thing).
+class CauseParameter:
+    """A parameter of a cause.
+
+    usual: its usual size, None: no such thing. unusual: larger than such an effect is as a rule.
+    sigma_from: "fit", "bounds" (of a shape that the data do not narrow) or None. below_declared: of
+    a noise, that much less than the twin declares.
     """
 
     value: float
-    sigma: float
+    sigma: float | None
     unit: str
-    usual: tuple[float, float] | None = None
-
-    @property
-    def unusual(self) -> bool:
-        """Larger than such an effect is as a rule."""
-        return self.usual is not None and abs(self.value) > ABSURD * self.usual[1]
+    usual: tuple[float, float] | None
+    unusual: bool
+    sigma_from: str | None
+    below_declared: bool
 
 
 @dataclass(frozen=True)
-class Rival:
-    """Another answer: its probability in this slot and how alike its signature is (|cos|, NaN:
-    noise).
-    """
+class Answer:
+    """An answer of a slot, with its probability."""
 
     effect: str
     target: str
     probability: float
-    cosine: float
 
 
 @dataclass(frozen=True)
+class Rival(Answer):
+    """Another answer than the one taken; cosine: |cos| of the two signatures, None for noise."""
+
+    cosine: float | None
+
+
+@dataclass(frozen=True)
+class ParkedRms:
+    """RMS of an effect on a channel while parked."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cause:
     """One found effect.
 
     probability: of this name on this target. rivals: the rest of the 95 % credible set and what
-    cannot be told apart. run_id: of an event. size: norm of the whitened effect. rms: of the effect
-    per channel while parked, SI. id: which of the effects of that name. nodes, values: of a free
-    function.
+    cannot be told apart; confounded_with: their names, of a slow variation the processes first.
+    posterior: the most probable answers. id: which of the effects of that name. repeats: the class
+    of effects.md, section 1. run_id: of an event. size: norm of the whitened effect. rms: by
+    channel. nodes, values: of a free function. twin_effects: its items in the twin that the
+    diagnosis writes; kept_out: why there are none. advice: the command that mends it.
     """
 
     effect: str
     target: str
-    id: str
     probability: float
-    rivals: tuple[Rival, ...]
-    parameters: Mapping[str, Value]
+    confounded_with: tuple[str, ...] = ()
+    parameters: Mapping[str, CauseParameter]
+    shrink: Shrink | None = None
+    id: str
+    named: bool = True
+    resolved: bool = True
+    repeats: str = "R"
     run_id: str | None
     size: float
-    shrink: Shrink | None = None
-    named: bool = True
+    rivals: tuple[Rival, ...] = ()
+    posterior: tuple[Answer, ...] = ()
+    rms: Mapping[str, ParkedRms] = field(default_factory=dict)
     nodes: tuple[float, ...] = ()
     values: tuple[float, ...] = ()
-    rms: Mapping[str, float] = field(default_factory=dict)
-    class_: str = "R"
-
-    @property
-    def resolved(self) -> bool:
-        return self.probability >= CREDIBLE * (1.0 - unlisted(self.size)) or not self.rivals
-
-    @property
-    def kept_out(self) -> KeptOut | None:
-        """Why it is not written into the twin; None: it is.
-
-        A named effect has a form that physics gives it. A free function, of a mean or of a noise,
-        has the form of the data that it is drawn through, and beyond them it is a guess: it must
-        lessen the gap of data that it was not fitted to, at 95 %. On halves of real logs, guesses
-        made the other half's gap as much as 17 times as large (docs/gap_real_noise.md). What an
-        update would take out of its log must be of a size that is usual, and no other answer of
-        the set may leave another table.
-        """
-        if self.effect in OF_UNNAMED_MOTION:
-            return KeptOut.OF_MOTION
-        if self.effect == TABLE_AGED:
-            return KeptOut.TABLE_AGED
-        low, high = (-1.0, 1.0)
-        if self.shrink is not None and self.shrink.held_out:
-            low, high = self.shrink.interval_95
-        if high < 0.0:
-            return KeptOut.MADE_WORSE
-        free = self.effect in OF_TELEMETRY or self.effect == NOISE_OF_TIME
-        if free and low <= 0.0:
-            return KeptOut.NOT_SHOWN
-        if self.class_ != "R" or not leaves_the_log(self.effect, self.target):
-            return None
-        if any(p.unusual for p in self.parameters.values()):
-            return KeptOut.IMPLAUSIBLE
-        return KeptOut.NOT_UNIQUE if self._another_table else None
-
-    @property
-    def _another_table(self) -> bool:
-        """Whether an answer of the set would leave another table in an update than this one. Two
-        that leave the log alike, each the same trace, leave the same; a table that may be off in
-        the same form always leaves another.
-        """
-        alike = [
-            r.target == self.target
-            and r.cosine > SAME_COSINE
-            and leaves_the_log(r.effect, r.target)
-            for r in self.rivals
-        ]
-        aged = any(r.effect == TABLE_AGED for r in self.rivals)
-        return aged or not (self.resolved or all(alike))
+    twin_effects: tuple[Annotated[EffectDocument, AsRead()], ...] = ()
+    kept_out: KeptOut | None = field(default=None, metadata=OMIT_NONE)
+    advice: str | None = field(default=None, metadata=OMIT_NONE)
 
 
-def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Cause:
-    """The slot as a cause."""
+def parameter_of(
+    value: float,
+    sigma: float,
+    unit: str,
+    usual: tuple[float, float] | None = None,
+    *,
+    bounds: tuple[float, float] | None = None,
+    below_declared: bool = False,
+) -> CauseParameter:
+    """A parameter of a fit. sigma: NaN where the data do not narrow it: then that of anything
+    between the bounds, where it has some.
+    """
+    sigma_from = "fit" if np.isfinite(sigma) else None
+    if sigma_from is None and bounds is not None:
+        sigma, sigma_from = float((bounds[1] - bounds[0]) / np.sqrt(12.0)), "bounds"
+    return CauseParameter(
+        value=value,
+        sigma=sigma if sigma_from else None,
+        unit=unit,
+        usual=usual,
+        unusual=usual is not None and abs(value) > ABSURD * usual[1],
+        sigma_from=sigma_from,
+        below_declared=below_declared,
+    )
+
+
+def judged(cause: Cause) -> Cause:
+    """The cause with what follows from its numbers: whether it stands alone, what it is confounded
+    with, and whether a twin may take it.
+    """
+    resolved = cause.probability >= CREDIBLE * (1.0 - unlisted(cause.size)) or not cause.rivals
+    names = [r.effect for r in cause.rivals if r.effect != cause.effect]
+    confounded_with = tuple(dict.fromkeys([*_processes_of(cause), *names]))
+    seen = replace(cause, resolved=resolved, confounded_with=confounded_with)
+    return replace(seen, kept_out=_kept_out(seen))
+
+
+def _processes_of(cause: Cause) -> tuple[str, ...]:
+    """Names of the processes that a slow variation may be on its target, the found one first."""
+    if cause.effect != SLOW_NAME:
+        return ()
+    others = [
+        e.id for e in effects_named(SLOW_NAME) if cause.target in e.targets and e.id != cause.id
+    ]
+    return (cause.id, *others)
+
+
+def _kept_out(cause: Cause) -> KeptOut | None:
+    """Why a cause is not written into the twin; None: it is.
+
+    A named effect has a form that physics gives it. A free function, of a mean or of a noise, has
+    the form of the data that it is drawn through, and beyond them it is a guess: it must lessen
+    the gap of data that it was not fitted to, at 95 %. On halves of real logs, guesses made the
+    other half's gap as much as 17 times as large (docs/gap_real_noise.md). What an update would
+    take out of its log must be of a size that is usual, and no other answer of the set may leave
+    another table.
+    """
+    if cause.effect in OF_UNNAMED_MOTION:
+        return KeptOut.OF_MOTION
+    if cause.effect == TABLE_AGED:
+        return KeptOut.TABLE_AGED
+    low, high = (-1.0, 1.0)
+    if cause.shrink is not None and cause.shrink.held_out:
+        low, high = cause.shrink.interval_95
+    if high < 0.0:
+        return KeptOut.MADE_WORSE
+    free = cause.effect in OF_TELEMETRY or cause.effect == NOISE_OF_TIME
+    if free and low <= 0.0:
+        return KeptOut.NOT_SHOWN
+    if cause.repeats != "R" or not leaves_the_log(cause.effect, cause.target):
+        return None
+    if any(p.unusual for p in cause.parameters.values()):
+        return KeptOut.IMPLAUSIBLE
+    return KeptOut.NOT_UNIQUE if _another_table(cause) else None
+
+
+def _another_table(cause: Cause) -> bool:
+    """Whether an answer of the set would leave another table in an update than this one. Two that
+    leave the log alike, each the same trace, leave the same; a table that may be off in the same
+    form always leaves another.
+    """
+    alike = [
+        r.target == cause.target
+        and (r.cosine or 0.0) > SAME_COSINE
+        and leaves_the_log(r.effect, r.target)
+        for r in cause.rivals
+    ]
+    aged = any(r.effect == TABLE_AGED for r in cause.rivals)
+    return aged or not (cause.resolved or all(alike))
+
+
+def cause_of(
+    attribution: Attribution,
+    number: int,
+    shares: Mapping[tuple[str, str], float],
+    shrink: Shrink | None,
+) -> Cause:
+    """The slot as a cause; shares: of the slot, as `shares_of` has them."""
     slot = attribution.slots[number]
     h = slot.hypothesis
-    shares = shares_of(attribution, slot)
-    probability = shares.get((h.name, h.target), 0.0)
+    probability = min(shares.get((h.name, h.target), 0.0), 1.0)
+    bars = list(shares.items())[:MOST_BARS]
     views = attribution.evidence.views
     run_id = None if h.run is None else views[h.run].name
     effect = h.effect
     parameters, nodes, values = _parameters(attribution, slot)
-    return Cause(
+    cause = Cause(
         effect=h.name,
         target=h.target,
-        id=h.name if effect is None else effect.id,
         probability=probability,
-        rivals=_rivals(attribution, slot, shares),
         parameters=parameters,
+        shrink=shrink,
+        id=h.name if effect is None else effect.id,
+        named=h.named,
+        repeats="R" if effect is None else effect.repeats,
         run_id=run_id,
         size=_size(attribution, slot),
-        shrink=shrink,
-        named=h.named,
+        rivals=_rivals(attribution, slot, shares),
+        posterior=tuple(Answer(name, target, p) for (name, target), p in bars),
+        rms=_rms(attribution, slot),
         nodes=nodes,
         values=values,
-        rms=_rms(attribution, slot),
-        class_="R" if effect is None else effect.repeats,
     )
+    return judged(cause)
 
 
 def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
@@ -212,7 +288,7 @@ def unlisted(size: float) -> float:
 
 
 def _rivals(
-    attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], float]
+    attribution: Attribution, slot: Slot, shares: Mapping[tuple[str, str], float]
 ) -> tuple[Rival, ...]:
     own, total, out = (slot.hypothesis.name, slot.hypothesis.target), 0.0, []
     cosines = _cosines(attribution, slot)
@@ -220,13 +296,13 @@ def _rivals(
     for key, p in shares.items():
         if key in (own, UNLISTED):
             continue
-        cosine = cosines.get(key, float("nan"))
+        cosine = cosines.get(key)
         if total < CREDIBLE and p > LEAST_PROBABILITY:
             out.append(Rival(*key, p, cosine))
             total += p
             continue
         same = TABLE_COSINE if key[0] == TABLE_AGED else SAME_COSINE
-        if cosine > same and key[0] not in FREE_FUNCTIONS:
+        if cosine is not None and cosine > same and key[0] not in FREE_FUNCTIONS:
             out.append(Rival(*key, p, cosine))
     return tuple(out)
 
@@ -243,10 +319,11 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
         for s in attribution.every
         if s is not slot and not (s.of_table and s.hypothesis.target == target)
     )
-    gram, score = condition(bank.gram, bank.score[:, None], others)
+    left = Conditioned(bank.gram, bank.score, others)
     own = slot.columns
-    beta = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True) @ score[own, 0]
-    norm = float(beta @ gram[np.ix_(own, own)] @ beta) - slot.group.precision * float(beta @ beta)
+    own_gram = left.gram_of(own)
+    beta = np.linalg.pinv(own_gram, hermitian=True) @ left.score[own]
+    norm = float(beta @ own_gram @ beta) - slot.group.precision * float(beta @ beta)
     out: dict[tuple[str, str], float] = {}
     for h in bank.hypotheses:
         for group in h.groups:
@@ -255,8 +332,8 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
             # table, which is off in every unit
             if c.size > own.size and not h.of_table:
                 continue
-            cross = gram[np.ix_(c, own)] @ beta
-            G = gram[np.ix_(c, c)] - group.precision * np.eye(c.size)
+            cross = left.gram_of(c, own) @ beta
+            G = left.gram_of(c) - group.precision * np.eye(c.size)
             if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):
                 continue
             seen = np.diag(G) > 0.0
@@ -273,7 +350,7 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
 
 def _parameters(
     attribution: Attribution, slot: Slot
-) -> tuple[dict[str, Value], tuple[float, ...], tuple[float, ...]]:
+) -> tuple[dict[str, CauseParameter], tuple[float, ...], tuple[float, ...]]:
     h = slot.hypothesis
     if isinstance(h, NoiseHypothesis):
         return _noise_parameters(attribution, slot), (), ()
@@ -289,11 +366,11 @@ def _parameters(
         generic = attribution.bank.generic_of(h, slot.group)
         curves = (np.eye(value.size) if generic.curves is None else generic.curves) / si
         values = curves @ value
-        out = {"rms": Value(float(np.sqrt(np.mean(values**2))), float("nan"), unit)}
+        out = {"rms": parameter_of(float(np.sqrt(np.mean(values**2))), float("nan"), unit)}
         if h.of_table:
             mean = curves.mean(axis=0)
             spread = float(np.sqrt(mean @ covariance[np.ix_(at, at)] @ mean))
-            out["shift"] = Value(float(mean @ value), spread, unit)
+            out["shift"] = parameter_of(float(mean @ value), spread, unit)
         return out, generic.nodes, tuple(values.tolist())
     scale = unit_scale(h.effect, h.target, attribution.evidence)
     out = {}
@@ -301,15 +378,16 @@ def _parameters(
         usual = (scale * c.low, scale * c.high)
         if h.effect.repeats == "P":
             for r, view in enumerate(attribution.evidence.views):
-                out[f"{c.name}[{view.name}]"] = Value(
+                out[f"{c.name}[{view.name}]"] = parameter_of(
                     float(value[r]), float(sigma[r]), c.unit, usual
                 )
         else:
-            out[c.name] = Value(float(value[k]), float(sigma[k]), c.unit, usual)
+            out[c.name] = parameter_of(float(value[k]), float(sigma[k]), c.unit, usual)
     assert slot.group is not None
     for p in h.effect.shape:
         v = float(slot.group.shape[p.name])
-        out[p.name] = Value(v, _shape_sigma(attribution, slot, h.effect, p.name), p.unit)
+        spread = _shape_sigma(attribution, slot, h.effect, p.name)
+        out[p.name] = parameter_of(v, spread, p.unit, bounds=(p.low, p.high))
     return out, (), ()
 
 
@@ -333,7 +411,7 @@ def _shape_sigma(attribution: Attribution, slot: Slot, effect: Effect, name: str
     return float(1.0 / np.sqrt(curvature)) if curvature > 0 else float("nan")
 
 
-def _noise_parameters(attribution: Attribution, slot: Slot) -> dict[str, Value]:
+def _noise_parameters(attribution: Attribution, slot: Slot) -> dict[str, CauseParameter]:
     h, extra = slot.hypothesis, slot.extra
     assert isinstance(h, NoiseHypothesis) and extra is not None
     squares = attribution.plain_squares
@@ -349,9 +427,11 @@ def _noise_parameters(attribution: Attribution, slot: Slot) -> dict[str, Value]:
     sigma = 0.5 / max(abs(value), 1e-30) / np.sqrt(information) if information > 0 else float("nan")
     c = h.effect.coefficients[-1]
     scale = unit_scale(h.effect, h.target, attribution.evidence)
-    out = {c.name: Value(value, float(sigma), c.unit, (scale * c.low, scale * c.high))}
+    usual = (scale * c.low, scale * c.high)
+    out = {c.name: parameter_of(value, float(sigma), c.unit, usual, below_declared=value < 0)}
     for p in h.effect.shape:
-        out[p.name] = Value(float(extra.shape[p.name]), float("nan"), p.unit)
+        bounds = (p.low, p.high)
+        out[p.name] = parameter_of(float(extra.shape[p.name]), np.nan, p.unit, bounds=bounds)
     return out
 
 
@@ -367,9 +447,9 @@ def _size(attribution: Attribution, slot: Slot) -> float:
     return float(np.sqrt(max(beta[at] @ G @ beta[at] - own, 0.0)))
 
 
-def _rms(attribution: Attribution, slot: Slot) -> dict[str, float]:
-    """RMS of the effect on the gyros [rad/s] and accelerometers [m/s^2] over all parked seconds,
-    where it is not zero.
+def _rms(attribution: Attribution, slot: Slot) -> dict[str, ParkedRms]:
+    """RMS of the effect on the gyros and accelerometers over all parked seconds, where it is not
+    zero.
     """
     if slot.group is None:
         return {}
@@ -389,17 +469,10 @@ def _rms(attribution: Attribution, slot: Slot) -> dict[str, float]:
         parked = view.telemetry.parked
         total += np.sum(series[parked] ** 2, axis=0)
         count += int(parked.sum())
-    names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
     rms = np.sqrt(total / max(count, 1))
-    return {n: float(v) for n, v in zip(names, rms) if v > 0}
-
-
-def posterior_bars(
-    attribution: Attribution, slot: Slot, most: int = 8
-) -> list[tuple[str, str, float]]:
-    """The most probable answers of a slot."""
-    shares = shares_of(attribution, slot)
-    return [(name, target, p) for (name, target), p in list(shares.items())[:most]]
+    gyros = {n: ParkedRms(float(v) / DEG_PER_HOUR, "deg/h") for n, v in zip(GYROS, rms[:3])}
+    accels = {n: ParkedRms(float(v) / MICRO_G, "ug") for n, v in zip(ACCELS, rms[3:])}
+    return {n: r for n, r in (gyros | accels).items() if r.value > 0}
 
 
 def shared_with_time(
@@ -511,12 +584,12 @@ def _cosine(bank: Bank, own: NDArray, span: NDArray, others: NDArray) -> float:
     """|cos| of the fitted signature of some columns with the span of others, a third set projected
     out.
     """
-    gram, score = condition(bank.gram, bank.score[:, None], others)
-    G = gram[np.ix_(own, own)]
-    beta = np.linalg.pinv(G, hermitian=True) @ score[own, 0]
+    left = Conditioned(bank.gram, bank.score, others)
+    G = left.gram_of(own)
+    beta = np.linalg.pinv(G, hermitian=True) @ left.score[own]
     norm = float(beta @ G @ beta)
     if norm <= 0.0:
         return 0.0
-    cross = gram[np.ix_(span, own)] @ beta
-    within = float(cross @ np.linalg.pinv(gram[np.ix_(span, span)], hermitian=True) @ cross)
+    cross = left.gram_of(span, own) @ beta
+    within = float(cross @ np.linalg.pinv(left.gram_of(span), hermitian=True) @ cross)
     return float(np.sqrt(np.clip(within / norm, 0.0, 1.0)))

@@ -14,6 +14,7 @@ import numpy as np
 from infield.learning.parameters import ageing_of, defaults_of
 from infield.session.disagreement import utc
 from infield.table.thermal_table import AgeingModel, ThermalTable
+from ins.documents import OMIT_NONE
 from ins.records import InputError, Run, TwinModel
 from simreal.declared.generic import TABLE_AGED, Generic, table_errors
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
@@ -22,12 +23,20 @@ from simreal.effects.catalogue import catalogue
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import ExtraNoise
-from simreal.inference.addback import HeldOut, shrink_of
+from simreal.inference.addback import Gone, HeldOut, shrink_of
 from simreal.inference.attribute import REPLICATES, Attribution, Attributor, Listed
 from simreal.inference.bank import silent
-from simreal.inference.causes import Cause, cause_of, posterior_bars
-from simreal.inference.excess import Excess, excesses
-from simreal.inference.locate import CellTable, Leftover, cells_of, locate, measure_cells
+from simreal.inference.causes import Cause, cause_of, shares_of
+from simreal.inference.excess import FLOOR, Excess, excesses
+from simreal.inference.locate import (
+    CellTable,
+    GapCell,
+    Leftover,
+    cells_of,
+    gap_cells,
+    locate,
+    measure_cells,
+)
 from simreal.inference.places import Place, places
 from simreal.inference.tails import tail_probability
 from simreal.inference.verdict import GapVerdict, Looks
@@ -36,30 +45,75 @@ from simreal.inference.wrong_site import entered_wrong_rad, with_entered, with_l
 DEFAULT_ALPHA = 0.01
 
 
+@dataclass(frozen=True, kw_only=True)
+class GapSize:
+    """Mean squared whitened residual over all rows, the twin's own, the p-value that there is no
+    gap, and the distance from the twin's own in sigmas of the null.
+    """
+
+    score: float | None = None
+    floor: float | None = None
+    p_value: float | None = None
+    excess_sigma: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapSizeAfter:
+    """The same with what was found."""
+
+    score: float | None = None
+    p_value: float | None = None
+    excess_sigma: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """What is left; share of the excess, and the test that sees it."""
+
+    present: bool | None = None
+    p_value: float | None = None
+    share: float | None = None
+    looks_like: Looks = Looks.NOTHING
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """An effect that these runs cannot show; target where only that one lacks something."""
+
+    effect: str
+    needs: str
+    target: str | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True)
+class NotLookedAt:
+    """A run that could not be looked at, or not be predicted, and why."""
+
+    run_id: str
+    why: str
+
+
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything that the document and the report say; they compute nothing.
+    """Everything that the document and the report say, in the document's own records.
 
-    excesses: the gap over all rows, then channel by channel. bars: the most probable answers of
-    each cause. cells: before; cells_after. unused: runs that could not be looked at.
+    order: the attribution's slot behind each cause.
     """
 
     verdict: GapVerdict
     sentence: str
-    excesses: tuple[Excess, ...]
-    p_value: float
-    p_value_after: float
+    gap: GapSize
+    gap_after: GapSizeAfter
+    shrink: Gone
+    channels: tuple[Excess, ...]
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
-    bars: tuple[tuple[tuple[str, str, float], ...], ...]
-    left_present: bool
-    left_share: float
-    looks_like: Looks
-    not_testable: tuple[tuple[str, str, str], ...]
-    cells: CellTable
-    cells_after: CellTable
+    order: tuple[int, ...]
+    unexplained: Unexplained
+    not_testable: tuple[NotTestable, ...]
+    cells: tuple[GapCell, ...]
     views: tuple[RunView, ...]
-    unused: tuple[tuple[str, str], ...]
+    not_looked_at: tuple[NotLookedAt, ...]
     twin: TwinModel
     alpha: float
     threshold: float
@@ -136,7 +190,7 @@ class _Seen:
     views: list[RunView]
     held: list[RunView]
     known: list[Trace | None]
-    unused: list[tuple[str, str]]
+    unused: list[NotLookedAt]
 
 
 @dataclass(frozen=True)
@@ -222,9 +276,9 @@ def _split(
 
 def _views(
     runs: Sequence[Run], twin: TwinModel, table: ThermalTable | None, table_sha256: str
-) -> tuple[list[RunView], list[tuple[str, str]]]:
+) -> tuple[list[RunView], list[NotLookedAt]]:
     views: list[RunView] = []
-    unused: list[tuple[str, str]] = []
+    unused: list[NotLookedAt] = []
     for run in runs:
         header = run.header
         if twin.imu_serial and header.imu_serial != twin.imu_serial:
@@ -239,18 +293,18 @@ def _views(
             )
         view = view_run(run, len(views), table, twin, table_sha256=table_sha256)
         if isinstance(view, str):
-            unused.append((header.run_id, view))
+            unused.append(NotLookedAt(header.run_id, view))
         else:
             views.append(view)
     if not views:
-        raise InputError("; ".join(f"run {name}: {why}" for name, why in unused))
+        raise InputError("; ".join(f"run {one.run_id}: {one.why}" for one in unused))
     return views, unused
 
 
 def _diagnosed(
     attribution: Attribution,
     views: Sequence[RunView],
-    unused: Sequence[tuple[str, str]],
+    unused: Sequence[NotLookedAt],
     how: DiagnosisSettings,
     apart: HeldOut | None = None,
 ) -> Diagnosis:
@@ -270,33 +324,45 @@ def _diagnosed(
     ratio_after = after_squares.ratio(residual[:, None])[:, 0]
     after = locate(cells, after_squares, ratio_after, threshold)
     p_after, looks_like = leftover.judge(residual, ratio_after, statistics)
+    shares = [shares_of(attribution, slot) for slot in attribution.slots]
     causes = tuple(
-        cause_of(attribution, k, shrink_of(attribution, k, apart))
-        for k in range(len(attribution.slots))
+        cause_of(attribution, k, of_slot, shrink_of(attribution, k, apart))
+        for k, of_slot in enumerate(shares)
     )
-    bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * how.alpha
     where = places(attribution, before, after)
     verdict = _verdict(causes, present)
-    order = np.argsort([-c.probability for c in causes], kind="stable")
+    own = [of.get((c.effect, c.target), 0.0) for of, c in zip(shares, causes)]
+    order = tuple(int(k) for k in np.argsort([-p for p in own], kind="stable"))
+    whole, *channels = excesses(evidence, residual, attribution.columns.size)
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, causes, where, looks_like if present else Looks.NOTHING),
-        excesses=excesses(evidence, residual, attribution.columns.size),
-        p_value=min(2.0 * min(p_max, p_before), 1.0),
-        p_value_after=p_after,
+        gap=GapSize(
+            score=whole.score,
+            floor=FLOOR,
+            p_value=min(2.0 * min(p_max, p_before), 1.0),
+            excess_sigma=whole.excess_sigma,
+        ),
+        gap_after=GapSizeAfter(
+            score=whole.score_after, p_value=p_after, excess_sigma=whole.excess_sigma_after
+        ),
+        shrink=whole.shrink,
+        channels=tuple(channels),
         where=where,
         causes=tuple(causes[k] for k in order),
-        bars=tuple(bars[k] for k in order),
-        left_present=bool(present),
-        left_share=_left_share(before, after),
-        looks_like=looks_like if present else Looks.NOTHING,
+        order=order,
+        unexplained=Unexplained(
+            present=bool(present),
+            p_value=p_after,
+            share=_left_share(before, after),
+            looks_like=looks_like if present else Looks.NOTHING,
+        ),
         not_testable=_not_testable(attribution),
-        cells=before,
-        cells_after=after,
+        cells=gap_cells(before, after),
         views=tuple(views),
-        unused=tuple(unused),
+        not_looked_at=tuple(unused),
         twin=evidence.twin,
         alpha=how.alpha,
         threshold=attribution.threshold,
@@ -370,11 +436,9 @@ def _called(cause: Cause) -> str:
     return f"{cause.effect} on {cause.target}"
 
 
-def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:
+def _not_testable(attribution: Attribution) -> tuple[NotTestable, ...]:
     """Effects that no target of these runs can show, with what they need, each once; those that
-    only a silent sensor
-
-    cannot show come with it as the target (else "").
+    only a silent sensor cannot show come with it as the target.
     """
     tested = {h.name for h in attribution.hypotheses}
     out: dict[tuple[str, str], str] = {}
@@ -383,4 +447,6 @@ def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:
             out.setdefault((name, ""), needs)
         elif needs == silent(target):
             out[name, target] = needs
-    return tuple((name, needs, target) for (name, target), needs in sorted(out.items()))
+    return tuple(
+        NotTestable(name, needs, target or None) for (name, target), needs in sorted(out.items())
+    )

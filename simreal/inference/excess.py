@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from simreal.evidence.whitened import CHANNELS, Evidence
-from simreal.inference.addback import fieller
+from simreal.inference.addback import Gone, fieller
 
 FLOOR = 1.0  # of the mean square of whitened rows
 # a quarter of what `inference.addback` keeps of a channel; a warm-up of an hour lies below 8
@@ -27,7 +27,7 @@ HALF_INDEX = 8.0
 @dataclass(frozen=True)
 class Excess:
     """Weighted mean square before and after, the distance of both from the floor in sigmas of the
-    null, and the shrink with its 95 % interval.
+    null, and the share of it that is gone.
 
     channel: "" for all rows together; rows: their number.
     """
@@ -38,8 +38,7 @@ class Excess:
     score_after: float
     excess_sigma: float
     excess_sigma_after: float
-    fraction: float
-    interval_95: tuple[float, float]
+    shrink: Gone
 
 
 @dataclass(frozen=True)
@@ -97,6 +96,5 @@ def _excess(channel: str, spectrum: _Spectrum, mine: NDArray, fitted: float) -> 
         score_after=left / total,
         excess_sigma=gap / sigma,
         excess_sigma_after=(left - total) / sigma,
-        fraction=shrink.fraction,
-        interval_95=shrink.interval_95,
+        shrink=Gone(shrink.fraction, shrink.interval_95),
     )

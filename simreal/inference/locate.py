@@ -56,6 +56,49 @@ class CellTable:
         return self.nats > self.threshold
 
 
+@dataclass(frozen=True, kw_only=True)
+class GapCell:
+    """Squares of one channel and band; `_after` with what was found. frequency_hz: an upper end of
+    None is open.
+    """
+
+    channel: str
+    moving: bool
+    frequency_hz: tuple[float, float | None]
+    dof: float
+    rho: float
+    nats: float
+    located: bool
+    rho_after: float
+    nats_after: float
+    located_after: bool
+
+
+def gap_cells(before: CellTable, after: CellTable) -> tuple[GapCell, ...]:
+    """The cells of a diagnosis, before and with what was found."""
+    located, located_after = before.located, after.located
+    return tuple(
+        GapCell(
+            channel=cell.channel,
+            moving=cell.moving,
+            frequency_hz=_band(cell.frequency_hz),
+            dof=float(before.dof[k]),
+            rho=float(before.rho[k]),
+            nats=float(before.nats[k]),
+            located=bool(located[k]),
+            rho_after=float(after.rho[k]),
+            nats_after=float(after.nats[k]),
+            located_after=bool(located_after[k]),
+        )
+        for k, cell in enumerate(before.cells)
+    )
+
+
+def _band(frequency_hz: tuple[float, float]) -> tuple[float, float | None]:
+    low, high = frequency_hz
+    return low, high if np.isfinite(high) else None
+
+
 def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
     """All cells of an evidence, channels in their order, bands from slow to quick."""
     out: list[Cell] = []

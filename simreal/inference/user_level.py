@@ -6,7 +6,7 @@ effects on gyros and accelerometers have such a number.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from infield.replay.drift import Drift, parked_drift
 from infield.session.log import compensated_imu
 from infield.table.thermal_table import ThermalTable
 from ins.attitude import euler_from_dcm, wrap_pi
+from ins.documents import written_as
 from ins.records import ImuLog, ImuSource, NavState, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC
@@ -32,20 +33,27 @@ NO_TRACE = Trace()
 
 
 @dataclass(frozen=True)
-class UserLevel:
-    """One run: aligned over `align_s`, then free-inertial over `navigated_s`, with the log as it is
-    and less the effects.
+class NavigationEnd:
+    """At the end of unaided navigation."""
 
-    heading_change_arcmin : of the alignment, as it is less without. rate_nm_h, speed_m_s : (as it
-    is, without), at the end.
+    rate_nm_h: float
+    speed_m_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class UserLevel:
+    """A parked run aligned over `align_s`, then free-inertial over `navigated_s`: as it is, and
+    without the found effects.
+
+    heading_change_arcmin : of the alignment, as it is less without.
     """
 
     run_id: str
     align_s: float
     navigated_s: float
     heading_change_arcmin: float
-    rate_nm_h: tuple[float, float]
-    speed_m_s: tuple[float, float]
+    as_it_is: NavigationEnd = field(metadata=written_as("with"))
+    without: NavigationEnd
 
 
 def user_level(
@@ -77,9 +85,13 @@ def user_level(
         align_s=ALIGN_S,
         navigated_s=float(as_it_is.time_s[-1]),
         heading_change_arcmin=float(wrap_pi(heading - heading_without)) / ARCMIN,
-        rate_nm_h=(as_it_is.rate_nm_h, without.rate_nm_h),
-        speed_m_s=(float(as_it_is.speed_m_s[-1]), float(without.speed_m_s[-1])),
+        as_it_is=_end(as_it_is),
+        without=_end(without),
     )
+
+
+def _end(drift: Drift) -> NavigationEnd:
+    return NavigationEnd(drift.rate_nm_h, float(drift.speed_m_s[-1]))
 
 
 def _flown(

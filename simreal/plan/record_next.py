@@ -37,7 +37,7 @@ def _settling(
 
         names = [(cause.effect, cause.target), *((r.effect, r.target) for r in _likely(cause))]
         out += advice(names, diagnosis.attribution.plain_evidence, table)
-    if once and cause.class_ == "R" and not cause.rivals:
+    if once and cause.repeats == "R" and not cause.rivals:
         out.append(_repeats(cause))
     if cause.effect == SLOW_NAME and not _below_declared(cause):
         out.append(_slow(cause))
@@ -47,7 +47,7 @@ def _settling(
 def record_next(diagnosis: Diagnosis, settled_by: Sequence[Sequence[str]]) -> list[str]:
     """What settles the causes (`settling`), and what is left; each sentence once."""
     out = [sentence for sentences in settled_by for sentence in sentences]
-    if diagnosis.left_present:
+    if diagnosis.unexplained.present:
         out.append(
             "For what is left: a repeat under the same conditions, to see whether it comes again."
         )

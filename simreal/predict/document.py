@@ -1,4 +1,6 @@
-"""The key `simulator` of diagnosis.json, and the same in a few lines for people."""
+"""The key `simulator` of diagnosis.json: how well a twin predicts updates, a field a key, and the
+same in a few lines for people.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,22 +8,88 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simreal.predict.measures import Deviation, Gap, Gone, gap_of, gone_of, nis_gone_of, nis_of
-from simreal.predict.records import (
-    EffectOnPredictionRecord,
-    EffectQuantityRecord,
-    GapValueRecord,
-    GoneValueRecord,
-    PredictedRunRecord,
-    QuantityRecord,
-    RunQuantityRecord,
-    SimulatorRecord,
-    UnpredictedRecord,
-)
+from simreal.inference.addback import Gone
+from simreal.inference.diagnosis import NotLookedAt
+from simreal.predict.measures import Deviation, Gap, gap_of, gone_of, nis_gone_of, nis_of
 
 if TYPE_CHECKING:
     # with the estimators of updates behind it, which a diagnosis has no need of
     from simreal.predict.held_out import HeldOutRun, Key, Predicted, Simulator
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedQuantity:
+    """A quantity of the update over all predicted runs, by the twin as it was and with what was
+    found. noise: RMS that the twin expects of noise alone.
+    """
+
+    quantity: str
+    unit: str
+    runs: int
+    noise: float
+    before: Gap
+    after: Gap
+    gone: Gone
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectOnQuantity:
+    """The gap of a quantity with this effect alone in the twin, and with all others but it."""
+
+    quantity: str
+    unit: str
+    alone: Gap
+    alone_gone: Gone
+    without: Gap
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectOnPrediction:
+    """An effect in the fits: how many found it, and what a prediction gains by it. predicted: False
+    of what belongs to one run alone, or is no part of an update.
+    """
+
+    effect: str
+    target: str
+    fits: int
+    predicted: bool
+    quantities: tuple[EffectOnQuantity, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunQuantity:
+    """Measured less predicted in one run, and one sigma of it by noise; of the NIS the values per
+    degree of freedom. The drift has two values, of gyros x and y.
+    """
+
+    quantity: str
+    unit: str
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    sigma_before: tuple[float, ...]
+    sigma_after: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedRun:
+    """A run, the runs that the twin was fitted to for it, and what was found in those."""
+
+    run_id: str
+    fitted_to: tuple[str, ...]
+    found: tuple[str, ...]
+    quantities: tuple[RunQuantity, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedUpdates:
+    """How well the twin predicts the update of runs that it was not fitted to."""
+
+    fits: int
+    quantities: tuple[PredictedQuantity, ...]
+    effects: tuple[EffectOnPrediction, ...]
+    runs: tuple[PredictedRun, ...]
+    not_predicted: tuple[NotLookedAt, ...]
+
 
 Which = Callable[["HeldOutRun"], "Predicted"]
 
@@ -47,19 +115,19 @@ QUANTITIES = (
 )
 
 
-def simulator_record(simulator: "Simulator") -> SimulatorRecord:
+def simulator_record(simulator: "Simulator") -> PredictedUpdates:
     """The document of all predictions."""
     keys = dict.fromkeys(key for run in simulator.runs for key in (*run.found, *run.own))
-    return SimulatorRecord(
+    return PredictedUpdates(
         fits=len({run.fitted_to for run in simulator.runs}),
         quantities=tuple(_quantities(simulator.runs)),
         effects=tuple(_effect(simulator.runs, key) for key in keys),
         runs=tuple(_run(run) for run in simulator.runs),
-        not_predicted=tuple(UnpredictedRecord(run_id=n, why=w) for n, w in simulator.unpredicted),
+        not_predicted=simulator.unpredicted,
     )
 
 
-def simulator_lines(record: SimulatorRecord) -> list[str]:
+def simulator_lines(record: PredictedUpdates) -> list[str]:
     """What a prediction of updates gains, in a few lines for people."""
     runs = len(record.runs)
     fits = f"{record.fits} fit{'s' * (record.fits != 1)}"
@@ -81,7 +149,7 @@ def simulator_lines(record: SimulatorRecord) -> list[str]:
 NAMES = {"drift": "drift", "heading": "heading", NIS: "NIS"}
 
 
-def _quantity_line(q: QuantityRecord) -> str:
+def _quantity_line(q: PredictedQuantity) -> str:
     before, after = interval_text(q.before), interval_text(q.after)
     if q.quantity == NIS:
         said = f"NIS {before} -> {after}, 1 where the twin is right"
@@ -90,13 +158,13 @@ def _quantity_line(q: QuantityRecord) -> str:
     return f"{said}; gone: {share_text(q.gone)}"
 
 
-def interval_text(gap: GapValueRecord) -> str:
+def interval_text(gap: Gap) -> str:
     """A gap of a prediction with its interval, two decimals."""
     low, high = gap.interval_95
     return f"{gap.value:.2f} ({low:.2f} to {high:.2f})"
 
 
-def share_text(gone: GoneValueRecord) -> str:
+def share_text(gone: Gone) -> str:
     """The share that is gone with its interval; in words where the gap was too small for one."""
     low, high = gone.interval_95
     if low <= -1.0 and high >= 1.0:
@@ -104,7 +172,7 @@ def share_text(gone: GoneValueRecord) -> str:
     return f"{100 * gone.fraction:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
-def _quantities(runs: Sequence["HeldOutRun"]) -> list[QuantityRecord]:
+def _quantities(runs: Sequence["HeldOutRun"]) -> list[PredictedQuantity]:
     out = []
     for quantity in QUANTITIES:
         before, after = _deviations(runs, quantity, _before, _after)
@@ -112,20 +180,20 @@ def _quantities(runs: Sequence["HeldOutRun"]) -> list[QuantityRecord]:
             continue
         gap = quantity.gap(before)
         out.append(
-            QuantityRecord(
+            PredictedQuantity(
                 quantity=quantity.name,
                 unit=quantity.unit,
                 runs=len(before),
                 noise=gap.noise,
-                before=_gap(gap),
-                after=_gap(quantity.gap(after)),
-                gone=_gone(quantity.gone(before, after)),
+                before=gap,
+                after=quantity.gap(after),
+                gone=quantity.gone(before, after),
             )
         )
     return out
 
 
-def _effect(runs: Sequence["HeldOutRun"], key: "Key") -> EffectOnPredictionRecord:
+def _effect(runs: Sequence["HeldOutRun"], key: "Key") -> EffectOnPrediction:
     def alone(run: "HeldOutRun") -> "Predicted":
         return run.alone.get(key, run.before)
 
@@ -139,16 +207,16 @@ def _effect(runs: Sequence["HeldOutRun"], key: "Key") -> EffectOnPredictionRecor
         _, less = _deviations(runs, quantity, _before, without)
         if before and less:
             quantities.append(
-                EffectQuantityRecord(
+                EffectOnQuantity(
                     quantity=quantity.name,
                     unit=quantity.unit,
-                    alone=_gap(quantity.gap(with_it)),
-                    alone_gone=_gone(quantity.gone(before, with_it)),
-                    without=_gap(quantity.gap(less)),
+                    alone=quantity.gap(with_it),
+                    alone_gone=quantity.gone(before, with_it),
+                    without=quantity.gap(less),
                 )
             )
     found = {run.fitted_to for run in runs if key in (*run.found, *run.own)}
-    return EffectOnPredictionRecord(
+    return EffectOnPrediction(
         effect=key[0],
         target=key[1],
         fits=len(found),
@@ -178,8 +246,8 @@ def _deviations(
     return one, other
 
 
-def _run(run: "HeldOutRun") -> PredictedRunRecord:
-    return PredictedRunRecord(
+def _run(run: "HeldOutRun") -> PredictedRun:
+    return PredictedRun(
         run_id=run.run_id,
         fitted_to=run.fitted_to,
         found=tuple(f"{effect} on {target}" for effect, target in run.found),
@@ -192,7 +260,7 @@ def _run(run: "HeldOutRun") -> PredictedRunRecord:
     )
 
 
-def _run_quantity(quantity: Quantity, before: Deviation, after: Deviation) -> RunQuantityRecord:
+def _run_quantity(quantity: Quantity, before: Deviation, after: Deviation) -> RunQuantity:
     if quantity.name == NIS:
         ratios = [nis_of([d]).measured for d in (before, after)]
         sigmas = [float(np.sqrt(2.0 / d.value.size)) for d in (before, after)]
@@ -200,7 +268,7 @@ def _run_quantity(quantity: Quantity, before: Deviation, after: Deviation) -> Ru
     else:
         values = [tuple(d.value.tolist()) for d in (before, after)]
         spread = [tuple(np.sqrt(np.diag(d.covariance)).tolist()) for d in (before, after)]
-    return RunQuantityRecord(
+    return RunQuantity(
         quantity=quantity.name,
         unit=quantity.unit,
         before=values[0],
@@ -208,11 +276,3 @@ def _run_quantity(quantity: Quantity, before: Deviation, after: Deviation) -> Ru
         sigma_before=spread[0],
         sigma_after=spread[1],
     )
-
-
-def _gap(gap: Gap) -> GapValueRecord:
-    return GapValueRecord(value=gap.value, interval_95=gap.interval_95, measured=gap.measured)
-
-
-def _gone(gone: Gone) -> GoneValueRecord:
-    return GoneValueRecord(fraction=gone.fraction, interval_95=gone.interval_95)

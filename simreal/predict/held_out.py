@@ -23,7 +23,7 @@ from ins.units import MILLIRADIAN
 from simreal.declared.twin_effects import TwinEffect, parse_effects
 from simreal.evidence.run_view import RunView, view_run
 from simreal.inference.causes import Cause
-from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
+from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, NotLookedAt, diagnose
 from simreal.predict.carried import along, foretells, with_noise_of
 from simreal.predict.measures import Deviation
 from simreal.twin.write_back import effect_items
@@ -75,7 +75,7 @@ class Simulator:
     """All predictions, and the runs that could not be predicted, with why."""
 
     runs: tuple[HeldOutRun, ...]
-    unpredicted: tuple[tuple[str, str], ...]
+    unpredicted: tuple[NotLookedAt, ...]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def predict_runs(
     ids = [run.header.run_id for run in runs]
     names = tuple(settings.hold_out) or tuple(ids)
     done: list[HeldOutRun] = []
-    undone: list[tuple[str, str]] = []
+    undone: list[NotLookedAt] = []
     looked_at = {view.name for view in found.views}
     for run in runs:
         name = run.header.run_id
@@ -119,7 +119,7 @@ def predict_runs(
         fit = found if apart else _fit(others, believed, settings)
         predicted = _predict(run, fit, believed, table, settings.hold_out)
         if isinstance(predicted, str):
-            undone.append((name, predicted))
+            undone.append(NotLookedAt(name, predicted))
         else:
             done.append(predicted)
     return Simulator(tuple(done), tuple(undone))

@@ -10,14 +10,15 @@ whitened with what the twin as it was expects of it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import chndtr
 
-from simreal.inference.addback import fieller
+from ins.documents import UNWRITTEN
+from simreal.inference.addback import Gone, fieller
 
 LOW, HIGH = 0.025, 0.975  # of a 95 % interval
 
@@ -33,21 +34,14 @@ class Deviation:
 @dataclass(frozen=True)
 class Gap:
     """Of a quantity over runs, RMS per run in its unit: beyond noise with its 95 % interval, as
-    measured, and as noise alone would be.
+    measured, noise included, and as noise alone would be; of the NIS the mean square per degree of
+    freedom, 1 where there is no gap.
     """
 
     value: float
     interval_95: tuple[float, float]
     measured: float
-    noise: float
-
-
-@dataclass(frozen=True)
-class Gone:
-    """Share of the squared gap that is gone, with its 95 % interval."""
-
-    fraction: float
-    interval_95: tuple[float, float]
+    noise: float = field(default=float("nan"), metadata=UNWRITTEN)
 
 
 def gap_of(deviations: Sequence[Deviation]) -> Gap:

@@ -19,7 +19,6 @@ from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
 from simreal.inference.addback import HeldOut
 from simreal.inference.attribute import Attribution, Slot, columns_of
 from simreal.inference.bank import Hypothesis
-from simreal.inference.causes import shares_of
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.scoring import fit
 from simreal.inference.verdict import Judging
@@ -61,22 +60,10 @@ class Overlay:
     curves: tuple[RunCurve, ...]
 
 
-def slot_order(diagnosis: Diagnosis) -> list[int]:
-    """The attribution's slot behind each of the diagnosis's causes."""
-    slots = diagnosis.attribution.slots
-    p = [
-        shares_of(diagnosis.attribution, s).get((s.hypothesis.name, s.hypothesis.target), 0.0)
-        for s in slots
-    ]
-    return [int(k) for k in np.argsort([-v for v in p], kind="stable")]
-
-
 def overlays(diagnosis: Diagnosis) -> tuple[Overlay | None, ...]:
     """One for each cause, None for noise."""
     by_run = [c.shrink is not None and c.shrink.how is Judging.BY_RUN for c in diagnosis.causes]
-    return tuple(
-        _overlay(diagnosis, k, by_run=own) for k, own in zip(slot_order(diagnosis), by_run)
-    )
+    return tuple(_overlay(diagnosis, k, by_run=own) for k, own in zip(diagnosis.order, by_run))
 
 
 def fitted_trace(diagnosis: Diagnosis, run: int) -> Trace:
@@ -137,12 +124,7 @@ def coefficients_without(attribution: Attribution, run: int) -> NDArray:
     run has them.
     """
     bank, columns, evidence = attribution.bank, attribution.columns, attribution.evidence
-    present, A = bank.blocks[run]
-    place = {int(c): j for j, c in enumerate(present)}
-    own = np.zeros((A.shape[0], columns.size))
-    for j, c in enumerate(columns):
-        if int(c) in place:
-            own[:, j] = A[:, place[int(c)]]
+    own = bank.matrix(columns)[evidence.rows_of(run)]
     gram = bank.gram[np.ix_(columns, columns)]
     rest = gram - own.T @ own
     score = bank.score[columns] - own.T @ evidence.z[evidence.rows_of(run)]

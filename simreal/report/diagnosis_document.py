@@ -1,55 +1,107 @@
-"""diagnosis.json of a diagnosis (its records: `diagnosis_records`), and the same in a few lines for
-people. Computes nothing but units.
+"""diagnosis.json (`recal.diagnosis/1`, formats.md section 5) of a diagnosis, and the same in a few
+lines for people.
 """
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Annotated
 
-import numpy as np
-
-from ins.records import Run, TwinModel
-from ins.units import DEG_PER_HOUR, MICRO_G
+from infield.reports.documents.noise_fit import NoiseFit
+from ins.documents import OMIT_NONE, AsRead
+from ins.records import EffectDocument, Run, TwinModel
 from ins.verdicts import plain_number
 from simreal.declared.generic import TABLE_AGED
-from simreal.effects.base import GYROS, SLOW_NAME, Effect
+from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import catalogue
 from simreal.effects.words import words_of
-from simreal.inference.addback import Shrink
-from simreal.inference.causes import Cause, Rival, Value
-from simreal.inference.diagnosis import Diagnosis, Place
-from simreal.inference.excess import FLOOR, Excess
+from simreal.inference.addback import Gone, Shrink
+from simreal.inference.causes import Cause, CauseParameter
+from simreal.inference.diagnosis import (
+    Diagnosis,
+    GapSize,
+    GapSizeAfter,
+    NotLookedAt,
+    NotTestable,
+    Unexplained,
+)
+from simreal.inference.excess import Excess
+from simreal.inference.locate import GapCell
+from simreal.inference.places import Place
 from simreal.inference.user_level import UserLevel
 from simreal.inference.verdict import GapVerdict, KeptOut
-from simreal.predict.document import simulator_lines
-from simreal.report.diagnosis_records import (
-    AnswerRecord,
-    CauseRecord,
-    CellRecord,
-    ChannelRecord,
-    DiagnosisRecord,
-    DriftRecord,
-    GapAfterRecord,
-    GapRecord,
-    GoneRecord,
-    NotLookedAtRecord,
-    NotTestableRecord,
-    OpenRecord,
-    ParameterRecord,
-    PlaceRecord,
-    RivalRecord,
-    RmsRecord,
-    RunRecord,
-    ShrinkRecord,
-    UnexplainedRecord,
-    UserRecord,
-)
-from simreal.twin.write_back import effect_items, fitted_items, processes_of
+from simreal.predict.document import PredictedUpdates, simulator_lines
+from simreal.twin.write_back import effect_items, fitted_items
 
 NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
 MOST_SAID = 4  # parameters of a cause in the lines for people
 LEAST_P = 1e-300  # a p-value below has no digits to show: the smallest double is 2.2e-308
+
+
+SCHEMA = "recal.diagnosis/1"
+
+
+@dataclass(frozen=True)
+class OpenCause:
+    """A cause that the twin leaves out: why, what would settle it, and the items of the twin for
+    who takes it out all the same.
+    """
+
+    effect: str
+    target: str
+    why: KeptOut
+    settled_by: tuple[str, ...]
+    twin_effects: tuple[Annotated[EffectDocument, AsRead()], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosedRun:
+    """A run that was given; what follows `used` only of one that could be looked at."""
+
+    run_id: str
+    sha256: str
+    start_utc: str | None = field(default=None, metadata=OMIT_NONE)
+    used: bool
+    parked_s: tuple[float, float] | None = field(default=None, metadata=OMIT_NONE)
+    moves: bool | None = field(default=None, metadata=OMIT_NONE)
+    held_out: bool | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapReport:
+    """The document of a diagnosis: a field is a key."""
+
+    schema: str = SCHEMA
+    verdict: GapVerdict
+    sentence: str
+    reasons: tuple[str, ...] = ()
+    imu_serial: str
+    gyro_technology: str
+    twin: str
+    version: str
+    gap: GapSize
+    where: tuple[Place, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    open: tuple[OpenCause, ...] = ()
+    unexplained: Unexplained
+    not_testable: tuple[NotTestable, ...]
+    gap_after: GapSizeAfter
+    shrink: Gone | None = field(default=None, metadata=OMIT_NONE)
+    channels: tuple[Excess, ...] = ()
+    user_level: tuple[UserLevel, ...] = ()
+    record_next: tuple[str, ...] = ()
+    cells: tuple[GapCell, ...] = ()
+    runs: tuple[DiagnosedRun, ...]
+    not_looked_at: tuple[NotLookedAt, ...]
+    notes: tuple[str, ...] = ()
+    noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
+    simulator: PredictedUpdates | None = field(default=None, metadata=OMIT_NONE)
+    alpha: float
+    threshold_nats: float | None
+    replicates: int
+    seed: int
+    table_sha256: str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,58 +128,39 @@ def diagnosis_document(
     users: Sequence[UserLevel] = (),
     record_next: Sequence[str] = (),
     settled_by: Sequence[Sequence[str]] | None = None,
-) -> DiagnosisRecord:
+) -> GapReport:
     """The document of a diagnosis of these runs; settled_by: of each cause, what tells it from
     others.
     """
     run_ids = [v.name for v in diagnosis.views]
     twin = diagnosis.twin
     table_note = () if asked.table_sha256 else (NO_TABLE,)
-    whole, *channels = diagnosis.excesses
-    return DiagnosisRecord(
+    sentences = settled_by or [()] * len(diagnosis.causes)
+    return GapReport(
         verdict=diagnosis.verdict,
         sentence=diagnosis.sentence,
         imu_serial=twin.imu_serial,
         gyro_technology=twin.gyro_technology,
         twin=twin.source,
         version=asked.version,
-        gap=GapRecord(
-            score=whole.score,
-            floor=FLOOR,
-            p_value=diagnosis.p_value,
-            excess_sigma=whole.excess_sigma,
-        ),
-        where=tuple(_place(p) for p in diagnosis.where),
-        causes=tuple(
-            _cause(c, bars, run_ids, asked) for c, bars in zip(diagnosis.causes, diagnosis.bars)
-        ),
+        gap=diagnosis.gap,
+        where=diagnosis.where,
+        causes=tuple(_mended(c, run_ids, asked) for c in diagnosis.causes),
         open=tuple(
-            _open(c, c.kept_out, run_ids, sentences)
-            for c, sentences in zip(diagnosis.causes, settled_by or [()] * len(diagnosis.causes))
+            _open(c, c.kept_out, run_ids, said)
+            for c, said in zip(diagnosis.causes, sentences)
             if c.kept_out is not None and c.kept_out.what_to_do
         ),
-        unexplained=UnexplainedRecord(
-            present=diagnosis.left_present,
-            p_value=diagnosis.p_value_after,
-            share=diagnosis.left_share,
-            looks_like=diagnosis.looks_like,
-        ),
-        not_testable=tuple(
-            NotTestableRecord(effect=name, needs=needs, target=target or None)
-            for name, needs, target in diagnosis.not_testable
-        ),
-        gap_after=GapAfterRecord(
-            score=whole.score_after,
-            p_value=diagnosis.p_value_after,
-            excess_sigma=whole.excess_sigma_after,
-        ),
-        shrink=_gone(whole),
-        channels=tuple(_channel(excess) for excess in channels),
-        user_level=tuple(_user(u) for u in users),
+        unexplained=diagnosis.unexplained,
+        not_testable=diagnosis.not_testable,
+        gap_after=diagnosis.gap_after,
+        shrink=diagnosis.shrink,
+        channels=diagnosis.channels,
+        user_level=tuple(users),
         record_next=tuple(record_next),
-        cells=_cells(diagnosis),
+        cells=diagnosis.cells,
         runs=tuple(_run(run, diagnosis, asked.hold_out) for run in runs),
-        not_looked_at=_not_looked_at(diagnosis.unused),
+        not_looked_at=diagnosis.not_looked_at,
         notes=(*asked.notes, *diagnosis.notes, *table_note),
         alpha=diagnosis.alpha,
         threshold_nats=diagnosis.threshold,
@@ -137,37 +170,19 @@ def diagnosis_document(
     )
 
 
-def _gone(excess: Excess) -> GoneRecord:
-    return GoneRecord(fraction=excess.fraction, interval_95=excess.interval_95)
-
-
-def _channel(excess: Excess) -> ChannelRecord:
-    return ChannelRecord(
-        channel=excess.channel,
-        rows=excess.rows,
-        score=excess.score,
-        score_after=excess.score_after,
-        excess_sigma=excess.excess_sigma,
-        excess_sigma_after=excess.excess_sigma_after,
-        shrink=_gone(excess),
-    )
-
-
 def refused_document(
-    reasons: Sequence[tuple[str, str]],
+    reasons: Sequence[NotLookedAt],
     runs: Sequence[Run],
     twin: TwinModel,
     *,
     version: str,
     alpha: float,
     seed: int,
-) -> DiagnosisRecord:
-    """The document where no run can be looked at: reasons by run id, no gap stated and none
-    denied.
-    """
-    said = tuple(f"run {name}: {why}" for name, why in reasons)
+) -> GapReport:
+    """The document where no run can be looked at: no gap stated and none denied."""
+    said = tuple(f"run {one.run_id}: {one.why}" for one in reasons)
     names = sorted({e.name for e in catalogue()})
-    return DiagnosisRecord(
+    return GapReport(
         verdict=GapVerdict.REFUSED,
         sentence=f"No run can be looked at: {'; '.join(said)}.",
         reasons=said,
@@ -175,13 +190,13 @@ def refused_document(
         gyro_technology=twin.gyro_technology,
         twin=twin.source,
         version=version,
-        gap=GapRecord(score=None, floor=None, p_value=None),
-        unexplained=UnexplainedRecord(present=None, p_value=None, share=None),
-        not_testable=tuple(NotTestableRecord(effect=n, needs="a parked stretch") for n in names),
-        gap_after=GapAfterRecord(score=None, p_value=None),
+        gap=GapSize(),
+        unexplained=Unexplained(),
+        not_testable=tuple(NotTestable(name, "a parked stretch") for name in names),
+        gap_after=GapSizeAfter(),
         record_next=(PARK_FIRST,),
-        runs=tuple(RunRecord(run_id=r.header.run_id, sha256=r.sha256, used=False) for r in runs),
-        not_looked_at=_not_looked_at(reasons),
+        runs=tuple(DiagnosedRun(run_id=r.header.run_id, sha256=r.sha256, used=False) for r in runs),
+        not_looked_at=tuple(reasons),
         alpha=alpha,
         threshold_nats=None,
         replicates=0,
@@ -190,7 +205,7 @@ def refused_document(
     )
 
 
-def summary(document: DiagnosisRecord) -> list[str]:
+def summary(document: GapReport) -> list[str]:
     """The result in a few lines for people."""
     lines = [f"{document.imu_serial or document.gyro_technology}: {document.sentence}"]
     if document.verdict is GapVerdict.REFUSED:
@@ -215,182 +230,30 @@ def summary(document: DiagnosisRecord) -> list[str]:
     return lines
 
 
-def _not_looked_at(reasons: Sequence[tuple[str, str]]) -> tuple[NotLookedAtRecord, ...]:
-    return tuple(NotLookedAtRecord(run_id=name, why=why) for name, why in reasons)
-
-
-def _place(p: Place) -> PlaceRecord:
-    return PlaceRecord(
-        channel=p.channel,
-        phase=p.phase,
-        temperature_degC=p.temperature_degC,
-        frequency_hz=p.frequency_hz,
-        time_s=p.time_s,
-        share=p.share,
-    )
-
-
-def _open(c: Cause, why: KeptOut, run_ids: Sequence[str], sentences: Sequence[str]) -> OpenRecord:
+def _open(c: Cause, why: KeptOut, run_ids: Sequence[str], sentences: Sequence[str]) -> OpenCause:
     words = words_of(c.effect) if why is KeptOut.IMPLAUSIBLE else None
     more = () if words is None else (words.remedy,)
-    return OpenRecord(
-        effect=c.effect,
-        target=c.target,
-        why=why,
-        settled_by=(why.what_to_do, *more, *sentences),
-        twin_effects=tuple(fitted_items(c, run_ids)),
-    )
+    settled_by = (why.what_to_do, *more, *sentences)
+    return OpenCause(c.effect, c.target, why, settled_by, tuple(fitted_items(c, run_ids)))
 
 
-def _cause(
-    c: Cause, bars: Sequence[tuple[str, str, float]], run_ids: Sequence[str], asked: Asked
-) -> CauseRecord:
+def _mended(c: Cause, run_ids: Sequence[str], asked: Asked) -> Cause:
+    """The cause with what mends it: its items of the twin, and the command for an aged table."""
     runs = " ".join(shlex.quote(run) for run in asked.runs) or "RUN..."
-    return CauseRecord(
-        effect=c.effect,
-        target=c.target,
-        probability=min(c.probability, 1.0),
-        confounded_with=_confounded(c),
-        parameters=_parameters(c),
-        shrink=None if c.shrink is None else _shrink(c.shrink),
-        id=c.id,
-        named=c.named,
-        resolved=c.resolved,
-        repeats=c.class_,
-        run_id=c.run_id,
-        size=c.size,
-        rivals=tuple(_rival(r) for r in c.rivals),
-        posterior=tuple(
-            AnswerRecord(effect=name, target=target, probability=p) for name, target, p in bars
-        ),
-        rms={channel: _rms(channel, v) for channel, v in c.rms.items()},
-        nodes=tuple(c.nodes),
-        values=tuple(c.values),
-        twin_effects=tuple(effect_items(c, run_ids)),
-        kept_out=c.kept_out,
-        advice=f"recal update {runs}" if c.effect == TABLE_AGED else None,
-    )
+    advice = f"recal update {runs}" if c.effect == TABLE_AGED else None
+    return replace(c, twin_effects=tuple(effect_items(c, run_ids)), advice=advice)
 
 
-def _shrink(s: Shrink) -> ShrinkRecord:
-    return ShrinkRecord(
-        fraction=s.fraction,
-        interval_95=s.interval_95,
-        held_out=s.held_out,
-        how=s.how,
-        size=s.size,
-        too_small=s.too_small,
-    )
-
-
-def _confounded(c: Cause) -> tuple[str, ...]:
-    """Names of the rivals; of a slow variation the processes first."""
-    rivals = [r.effect for r in c.rivals if r.effect != c.effect]
-    return tuple(dict.fromkeys([*processes_of(c), *rivals]))
-
-
-def _rival(r: Rival) -> RivalRecord:
-    cosine = r.cosine if np.isfinite(r.cosine) else None
-    return RivalRecord(effect=r.effect, target=r.target, probability=r.probability, cosine=cosine)
-
-
-def _rms(channel: str, value: float) -> RmsRecord:
-    if channel in GYROS:
-        return RmsRecord(value=value / DEG_PER_HOUR, unit="deg/h")
-    return RmsRecord(value=value / MICRO_G, unit="ug")
-
-
-def _parameters(c: Cause) -> dict[str, ParameterRecord]:
-    effect = next((e for e in catalogue() if e.id == c.id), None)
-    shapes = () if effect is None else [p.name for p in effect.shape]
-    return {
-        name: _parameter(
-            p,
-            bound_sigma=_bound_sigma(effect, name),
-            below_declared=c.class_ == "S" and p.value < 0 and name not in shapes,
-        )
-        for name, p in c.parameters.items()
-    }
-
-
-def _parameter(p: Value, *, bound_sigma: float | None, below_declared: bool) -> ParameterRecord:
-    """bound_sigma: taken where the fit gives none."""
-    fitted = bool(np.isfinite(p.sigma))
-    bounded = "bounds" if bound_sigma is not None else None
-    return ParameterRecord(
-        value=p.value,
-        sigma=p.sigma if fitted else bound_sigma,
-        unit=p.unit,
-        usual=p.usual,
-        unusual=p.unusual,
-        sigma_from="fit" if fitted else bounded,
-        below_declared=below_declared,
-    )
-
-
-def _bound_sigma(effect: Effect | None, name: str) -> float | None:
-    """Of a shape parameter that the fit does not narrow: the sigma of anything between its bounds;
-    None: no bounds.
-    """
-    shapes = () if effect is None else effect.shape
-    for shape in shapes:
-        if shape.name == name:
-            return float((shape.high - shape.low) / np.sqrt(12.0))
-    return None
-
-
-def _user(u: UserLevel) -> UserRecord:
-    as_it_is, without = (
-        DriftRecord(rate_nm_h=rate, speed_m_s=speed)
-        for rate, speed in zip(u.rate_nm_h, u.speed_m_s)
-    )
-    return UserRecord(
-        run_id=u.run_id,
-        align_s=u.align_s,
-        navigated_s=u.navigated_s,
-        heading_change_arcmin=u.heading_change_arcmin,
-        as_it_is=as_it_is,
-        without=without,
-    )
-
-
-def _cells(diagnosis: Diagnosis) -> tuple[CellRecord, ...]:
-    before, after = diagnosis.cells, diagnosis.cells_after
-    located, located_after = before.located, after.located
-    return tuple(
-        CellRecord(
-            channel=cell.channel,
-            moving=cell.moving,
-            frequency_hz=_band(cell.frequency_hz),
-            dof=float(before.dof[k]),
-            rho=float(before.rho[k]),
-            nats=float(before.nats[k]),
-            located=bool(located[k]),
-            rho_after=float(after.rho[k]),
-            nats_after=float(after.nats[k]),
-            located_after=bool(located_after[k]),
-        )
-        for k, cell in enumerate(before.cells)
-    )
-
-
-def _band(frequency_hz: tuple[float, float]) -> tuple[float | None, ...]:
-    low, high = frequency_hz
-    return low, high if np.isfinite(high) else None
-
-
-def _run(run: Run, diagnosis: Diagnosis, hold_out: Sequence[str]) -> RunRecord:
+def _run(run: Run, diagnosis: Diagnosis, hold_out: Sequence[str]) -> DiagnosedRun:
     header = run.header
     view = next((v for v in diagnosis.views if v.name == header.run_id), None)
+    given = DiagnosedRun(
+        run_id=header.run_id, sha256=run.sha256, start_utc=header.start_utc, used=view is not None
+    )
     if view is None:
-        return RunRecord(
-            run_id=header.run_id, sha256=run.sha256, start_utc=header.start_utc, used=False
-        )
-    return RunRecord(
-        run_id=header.run_id,
-        sha256=run.sha256,
-        start_utc=header.start_utc,
-        used=True,
+        return given
+    return replace(
+        given,
         parked_s=(view.start_s, view.end_s),
         moves=view.history is not None,
         held_out=header.run_id in hold_out,
@@ -404,7 +267,7 @@ def p_text(value: float | None) -> str:
     return f"{value:.2g}" if value > LEAST_P else "under 1e-300"
 
 
-def _excess_line(document: DiagnosisRecord) -> str:
+def _excess_line(document: GapReport) -> str:
     """How far what was found takes the excess down."""
     gap, after, shrink = document.gap, document.gap_after, document.shrink
     assert gap.excess_sigma is not None and after.excess_sigma is not None and shrink is not None
@@ -415,7 +278,7 @@ def _excess_line(document: DiagnosisRecord) -> str:
     )
 
 
-def _cause_lines(cause: CauseRecord) -> list[str]:
+def _cause_lines(cause: Cause) -> list[str]:
     at = f", run {cause.run_id}" if cause.run_id else ""
     lines = [
         f"  {cause.effect} on {cause.target}{at}: probability {cause.probability:.2f},"
@@ -434,7 +297,7 @@ def _cause_lines(cause: CauseRecord) -> list[str]:
     return lines
 
 
-def _parameter_text(p: ParameterRecord) -> str:
+def _parameter_text(p: CauseParameter) -> str:
     sigma = "" if p.sigma is None else f" +- {plain_number(p.sigma, '.2g')}"
     text = f"{plain_number(p.value, '.4g')}{sigma} {p.unit}"
     if p.unusual:
@@ -442,14 +305,14 @@ def _parameter_text(p: ParameterRecord) -> str:
     return f"{text} (less than declared)" if p.below_declared else text
 
 
-def _confusion(cause: CauseRecord) -> str:
+def _confusion(cause: Cause) -> str:
     """How its confounded names stand to a cause."""
     if cause.effect == SLOW_NAME:
         return "as a process"
     return "nearly the same" if cause.resolved else "may also be"
 
 
-def _shrink_text(s: ShrinkRecord) -> str:
+def _shrink_text(s: Shrink) -> str:
     low, high = s.interval_95
     small = "; too small there to quantify" if s.too_small else ""
     return (
@@ -458,7 +321,7 @@ def _shrink_text(s: ShrinkRecord) -> str:
     )
 
 
-def _user_line(u: UserRecord) -> str:
+def _user_line(u: UserLevel) -> str:
     a, b = u.as_it_is, u.without
     return (
         f"{a.rate_nm_h:.2f} -> {b.rate_nm_h:.2f} NM/h, {a.speed_m_s:.2f} ->"

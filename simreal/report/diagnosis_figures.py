@@ -22,8 +22,9 @@ from infield.reports.figures import (
     robust_limits,
     thinned,
 )
+from simreal.inference.causes import Cause
+from simreal.inference.locate import GapCell
 from simreal.report.diagnosis_curves import Overlay, RunCurve
-from simreal.report.diagnosis_records import CauseRecord, CellRecord
 
 MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be; odds of 1e13
 SHOWN_NATS = 3.0  # a smaller excess has no number in its cell: odds of 20
@@ -60,7 +61,7 @@ class _Square:
         return float(np.sign(self.rho - 1.0) * np.sqrt(np.clip(self.nats, 0.0, MOST_NATS)))
 
 
-def gap_maps(cells: Sequence[CellRecord]) -> tuple[Markup, Markup]:
+def gap_maps(cells: Sequence[GapCell]) -> tuple[Markup, Markup]:
     """Band against channel, before and after, each as narrow as a phone: colour is the signed root
     of the nats, numbers are rho where it stands out.
     """
@@ -148,13 +149,13 @@ def nats_scale() -> Markup:
     return chart([panel], "Colours of the maps in nats", width=PANEL_WIDTH, height=0.65)
 
 
-def _band(cell: CellRecord) -> Band:
+def _band(cell: GapCell) -> Band:
     low, high = cell.frequency_hz
     assert low is not None
     return float(low), float("inf") if high is None else float(high), bool(cell.moving)
 
 
-def _bands(cells: Sequence[CellRecord]) -> list[Band]:
+def _bands(cells: Sequence[GapCell]) -> list[Band]:
     """Slow ones first, then those of moving vehicles."""
     return sorted({_band(c) for c in cells}, key=lambda band: (band[2], band[0]))
 
@@ -192,7 +193,7 @@ def _period(frequency_hz: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def posterior_bars(cause: CauseRecord) -> Markup:
+def posterior_bars(cause: Cause) -> Markup:
     """Probabilities of the answers of one cause; the confounded set in colour."""
     own = cause.effect, cause.target
     held = {own} | {(r.effect, r.target) for r in cause.rivals}
@@ -277,7 +278,7 @@ def _curve_items(curve: RunCurve, unit: str) -> list[Item]:
     ]
 
 
-def band_drawing(cells: Sequence[CellRecord], channels: Sequence[str]) -> Markup | None:
+def band_drawing(cells: Sequence[GapCell], channels: Sequence[str]) -> Markup | None:
     """Mean square over expectation per band of one or two channels, before and after: for a noise;
     None without cells.
     """
@@ -298,7 +299,7 @@ def band_drawing(cells: Sequence[CellRecord], channels: Sequence[str]) -> Markup
     return chart(panels, said, height=0.4 + below + 1.7 * len(shown))
 
 
-def _band_panel(rows: Sequence[CellRecord], bands: Sequence[Band]) -> Panel:
+def _band_panel(rows: Sequence[GapCell], bands: Sequence[Band]) -> Panel:
     x = np.array([bands.index(_band(c)) for c in rows], dtype=float)
     spread = 2.0 * np.sqrt(2.0 / np.maximum([c.dof for c in rows], 1.0))
     low, high = np.maximum(1.0 - spread, LEAST_RHO), 1.0 + spread

@@ -15,12 +15,12 @@ from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
 from simreal.effects.platform import ARCMIN
 from simreal.effects.words import EffectWords, words_of
+from simreal.inference.causes import Cause
 from simreal.inference.verdict import GapVerdict, KeptOut, Looks
 from simreal.inference.wrong_site import WRONG_LATITUDE
-from simreal.predict.document import NIS, interval_text, share_text
-from simreal.predict.records import PredictedRunRecord
+from simreal.predict.document import NIS, PredictedRun, interval_text, share_text
 from simreal.report.diagnosis_curves import Overlay
-from simreal.report.diagnosis_document import p_text
+from simreal.report.diagnosis_document import GapReport, p_text
 from simreal.report.diagnosis_figures import (
     band_drawing,
     gap_maps,
@@ -28,7 +28,6 @@ from simreal.report.diagnosis_figures import (
     overlay_drawings,
     posterior_bars,
 )
-from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 
 VEHICLE_NAME = "vehicle"  # as a target the vehicle itself, as a channel its side slip
 
@@ -64,7 +63,7 @@ class CauseShown:
     says it is often confused with, beyond the set found here.
     """
 
-    cause: CauseRecord
+    cause: Cause
     bars: Markup
     drawings: tuple[Markup, ...]
     overlay: Overlay | None
@@ -76,7 +75,7 @@ class CauseShown:
         return self.cause.effect == SLOW_NAME
 
 
-def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None] = ()) -> str:
+def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ()) -> str:
     """The page of a document made by `diagnosis_document`; overlays: one for each cause."""
     causes = [
         _shown(document, cause, overlay)
@@ -109,7 +108,7 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
 QUANTITY_WORDS = {"drift": "drift, NM/h", "heading": "heading, mrad", NIS: "NIS"}
 
 
-def _run_values(run: PredictedRunRecord, quantity: str, when: str) -> str:
+def _run_values(run: PredictedRun, quantity: str, when: str) -> str:
     """Measured less predicted in one run, each with its sigma; of the NIS the ratio."""
     found = next((q for q in run.quantities if q.quantity == quantity), None)
     if found is None:
@@ -128,7 +127,7 @@ class Action:
     command: str = ""
 
 
-def _actions(document: DiagnosisRecord) -> list[Action]:
+def _actions(document: GapReport) -> list[Action]:
     """What to do now, the most useful first."""
     runs = " ".join(shlex.quote(run.run_id) for run in document.runs if run.used)
     out = []
@@ -171,7 +170,7 @@ def _actions(document: DiagnosisRecord) -> list[Action]:
     return out
 
 
-def _glossary(document: DiagnosisRecord) -> list[tuple[str, EffectWords]]:
+def _glossary(document: GapReport) -> list[tuple[str, EffectWords]]:
     """Every effect that the page names as a cause or its rival, once."""
     names = [n for c in document.causes for n in (c.effect, *(r.effect for r in c.rivals))]
     found = {name: words_of(name) for name in names}
@@ -195,12 +194,12 @@ def percent(fraction: float) -> str:
     return f"{100 * fraction:.0f} %".replace("-", "−")
 
 
-def _title(document: DiagnosisRecord) -> str:
+def _title(document: GapReport) -> str:
     unit = document.imu_serial or f"a {document.gyro_technology} unit"
     return f"Simulator against logs of {unit}"
 
 
-def _shown(document: DiagnosisRecord, cause: CauseRecord, overlay: Overlay | None) -> CauseShown:
+def _shown(document: GapReport, cause: Cause, overlay: Overlay | None) -> CauseShown:
     if overlay is not None:
         drawings = overlay_drawings(overlay)
     else:
@@ -216,7 +215,7 @@ def _shown(document: DiagnosisRecord, cause: CauseRecord, overlay: Overlay | Non
     )
 
 
-def _channels_of(document: DiagnosisRecord, cause: CauseRecord) -> list[str]:
+def _channels_of(document: GapReport, cause: Cause) -> list[str]:
     """The target where it is a channel; else (vehicle) the channels that shrink most in nats."""
     gone: dict[str, float] = {}
     for cell in document.cells:
@@ -226,6 +225,6 @@ def _channels_of(document: DiagnosisRecord, cause: CauseRecord) -> list[str]:
     return sorted(gone, key=lambda channel: -gone[channel])
 
 
-def _usual_rivals(cause: CauseRecord) -> tuple[str, ...]:
+def _usual_rivals(cause: Cause) -> tuple[str, ...]:
     names = {r for e in effects_named(cause.effect) for r in e.rivals}
     return tuple(sorted(names - set(cause.confounded_with) - {cause.effect}))

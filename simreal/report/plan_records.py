@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from ins.verdicts import OMIT_NONE, Observability
+from ins.documents import OMIT_NONE
+from ins.verdicts import Observability
 from simreal.plan.pairs import PairVerdict
 
 SCHEMA = "recal.plan/1"

@@ -1,23 +1,42 @@
-"""twin_check.json of a check, and the same in one line and in a few. Computes nothing."""
+"""twin_check.json of a check, a field a key, and the same in one line and in a few."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from ins.records import TwinModel
-from simreal.report.twin_records import CellRecord, TwinCheckRecord
-from simreal.twin.fit.agreement import MISFIT_P, TOLERATED, Agreement, BandPower, Of
+from simreal.twin.fit.agreement import TOLERATED, Agreement, NoiseCell, Of
 
 TOO_LITTLE = "the runs hold too little rest to judge the noise model: needed 6 min at rest"
 
 
+SCHEMA = "recal.twin_check/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinCheck:
+    """The document of a check; cells: bands of channels; text: in one line."""
+
+    schema: str = SCHEMA
+    verdict: str
+    reasons: Sequence[str]
+    version: str
+    imu_serial: str
+    noise_model: str
+    runs: Sequence[str]
+    parked_s: float
+    p_value: float | None
+    tolerated: float
+    cells: Sequence[NoiseCell]
+    text: str
+
+
 def twin_check_document(
     found: Agreement | None, twin: TwinModel, runs: Sequence[str], *, command: str, version: str
-) -> TwinCheckRecord:
+) -> TwinCheck:
     """The document of a check; command: what would mend a twin that does not fit."""
-    cells = () if found is None else found.cells
     verdict = "refused" if found is None else "ok" if found.fits else "inconsistent"
-    count = sum(c.of is Of.SENSOR for c in cells)
-    return TwinCheckRecord(
+    return TwinCheck(
         verdict=verdict,
         reasons=[TOO_LITTLE] if found is None else [cell_words(c) for c in found.misfits],
         version=version,
@@ -27,18 +46,7 @@ def twin_check_document(
         parked_s=0.0 if found is None else found.parked_s,
         p_value=None if found is None else found.p_value,
         tolerated=TOLERATED,
-        cells=[
-            CellRecord(
-                channel=c.channel,
-                frequency_hz=(c.low_hz, c.high_hz),
-                ratio=c.ratio,
-                dof=c.dof,
-                p_value=c.p_value,
-                of=c.of,
-                fits=c.p_value * count >= MISFIT_P,
-            )
-            for c in cells
-        ],
+        cells=() if found is None else found.cells,
         text=TOO_LITTLE if found is None else agreement_line(found, command),
     )
 
@@ -55,14 +63,15 @@ def agreement_line(found: Agreement, command: str) -> str:
     )
 
 
-def cell_words(c: BandPower) -> str:
+def cell_words(c: NoiseCell) -> str:
     """A cell: its size over the declared one."""
     size = math.sqrt(max(c.ratio, 0.0))
-    where = f"below {c.high_hz:g} Hz" if c.low_hz == 0.0 else f"{c.low_hz:g} to {c.high_hz:g} Hz"
+    low, high = c.frequency_hz
+    where = f"below {high:g} Hz" if low == 0.0 else f"{low:g} to {high:g} Hz"
     return f"{c.channel} {where}: {size:.2g} times the declared noise"
 
 
-def summary(d: TwinCheckRecord, *, verbose: bool = False) -> list[str]:
+def summary(d: TwinCheck, *, verbose: bool = False) -> list[str]:
     """The check in a few lines for people."""
     lines = [f"{', '.join(d.runs)}: {d.text}"]
     for c in d.cells:

@@ -3,28 +3,25 @@ nothing.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+from ins.documents import OMIT_NONE, UNWRITTEN
 from ins.records import FitDocument, TwinModel
 from ins.units import HOUR
 from ins.verdicts import Reason, because, sentence, sentences
-from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.plan.recordings import Recording
-from simreal.report.twin_records import (
-    FIT_METHOD,
-    ChannelRecord,
-    LineRecord,
-    ParameterRecord,
-    RunRecord,
-    TwinFitRecord,
-)
 from simreal.twin.fit.evidence import AXES_DIFFER_P
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.gear import GEAR_BELOW_HZ
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.result import ChannelCurve, Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.streams import STILL_AT_LEAST_S
 from simreal.twin.reasons import FitNote, FitReason, Lacking, Why
 
+SCHEMA = "recal.twin_fit/1"
+FIT_METHOD = (
+    "restricted maximum likelihood of slow means with Whittle's of half-overlapping Hann spectra"
+)
 # of each parameter: what people call it, and its unit
 PARAMETER_NAMES = {
     "gyro.arw_deg_sqrt_h": ("angle random walk", "deg/sqrt(h)"),
@@ -54,69 +51,93 @@ PARAMETER_NAMES = {
 }
 
 
-def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> TwinFitRecord:
+@dataclass(frozen=True, kw_only=True)
+class TwinParameter:
+    """One number of the twin; interval_95: the upper end is a one-sided limit where not identified;
+    nats: log likelihood against none of it; needed_s, needed_runs: what would identify it.
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: float
+    sigma: float
+    interval_95: Sequence[float]
+    identified: bool
+    believed: float
+    seconds: float
+    nats: float | None
+    why: Why | None
+    text: str
+    needs: Needs
+    needed_s: float | None
+    needed_runs: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitReport:
+    """The document of a fit: a field is a key; found: what a page is drawn from."""
+
+    schema: str = SCHEMA
+    verdict: str
+    reasons: Sequence[str]
+    version: str
+    method: str = FIT_METHOD
+    imu_serial: str
+    gyro_technology: str
+    start: str
+    runs: Sequence[RunUsed]
+    parked_s: float
+    parameters: Sequence[TwinParameter]
+    channels: Sequence[ChannelCurve]
+    lines: Sequence[SpectralLine]
+    axes_alike_p: Mapping[str, float]
+    vehicle_share: Mapping[str, float]
+    windows_left_out: Mapping[str, float]
+    read_below_hz: Mapping[str, float] = field(default_factory=dict)
+    read_above_hz: Mapping[str, float] = field(default_factory=dict)
+    notes: Sequence[str]
+    found: TwinFit | None = field(default=None, metadata=UNWRITTEN)
+    twin: str | None = field(default=None, metadata=OMIT_NONE)
+
+
+def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> FitReport:
     """The document of a fit that found something."""
-    return TwinFitRecord(
+    return FitReport(
         verdict="fitted",
         reasons=(),
         version=version,
         imu_serial=found.twin.imu_serial,
         gyro_technology=found.twin.gyro_technology,
         start=believed.source,
-        runs=[_run(r) for r in found.runs],
-        parked_s=found.seconds,
+        runs=found.runs,
+        parked_s=found.parked_s,
         parameters=[_parameter(p) for p in found.parameters],
-        channels=[
-            ChannelRecord(
-                channel=c.channel,
-                p_value=c.p_value,
-                white=found.axis_white.get(c.channel),
-                frequency_hz=c.hz.tolist(),
-                power=c.power.tolist(),
-                power_model=c.model.tolist(),
-                dof=c.dof.tolist(),
-                tau_s=c.tau_s.tolist(),
-                allan=c.allan.tolist(),
-                allan_model=c.allan_model.tolist(),
-                allan_low=c.allan_low.tolist(),
-                allan_high=c.allan_high.tolist(),
-            )
-            for c in found.curves
-        ],
-        lines=[
-            LineRecord(
-                channel=SIX_CHANNELS[line.channel],
-                frequency_hz=line.frequency_hz,
-                amplitude=line.amplitude,
-                sigma=line.sigma,
-            )
-            for line in found.lines
-        ],
-        axes_alike_p=dict(found.differ),
-        vehicle_share={SIX_CHANNELS[k]: float(found.shared[k]) for k in range(3)},
-        windows_left_out=dict(found.left_out),
-        read_below_hz=dict(found.read_below_hz),
-        read_above_hz=dict.fromkeys(found.rocked, GEAR_BELOW_HZ),
+        channels=found.channels,
+        lines=found.lines,
+        axes_alike_p=found.axes_alike_p,
+        vehicle_share=found.vehicle_share,
+        windows_left_out=found.windows_left_out,
+        read_below_hz=found.read_below_hz,
+        read_above_hz=found.read_above_hz,
         notes=sentences(_notes(found)),
         found=found,
     )
 
 
-def no_rest_document(
-    found: NoRest, believed: TwinModel, serial: str, version: str
-) -> TwinFitRecord:
+def no_rest_document(found: NoRest, believed: TwinModel, serial: str, version: str) -> FitReport:
     """The document of a fit of runs that never rest."""
     never_rests = because(
         FitReason.NEVER_RESTS, run_ids=[r.run_id for r in found.runs], needed_s=STILL_AT_LEAST_S
     )
-    return TwinFitRecord(
+    return FitReport(
         verdict="refused",
         reasons=sentences([never_rests]),
         version=version,
         imu_serial=serial,
         gyro_technology=believed.gyro_technology,
         start=believed.source,
-        runs=[_run(r) for r in found.runs],
+        runs=found.runs,
         parked_s=0.0,
         parameters=(),
         channels=(),
@@ -144,7 +165,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
         "not_identified": {p.name: why_not_told(p) for p in found.parameters if not p.identified},
         "lines": [
             {
-                "channel": SIX_CHANNELS[line.channel],
+                "channel": line.channel,
                 "frequency_hz": line.frequency_hz,
                 "amplitude": line.amplitude,
                 "swing": line.swing,
@@ -162,7 +183,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
     return replace(found.twin, fit=fit)
 
 
-def summary(d: TwinFitRecord) -> list[str]:
+def summary(d: FitReport) -> list[str]:
     """The fit in a few lines for people."""
     if d.found is None:
         return [f"{d.imu_serial}: {d.verdict}", *(f"  because {why}" for why in d.reasons)]
@@ -184,13 +205,9 @@ def summary(d: TwinFitRecord) -> list[str]:
 WORDS_SHORT = "not told by these runs"
 
 
-def _run(r: RunUsed) -> RunRecord:
-    return RunRecord(run_id=r.run_id, sha256=r.sha256, parked_s=r.parked_s)
-
-
-def _parameter(p: Parameter) -> ParameterRecord:
+def _parameter(p: Parameter) -> TwinParameter:
     words, unit = PARAMETER_NAMES[p.name]
-    return ParameterRecord(
+    return TwinParameter(
         name=p.name,
         words=words,
         unit=unit,
@@ -225,11 +242,11 @@ def _notes(found: TwinFit) -> list[Reason]:
     notes += [
         because(FitNote.FILTERED, triad=triad, hz=hz) for triad, hz in found.read_below_hz.items()
     ]
-    moved = [name for name in found.rocked if name.split("_")[0] not in against]
+    moved = [name for name in found.read_above_hz if name.split("_")[0] not in against]
     if moved:
         notes.append(because(FitNote.ROCKED, channels=moved, hz=GEAR_BELOW_HZ))
     notes += _flicker_notes(found)
-    for triad, p in found.differ.items():
+    for triad, p in found.axes_alike_p.items():
         if p < AXES_DIFFER_P and triad not in against:
             sizes = {k[-1]: v for k, v in found.axis_white.items() if k.startswith(triad)}
             notes.append(because(FitNote.AXES_DIFFER, triad=triad, sizes=sizes))
@@ -259,15 +276,15 @@ def _flicker_notes(found: TwinFit) -> list[Reason]:
 
 def _lines_note(found: TwinFit) -> Reason:
     """The lines that are no noise, with the largest of them."""
-    worst = max(found.lines, key=lambda line: line.amplitude / (1.0 + 1e3 * (line.channel > 2)))
+    worst = max(found.lines, key=_loudness)
     return because(
         FitNote.LINES_LEFT_OUT,
         count=len(found.lines),
         channels=len({line.channel for line in found.lines}),
         frequency_hz=worst.frequency_hz,
-        channel=SIX_CHANNELS[worst.channel],
+        channel=worst.channel,
         amplitude=worst.amplitude,
-        unit="rad/s" if worst.channel < 3 else "m/s^2",
+        unit="rad/s" if worst.channel.startswith("gyro") else "m/s^2",
     )
 
 
@@ -303,3 +320,8 @@ def size_words(p: Parameter) -> str:
         return f"{p.value:.4g} +- {p.sigma:.2g}{tail}"
     limit = f", below {p.high:.3g}" if math.isfinite(p.high) else ""
     return f"{p.value:.3g}{tail} taken{limit}"
+
+
+def _loudness(line: SpectralLine) -> float:
+    """Amplitude, comparable between gyros and accelerometers: a rad/s counts as 1001 m/s^2."""
+    return line.amplitude if line.channel.startswith("gyro") else line.amplitude / 1001.0

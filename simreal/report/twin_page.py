@@ -6,16 +6,15 @@ from markupsafe import Markup
 from infield.reports.charts import DOT, Band, Item, Line, Marks, Panel, side_by_side
 from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
 from infield.reports.page import render_page
-from simreal.report.twin_document import PARAMETER_NAMES, size_words, would_tell
-from simreal.report.twin_records import ChannelRecord, TwinFitRecord
-from simreal.twin.fit.result import Needs, Parameter
+from simreal.report.twin_document import PARAMETER_NAMES, FitReport, size_words, would_tell
+from simreal.twin.fit.result import ChannelCurve, Needs, Parameter
 
 GYRO_UNIT_DEG_H = 180.0 / np.pi * 3600.0
 ACCEL_UNIT_UG = 1e6 / 9.80665
 TOLD_BADGES = {True: ("told", "good"), False: ("not told", "none")}
 
 
-def twin_html(document: TwinFitRecord) -> str:
+def twin_html(document: FitReport) -> str:
     """The page of a fit."""
     found = document.found
     assert found is not None
@@ -34,7 +33,7 @@ def twin_html(document: TwinFitRecord) -> str:
     )
 
 
-def headline(document: TwinFitRecord) -> str:
+def headline(document: FitReport) -> str:
     """The fit in one sentence."""
     told = sum(p.identified for p in document.parameters)
     return (
@@ -43,7 +42,7 @@ def headline(document: TwinFitRecord) -> str:
     )
 
 
-def _banner(document: TwinFitRecord) -> str:
+def _banner(document: FitReport) -> str:
     """Good where what any run shows, the white noise, is told and every channel is explained."""
     bad = [c for c in document.channels if c.p_value < 1e-3 / len(document.channels)]
     return "fair" if bad else "good"
@@ -58,12 +57,12 @@ def _rests(p: Parameter) -> str:
     return f"{p.seconds / 3600.0:.2g} h at rest"
 
 
-def allan_drawing(document: TwinFitRecord) -> Markup:
+def allan_drawing(document: FitReport) -> Markup:
     """The Allan deviations for a page."""
     return side_by_side(allan_panels(document), "Allan deviation of data and fitted model")
 
 
-def allan_panels(document: TwinFitRecord) -> list[Panel]:
+def allan_panels(document: FitReport) -> list[Panel]:
     """Allan deviations: data, model, and the band in which 95 % of such data lie."""
     panels = []
     for channel in sorted(document.channels, key=_place):
@@ -82,7 +81,7 @@ def allan_panels(document: TwinFitRecord) -> list[Panel]:
     return panels
 
 
-def spectra_panels(document: TwinFitRecord) -> list[Panel]:
+def spectra_panels(document: FitReport) -> list[Panel]:
     """Spectra: data in bands, model; a cross is a band that is left out, for the
     vehicle's own motion fills it or a filter empties it.
     """
@@ -108,12 +107,12 @@ def _panel(title: str, items: list[Item], x_label: str, unit: str) -> Panel:
     )
 
 
-def _place(channel: ChannelRecord) -> int:
+def _place(channel: ChannelCurve) -> int:
     """Gyros before accelerometers, x, y, z."""
     return "xyz".index(channel.channel[-1]) + 3 * channel.channel.startswith("accel")
 
 
-def _unit(channel: ChannelRecord) -> tuple[float, str]:
+def _unit(channel: ChannelCurve) -> tuple[float, str]:
     if channel.channel.startswith("gyro"):
         return GYRO_UNIT_DEG_H, "deg/h"
     return ACCEL_UNIT_UG, "ug"

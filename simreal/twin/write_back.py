@@ -11,7 +11,6 @@ so does one that an update would take out of its log although it is not unique o
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import isfinite
 
 from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
@@ -19,7 +18,6 @@ from simreal.declared.generic import OF_RUN, OF_UNNAMED_MOTION, TABLE_AGED
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PER_RUN, PROCESS, RUN_ID
 from simreal.effects.base import SLOW_NAME
-from simreal.effects.catalogue import effects_named
 from simreal.inference.causes import Cause
 
 TABLE_NAME = "table.json"
@@ -54,7 +52,7 @@ def fitted_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
         return []
     if not cause.named:
         return [_item(cause, _function(cause, run_ids))]
-    if cause.class_ == "P":
+    if cause.repeats == "P":
         return [_item(cause, {**own, RUN_ID: run_id}) for run_id, own in _by_run(cause).items()]
     parameters: dict[str, ParameterValue] = {
         name: float(p.value) for name, p in cause.parameters.items()
@@ -63,19 +61,13 @@ def fitted_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
         parameters[PROCESS] = cause.id
     if cause.run_id is not None:
         parameters[RUN_ID] = cause.run_id
-    sigma = {n: float(p.sigma) for n, p in cause.parameters.items() if isfinite(p.sigma)}
+    sigma = {
+        name: float(p.sigma)
+        for name, p in cause.parameters.items()
+        if p.sigma is not None and p.sigma_from == "fit"
+    }
     item = _item(cause, parameters)
     return [{**item, "sigma": sigma} if sigma else item]
-
-
-def processes_of(cause: Cause) -> tuple[str, ...]:
-    """Names of the processes that a slow variation may be on its target, the found one first."""
-    if cause.effect != SLOW_NAME:
-        return ()
-    others = [
-        e.id for e in effects_named(SLOW_NAME) if cause.target in e.targets and e.id != cause.id
-    ]
-    return (cause.id, *others)
 
 
 def _item(cause: Cause, parameters: Mapping[str, ParameterValue]) -> EffectDocument:

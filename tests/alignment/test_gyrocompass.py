@@ -14,11 +14,12 @@ from alignment.linearised import scaled_noise
 from infield.reports.documents.alignment import alignment_document
 from ins import earth
 from ins.attitude import euler_from_dcm, wrap_pi
+from ins.documents import plain
 from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.records import GyroNoise, Run, Site
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
-from ins.verdicts import plain, sentences
+from ins.verdicts import sentences
 from tests.alignment.parked import PRIOR_DEG_H, attitude_error, ideal_of, simulate
 from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.simulator.segments import Park, Straight, Turn

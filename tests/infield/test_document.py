@@ -10,8 +10,8 @@ import pytest
 from infield.reports.documents.update import Kept, update_document
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
+from ins.documents import plain
 from ins.units import MILLIRADIAN
-from ins.verdicts import plain
 from tests.infield.sessions import PARKED, TWIN, factory, factory_dict, simulated
 
 CONTRACT = Path(__file__).parents[2].parent / "shared" / "formats.md"
@@ -89,9 +89,9 @@ def test_types_and_words_of_the_contract():
 
 
 def test_it_is_strict_json_once_nan_is_null():
-    from recal.cli.console import result_text
+    from ins.documents import to_json
 
-    text = json.dumps(json.loads(result_text(document())), allow_nan=False)
+    text = json.dumps(json.loads(to_json(document())), allow_nan=False)
     assert json.loads(text)["schema"] == "recal.update/1"
 
 

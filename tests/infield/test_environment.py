@@ -9,7 +9,7 @@ import pytest
 from infield.reports.documents.update import Kept, update_document
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256
-from ins.verdicts import plain
+from ins.documents import plain
 from tests.infield.sessions import PARKED, TWIN, factory, factory_dict, ideal_of, unit
 from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history

@@ -21,11 +21,12 @@ from infield.session.settings import SessionSettings
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import Survey
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
-from ins.verdicts import plain, sentence, sentences
+from ins.verdicts import sentence, sentences
 from tests.infield.mems_sessions import (
     TWIN,
     blank,

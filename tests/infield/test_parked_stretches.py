@@ -20,10 +20,11 @@ from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
 from infield.table.file import table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import GnssLog, Phase, Survey
 from ins.units import DEG, DEG_PER_HOUR
-from ins.verdicts import plain, sentence
+from ins.verdicts import sentence
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
 from tests.infield.mems_sessions import TWIN, blank, session, squared_error, unit, updated
 from tests.infield.sessions import with_header

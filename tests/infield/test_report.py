@@ -28,8 +28,8 @@ from infield.reports.figures import MAX_POINTS, robust_limits, thinned
 from infield.reports.zoom import zoom_figure, zoom_script
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
+from ins.documents import plain
 from ins.records import TwinModel
-from ins.verdicts import plain
 from tests.recal.chromium import chromium
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.segments import Park

@@ -18,8 +18,9 @@ from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, deriva
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.rlg.terms import TERMS
 from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.documents import plain
 from ins.records import InputError, TemperatureLog
-from ins.verdicts import plain, sentences
+from ins.verdicts import sentences
 from tests.infield.gradient_cases import TWIN, Chamber, Unit, temperatures
 
 FEW, MANY = 5, 40

@@ -15,9 +15,10 @@ from infield.session.identity.marks import FORCE, UnitMarks, unit_marks
 from infield.session.log import applied_table_of
 from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, WrongFact
+from ins.documents import plain
 from ins.records import InputError
 from ins.units import DEG, MICRO_G
-from ins.verdicts import Outcome, plain, sentence
+from ins.verdicts import Outcome, sentence
 from tests.infield.sessions import SETTINGS, TWIN, estimate_of, factory, simulated
 
 READ = ("gyro_x_degC", "gyro_y_degC", "gyro_z_degC", "accel_x_degC", "accel_y_degC", "accel_z_degC")

@@ -5,11 +5,11 @@ invariants.
 import numpy as np
 import pytest
 
-from ins import earth, kalman
+from ins import earth
 from ins.attitude import dcm_from_euler
 from ins.filters import error_kernel as fk
 from ins.filters import error_model as em
-from ins.filters import states
+from ins.filters import kalman, states
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.units import DEG
@@ -320,7 +320,7 @@ def random_program(rng, count=40, bins=3):
 
 
 def by_filterpy(flt, dense_steps):
-    """The same steps through ins.kalman, that is filterpy."""
+    """The same steps through ins.filters.kalman, that is filterpy."""
     x, P = flt.x.copy(), flt.P.copy()
     n, nis = x.size, []
     for step, bin_index, rolling, keep, rows in dense_steps:

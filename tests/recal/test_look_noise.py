@@ -10,9 +10,9 @@ from ins.records import AXES
 from recal.service.look.noise import shown_noise
 from recal.service.results.plots import figure_of
 from simreal.report.twin_page import allan_panels
-from simreal.report.twin_records import ChannelRecord
+from simreal.twin.fit.result import ChannelCurve
 
-TAU = [1.0, 2.0, 4.0, 8.0, 16.0]
+TAU = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 
 
 @pytest.fixture
@@ -34,19 +34,19 @@ def changed(record, **fields):
     return replace(record, **fields)
 
 
-def channel(name: str, *, factor: float = 1.0, p_value: float = 0.5) -> ChannelRecord:
+def channel(name: str, *, factor: float = 1.0, p_value: float = 0.5) -> ChannelCurve:
     """White noise, and a model that is `factor` times it with a band of 20 %."""
     data = 1e-4 / np.sqrt(TAU)
-    nothing = dict(frequency_hz=[], power=[], power_model=[], dof=[])
-    return ChannelRecord(
+    nothing = dict.fromkeys(("frequency_hz", "power", "power_model", "dof"), np.zeros(0))
+    return ChannelCurve(
         channel=name,
         p_value=p_value,
         white=None,
         tau_s=TAU,
-        allan=data.tolist(),
-        allan_model=(factor * data).tolist(),
-        allan_low=(0.8 * factor * data).tolist(),
-        allan_high=(1.2 * factor * data).tolist(),
+        allan=data,
+        allan_model=(factor * data),
+        allan_low=(0.8 * factor * data),
+        allan_high=(1.2 * factor * data),
         **nothing,
     )
 

@@ -10,7 +10,7 @@ from sqlalchemy.pool import NullPool
 from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
-from ins.verdicts import plain
+from ins.documents import plain
 from recal.cli.app import app
 from tests.forks import plain_page
 from tests.infield.sessions import PARKED, factory_dict, simulated

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.long_flight import make_run
 from benchmarks.speed import LIMIT_MB, measure
 from infield.store.table_store import TableStore
-from recal.cli.console import result_text
+from ins.documents import to_json
 from tests.infield.sessions import TAXI, factory_dict, simulated
 from tests.recal import verbs
 from trajectories.runs import directory as run_module
@@ -41,7 +41,7 @@ def documents(folder) -> list[str]:
         verbs.update([path], store_url=store, commit=False),
     ]
     assert made[3].pop("issued_utc")
-    return [result_text(document) for document in made] + [
+    return [to_json(document) for document in made] + [
         (folder / "recal-replay/navigation.parquet").read_bytes()
     ]
 

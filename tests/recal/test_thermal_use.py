@@ -23,12 +23,11 @@ from infield.thermal.stored_model import (
     with_model_sigma,
     without_rates,
 )
+from ins.documents import to_json
 from ins.records import ImuLog, InputError, Run, RunHeader, Site, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR
-from ins.verdicts import plain
 from recal.cli.app import app
-from recal.cli.console import result_text
 from tests.infield.gradient_cases import TWIN, Unit, three_runs
 from tests.infield.ramp_cases import TWIN as FOG_TWIN
 from tests.infield.ramp_cases import Truth, ramp
@@ -91,7 +90,7 @@ def folder(tmp_path_factory):
     unit.K4, unit.K5 = np.array(RATE) + 5.0 * np.array(SLOPE), np.array(SLOPE)
     unit.K6 = np.diag(GRADIENT)
     study = fit_gradients(three_runs(rng, unit), TWIN)
-    (path / "model.json").write_text(result_text(plain(rlg_document(study, version=""))))
+    (path / "model.json").write_text(to_json(rlg_document(study, version="")))
     return path
 
 
@@ -281,7 +280,7 @@ def test_a_fibre_optic_model_serves_as_well(tmp_path):
     document = fog_document(
         study, *fit_models(study), allowed_deg_h=0.002, word_bits=16, version=""
     )
-    (tmp_path / "fog.json").write_text(result_text(plain(document)))
+    (tmp_path / "fog.json").write_text(to_json(document))
     stored = read_thermal_model(tmp_path / "fog.json")
     t = np.arange(0.0, 1800.0)
     T = 20.0 + 0.5 * t / 60.0

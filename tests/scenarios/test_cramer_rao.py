@@ -81,7 +81,7 @@ def test_the_bound_knows_nothing_of_the_filter():
         "ins.filters.error_model",
         "ins.filters.error_filter",
         "ins.filters.error_kernel",
-        "ins.kalman",
+        "ins.filters.kalman",
         "alignment",
         "infield",
     }

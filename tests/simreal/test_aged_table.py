@@ -16,7 +16,7 @@ from infield.table.thermal_table import default_table
 from simreal.declared.generic import TABLE_AGED, table_errors
 from simreal.effects.catalogue import catalogue
 from simreal.inference.bank import Group, Hypothesis
-from simreal.inference.causes import Cause, Rival, Value
+from simreal.inference.causes import Cause, Rival, judged, parameter_of
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from simreal.inference.scoring import Scorer, fit
 from simreal.inference.verdict import GapVerdict, KeptOut
@@ -70,7 +70,7 @@ def test_an_aged_table_is_named_and_nothing_else(found):
     shift = cause.parameters["shift"]
     mean = float(np.mean(0.013 * (1.0 + (np.array(cause.nodes) - 20.0) / 120.0)))
     assert abs(shift.value - mean) < 3.0 * shift.sigma < 0.01
-    assert not found.left_present
+    assert not found.unexplained.present
 
 
 def test_an_aged_table_asks_for_an_update_and_is_never_taken_out_of_a_log(found):
@@ -163,8 +163,7 @@ SENSED = Cause(
     target="gyro_z",
     id="gyro_g_sensitivity",
     probability=0.97,
-    rivals=(),
-    parameters={"coefficient": Value(0.002, 0.0002, "deg/h/g", USUAL)},
+    parameters={"coefficient": parameter_of(0.002, 0.0002, "deg/h/g", USUAL)},
     run_id=None,
     size=12.0,
 )
@@ -172,7 +171,7 @@ ALIKE = Rival("gyro_thermal_lag", "gyro_z", 0.3, 0.99)
 UNLIKE = Rival("gyro_thermal_lag", "gyro_z", 0.3, 0.5)
 SUBJECT = Rival("gyro_thermal_linear", "gyro_z", 0.3, 0.99)
 AGED = Rival(TABLE_AGED, "gyro_z", 0.0, 0.99)
-LARGE = {"coefficient": Value(0.0165, 0.002, "deg/h/g", USUAL)}
+LARGE = {"coefficient": parameter_of(0.0165, 0.002, "deg/h/g", USUAL)}
 
 
 @pytest.mark.parametrize(
@@ -185,19 +184,19 @@ LARGE = {"coefficient": Value(0.0165, 0.002, "deg/h/g", USUAL)}
         ({"probability": 0.6, "rivals": (UNLIKE,)}, KeptOut.NOT_UNIQUE),
         ({"probability": 0.6, "rivals": (SUBJECT,)}, KeptOut.NOT_UNIQUE),
         ({"effect": "gyro_thermal_linear", "probability": 0.6, "rivals": (AGED,)}, None),
-        ({"class_": "S", "parameters": LARGE}, None),
+        ({"repeats": "S", "parameters": LARGE}, None),
         ({"target": "odometer", "parameters": LARGE}, None),
     ],
 )
 def test_only_what_is_unique_and_plausible_is_taken_out_of_a_log(changes, expected):
-    assert replace(SENSED, **changes).kept_out is expected
+    assert judged(replace(SENSED, **changes)).kept_out is expected
 
 
 def test_what_is_open_is_said_with_what_settles_it(found):
-    one = replace(SENSED, parameters=LARGE)
+    one = judged(replace(SENSED, parameters=LARGE))
     asked = Asked(version="1", seed=0)
     runs = trial(None, 0.0, 4, "four_parked", 0).runs
-    open_ = replace(found, causes=(one,), bars=((),))
+    open_ = replace(found, causes=(one,))
     document = diagnosis_document(open_, runs, asked, settled_by=[["Tumble the unit."]])
     (item,) = document.open
     assert item.why is KeptOut.IMPLAUSIBLE and "Tumble the unit." in item.settled_by

@@ -35,7 +35,7 @@ def planted(name: str, seed: int, size: float):
 def test_a_twin_that_is_right_has_no_gap():
     found = diagnosed(draw_trial(41, effects=0, plan="four_parked"))
     assert (found.verdict, found.causes) == ("no_gap", ())
-    assert found.excesses[0].score == pytest.approx(1.0, abs=0.03)
+    assert found.gap.score == pytest.approx(1.0, abs=0.03)
 
 
 def test_a_thermal_rate_is_named_measured_and_taken_out():
@@ -55,7 +55,7 @@ def test_a_thermal_rate_is_named_measured_and_taken_out():
     key = next(k for k in truth.parameters if "coefficient" in k)
     value = cause.parameters["coefficient"]
     assert abs(value.value - truth.parameters[key] * truth.size) < 4.0 * value.sigma
-    assert found.excesses[0].score_after < found.excesses[0].score
+    assert found.gap_after.score < found.gap.score
 
 
 def test_an_effect_out_of_the_catalogue_is_not_given_a_confident_name():
@@ -64,7 +64,7 @@ def test_an_effect_out_of_the_catalogue_is_not_given_a_confident_name():
     found = diagnosed(trial, effects=rest)
     assert found.where[0].channel == trial.truth[0].target
     assert all(c.effect != "gyro_thermal_rate" for c in found.causes)
-    assert found.causes or found.left_present
+    assert found.causes or found.unexplained.present
 
 
 @pytest.mark.slow

@@ -89,7 +89,7 @@ def test_the_effect_is_found_without_the_dead_sensor_and_its_own_effects_are_not
     found = diagnose(runs, made.twin, table_from_dict(made.table, name="t"), settings)
     assert found.causes and found.causes[0].target == target
     assert found.causes[0].effect in ("gyro_thermal_rate", "gyro_thermal_lag")
-    lost = {(name, on) for name, _, on in found.not_testable}
+    lost = {(one.effect, one.target) for one in found.not_testable}
     assert ("gyro_thermal_rate", dead) in lost and ("gyro_turn_on_bias", dead) in lost
     assert not any(c.target == dead for c in found.causes)
 

@@ -126,7 +126,7 @@ def test_a_latitude_half_a_degree_off_leaves_nothing_for_others():
     found = diagnosed(trial, runs, (*RIVALS, "site_latitude_error", "odometer_scale"))
     assert [c.effect for c in found.causes] == ["site_latitude_error"]
     assert found.causes[0].parameters["coefficient"].value == pytest.approx(30.0, abs=0.01)
-    assert not found.left_present
+    assert not found.unexplained.present
 
 
 def gusty(trial: Trial, rms_m_s: float):

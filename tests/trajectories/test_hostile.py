@@ -20,11 +20,11 @@ import typer
 from typer.testing import CliRunner
 
 from infield.table.file import read_table_csv, read_table_dict
+from ins.documents import to_json
 from ins.json_file import MAX_DEPTH, MAX_JSON_BYTES, read_json_object, read_toml
 from ins.records import InputError
 from ins.twin_file import read_twin, table_path, twin_to_dict
 from recal.cli import check as check_module
-from recal.cli.console import result_text
 from recal.cli.diagnose import command as diagnose_command
 from recal.service.check import check as check_run
 from recal.service.inputs.unit_inputs import TwinModel
@@ -53,7 +53,7 @@ def judged(run: Path) -> str:
     with damage.bounded():
         result = check(run)
         lines = check_run(run).lines()
-        assert all("\n" not in line for line in lines) and json.loads(result_text(result))
+        assert all("\n" not in line for line in lines) and json.loads(to_json(result))
         try:
             read_run(run)
         except InputError as error:
@@ -173,7 +173,7 @@ def test_files_that_are_none(tmp_path):
             (run / file).unlink()
             make(run / file)
             assert judged(run) == "bad_input", (name, file)
-            assert "root:" not in result_text(check(run))
+            assert "root:" not in to_json(check(run))
 
 
 # JSON and TOML

@@ -51,17 +51,18 @@ from infield.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, Start
 from infield.aided.start import FoundStart
 from infield.aided.taken import TypeShare, shares_by_type
 from ins.attitude import euler_from_dcm, wrap_pi
+from ins.documents import OMIT_NONE
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, level_sigmas
 from ins.filters.aided_records import AidedHistory, Antenna, Fixes
+from ins.filters.kalman import nis_band
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_VEL as VEL
-from ins.kalman import nis_band
 from ins.records import FixType, ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
-from ins.verdicts import OMIT_NONE, codes, sentences
+from ins.verdicts import codes, sentences
 
 MOST = 500  # rejects that are listed
 ANGLES = ("roll", "pitch", "heading")

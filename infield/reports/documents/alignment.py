@@ -9,9 +9,10 @@ from alignment.result import Alignment
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.session.parked.zero_rate import ZeroRates
+from ins.documents import OMIT_NONE, Null
 from ins.records import Phase, Run
 from ins.units import ARCSEC, DEG
-from ins.verdicts import OMIT_NONE, Null, codes, sentences
+from ins.verdicts import codes, sentences
 
 SCHEMA = "recal.alignment/1"
 

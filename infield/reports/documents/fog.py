@@ -15,8 +15,9 @@ from infield.thermal.fog.model import SCHEMA, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
 from infield.thermal.ramp_runs import RampRun
+from ins.documents import UNWRITTEN
 from ins.records import AXES
-from ins.verdicts import UNWRITTEN, codes, sentences
+from ins.verdicts import codes, sentences
 
 DAY_S = 86400.0
 

@@ -16,9 +16,10 @@ from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
 from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, north_to_west_rad
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
 from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
+from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
-from ins.verdicts import OMIT_NONE, Observability, Reason, because, codes, sentence, sentences
+from ins.verdicts import Observability, Reason, because, codes, sentence, sentences
 
 SCHEMA = "recal.misalignment/1"
 

@@ -53,10 +53,11 @@ from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_d
 from infield.reports.documents.alignment import FilterDocument, LevelDocument, alignment_document
 from infield.reports.documents.spans import SpanDocument as LeftOutDocument
 from infield.reports.documents.thermal import ThermalUseDocument
+from ins.documents import OMIT_NONE, UNWRITTEN
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
-from ins.verdicts import OMIT_NONE, UNWRITTEN, Reason, because, codes, differs, sentence, sentences
+from ins.verdicts import Reason, because, codes, differs, sentence, sentences
 
 SCHEMA = "recal.replay/1"
 PARKED = "parked"  # beside the witnesses of stops, where the ground speed was above 5 kt

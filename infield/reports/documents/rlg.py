@@ -17,8 +17,9 @@ from infield.thermal.rlg.gradients import GradientStudy
 from infield.thermal.rlg.held_out import RlgHeldOut
 from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
+from ins.documents import UNWRITTEN, written_as
 from ins.records import AXES
-from ins.verdicts import UNWRITTEN, Reason, because, codes, sentence, sentences, written_as
+from ins.verdicts import Reason, because, codes, sentence, sentences
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (

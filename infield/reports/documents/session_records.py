@@ -9,8 +9,9 @@ from infield.reports.documents.spans import SpanDocument
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
 from infield.session.reasons import HeadingSource
+from ins.documents import OMIT_NONE
 from ins.records import LatitudeSource
-from ins.verdicts import OMIT_NONE, Observability, Outcome
+from ins.verdicts import Observability, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass, field
 
+from ins.documents import OMIT_NONE
 from ins.records import Span
-from ins.verdicts import OMIT_NONE, LeftOut, Reason, sentence
+from ins.verdicts import LeftOut, Reason, sentence
 
 
 @dataclass(frozen=True)

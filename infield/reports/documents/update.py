@@ -51,13 +51,14 @@ from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.merge import AXIS_Z_LIMIT, MergeResult
 from infield.table.thermal_table import ThermalTable
+from ins.documents import Null
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.kalman import nis_band
+from ins.filters.kalman import nis_band
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import LeftOut, Null, Observability, Outcome, codes, sentence, sentences
+from ins.verdicts import LeftOut, Observability, Outcome, codes, sentence, sentences
 
 DECISION_RULE = (
     "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"

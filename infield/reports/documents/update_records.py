@@ -5,6 +5,7 @@ What formats.md does not promise of a file may be missing from an older one: it 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.session_records import (
@@ -16,10 +17,11 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import BiasStep
 from infield.session.reasons import ThermalAction, ThermalKind
+from ins.documents import OMIT_NONE, AsRead, Null, from_json
 from ins.json_file import JsonObject
-from ins.records import InputError, TableDocument
+from ins.records import TableDocument
 from ins.twin_file import TwinDocument
-from ins.verdicts import OMIT_NONE, Null, Observability, Outcome, record_of
+from ins.verdicts import Observability, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,8 +259,8 @@ class UpdateDocument:
     points: Sequence[PointDocument]
     excluded: Sequence[SpanDocument]
     consistency: ConsistencyDocument
-    table_before: TableDocument
-    table_after: TableDocument
+    table_before: Annotated[TableDocument, AsRead()]
+    table_after: Annotated[TableDocument, AsRead()]
     uncertainty_budget: Sequence[BudgetDocument]
     variance_shares: Sequence[VarianceShares] = ()
     table_before_sha256: str | None = None
@@ -269,7 +271,7 @@ class UpdateDocument:
     revision: int | None = None
     rollback_command: str | None = None
     decision_rule: str | None = None
-    noise_model: TwinDocument | None = None
+    noise_model: Annotated[TwinDocument, AsRead()] | None = None
     new_unit: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
@@ -313,8 +315,4 @@ def update_of(data: JsonObject) -> UpdateDocument:
     InputError
         Where it is none.
     """
-    try:
-        document: UpdateDocument = record_of(UpdateDocument, data)
-    except (TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"not an update document: {error}") from None
-    return document
+    return from_json(UpdateDocument, data, name="not an update document")

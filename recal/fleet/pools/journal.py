@@ -18,8 +18,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO
 
+from ins.documents import from_json, plain
 from ins.records import InputError
-from ins.verdicts import plain, record_of
 from recal.fleet.document_records import EarlierCall, TimingDocument, UnitReport
 from recal.fleet.records import CallSettings, RunOutcome
 
@@ -114,8 +114,8 @@ class Journal:
             try:
                 line = json.loads(text)
                 if line["call"] == self.call:
-                    self._take(record_of(_Line, line))
-            except (ValueError, KeyError, TypeError, AttributeError):
+                    self._take(from_json(_Line, line, name=str(self.path)))
+            except (ValueError, KeyError, TypeError):
                 raise InputError(
                     f"{self.path}: line {number} is damaged; move the file away to begin anew"
                 ) from None

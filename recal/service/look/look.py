@@ -19,9 +19,8 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
-from simreal.report.twin_document import twin_fit_document
+from simreal.report.twin_document import FitReport, twin_fit_document
 from simreal.report.twin_page import allan_panels
-from simreal.report.twin_records import TwinFitRecord
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
 
@@ -184,7 +183,7 @@ def look(
     return Looked(document, page=lambda: look_html(document))
 
 
-def _noise(run: Run) -> TwinFitRecord | None:
+def _noise(run: Run) -> FitReport | None:
     """The noise at rest, None where the run never rests."""
     believed = default_twin(run.header.gyro_technology)
     found = fit_runs([run], believed)
@@ -217,7 +216,7 @@ def _gap_note(cut: LongestPart | None) -> list[str]:
     ]
 
 
-def _told_noise(fitted: TwinFitRecord | None) -> list[NoiseDocument]:
+def _told_noise(fitted: FitReport | None) -> list[NoiseDocument]:
     if fitted is None:
         return []
     return [

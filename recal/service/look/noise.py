@@ -1,17 +1,17 @@
 """The noise of a log as `look` draws it: no model that contradicts the data beside it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from simreal.report.twin_records import ChannelRecord, TwinFitRecord
+from simreal.report.twin_document import FitReport
 from simreal.twin.fit.curves import contradicted
+from simreal.twin.fit.result import ChannelCurve
 
 TRIADS = ("gyro", "accel")
 
 
-def shown_noise(fitted: TwinFitRecord | None) -> tuple[TwinFitRecord | None, list[str]]:
+def shown_noise(fitted: FitReport | None) -> tuple[FitReport | None, list[str]]:
     """The fit without the curves of sensors whose data contradict it, and a note on each. Which
     numbers are told is decided by the fit itself.
     """
@@ -43,13 +43,13 @@ def shown_noise(fitted: TwinFitRecord | None) -> tuple[TwinFitRecord | None, lis
     return drawn, notes
 
 
-def _furthest(channel: ChannelRecord) -> tuple[float, float]:
+def _furthest(channel: ChannelCurve) -> tuple[float, float]:
     """Model over data where they are furthest apart, and the averaging time [s]."""
-    ratio = np.asarray(channel.allan_model) / np.asarray(channel.allan)
+    ratio = channel.allan_model / channel.allan
     k = int(np.argmax(np.abs(np.log(ratio))))
     return float(ratio[k]), float(channel.tau_s[k])
 
 
-def _undrawn(channel: ChannelRecord) -> ChannelRecord:
-    none: Sequence[float] = [np.nan] * len(channel.allan)
+def _undrawn(channel: ChannelCurve) -> ChannelCurve:
+    none = np.full(channel.allan.size, np.nan)
     return replace(channel, allan_model=none, allan_low=none, allan_high=none)

@@ -6,10 +6,10 @@ from enum import StrEnum
 
 from infield.reports.documents.spans import SpanDocument
 from infield.reports.zoom import ZoomFigure
+from ins.documents import UNWRITTEN
 from ins.records import Phase
-from ins.verdicts import UNWRITTEN
 from recal.service.check import HoldsDocument
-from simreal.report.twin_records import TwinFitRecord
+from simreal.report.twin_document import FitReport
 from trajectories.runs.checks import Finding
 
 SCHEMA = "recal.look/1"
@@ -104,4 +104,4 @@ class LookDocument:
     noise: Sequence[NoiseDocument]
     convert: str
     series: Mapping[str, ZoomFigure] = field(metadata=UNWRITTEN)
-    fitted: TwinFitRecord | None = field(metadata=UNWRITTEN)
+    fitted: FitReport | None = field(metadata=UNWRITTEN)

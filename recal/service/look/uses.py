@@ -15,7 +15,7 @@ from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
 from ins.verdicts import Reason, ReasonCode, because, sentence
 from recal.service.look.records import AssumedDocument, Fit, Use, UseDocument
-from simreal.report.twin_records import TwinFitRecord
+from simreal.report.twin_document import FitReport
 
 # of one gyro over the rest: 1 degC of a usual table, 0.001 deg/h per degC, is a third of what
 # a session of an hour tells a gyro's bias to
@@ -89,7 +89,7 @@ class LookFindings:
     run: Run
     run_path: str
     aligned: AlignmentDocument
-    fitted: TwinFitRecord | None
+    fitted: FitReport | None
 
     @property
     def rest_s(self) -> float:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 from infield.learning.learn import Learnt, LearntFleet, Parameters
 from infield.learning.parameters import UNITS, PriorName, defaults_of
+from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
-from ins.verdicts import OMIT_NONE, Outcome, Reason, ReasonCode, because, record_of, sentences
+from ins.verdicts import Outcome, Reason, ReasonCode, because, sentences
 from recal.service.priors.kept import ExcludedSession
 
 PRIORS_SCHEMA = "recal.priors/1"
@@ -241,8 +242,4 @@ def priors_of(data: Mapping[str, Json], *, name: str) -> PriorsDocument:
     """The document that a file or a store holds; InputError where it is none."""
     if data.get("schema") != PRIORS_SCHEMA:
         raise InputError(f"{name}: schema {data.get('schema')!r}, needed {PRIORS_SCHEMA!r}")
-    try:
-        document: PriorsDocument = record_of(PriorsDocument, data)
-    except (TypeError, ValueError, AttributeError, KeyError) as error:
-        raise InputError(f"{name}: not a document of {PRIORS_SCHEMA}: {error}") from None
-    return document
+    return from_json(PriorsDocument, data, name=name)

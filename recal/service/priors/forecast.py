@@ -66,9 +66,26 @@ class ForecastVerdict(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ForecastRequest:
-    """What to forecast. priors: as of `recal update`; sessions: also which session would help;
-    most: how many units of each technology, those whose mean drift passes first; now: from when on,
-    None for the time of this machine.
+    """What to forecast.
+
+    Parameters
+    ----------
+    store_url : str
+        The store of tables.
+    limit_nm_h : float
+        The limit of the drift in NM/h.
+    technology : str, optional
+        Only units of rlg, fog or mems. Default: all.
+    priors : str
+        As of `recal update`.
+    sessions : bool
+        Also which session would help.
+    most : int, optional
+        How many units of each technology, those whose mean drift passes first.
+    now : datetime, optional
+        From when on; else the time of this machine.
+    output : path, optional
+        The folder to write to.
     """
 
     store_url: str

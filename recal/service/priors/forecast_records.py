@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ins.verdicts import OMIT_NONE
+from ins.documents import OMIT_NONE
 from recal.service.priors.document import LeftOutDocument
 
 FORECAST_SCHEMA = "recal.forecast/1"

@@ -14,6 +14,7 @@ from infield.learning.parameters import UNITS, PriorName
 from infield.store.errors import NoStore
 from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
+from ins.documents import to_json
 from ins.verdicts import Outcome, Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import (
@@ -29,7 +30,6 @@ from recal.service.priors.kept import kept_units
 from recal.service.priors.page import priors_html
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.result import Result
-from recal.service.results.text import result_text
 
 LEARN_STEPS = 3  # that `told` is told of
 
@@ -47,8 +47,22 @@ class LearntPriors(Result[PriorsDocument]):
 
 @dataclass(frozen=True, kw_only=True)
 class LearnRequest:
-    """What to learn from. technology, serial: None for all; keep: who keeps it in the store and
-    their note, None to store nothing.
+    """What to learn from.
+
+    Parameters
+    ----------
+    store_url : str
+        The store of tables.
+    technology : str, optional
+        Only units of rlg, fog or mems. Default: all.
+    serial : str, optional
+        Only the unit of this serial. Default: all.
+    keep : (str, str), optional
+        Who keeps it in the store and their note, None to store nothing.
+    output : path, optional
+        The folder to write to.
+    seed : int
+        Of the random generator.
     """
 
     store_url: str
@@ -139,7 +153,7 @@ def _keep(
         return [
             store.keep_priors(
                 priors.gyro_technology,
-                result_text(replace(document, technologies=[priors])),
+                to_json(replace(document, technologies=[priors])),
                 by=signed[0],
                 note=signed[1],
             )

@@ -33,10 +33,10 @@ from infield.reports.figures import (
 from infield.reports.page import decimals_for, page_environment
 from infield.reports.update_page import estimated_of, update_html
 from infield.session.disagreement import BiasStep
+from ins.documents import from_json
 from ins.json_file import JsonObject
-from ins.verdicts import record_of, sentence
-from simreal.report.diagnosis_document import summary
-from simreal.report.diagnosis_records import DiagnosisRecord
+from ins.verdicts import sentence
+from simreal.report.diagnosis_document import GapReport, summary
 
 __all__ = [
     "BLUE",
@@ -87,4 +87,4 @@ def stored_update_html(document: JsonObject) -> str:
 
 def diagnosis_lines(document: JsonObject) -> list[str]:
     """A stored diagnosis.json in a few lines for people."""
-    return summary(record_of(DiagnosisRecord, document))
+    return summary(from_json(GapReport, document, name="diagnosis.json"))

@@ -12,9 +12,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ins.verdicts import plain
+from ins.documents import plain, to_json
 from recal.service.results.files import write_text
-from recal.service.results.text import result_text
 
 SHOWN_LINES = 8  # of a result's summary in its repr; chosen: a third of a screen of 25 lines
 
@@ -58,7 +57,7 @@ class Result(Generic[Record]):
 
     def to_json(self) -> str:
         """The result as text, exactly what the command writes with --json."""
-        return result_text(self.record)
+        return to_json(self.record)
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain values; numbers that are not finite are None."""

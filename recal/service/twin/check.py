@@ -10,14 +10,13 @@ from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_fit_comm
 from recal.service.inputs.twin_table import twin_table
 from recal.service.results.files import program_version
 from recal.service.results.result import Result
-from simreal.report.twin_check_document import summary, twin_check_document
-from simreal.report.twin_records import TwinCheckRecord
+from simreal.report.twin_check_document import TwinCheck, summary, twin_check_document
 from simreal.twin.fit.agreement import agreement
 from simreal.twin.fit.streams import ParkedStream, stream_of
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class CheckedTwin(Result[TwinCheckRecord]):
+class CheckedTwin(Result[TwinCheck]):
     """Whether a twin's noise fits runs: verdict `ok`, `inconsistent`, or `refused` where the runs
     hold too little rest.
     """

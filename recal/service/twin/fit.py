@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from infield.table.thermal_table import ThermalTable
+from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin, twin_to_dict
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
@@ -15,10 +16,14 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
-from recal.service.results.text import result_text
-from simreal.report.twin_document import fitted_twin, no_rest_document, summary, twin_fit_document
+from simreal.report.twin_document import (
+    FitReport,
+    fitted_twin,
+    no_rest_document,
+    summary,
+    twin_fit_document,
+)
 from simreal.report.twin_page import allan_panels, twin_html
-from simreal.report.twin_records import TwinFitRecord
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
 from simreal.twin.fit.result import Parameter
@@ -32,7 +37,7 @@ TWIN_FIT_STEPS = 2  # that `told` is told of beside the runs: the fit, the other
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class FittedTwin(Result[TwinFitRecord]):
+class FittedTwin(Result[FitReport]):
     """A twin fitted to runs.
 
     Parameters
@@ -78,7 +83,7 @@ class FittedTwin(Result[TwinFitRecord]):
         if self.page is not None:
             files[twin.with_suffix(".html")] = self.page()
         if self.twin is not None:
-            files[twin] = result_text(twin_to_dict(self.twin))
+            files[twin] = to_json(twin_to_dict(self.twin))
         write_files(files)
         return twin
 
@@ -95,7 +100,7 @@ def twin_path(output: AnyPath | None) -> Path:
 def write_twin(twin: TwinModel, output: AnyPath | None) -> Path:
     """Write a twin alone; returns its path."""
     path = twin_path(output)
-    write_files({path: result_text(twin_to_dict(twin))})
+    write_files({path: to_json(twin_to_dict(twin))})
     return path
 
 
@@ -110,10 +115,10 @@ def fit_twin(
     Parameters
     ----------
     runs : Run or path, or several
-        Power-on sessions of one unit, each with a parked stretch; one hour or many days.
+        Run directories of one unit, parked.
     start : TwinModel or path, optional
-        What is kept of what the runs do not tell, and the table to take out; else the defaults of
-        the technology.
+        Twin to begin with. Its numbers are kept where the runs tell nothing. Default: that of the
+        technology.
     told : callable
         Told what is being done: a step for each run, and TWIN_FIT_STEPS more.
 

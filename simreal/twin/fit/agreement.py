@@ -54,25 +54,26 @@ class Of(StrEnum):
 
 
 @dataclass(frozen=True)
-class BandPower:
-    """One band of one channel: power over the declared one, degrees of freedom, and the probability
-    of a power this far off or farther if the size were within TOLERATED of the declared one.
+class NoiseCell:
+    """One band of one channel: power over the declared one, degrees of freedom, the probability of
+    a power this far off or farther if the size were within TOLERATED of the declared one, and
+    whether it fits among all cells of sensors.
     """
 
     channel: str
-    low_hz: float
-    high_hz: float
+    frequency_hz: tuple[float, float]
     ratio: float
     dof: float
     p_value: float
     of: Of
+    fits: bool = True
 
 
 @dataclass(frozen=True)
 class Agreement:
     """All cells; p_value: of the worst cell of a sensor, times their number."""
 
-    cells: tuple[BandPower, ...]
+    cells: tuple[NoiseCell, ...]
     p_value: float
     parked_s: float
 
@@ -81,10 +82,9 @@ class Agreement:
         return self.p_value >= MISFIT_P
 
     @property
-    def misfits(self) -> tuple[BandPower, ...]:
+    def misfits(self) -> tuple[NoiseCell, ...]:
         """Sensors' cells that the twin does not explain, the worst first."""
-        own = [c for c in self.cells if c.of is Of.SENSOR]
-        bad = [c for c in own if c.p_value * len(own) < MISFIT_P]
+        bad = [c for c in self.cells if c.of is Of.SENSOR and not c.fits]
         return tuple(sorted(bad, key=lambda c: (c.p_value, -abs(np.log(max(c.ratio, 1e-12))))))
 
 
@@ -113,19 +113,19 @@ def agreement(streams: Sequence[ParkedStream], twin: TwinModel) -> Agreement | N
     if not own:
         return None
     worst = min(c.p_value for c in own) * len(own)
-    return Agreement(tuple(found), float(min(worst, 1.0)), sum(s.still_s for s in streams))
+    judged = tuple(replace(c, fits=c.p_value * len(own) >= MISFIT_P) for c in found)
+    return Agreement(judged, float(min(worst, 1.0)), sum(s.still_s for s in streams))
 
 
-def _joined(parts: Sequence[RunBandPower], of: Of) -> BandPower:
+def _joined(parts: Sequence[RunBandPower], of: Of) -> NoiseCell:
     """One cell of all runs."""
     dof = np.array([p.dof for p in parts])
     total = float(dof.sum())
     ratio = float(np.array([p.ratio for p in parts]) @ dof / total)
     first = parts[0]
-    return BandPower(
+    return NoiseCell(
         channel=SIX_CHANNELS[first.channel],
-        low_hz=first.low_hz,
-        high_hz=first.high_hz,
+        frequency_hz=(first.low_hz, first.high_hz),
         ratio=ratio,
         dof=total,
         p_value=_p_value(ratio, total),

@@ -1,7 +1,6 @@
 """Spectra and Allan deviations of the data beside what the fitted model leads one to expect."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +11,6 @@ from simreal.twin.fit.model import NoiseEstimate, TriadEvidence, band_model
 from simreal.twin.fit.result import ChannelCurve
 from simreal.twin.fit.streams import ParkedStream
 from simreal.twin.fit.terms import Term, sampled_psd
-
-
-class CurveLike(Protocol):
-    """An Allan deviation, the model's, the band about that (k,), and the spectrum's p-value."""
-
-    @property
-    def allan(self) -> Sequence[float] | NDArray: ...
-    @property
-    def allan_model(self) -> Sequence[float] | NDArray: ...
-    @property
-    def allan_low(self) -> Sequence[float] | NDArray: ...
-    @property
-    def allan_high(self) -> Sequence[float] | NDArray: ...
-    @property
-    def p_value(self) -> float: ...
-
 
 TAUS = 4  # averaging times of a doubling
 # A model is contradicted over more than this share of the averaging times; chosen: of sound ones
@@ -69,9 +52,9 @@ def curves_of(
         found.append(
             ChannelCurve(
                 channel=name,
-                hz=hz[order],
+                frequency_hz=hz[order],
                 power=power,
-                model=expected,
+                power_model=expected,
                 dof=dof,
                 tau_s=tau,
                 allan=allan,
@@ -84,13 +67,13 @@ def curves_of(
     return tuple(found)
 
 
-def contradicted(curve: CurveLike) -> bool:
+def contradicted(curve: ChannelCurve) -> bool:
     """Whether the data of a channel contradict the model beside them by far."""
-    data, model = np.asarray(curve.allan), np.asarray(curve.allan_model)
+    data, model = curve.allan, curve.allan_model
     if not data.size or not np.all(data > 0) or not np.all(model > 0):
         return False
     far = np.abs(np.log(data / model)) > np.log(CONTRADICTING_FACTOR)
-    outside = (data < np.asarray(curve.allan_low)) | (data > np.asarray(curve.allan_high))
+    outside = (data < curve.allan_low) | (data > curve.allan_high)
     return bool(np.mean(far & outside) > CONTRADICTED_SHARE and curve.p_value < CONTRADICTING_P)
 
 

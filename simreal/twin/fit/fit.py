@@ -35,13 +35,14 @@ from simreal.twin.fit.evidence import (
     TriadFit,
     fit_triad,
 )
+from simreal.twin.fit.gear import GEAR_BELOW_HZ
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import spectra_of
-from simreal.twin.fit.streams import ParkedStream, SpectralLine, stream_of
+from simreal.twin.fit.streams import DitherLine, ParkedStream, stream_of
 from simreal.twin.fit.terms import Shape, Term
 from simreal.twin.reasons import Why
 
@@ -119,29 +120,41 @@ def fit_twin(
     parameters += _others(streams, believed)
     twin = _twin_of(believed, parameters, header.imu_serial)
     names, covariance = _covariance(parameters, gyro, accel)
+    white = _axis_white(gyro, accel)
+    rocked = [SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})]
     return TwinFit(
         twin=twin,
         parameters=tuple(parameters),
         names=names,
         covariance=covariance,
-        curves=curves,
-        lines=lines,
+        channels=tuple(replace(c, white=white.get(c.channel)) for c in curves),
+        lines=tuple(_line(line) for line in lines),
         runs=tuple(used),
-        differ={"gyro": gyro.differ_p, "accel": accel.differ_p},
-        axis_white=_axis_white(gyro, accel),
+        axes_alike_p={"gyro": gyro.differ_p, "accel": accel.differ_p},
+        axis_white=white,
         axes={
             **(_axis_variances(gyro) if "gyro" not in against else {}),
             **(_axis_variances(accel) if "accel" not in against else {}),
         },
-        shared=shared,
-        left_out=left_out,
-        seconds=seconds,
+        vehicle_share={SIX_CHANNELS[k]: float(shared[k]) for k in range(3)},
+        windows_left_out=left_out,
+        parked_s=seconds,
         read_below_hz={
             name: fit.band_hz
             for name, fit in (("gyro", gyro), ("accel", accel))
             if fit.band_hz is not None
         },
-        rocked=tuple(SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})),
+        read_above_hz=dict.fromkeys(rocked, GEAR_BELOW_HZ),
+    )
+
+
+def _line(line: DitherLine) -> SpectralLine:
+    return SpectralLine(
+        channel=SIX_CHANNELS[line.channel],
+        frequency_hz=line.frequency_hz,
+        amplitude=line.amplitude,
+        sigma=line.sigma,
+        swing=line.swing,
     )
 
 
@@ -166,9 +179,9 @@ def one_unit(runs: Sequence[Run]) -> RunHeader:
 
 def _evidence(
     streams: Sequence[ParkedStream],
-) -> tuple[TriadEvidence, tuple[SpectralLine, ...], dict[str, float], NDArray]:
+) -> tuple[TriadEvidence, tuple[DitherLine, ...], dict[str, float], NDArray]:
     bands, slow, share = [], [], []
-    lines: list[SpectralLine] = []
+    lines: list[DitherLine] = []
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
     for k, stream in enumerate(streams):
@@ -184,9 +197,9 @@ def _evidence(
     return TriadEvidence(tuple(bands), tuple(slow), tuple(share)), _merged(lines), left_out, shared
 
 
-def _merged(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
+def _merged(lines: Sequence[DitherLine]) -> tuple[DitherLine, ...]:
     """Lines of several runs as one where they are of one channel and within 0.5 %."""
-    kept: list[SpectralLine] = []
+    kept: list[DitherLine] = []
     for line in sorted(lines, key=lambda one: (one.channel, one.frequency_hz)):
         last = kept[-1] if kept else None
         alike = last is not None and last.channel == line.channel

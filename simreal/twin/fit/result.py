@@ -1,13 +1,13 @@
 """What a fit of a twin found: parameters with sigmas, what each rests on, and curves to draw."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from numpy.typing import NDArray
 
+from ins.documents import UNWRITTEN
 from ins.records import TwinModel
-from simreal.twin.fit.streams import SpectralLine
 from simreal.twin.reasons import Why
 
 
@@ -45,62 +45,77 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelCurve:
-    """A channel's spectrum and Allan deviation, of the data and of the fitted model.
+    """A channel's spectrum and Allan deviation, of the data and of the fitted model (SI units).
 
-    hz, power, model (b,): two-sided spectrum [unit^2/Hz], dof (b,) behind each power; tau_s, allan,
-    allan_model (k,), allan_low, allan_high (k,): 95 % of what the model leads one to expect.
+    white: of this axis, where its triad's differ. power, power_model (b,): two-sided spectrum
+    [unit^2/Hz], dof (b,) behind each power; tau_s, allan, allan_model (k,), allan_low, allan_high
+    (k,): 95 % of what the model leads one to expect.
     """
 
     channel: str
-    hz: NDArray
+    p_value: float
+    white: float | None = None
+    frequency_hz: NDArray
     power: NDArray
-    model: NDArray
+    power_model: NDArray
     dof: NDArray
     tau_s: NDArray
     allan: NDArray
     allan_model: NDArray
     allan_low: NDArray
     allan_high: NDArray
-    p_value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpectralLine:
+    """A line of dither or of an engine; amplitude in rad/s or m/s^2; swing: amplitude of the angle
+    [rad] or velocity [m/s] whose changes the rows are.
+    """
+
+    channel: str
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    swing: float = field(metadata=UNWRITTEN)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunUsed:
-    """A run of a fit, or why it was not used; parked_s: at rest and still."""
+    """A run of a fit; parked_s: at rest and still."""
 
     run_id: str
     sha256: str
     parked_s: float
-    why: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwinFit:
     """A fitted twin.
 
-    covariance: of the parameters `names`; differ: per triad the p-value that its axes are alike and
-    the white noise of each; axes: of each channel the variances of its white noise and of its
-    quantisation over those of the twin, where its triad's differ; shared (3,): largest share of a
-    band of a gyro that the vehicle made; read_below_hz: of each triad whose rows a filter has
-    smoothed, the frequency up to which they were read; rocked: channels that people or wind move,
-    of which nothing below GEAR_BELOW_HZ was read in one of the runs.
+    covariance: of the parameters `names`; axes_alike_p: per triad the p-value that its axes are
+    alike; axis_white: the white noise of each channel; axes: of each channel the variances of its
+    white noise and of its quantisation over those of the twin, where its triad's differ;
+    vehicle_share: largest share of a band of a gyro that the vehicle made; read_below_hz: of each
+    triad whose rows a filter has smoothed, the frequency up to which they were read; read_above_hz:
+    of channels that people or wind move, the frequency below which nothing was read in one of the
+    runs.
     """
 
     twin: TwinModel
     parameters: tuple[Parameter, ...]
     names: tuple[str, ...]
     covariance: NDArray
-    curves: tuple[ChannelCurve, ...]
+    channels: tuple[ChannelCurve, ...]
     lines: tuple[SpectralLine, ...]
     runs: tuple[RunUsed, ...]
-    differ: Mapping[str, float]
+    axes_alike_p: Mapping[str, float]
     axis_white: Mapping[str, float]
     axes: Mapping[str, tuple[float, float]]
-    shared: NDArray
-    left_out: Mapping[str, float]
-    seconds: float
+    vehicle_share: Mapping[str, float]
+    windows_left_out: Mapping[str, float]
+    parked_s: float
     read_below_hz: Mapping[str, float]
-    rocked: tuple[str, ...]
+    read_above_hz: Mapping[str, float]
 
     def of(self, name: str) -> Parameter:
         """The parameter of a name."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ins.robust import gamma as gamma_law
 from simreal.twin.fit.rounding import Rounding
 from simreal.twin.fit.shared_motion import MOSTLY_SHARED, MOSTLY_SWAY, own_power
-from simreal.twin.fit.streams import ParkedStream, SpectralLine
+from simreal.twin.fit.streams import DitherLine, ParkedStream
 from simreal.twin.fit.terms import Shape, Term, sampled_psd
 
 HIGH_HZ = 0.4  # the rows' spectra begin here, those of the seconds end here
@@ -105,7 +105,7 @@ class Spectra:
     """
 
     bands: tuple[Bands, ...]
-    lines: tuple[SpectralLine, ...]
+    lines: tuple[DitherLine, ...]
     left_out: dict[str, float]
     shared: NDArray
     slow_s: float
@@ -159,7 +159,7 @@ def _vertical_accelerometer(stream: ParkedStream) -> dict[int, tuple[int, ...]]:
 
 def _joined(layers: Sequence[Layer], witnesses: Witnesses) -> Spectra:
     bands: list[Bands] = []
-    lines: list[SpectralLine] = []
+    lines: list[DitherLine] = []
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
     for windows, dt_s, low_hz, high_hz in layers:
@@ -324,11 +324,11 @@ def _wild(Z: NDArray) -> NDArray:
 
 def _lines(
     mean: NDArray, f: NDArray, windows: int, length: tuple[float, float]
-) -> tuple[NDArray, tuple[SpectralLine, ...]]:
+) -> tuple[NDArray, tuple[DitherLine, ...]]:
     """Bins (m, 6) that belong to lines, and the lines; length: of a window and of a sample [s]."""
     window_s, dt_s = length
     line = np.zeros(mean.shape, bool)
-    found: list[SpectralLine] = []
+    found: list[DitherLine] = []
     nu = max(SHARE * windows, 0.5)
     limit = gamma_law.isf(LINE_P, nu) / nu
     half = 12  # bins on either side that say what the floor is
@@ -352,7 +352,7 @@ def _lines(
             amplitude = np.sqrt(4.0 * excess)
             swing = amplitude * dt_s / (2.0 * np.sin(np.pi * f[k] * dt_s))
             known = float(2.0 * sigma / amplitude)
-            found.append(SpectralLine(c, float(f[k]), float(amplitude), known, float(swing)))
+            found.append(DitherLine(c, float(f[k]), float(amplitude), known, float(swing)))
     return line, tuple(found)
 
 

@@ -42,7 +42,7 @@ LEAVES_A_STEP = (
 
 
 @dataclass(frozen=True)
-class SpectralLine:
+class DitherLine:
     """A line of one channel: its frequency [Hz], amplitude in rad/s or m/s^2, and sigma of that;
     swing: amplitude of the angle [rad] or velocity [m/s] whose changes the rows are.
     """

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
 from infield.table.file import table_from_dict, table_to_dict
-from ins.verdicts import plain
+from ins.documents import plain
 from recal.cli.app import app
 from recal.fleet.pools import work
 from recal.fleet.update import FleetRequest, update_fleet
