@@ -29,7 +29,7 @@ STUDIES = {
     "against_pyins": "against_pyins",
     "availability": "availability",
     "fleet": "fleet",
-    "flights": "flight_update",
+    "flights": "flights",
     "fuzz": "fuzz",
     "gap_nulls": "gap_nulls",
     "gap_oracle": "gap_oracle",
