@@ -27,16 +27,13 @@ from benchmarks.study import ROOT, Work, commit
 STUDIES = {
     "accuracy": "accuracy",
     "against_pyins": "against_pyins",
-    "availability": "availability",
     "fleet": "fleet",
     "flights": "flights",
     "fuzz": "fuzz",
     "gap_nulls": "gap_nulls",
-    "gap_oracle": "gap_oracle",
     "gap_study": "gap_study",
     "gates": "gate_rates",
     "misalignment": "misalignment_rates",
-    "motion_answers": "motion_answers",
     "peers": "peers",
     "pictures": "pictures",
     "real_drives": "real_drives",
@@ -46,7 +43,6 @@ STUDIES = {
     "speed": "speed",
     "thermal": "thermal_rates",
     "twin_fit": "twin_fit",
-    "twin_updates": "twin_updates",
 }
 
 
