@@ -23,7 +23,7 @@ from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
 from alignment.swing import Swing
 from ins.filters import error_model as em
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filters.kalman import nis_band
+from ins.kalman import nis_band
 
 SURE = 3.0  # nats of log-likelihood for each parameter: odds of 20 to 1
 FINENESS = 2  # sizes of a parameter for each doubling

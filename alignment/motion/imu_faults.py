@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from alignment.motion.excursions import ROLLED_M
 from alignment.motion.kinds import Disturbance
 from alignment.motion.seconds import LogSeconds, QuietSeconds, judged
-from ins.compensation import corrected
 from ins.records import ImuLog, ImuSource
 from ins.robust import robust_sigma, robust_sigmas, runs_of_true
+from ins.strapdown.compensation import corrected
 from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side

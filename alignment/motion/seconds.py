@@ -83,8 +83,8 @@ class LogSeconds:
         return self.where((self.start_s >= start_s - edge) & (self.end_s <= end_s + 1e-6))
 
     def corrected(self, correct: Callable[[ImuLog], ImuLog]) -> "LogSeconds":
-        """The seconds with their sums compensated as rows are (`ins.compensation`): what a bias
-        changes within a second is below 1e-9 of it.
+        """The seconds with their sums compensated as rows are (`ins.strapdown.compensation`):
+        what a bias changes within a second is below 1e-9 of it.
         """
         if self.end_s.size < 2:
             return self

@@ -25,11 +25,11 @@ from infield.misalignment.reasons import StopReason
 from infield.misalignment.settings import SHORTEST_STOP_S
 from infield.session.log import compensated_imu, compensated_seconds, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
-from ins.compensation import compensate
 from ins.earth import gravity_magnitude, omega_ie_n
 from ins.noise import gyro_densities
 from ins.records import ImuLog, NavHistory, NavState, Run, TwinModel
 from ins.robust import robust_sigmas, runs_of_true
+from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
 from ins.verdicts import Reason, because

@@ -26,8 +26,8 @@ from infield.misalignment.harmonic_fit import azimuth_columns, level_rate_deg_h
 from infield.misalignment.reasons import Azimuths, MisalignmentReason, MisalignmentVerdict, Unseen
 from infield.misalignment.settings import AzimuthSettings
 from infield.table.thermal_table import ThermalTable
-from ins.compensation import OFF_DIAGONAL
 from ins.records import AXES, InputError, Run, TwinModel
+from ins.strapdown.compensation import OFF_DIAGONAL
 from ins.units import DEG, MILLIRADIAN
 from ins.verdicts import Observability, Reason, because
 

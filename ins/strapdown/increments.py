@@ -116,7 +116,16 @@ def velocity_increments(imu: ImuLog) -> NDArray:
 
 
 def rows_before(rows: NDArray) -> NDArray:
-    """Each row's predecessor; the first is its own."""
+    """Each row's predecessor; the first is its own.
+
+    Parameters
+    ----------
+    rows : (n, ...) array
+
+    Returns
+    -------
+    before : (n, ...) array
+    """
     return np.concatenate([rows[:1], rows[:-1]])
 
 

@@ -5,16 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.thermal_sessions import (
-    SETTINGS,
-    TWIN,
-    aged_table,
-    bins_of,
-    draw,
-    drawn_session,
-    take,
-    templates,
-)
 from infield.session.budget import variance_budget
 from infield.session.hysteresis import (
     ThermalTerm,
@@ -29,6 +19,16 @@ from infield.session.results import UpdateResult
 from infield.table.merge import merge_posterior
 from infield.table.thermal_table import AgeingModel
 from ins.verdicts import Outcome, sentence
+from tests.scenarios.thermal_sessions import (
+    SETTINGS,
+    TWIN,
+    aged_table,
+    bins_of,
+    draw,
+    drawn_session,
+    take,
+    templates,
+)
 
 WARM, COOL = 0, 9  # templates: a cold start and a cooling one
 

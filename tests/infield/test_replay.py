@@ -17,10 +17,10 @@ from infield.reports.replay_page import render
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable, default_table
-from ins.compensation import compensate
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
+from ins.strapdown.compensation import compensate
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from ins.verdicts import sentences
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero

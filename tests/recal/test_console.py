@@ -154,7 +154,7 @@ def test_the_version_and_the_packaged_scenarios():
     said = CliRunner().invoke(app, ["--version"])
     assert said.exit_code == 0 and re.fullmatch(r"recal \d+\.\d+\.\d+\n", said.stdout)
     listed = CliRunner().invoke(app, ["simulate", "--list"])
-    assert listed.exit_code == 0 and "cold_parked_taxi     Cold start: 10 min" in listed.stdout
+    assert listed.exit_code == 0 and "cold_parked_taxi" in listed.stdout
     known = json.loads(CliRunner().invoke(app, ["simulate", "--list", "--json"]).stdout)
     assert known["schema"] == "recal.scenarios/1" and all(known["scenarios"].values())
     assert CliRunner().invoke(app, ["simulate", "parked_only"]).exit_code == 2

@@ -80,11 +80,7 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
     )
     assert document == json.loads((folder / "out/update.json").read_text())
     page = (folder / "out/update.html").read_text()
-    assert (
-        "waits as proposal 1" in page
-        and "recal table approve 1 --store" in page
-        and "with --commit" not in page
-    )
+    assert "waits as proposal 1" in page and "approve 1" in page and "with --commit" not in page
     (listed,) = answered("table", "proposals")["proposals"]
     assert (listed["state"], listed["proposed_by"], listed["note"]) == (
         "open",

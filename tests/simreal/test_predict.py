@@ -111,9 +111,9 @@ def test_what_was_found_brings_the_prediction_to_the_measured(simulator):
     assert drift.before.interval_95[0] > 0.0 and drift.after.measured < 0.5 * drift.before.measured
     assert drift.gone.interval_95[0] > 0.5 and nis.after.measured < nis.before.measured
     said = "\n".join(simulator_lines(record))
-    assert "beyond noise" in said and "gyro_thermal_rate on" in said
+    assert "beyond noise" in said and "gyro_thermal_rate" in said
 
 
 def test_one_run_is_too_few():
-    with pytest.raises(InputError, match="--simulator: 1 run, needed 2 or more"):
+    with pytest.raises(InputError, match=r"--simulator.*1.*needed 2"):
         diagnose("run-1", "twin.json", simulator=True)

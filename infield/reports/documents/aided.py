@@ -55,11 +55,11 @@ from ins.documents import OMIT_NONE
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, level_sigmas
 from ins.filters.aided_records import AidedHistory, Antenna, Fixes
-from ins.filters.kalman import nis_band
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_VEL as VEL
+from ins.kalman import nis_band
 from ins.records import FixType, ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import codes, sentences

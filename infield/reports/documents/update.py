@@ -53,7 +53,7 @@ from infield.table.merge import AXIS_Z_LIMIT, MergeResult
 from infield.table.thermal_table import ThermalTable
 from ins.documents import Null
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.filters.kalman import nis_band
+from ins.kalman import nis_band
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict

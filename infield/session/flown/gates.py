@@ -37,7 +37,7 @@ from ins.verdicts import Reason, because
 JUDGED_SHARE = 1e-3
 # of what a sound flight shows between flight and rest, beyond which a shift of the size that shows
 # is weighed against none; one of 3 gyros exceeds it in 13 % of sound flights, measured 45 of 298
-# (`sigmas` of benchmarks/flight_update.py)
+# (docs/flight_update.md)
 DOUBTED_SIGMAS = 2.0
 
 

@@ -39,7 +39,7 @@ SPLIT_SHARE = 0.03
 MOST_SPLITS = 14  # of splitting: from 130 s down to 0.01 s
 CELLS_A_SIDE = 8
 # the middle of a cell wider than this may lie so much below a maximum within it: lags are known to
-# 10 to 80 s where they are late (benchmarks/rlg_confidence.py)
+# 10 to 80 s where they are late (docs/rlg_gradient.md)
 BLIND_s, BLIND_NATS = 40.0, 15.0
 
 
