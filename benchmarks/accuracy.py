@@ -23,6 +23,7 @@ from infield.session.settings import SessionSettings
 from ins.records import Site, Survey, TwinModel
 from ins.units import DEG, MILLIRADIAN
 from ins.verdicts import WEAK_BELOW
+from tests.reference_motions import PARKED_S, reference_motion
 from tests.scenarios.study import (
     DEFAULT_TWIN,
     REFERENCE_TWIN,
@@ -30,7 +31,6 @@ from tests.scenarios.study import (
     estimated,
     simulated_session,
 )
-from trajectories.simulator.motions import PARKED_S, reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth

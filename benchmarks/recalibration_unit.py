@@ -35,7 +35,7 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, AccelNoise, GyroNoise, Site, TwinModel, VehicleNoise
 from ins.units import DEG
 from ins.verdicts import sentences
-from trajectories.simulator.motions import reference_motion
+from tests.reference_motions import reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history

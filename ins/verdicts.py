@@ -351,7 +351,7 @@ UNIT_WORDS: Mapping[str, float] = {
     "ms": units.MILLISECOND,
 }
 # what else a template does to a value, before the format that follows
-FORMS: Mapping[str, Callable[[Any], Any]] = {
+FORMS: Mapping[str, Callable[..., float | str]] = {
     "abs": abs,
     "factor": _factor,  # 2.5 times, 123 times
     "plural": _plural,  # of a word

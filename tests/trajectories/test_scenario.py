@@ -9,7 +9,7 @@ import pytest
 
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.simulator.motions import reference_motion
+from tests.reference_motions import reference_motion
 from trajectories.simulator.scenario import (
     SECTIONS,
     packaged_scenarios,
