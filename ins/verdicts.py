@@ -3,6 +3,8 @@
 An estimator says why in codes with values, never in words; `sentence` fills the template that the
 code carries, where the reason is shown. A result is a frozen dataclass; `ins.documents` turns it
 into JSON.
+
+Decision: docs/decisions/0092-reason-templates.md.
 """
 
 from collections.abc import Callable, Iterable, Mapping

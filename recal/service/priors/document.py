@@ -10,8 +10,9 @@ from infield.learning.parameters import UNITS, PriorName, defaults_of
 from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
-from ins.verdicts import Outcome, Reason, ReasonCode, because, sentences
+from ins.verdicts import Outcome, Reason, because, sentences
 from recal.service.priors.kept import ExcludedSession
+from recal.service.priors.reasons import PriorsReason
 
 PRIORS_SCHEMA = "recal.priors/1"
 OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
@@ -20,37 +21,6 @@ HOW_LEARNT = (
     " walk, ageing, heading errors and table nodes integrated out; log-normal priors about the"
     " defaults; which sessions are outliers summed over; weighed draws of the posterior"
 )
-
-
-class NothingKept(ReasonCode):
-    """What a store lacks that priors are learnt from."""
-
-    NO_UNIT = "no_unit", "no unit{of} with a table:", "recal table list names its units"
-    NO_SESSION = (
-        "no_session",
-        "{units:its one unit|{units} units}{of} {units:has|have} no session that can be learnt"
-        " from{unread: ({left_out} cannot be read)|}:",
-        "recal update --commit keeps sessions",
-    )
-
-
-class PriorsReason(ReasonCode):
-    """Why nothing was learnt, or what could not be."""
-
-    NO_SESSIONS = "no_sessions", "store {store}: {lacks}"
-    FEW_SESSIONS = (
-        "few_sessions",
-        "{sessions} sessions do not show {hidden:, |}: there the default stands",
-    )
-    ONE_UNIT = (
-        "one_unit",
-        "one unit: what is said of the technology is said of this unit, widened by the spread from"
-        " unit to unit that is assumed",
-    )
-    NOT_SETTLED = (
-        "not_settled",
-        "the search did not settle: take the values as the defaults, more sessions would help",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

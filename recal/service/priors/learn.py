@@ -18,9 +18,7 @@ from ins.documents import to_json
 from ins.verdicts import Outcome, Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import (
-    NothingKept,
     PriorsDocument,
-    PriorsReason,
     ScopeDocument,
     TechnologyPriors,
     left_out_documents,
@@ -28,6 +26,7 @@ from recal.service.priors.document import (
 )
 from recal.service.priors.kept import kept_units
 from recal.service.priors.page import priors_html
+from recal.service.priors.reasons import NothingKept, PriorsReason
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.result import Result
 
