@@ -19,7 +19,7 @@ from infield.reports.documents.aided import (
     aided_columns,
     smoothed_result,
 )
-from infield.reports.documents.replay import ReplayDocument, TableDocument, replay_document
+from infield.reports.documents.replay import FlownTableDocument, ReplayDocument, replay_document
 from infield.reports.replay_page import render, verdict_words
 from infield.reports.track_kml import track_kml
 from infield.store.table_store import TableStore
@@ -315,7 +315,7 @@ def summary(document: ReplayDocument) -> list[str]:
     return lines + _aided_lines(document.aided)
 
 
-def _realign(table: TableDocument) -> str:
+def _realign(table: FlownTableDocument) -> str:
     if not table.realign:
         return ""
     return ", REALIGN" + (

@@ -75,7 +75,7 @@ FIX_TYPE_NAMES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpanDocument:
+class TimeSpanDocument:
     """A stretch of the log."""
 
     start_s: float
@@ -98,7 +98,7 @@ class StartDocument:
 
     time_s: float
     method: StartMethod
-    span: SpanDocument
+    span: TimeSpanDocument
     heading_deg: float
     sigma_heading_deg: float
 
@@ -151,7 +151,7 @@ class NisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConsistencyDocument:
+class AidedConsistencyDocument:
     """NIS by kind; is_test: false where the model was fitted to this log."""
 
     overall: NisDocument
@@ -162,7 +162,7 @@ class ConsistencyDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseDocument:
+class AidedNoiseDocument:
     """Factors on the declared sigmas; a time constant is None without its slow error."""
 
     fitted: bool
@@ -256,7 +256,7 @@ class AidedDocument:
     notes: Sequence[str]
     note_codes: Sequence[str | None]
     table: str
-    standing: Sequence[SpanDocument]
+    standing: Sequence[TimeSpanDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,8 +273,8 @@ class AidedFlightDocument(AidedDocument):
     leaps_s: Sequence[float]
     grade: AidedGrade
     degraded: Sequence[WeakDocument]
-    consistency: ConsistencyDocument
-    noise: NoiseDocument
+    consistency: AidedConsistencyDocument
+    noise: AidedNoiseDocument
     antenna: AntennaDocument | None
     scoring_only: ScoresDocument | None
     smoothed: SmoothedDocument | None = field(default=None, metadata=OMIT_NONE)
@@ -294,7 +294,7 @@ def aided_document(
         notes=sentences(result.notes),
         note_codes=codes(result.notes),
         table=result.role,
-        standing=[SpanDocument(start_s=a, end_s=b) for a, b in result.stands],
+        standing=[TimeSpanDocument(start_s=a, end_s=b) for a, b in result.stands],
     )
     history, found = result.history, result.found
     if history is None or found is None:
@@ -369,7 +369,7 @@ def _start(found: FoundStart) -> StartDocument:
     return StartDocument(
         time_s=found.start.state.time_s,
         method=found.method,
-        span=SpanDocument(start_s=found.span[0], end_s=found.span[1]),
+        span=TimeSpanDocument(start_s=found.span[0], end_s=found.span[1]),
         heading_deg=float(euler_from_dcm(found.start.state.C_nb)[2]) / DEG,
         sigma_heading_deg=found.sigma_heading_rad / DEG,
     )
@@ -413,13 +413,13 @@ def _rejected(history: AidedHistory) -> list[RejectedDocument]:
     return sorted(found, key=lambda r: r.time_s)
 
 
-def _consistency(result: AidedResult, history: AidedHistory) -> ConsistencyDocument:
+def _consistency(result: AidedResult, history: AidedHistory) -> AidedConsistencyDocument:
     position, velocity = (nis_of(history, k) for k in range(len(KINDS)))
     dof = position[1] + velocity[1]
     total = sum(mean * n for mean, n in (position, velocity) if n)
     taken = result.antenna is not None and any(result.antenna.freed)
     standing = history.stand_nis / history.stand_dof if history.stand_dof else float("nan")
-    return ConsistencyDocument(
+    return AidedConsistencyDocument(
         overall=_nis(total / dof if dof else float("nan"), dof),
         position=_nis(*position),
         velocity=_nis(*velocity),
@@ -432,9 +432,9 @@ def _nis(mean: float, dof: int) -> NisDocument:
     return NisDocument(nis_mean=mean, dof=dof, band_95=list(nis_band(dof, 0.95)))
 
 
-def _noise(result: AidedResult) -> NoiseDocument:
+def _noise(result: AidedResult) -> AidedNoiseDocument:
     s = result.scales
-    return NoiseDocument(
+    return AidedNoiseDocument(
         fitted=s.fitted,
         white_factor=s.white,
         walk_factor=s.walk,

@@ -60,7 +60,7 @@ class RampDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunDocument:
+class FogRunDocument:
     """One chamber run; role: "fast" or "slow"."""
 
     run_id: str
@@ -76,7 +76,7 @@ class RunDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LevelDocument:
+class FogLevelDocument:
     """Mean of K_T, and whether it is known apart from Earth rate."""
 
     value_deg_h: float
@@ -176,7 +176,7 @@ class FixedPointDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HysteresisDocument:
+class FogHysteresisDocument:
     """Half of the difference between warming and cooling at any rate; held_apart: the runs tell it
     from K_delta, and it is a term of the fit; shown: it is there beyond chance.
     """
@@ -194,11 +194,11 @@ class AxisDocument:
     temperature_degC: Sequence[float]
     K_T_deg_h: Sequence[float]
     sigma_K_T_deg_h: Sequence[float]
-    level: LevelDocument
+    level: FogLevelDocument
     K_delta_deg_h_per_degC_min: Sequence[float]
     sigma_K_delta_deg_h_per_degC_min: Sequence[float]
     residual_over_sigma: float
-    hysteresis: HysteresisDocument
+    hysteresis: FogHysteresisDocument
     up_down: PairDocument | None
     document: SubtractionDocument | None
     closed_forms: Mapping[str, ClosedFormDocument | None]
@@ -209,7 +209,7 @@ class AxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckedAxisDocument:
+class FogCheckedAxisDocument:
     """What the model leaves of one gyro on a held-out run."""
 
     before_deg_h: float
@@ -222,12 +222,12 @@ class CheckedAxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckDocument:
+class FogCheckDocument:
     """A held-out run."""
 
     run_id: str
     sha256: str
-    axes: Mapping[str, CheckedAxisDocument]
+    axes: Mapping[str, FogCheckedAxisDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,11 +235,11 @@ class FogDocument(ThermalDocument):
     """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
 
     schema: str = SCHEMA
-    runs: Sequence[RunDocument]
+    runs: Sequence[FogRunDocument]
     remounted: bool
     noise_model: NoiseModelDocument
     axes: Mapping[str, AxisDocument]
-    check: Sequence[CheckDocument]
+    check: Sequence[FogCheckDocument]
     held_out: Sequence[HeldOutResidual] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 
@@ -311,7 +311,7 @@ def worst_rounding(
     }
 
 
-def _run(role: str, run: RampRun) -> RunDocument:
+def _run(role: str, run: RampRun) -> FogRunDocument:
     ramps = [
         RampDocument(
             direction=leg.direction,
@@ -323,7 +323,7 @@ def _run(role: str, run: RampRun) -> RunDocument:
         )
         for leg in run.legs
     ]
-    return RunDocument(
+    return FogRunDocument(
         run_id=run.run_id,
         sha256=run.sha256,
         role=role,
@@ -345,13 +345,13 @@ def _axis(
         temperature_degC=T.tolist(),
         K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
         sigma_K_T_deg_h=_sigma_shape(a, pair).tolist(),
-        level=LevelDocument(
+        level=FogLevelDocument(
             value_deg_h=a.level_deg_h, sigma_deg_h=a.level_sigma_deg_h, known=a.level_known
         ),
         K_delta_deg_h_per_degC_min=c.K_delta.tolist(),
         sigma_K_delta_deg_h_per_degC_min=_sigma(c),
         residual_over_sigma=float(np.sqrt(a.scatter)),
-        hysteresis=HysteresisDocument(
+        hysteresis=FogHysteresisDocument(
             value_deg_h=a.hysteresis.value_deg_h,
             sigma_deg_h=a.hysteresis.sigma_deg_h,
             held_apart=a.hysteresis.apart,
@@ -493,10 +493,10 @@ def _piecewise(curve: Piecewise) -> CurveDocument:
     )
 
 
-def _check(found: HeldOutResidual) -> CheckDocument:
+def _check(found: HeldOutResidual) -> FogCheckDocument:
     before, after, causal = found.before_deg_h, found.after_deg_h, found.causal_deg_h
     axes = {
-        axis: CheckedAxisDocument(
+        axis: FogCheckedAxisDocument(
             before_deg_h=before[k],
             after_deg_h=after[k],
             ratio=after[k] / before[k],
@@ -508,4 +508,4 @@ def _check(found: HeldOutResidual) -> CheckDocument:
         for k, axis in enumerate(AXES)
         if np.isfinite(after[k] / before[k])
     }
-    return CheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)
+    return FogCheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)

@@ -25,7 +25,7 @@ SCHEMA = "recal.misalignment/1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunDocument:
+class AzimuthRunDocument:
     """A run that the stops are of."""
 
     run_id: str
@@ -46,7 +46,7 @@ class RankDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StopDocument:
+class AzimuthStopDocument:
     """One stop, its bias before and after compensation; the times of a run's stop alone."""
 
     heading_deg: float
@@ -163,9 +163,9 @@ class MisalignmentDocument:
     lat_deg: float
     level_earth_rate_deg_h: float
     noise_model: str
-    runs: Sequence[RunDocument]
+    runs: Sequence[AzimuthRunDocument]
     rank: RankDocument
-    stops: Sequence[StopDocument]
+    stops: Sequence[AzimuthStopDocument]
     gyros: Mapping[str, GyroDocument]
     couplings: Sequence[CouplingDocument]
     not_observable: Sequence[UnseenDocument]
@@ -197,7 +197,9 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
         lat_deg=study.lat_rad / DEG,
         level_earth_rate_deg_h=level_rate_deg_h(study.lat_rad),
         noise_model=study.twin.source,
-        runs=[RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs],
+        runs=[
+            AzimuthRunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs
+        ],
         rank=_rank(study),
         stops=_stops(study),
         gyros={} if fit is None else _gyros(fit),
@@ -244,7 +246,7 @@ def _coupling(c: CouplingEstimate) -> CouplingDocument:
     )
 
 
-def _stops(study: AzimuthStudy) -> list[StopDocument]:
+def _stops(study: AzimuthStudy) -> list[AzimuthStopDocument]:
     """One row a stop."""
     fit = study.result.fit
     sigma = np.sqrt(np.diag(study.covariance)).reshape(-1, 3)
@@ -255,7 +257,7 @@ def _stops(study: AzimuthStudy) -> list[StopDocument]:
         stop = study.stops[j] if study.stops else None
         T = None if study.temperature_degC is None else study.temperature_degC[j]
         rows.append(
-            StopDocument(
+            AzimuthStopDocument(
                 heading_deg=float(heading / DEG),
                 north_to_west_deg=float(north_to_west_rad(heading) / DEG),
                 bias_deg_h=study.bias_deg_h[j].tolist(),

@@ -65,7 +65,7 @@ class RemovedDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResidualDocument:
+class ThermalResidualDocument:
     """One gyro's table less the model's settled part."""
 
     temperature_degC: Sequence[float]
@@ -81,7 +81,7 @@ class ThermalUseDocument:
     sha256: str
     part: str = "rates"
     runs: Sequence[RemovedDocument]
-    residual_table: Mapping[str, ResidualDocument]
+    residual_table: Mapping[str, ThermalResidualDocument]
     text: Sequence[str]
 
 
@@ -96,7 +96,7 @@ def use_document(
         sha256=stored.sha256,
         runs=[_removed(found) for found in removed],
         residual_table={
-            axis: ResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
+            axis: ThermalResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
             for axis, (T, bias) in residual.items()
         },
         text=sentences(taken_out(stored, removed)),

@@ -59,7 +59,7 @@ class OutlierDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckDocument:
+class DrawCheckDocument:
     """Squared innovation of the sessions over its expectation, each session against what was known
     before it, outliers left out: with what was learnt, and with the defaults. draws, effective: of
     the check of the curvature.
@@ -81,14 +81,14 @@ class TechnologyPriors:
     types: Sequence[ScopeDocument]
     units: Sequence[ScopeDocument]
     outliers: Sequence[OutlierDocument]
-    check: CheckDocument
+    check: DrawCheckDocument
     notes: Sequence[str] = ()
     note_codes: Sequence[str] = ()
     revision: int | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOutDocument:
+class ExcludedSessionDocument:
     """A session that could not be learnt from."""
 
     imu_serial: str
@@ -109,7 +109,7 @@ class PriorsDocument:
     version: str
     method: str = HOW_LEARNT
     technologies: Sequence[TechnologyPriors] = ()
-    left_out: Sequence[LeftOutDocument] = ()
+    left_out: Sequence[ExcludedSessionDocument] = ()
 
 
 def technology_priors(found: LearntFleet) -> TechnologyPriors:
@@ -176,12 +176,12 @@ def _outliers(found: LearntFleet) -> list[OutlierDocument]:
     return told
 
 
-def _check(found: LearntFleet) -> CheckDocument:
+def _check(found: LearntFleet) -> DrawCheckDocument:
     sound = (found.evidence.outlier < OUTLIER_NAMED) & (found.evidence.dof > 0)
     dof = float(found.evidence.dof[sound].sum())
     squared = [float(e.nis[sound].sum()) / dof for e in (found.evidence, found.defaults) if dof]
     learnt, default = squared or (None, None)
-    return CheckDocument(
+    return DrawCheckDocument(
         squared_innovation=learnt,
         squared_innovation_defaults=default,
         draws=found.check.draws,
@@ -203,9 +203,9 @@ def _notes(found: LearntFleet) -> list[Reason]:
     return notes
 
 
-def left_out_documents(left_out: Sequence[ExcludedSession]) -> list[LeftOutDocument]:
+def left_out_documents(left_out: Sequence[ExcludedSession]) -> list[ExcludedSessionDocument]:
     """What could not be learnt from."""
-    return [LeftOutDocument(**vars(item)) for item in left_out]
+    return [ExcludedSessionDocument(**vars(item)) for item in left_out]
 
 
 def priors_of(data: Mapping[str, Json], *, name: str) -> PriorsDocument:
