@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.align", "align")

@@ -1,7 +1,7 @@
 """`recal check`: what a run holds, what is wrong with it and where."""
 
 from recal.cli.console import say
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.check", "check")

@@ -8,8 +8,8 @@ import typer
 
 from ins.user_input import one_line
 from recal.cli.console import Command, Shown, finish, login_name
-from recal.cli.terminal.options import SEED, folder_option
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.shared import SEED_OPTION, folder_option
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.fleet.document_records import FleetDocument
@@ -122,7 +122,7 @@ def update(
 
 
 @app.command(cls=Command)
-@made_from("recal.service.priors.learn", "LearnRequest", folder_option(LEARN_FOLDER), SEED)
+@made_from("recal.service.priors.learn", "LearnRequest", folder_option(LEARN_FOLDER), SEED_OPTION)
 def learn(
     shown,
     /,

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from recal.cli.parameters.verbs import made_from
 from recal.cli.terminal.help import INPUT
-from recal.cli.terminal.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.misalignment import KnownAzimuths

@@ -5,11 +5,11 @@ be seen.
 from collections.abc import Sequence
 from pathlib import Path
 
-from recal.cli.terminal.options import SEED
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.shared import SEED_OPTION
+from recal.cli.parameters.verbs import made_from
 
 
-@made_from("recal.service.plan", "PlanRequest", SEED, twin="FILE", separate="A,B")
+@made_from("recal.service.plan", "PlanRequest", SEED_OPTION, twin="FILE", separate="A,B")
 def command(
     shown,
     runs: Sequence[Path] = (),

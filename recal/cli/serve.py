@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recal.cli.console import say
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     import socket

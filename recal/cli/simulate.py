@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from(

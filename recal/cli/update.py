@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from recal.cli.console import DEFAULT_STORE, login_name
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.update", "UpdateRequest", retry="[N]")

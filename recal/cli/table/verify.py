@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recal.cli.console import finish, say
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.tables import VerifyDocument

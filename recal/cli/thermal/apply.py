@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.thermal", "take_out", part="all|rates")

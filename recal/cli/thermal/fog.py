@@ -5,7 +5,7 @@ ramps.
 from collections.abc import Sequence
 from pathlib import Path
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.thermal", "FogRequest", fast="RUN...", slow="RUN...", check="RUN...")

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import Command
+from recal.cli.parameters.verbs import made_from
 from recal.cli.terminal.help import METHOD
-from recal.cli.terminal.verbs import made_from
 
 app = typer.Typer(
     rich_markup_mode=None,
