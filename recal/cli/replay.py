@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from recal.service.replay import Aided
 
 REPLAY_STEPS = 5  # reading, two tables, satellite fixes, the report
-NO_WHEELS = "other"  # vehicle without wheels
+ANY_VEHICLE = "other"  # nothing is known of its wheels
 
 
 @made_from("recal.service.replay", "Aided", outage="START:LENGTH")
@@ -26,7 +26,7 @@ def command(
     outage: Sequence[str] = (),
     *,
     smooth,
-    vehicle: str = NO_WHEELS,
+    vehicle: str = ANY_VEHICLE,
     kml: bool = False,
     csv: bool = False,
     output,
@@ -80,7 +80,7 @@ def _asked(outages: Sequence[str], *, aided: bool, smooth: bool, vehicle: str) -
     from ins.records import InputError
     from recal.service.replay import Aided
 
-    options = {"--outage": bool(outages), "--smooth": smooth, "--vehicle": vehicle != NO_WHEELS}
+    options = {"--outage": bool(outages), "--smooth": smooth, "--vehicle": vehicle != ANY_VEHICLE}
     given = [name for name, asked in options.items() if asked]
     if not given:
         return aided

@@ -36,7 +36,7 @@ from recal.cli.parameters.shared import AT_THE_END, SHARED, by_name
 TYPE_OF: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool}
 TYPE_OF |= dict.fromkeys(("AnyPath", "AnyRun", "AnyTable", "AnyTwin", "Path"), Path)
 SEVERAL = re.compile(r"(?:Sequence|list)\[(?:\w+\.)*(\w+)\]")
-LISTED = re.compile(r"\{(.+)\}")  # of numpydoc: {'rlg', 'fog'}
+ONE_OF = re.compile(r"\{(.+)\}")  # of numpydoc: {'rlg', 'fog'}
 WITHIN = re.compile(r"in \[(\S*), (\S*)\]")  # an end that is left out is no limit
 SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-{3,}$|\Z)", re.DOTALL | re.MULTILINE)
 SAYS_DEFAULT = re.compile(r"\b(Default|Needed)\b")
@@ -161,7 +161,7 @@ def declared(
         raise TypeError(f"neither the verb nor the command says what {name} is")
     kind, several = _kind_of(said.hint)
     default = said.default
-    choices = LISTED.search(said.kind)
+    choices = ONE_OF.search(said.kind)
     if choices:
         kind = _choice(name, choices[1])
         default = kind(default) if isinstance(default, str) else default
