@@ -241,12 +241,10 @@ def _fields(node: ast.FunctionDef | ast.ClassDef) -> list[Field]:
 
 def _value(node: ast.expr | None) -> Any:
     """A default that is written as a plain value; of another one the command has to say it."""
-    if node is None:
-        return NOT_SAID
-    try:
-        return ast.literal_eval(node)
-    except ValueError:
-        return NOT_SAID
+    if isinstance(node, ast.Constant):
+        return node.value
+    is_empty = isinstance(node, ast.Tuple) and not node.elts
+    return () if is_empty else NOT_SAID
 
 
 def documented(text: str) -> dict[str, tuple[str, str]]:
