@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from recal.cli.console import finish
+from recal.cli.console import Shown, finish
 from recal.cli.parameters.shared import SEED_OPTION
 from recal.cli.parameters.verbs import made_from
 
@@ -11,7 +11,7 @@ DEMO_STEPS = 4  # three sessions, one update
 
 
 @made_from("recal.service.demo", "demo", SEED_OPTION)
-def command(shown, /, output, force, *, rate_hz: float = 50.0, seed=DEFAULT_SEED) -> None:
+def command(shown: Shown, /, output, force, *, rate_hz: float = 50.0, seed=DEFAULT_SEED) -> None:
     """Simulate three sessions of one aged unit, recalibrate its table from them, and report.
 
     Example: recal demo -o recal-demo

@@ -5,13 +5,22 @@ be seen.
 from collections.abc import Sequence
 from pathlib import Path
 
+from recal.cli.console import Shown
 from recal.cli.parameters.shared import SEED_OPTION
 from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.plan", "PlanRequest", SEED_OPTION, twin="FILE", separate="A,B")
 def command(
-    shown, runs: Sequence[Path] = (), /, twin: Path | None = None, *, output, force, seed=0, **asked
+    shown: Shown,
+    runs: Sequence[Path] = (),
+    /,
+    twin: Path | None = None,
+    *,
+    output,
+    force,
+    seed=0,
+    **asked,
 ) -> None:
     """Say which recordings would separate rival effects, and from which size on each effect is seen
     and told from its rival.

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from recal.cli.console import Shown
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ ANY_VEHICLE = "other"  # nothing is known of its wheels
 
 @made_from("recal.service.replay", "Aided", outage="START:LENGTH")
 def command(
-    shown,
+    shown: Shown,
     run: Path,
     /,
     store,

@@ -5,12 +5,13 @@ ramps.
 from collections.abc import Sequence
 from pathlib import Path
 
+from recal.cli.console import Shown
 from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.thermal", "FogRequest", fast="RUN...", slow="RUN...", check="RUN...")
 def command(
-    shown,
+    shown: Shown,
     /,
     fast: list[Path],
     slow: Sequence[Path] = (),
