@@ -94,6 +94,7 @@ class Visit:
             "locked": self.site.door.locked,
             "has_reports": self.site.reports.given,
             "address": views.address,
+            "looks": views.STATE_LOOKS,
         }
         text = _environment().get_template(template).render(**shared, **context)
         headers = {"x-frame-options": "DENY", "content-security-policy": _policy()}
