@@ -48,6 +48,8 @@ def build_app(settings: ServeSettings) -> FastAPI:
 
 
 async def _of_http(request: Request, error: HTTPException) -> Response:
+    if error.headers and "location" in error.headers:
+        return Visit(request).go_to(error.headers["location"])
     answer = Visit(request).fault(error.status_code, OWN_LINES.get(error.detail, error.detail))
     answer.headers.update(error.headers or {})
     return answer

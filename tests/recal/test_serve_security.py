@@ -130,6 +130,9 @@ def test_no_page_and_no_form_is_served_under_another_name(site, visitor):
     evil = {"host": "evil.example"}
     for path in (*PRIVATE, "/signin", "/login?ticket=x"):
         assert visitor.get(path, headers=evil).status_code == 421, path
+    # whose cookie a foreign name brings along is not told, nor the token of the forms
+    for answer in (visitor.get("/nothing", headers=evil), visitor.put("/", headers=evil)):
+        assert answer.status_code in (404, 405) and "form_token" not in answer.text
     for path in FORMS:
         answer = visitor.submit(path, headers={**evil, "origin": "http://evil.example"}, **form)
         assert answer.status_code == 421 and "SN-1" not in answer.text, path
