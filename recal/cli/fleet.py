@@ -31,7 +31,7 @@ from recal.cli.console import (
 from recal.cli.terminal.help import ADVANCED, OUTPUT
 
 if TYPE_CHECKING:
-    from recal.fleet.document_records import FleetDocument
+    from recal.fleet.document_records import FleetReport
     from recal.fleet.records import RunOutcome
 
 TECHNOLOGIES = ("rlg", "fog", "mems")
@@ -393,7 +393,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def summary(document: "FleetDocument", *, verbose: bool = False) -> list[str]:
+def summary(document: "FleetReport", *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
     # a refused run may be of a unit that has no result, a broken one of none
     units = len({run.imu_serial for run in document.runs if run.imu_serial})

@@ -20,7 +20,7 @@ from recal.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from recal.service.tables import VerifyDocument
+    from recal.service.tables import VerifyReport
 
 HEAD_DIGITS = 16  # printed; enough to find it again
 
@@ -65,7 +65,7 @@ def command(
     finish(result.verdict)
 
 
-def lines(result: VerifyDocument) -> list[str]:
+def lines(result: VerifyReport) -> list[str]:
     """A line for each unit, and for each fault that belongs to none."""
     said = [f"{result.store}: BROKEN: {fault}" for fault in result.faults]
     for name, unit in zip(result.revisions, result.units):

@@ -14,7 +14,7 @@ from infield.session.acceptance import MIN_MERGED_REST_S
 from infield.session.parked.stretches import find_rests
 from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
-from recal.service.look.records import AssumedDocument, Fit, Use, UseDocument
+from recal.service.look.records import Assumption, Fit, LogUse, Use
 from simreal.report.twin_document import FitReport
 
 # of one gyro over the rest: 1 degC of a usual table, 0.001 deg/h per degC, is a third of what
@@ -104,16 +104,13 @@ class Judged:
         return 0.0 if self.fitted is None else self.fitted.parked_s
 
 
-def uses_of(judged: Judged) -> tuple[UseDocument, ...]:
+def uses_of(judged: Judged) -> tuple[LogUse, ...]:
     """Every use, in the order in which a newcomer goes through them."""
     return (_alignment(judged), _noise(judged), _table(judged), _replay(judged), _diagnosis(judged))
 
 
 def convert_command(
-    log: str,
-    run_path: str,
-    assumed: Sequence[AssumedDocument],
-    given: Mapping[str, str | float | None],
+    log: str, run_path: str, assumed: Sequence[Assumption], given: Mapping[str, str | float | None]
 ) -> str:
     """The command that makes the run for good: options that were given, then those taken for
     granted; what was guessed with a sigma is for the user to say.
@@ -135,8 +132,8 @@ def _text(value: str | float) -> str:
 
 def _use(
     use: Use, fit: Fit, code: UseReason, words: Sequence[str] = (), **values: float | str
-) -> UseDocument:
-    return UseDocument(
+) -> LogUse:
+    return LogUse(
         use=use,
         fit=fit,
         why=USE_WORDS[code].format(**values),
@@ -149,7 +146,7 @@ def _first_reason(aligned: AlignmentDocument) -> str:
     return str(aligned.reasons[0]) if aligned.reasons else "the rest says too little"
 
 
-def _alignment(judged: Judged) -> UseDocument:
+def _alignment(judged: Judged) -> LogUse:
     aligned, words = judged.aligned, ("recal", "align", judged.run_path)
     why = _first_reason(aligned)
     if aligned.verdict is AlignmentVerdict.ALIGNED:
@@ -160,7 +157,7 @@ def _alignment(judged: Judged) -> UseDocument:
     return _use(Use.ALIGNMENT, Fit.NO, UseReason.NOT_ALIGNED, why=why)
 
 
-def _noise(judged: Judged) -> UseDocument:
+def _noise(judged: Judged) -> LogUse:
     if judged.fitted is None:
         return _use(Use.NOISE, Fit.NO, UseReason.NO_REST)
     parameters = judged.fitted.parameters
@@ -176,7 +173,7 @@ def _noise(judged: Judged) -> UseDocument:
     )
 
 
-def _table(judged: Judged) -> UseDocument:
+def _table(judged: Judged) -> LogUse:
     run = judged.run
     if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
         return _use(Use.TABLE, Fit.NO, UseReason.NO_TEMPERATURE)
@@ -207,7 +204,7 @@ def _still_s(aligned: AlignmentDocument) -> float:
     return parked_s * aligned.used_percent / 100.0
 
 
-def _replay(judged: Judged) -> UseDocument:
+def _replay(judged: Judged) -> LogUse:
     words = ("recal", "replay", judged.run_path)
     gnss = judged.run.gnss
     if gnss is not None and gnss.time_s.size >= FEWEST_FIXES:
@@ -217,7 +214,7 @@ def _replay(judged: Judged) -> UseDocument:
     return _use(Use.REPLAY, Fit.NO, UseReason.NO_START)
 
 
-def _diagnosis(judged: Judged) -> UseDocument:
+def _diagnosis(judged: Judged) -> LogUse:
     if judged.fitted is None:
         return _use(Use.DIAGNOSIS, Fit.NO, UseReason.NO_REST)
     run = judged.run_path
