@@ -154,7 +154,6 @@ def update(
         raise typer.BadParameter(
             "--workers are processes here, --cluster has workers of its own: give one of them"
         )
-    from ins.documents import plain
     from recal.fleet.update import FleetRequest, update_fleet
     from recal.service.inputs.config import read_config
 
@@ -185,7 +184,7 @@ def update(
             )
             raise
     answer(
-        plain(document),
+        document,
         summary(document, verbose=verbose),
         as_json=as_json,
         quiet=quiet,
