@@ -65,6 +65,16 @@ class AsRead:
         return core_schema.any_schema()
 
 
+@dataclass(frozen=True)
+class NullStands:
+    """Mark of a field of `Annotated[SomeRecord | Null | None, NullStands()]`: `from_json` reads a
+    null in the file as `Null.NULL`.
+    """
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return handler(source)["schema"]  # what None was an alternative to
+
+
 def to_json(record: Any) -> str:
     """The text of a result, as files and standard output have it.
 
