@@ -68,8 +68,9 @@ class AsRead:
 
 @dataclass(frozen=True)
 class NullStands:
-    """Mark of a field of `Annotated[SomeRecord | Null | None, NullStands()]`: `from_json` reads a
-    null in the file as `Null.NULL`.
+    """Mark of a field in `Annotated`: `from_json` reads a null in the file as `Null.NULL`.
+
+    The field's type is a record, `Null` or None.
     """
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
