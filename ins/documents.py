@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 # Metadata of a record's field: left out of the JSON where it is None; never in it (what a page is
-# drawn from); the keys of its record in the place of its own.
+# drawn from); the keys of its record in the place of its own, which `from_json` cannot read.
 OMIT_NONE = {"omit_none": True}
 UNWRITTEN = {"unwritten": True}
 INLINE = {"inline": True}
+NO_SCHEMA = ("default", "metadata", "serialization")  # of a schema's keys
 TRIED = "str"  # place of a kind that was tried, which `ins.json_file` leaves out of the key
 
 
@@ -63,6 +64,17 @@ class AsRead:
         from pydantic_core import core_schema
 
         return core_schema.any_schema()
+
+
+@dataclass(frozen=True)
+class NullStands:
+    """Mark of a field in `Annotated`: `from_json` reads a null in the file as `Null.NULL`.
+
+    The field's type is a record, `Null` or None.
+    """
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return handler(source)["schema"]  # what None was an alternative to
 
 
 def to_json(record: Any) -> str:
@@ -221,7 +233,8 @@ def _as_written(schema: Any) -> Any:
         return type(schema)(_as_written(part) for part in schema)
     if not isinstance(schema, dict):
         return schema
-    changed = {key: _as_written(part) for key, part in schema.items() if key != "metadata"}
+    changed = {key: _as_written(part) for key, part in schema.items() if key not in NO_SCHEMA}
+    changed |= {key: schema[key] for key in schema.keys() & {"default"}}
     if "json_schema" in changed and changed["json_schema"].get("type") == "list":
         items = [changed["json_schema"].get("items_schema", {"type": "any"})]
         return {"type": "tuple", "items_schema": items, "variadic_item_index": 0}

@@ -10,7 +10,7 @@ or a report (`heads_missing`, `report_faults`). Nothing is written.
 import itertools
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -43,6 +43,7 @@ from infield.store.schema import (
     unit,
 )
 from infield.table.file import table_from_dict
+from ins.documents import INLINE
 from ins.json_file import JsonObject
 from ins.records import InputError
 from ins.twin_file import twin_from_dict
@@ -56,7 +57,7 @@ LEAST_HEAD = 12  # digits of a head that a person types; 12 hexadecimal ones are
 class UnitCheck:
     """One unit: how many revisions, the record hash of the newest, what is broken."""
 
-    unit: UnitKey
+    unit: UnitKey = field(metadata=INLINE)
     revisions: int
     head_sha256: str | None
     faults: tuple[str, ...]

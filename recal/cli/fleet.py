@@ -12,7 +12,7 @@ from recal.cli.parameters.shared import SEED_OPTION, folder_option
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
-    from recal.fleet.document_records import FleetDocument
+    from recal.fleet.document_records import FleetReport
     from recal.fleet.records import RunOutcome
 
 TECHNOLOGIES = ("rlg", "fog", "mems")
@@ -89,7 +89,6 @@ def update(
         raise typer.BadParameter(
             "--workers are processes here, --cluster has workers of its own: give one of them"
         )
-    from ins.documents import plain
     from recal.fleet.update import FleetRequest, update_fleet
     from recal.service.inputs.config import read_config
 
@@ -117,7 +116,7 @@ def update(
             shown.say(f"stopped after {bar.done} of {bar.total} runs; the same command goes on")
             raise
     lines = summary(document, verbose=shown.verbose)
-    shown.answer(plain(document), lines, request.output / "fleet.html")
+    shown.answer(document, lines, request.output / "fleet.html")
     finish(document.verdict)
 
 
@@ -255,7 +254,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def summary(document: "FleetDocument", *, verbose: bool = False) -> list[str]:
+def summary(document: "FleetReport", *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
     # a refused run may be of a unit that has no result, a broken one of none
     units = len({run.imu_serial for run in document.runs if run.imu_serial})

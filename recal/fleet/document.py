@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recal.fleet.document_records import (
+    CallTiming,
     Example,
     FleetBand,
-    FleetDocument,
+    FleetReport,
     FleetTiming,
     LeftOutGroup,
     NoteGroup,
@@ -25,7 +26,6 @@ from recal.fleet.document_records import (
     StaleRow,
     StepDrift,
     TableFacts,
-    TimingDocument,
     UnitReport,
     UnitRow,
 )
@@ -40,7 +40,7 @@ from recal.fleet.records import (
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.service.priors.forecast import most_urgent
-from recal.service.priors.forecast_records import ForecastDocument
+from recal.service.priors.forecast_records import ForecastReport
 from recal.service.results.files import program_version
 from recal.service.results.pages import NM_H_PER_DEG_H, BiasStep, MethodDocument
 from recal.service.store import TableStore, UnitKey, holds_store, store_name
@@ -75,7 +75,7 @@ class Timing:
         self._ends_s.append((datetime.now(UTC) - self._began).total_seconds())
         self._spent.append((outcome.seconds, outcome.cpu_s))
 
-    def document(self, seconds: float) -> TimingDocument:
+    def document(self, seconds: float) -> CallTiming:
         n = len(self._ends_s)
         rows = (
             np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int))
@@ -83,7 +83,7 @@ class Timing:
             else np.arange(0)
         )
         wall, cpu = np.array(self._spent).reshape(-1, 2).T
-        return TimingDocument(
+        return CallTiming(
             began_utc=self._began.strftime("%Y-%m-%dT%H:%M:%SZ"),
             seconds=round(seconds, 2),
             runs=n,
@@ -109,7 +109,7 @@ def fleet_document(
     outcomes: Sequence[RunOutcome],
     summaries: Mapping[UnitKey, UnitReport],
     timing: FleetTiming,
-) -> FleetDocument:
+) -> FleetReport:
     """outcomes: of all runs; summaries: of the units that have some; both of this call and those
     that it goes on from.
     """
@@ -122,7 +122,7 @@ def fleet_document(
     ]
     ranks = count(1)
     units.sort(key=lambda u: -u.ranked_nm_h)
-    return FleetDocument(
+    return FleetReport(
         verdict=fleet_verdict(counts),
         reasons=[
             f"{counts[name]} {name}: {meaning}"
@@ -169,7 +169,7 @@ def _tables(store_url: str, now: datetime) -> dict[UnitKey, TableFacts]:
         return {record.unit: table_facts(store, record, now) for record in store.units()}
 
 
-def _forecast(store_url: str) -> ForecastDocument | None:
+def _forecast(store_url: str) -> ForecastReport | None:
     """When the units of the store, as this call left it, need their next session."""
     if not holds_store(store_url):
         return None

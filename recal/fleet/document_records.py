@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from ins.documents import OMIT_NONE
 from recal.fleet.records import FleetOutcome, FleetVerdict
-from recal.service.priors.forecast_records import ForecastDocument
+from recal.service.priors.forecast_records import ForecastReport
 from recal.service.results.pages import BiasStep, MethodDocument
 
 
@@ -172,7 +172,7 @@ class Spread:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimingDocument:
+class CallTiming:
     """What a call cost; curve: seconds since it began, runs through by then."""
 
     began_utc: str
@@ -195,11 +195,11 @@ class EarlierCall:
 
     utc: str
     heads: Mapping[str, int]
-    timing: TimingDocument | None = field(default=None, metadata=OMIT_NONE)
+    timing: CallTiming | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FleetTiming(TimingDocument):
+class FleetTiming(CallTiming):
     """The same with the calls that this one goes on from."""
 
     earlier_calls: Sequence[EarlierCall]
@@ -229,7 +229,7 @@ class RunRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FleetDocument:
+class FleetReport:
     """The whole file."""
 
     schema: str = "recal.fleet/1"
@@ -248,4 +248,4 @@ class FleetDocument:
     criteria: Criteria
     timing: FleetTiming
     runs: Sequence[RunRow]
-    forecast: ForecastDocument | None = field(default=None, metadata=OMIT_NONE)
+    forecast: ForecastReport | None = field(default=None, metadata=OMIT_NONE)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from recal.fleet.document_records import FleetDocument, TemperatureBand, TimingDocument
+from recal.fleet.document_records import CallTiming, FleetReport, TemperatureBand
 from recal.fleet.records import OUTCOMES, FleetOutcome
 from recal.service.results.pages import (
     BLUE,
@@ -44,7 +44,7 @@ FEW_LABELS = 6  # along the axis of a count
 STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 
 
-def ranking_drawing(document: FleetDocument) -> Markup | None:
+def ranking_drawing(document: FleetReport) -> Markup | None:
     """Predicted drift of every unit, the largest first, with what the new table leaves (1
     sigma).
     """
@@ -86,7 +86,7 @@ def ranking_drawing(document: FleetDocument) -> Markup | None:
     return chart([panel], label, height=3.2)
 
 
-def coverage_drawing(document: FleetDocument) -> Markup | None:
+def coverage_drawing(document: FleetReport) -> Markup | None:
     """How many units were seen in each band of temperature."""
     bands = document.coverage
     if not bands:
@@ -104,7 +104,7 @@ def coverage_drawing(document: FleetDocument) -> Markup | None:
     return chart([panel], label, width=PANEL_WIDTH, height=2.7)
 
 
-def tables_drawing(document: FleetDocument) -> Markup | None:
+def tables_drawing(document: FleetReport) -> Markup | None:
     """Age and sigma of the tables in the store."""
     tables = [u.table for u in document.units if u.table]
     if not tables:
@@ -132,7 +132,7 @@ def tables_drawing(document: FleetDocument) -> Markup | None:
     return chart([panel], label, width=PANEL_WIDTH, height=2.9)
 
 
-def progress_drawing(timing: TimingDocument) -> Markup | None:
+def progress_drawing(timing: CallTiming) -> Markup | None:
     """Runs through against time, of this call."""
     curve = timing.curve
     if len(curve) < 2:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from recal.fleet import figures
-from recal.fleet.document_records import FleetDocument, StaleRow, UnitRow
+from recal.fleet.document_records import FleetReport, StaleRow, UnitRow
 from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
 from recal.service.priors.forecast_page import (
     closer_drawing,
@@ -72,7 +72,7 @@ class UnitView:
     strip: Markup | None
 
 
-def fleet_html(document: FleetDocument) -> str:
+def fleet_html(document: FleetReport) -> str:
     """The page of a document made by `fleet_document`."""
     units = [UnitView(u, _name(u), figures.coverage_strip(u.coverage)) for u in document.units]
     ranked = [view for view in units if view.row.drift]

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 
 from ins.documents import to_json
 from recal.fleet.document import Timing, fleet_document
-from recal.fleet.document_records import FleetDocument, FleetTiming, TimingDocument, UnitReport
+from recal.fleet.document_records import CallTiming, FleetReport, FleetTiming, UnitReport
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
@@ -57,7 +57,7 @@ class Watcher:
     told: Callable[[RunOutcome], None] = lambda outcome: None
 
 
-def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> FleetDocument:
+def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> FleetReport:
     """Update every unit from its runs; writes fleet.json and fleet.html and returns the document
     (recal.fleet/1).
     """
@@ -262,8 +262,8 @@ def _document(
     journal: Journal,
     units: dict[UnitKey, tuple[PlannedRun, ...]],
     set_aside: Sequence[RunOutcome],
-    timing: TimingDocument,
-) -> FleetDocument:
+    timing: CallTiming,
+) -> FleetReport:
     outcomes = [*(journal.runs[run.path] for runs in units.values() for run in runs), *set_aside]
     summaries = {key: journal.units.get(unit_folder(key), UnitReport()) for key in units}
     return fleet_document(

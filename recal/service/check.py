@@ -61,7 +61,7 @@ class TemperatureHeld(Held):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BesideDocument:
+class StreamsHeld:
     """The streams beside the IMU's."""
 
     temperature: TemperatureHeld | None = None
@@ -70,7 +70,7 @@ class BesideDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RestDocument:
+class RestHeld:
     """Means over the quiet start, beside what the site should give; w_down: about the vertical."""
 
     start_s: float
@@ -85,18 +85,18 @@ class RestDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HoldsDocument:
+class RunHolds:
     """What a run holds; beside: None where there is no run directory."""
 
     imu: ImuHeld | None
-    beside: BesideDocument | None = field(metadata=INLINE)
+    beside: StreamsHeld | None = field(metadata=INLINE)
     phases: Sequence[PhaseDocument]
-    at_rest: RestDocument | None
+    at_rest: RestHeld | None
     reference: Held | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckDocument:
+class CheckReport:
     """What `recal check --json` prints."""
 
     schema: str = "recal.check/1"
@@ -105,13 +105,13 @@ class CheckDocument:
     run_id: str | None
     imu_serial: str | None
     sha256: str | None
-    holds: HoldsDocument
+    holds: RunHolds
     problems: Sequence[Finding]
     repaired: Sequence[SpanDocument]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Check(Result[CheckDocument]):
+class Check(Result[CheckReport]):
     """What `check` found; `problems` by their level, the worst first.
 
     Parameters
@@ -185,9 +185,9 @@ def check(
 
 def _document(
     path: Path, seen: Inspection, reference: ReferenceLog | None, problems: list[Finding]
-) -> CheckDocument:
+) -> CheckReport:
     """What `--json` prints."""
-    return CheckDocument(
+    return CheckReport(
         run=str(path),
         verdict=_verdict(problems),
         run_id=seen.header.run_id if seen.header else None,
@@ -205,10 +205,10 @@ def _verdict(problems: list[Finding]) -> CheckVerdict:
     return CheckVerdict.WARNINGS if problems else CheckVerdict.OK
 
 
-def _holds(seen: Inspection, reference: ReferenceLog | None) -> HoldsDocument:
+def _holds(seen: Inspection, reference: ReferenceLog | None) -> RunHolds:
     streams = seen.streams
     phases = () if streams is None else streams.phases or ()
-    return HoldsDocument(
+    return RunHolds(
         imu=None if streams is None or streams.imu is None else _imu(streams.imu),
         beside=None if streams is None else _beside(streams),
         phases=[PhaseDocument(phase=p.phase, start_s=p.start_s, end_s=p.end_s) for p in phases],
@@ -217,14 +217,14 @@ def _holds(seen: Inspection, reference: ReferenceLog | None) -> HoldsDocument:
     )
 
 
-def _beside(streams: RunStreams) -> BesideDocument:
+def _beside(streams: RunStreams) -> StreamsHeld:
     """The streams beside the IMU's."""
     temperature, gnss, odometer = streams.temperature, streams.gnss, streams.odometer
     warmth = None
     if temperature is not None:
         times = vars(_times(temperature.time_s))
         warmth = TemperatureHeld(**times, range_degC=_ranges(temperature))
-    return BesideDocument(
+    return StreamsHeld(
         temperature=warmth,
         gnss=None if gnss is None else _times(gnss.time_s),
         odometer=None if odometer is None else _times(odometer.time_s),
@@ -260,13 +260,13 @@ def _ranges(temperature: TemperatureLog) -> dict[str, tuple[float, float]]:
     }
 
 
-def _at_rest(seen: Inspection) -> RestDocument | None:
+def _at_rest(seen: Inspection) -> RestHeld | None:
     """Means over the quiet start, beside what gravity and Earth rate should give at the site."""
     quiet = seen.quiet
     if quiet is None or seen.header is None:
         return None
     w = quiet.w_rad_s / DEG_PER_HOUR
-    return RestDocument(
+    return RestHeld(
         start_s=quiet.start_s,
         end_s=quiet.end_s,
         mean_f_m_s2=quiet.f_m_s2,
@@ -279,7 +279,7 @@ def _at_rest(seen: Inspection) -> RestDocument | None:
     )
 
 
-def report_lines(result: CheckDocument) -> list[str]:
+def report_lines(result: CheckReport) -> list[str]:
     """The result for people: what the run holds, then one line for each problem."""
     lines = _held_lines(result.holds)
     lines += [f"{p.level}: {p.text}" for p in result.problems]
@@ -287,14 +287,14 @@ def report_lines(result: CheckDocument) -> list[str]:
     return [*lines, f"{result.run}: {result.verdict.replace('_', ' ')}"]
 
 
-def error_lines(result: CheckDocument) -> list[str]:
+def error_lines(result: CheckReport) -> list[str]:
     """What keeps the run from being used, a line each."""
     return [f"{p.level}: {p.text}" for p in result.problems if p.level != "warning"]
 
 
-def _held_lines(holds: HoldsDocument) -> list[str]:
+def _held_lines(holds: RunHolds) -> list[str]:
     lines = []
-    beside = holds.beside or BesideDocument()
+    beside = holds.beside or StreamsHeld()
     if imu := holds.imu:
         lines.append(
             f"{_held_line('imu', imu)}, {imu.rate_hz:.4g} Hz {imu.source}, jitter {imu.jitter:.1%}"
@@ -319,7 +319,7 @@ def _held_lines(holds: HoldsDocument) -> list[str]:
     return lines
 
 
-def _where(rest: RestDocument) -> str:
+def _where(rest: RestHeld) -> str:
     """At rest, or how fast."""
     return "at rest" if rest.speed_m_s is None else f"in steady motion at {rest.speed_m_s:.1f} m/s,"
 

@@ -24,7 +24,7 @@ SHORTEST_SPLIT_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConvertDocument:
+class ConvertReport:
     """What `recal convert --json` prints; run: where it was written."""
 
     schema: str = "recal.convert/1"
@@ -43,7 +43,7 @@ class ConvertDocument:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Converted(Result[ConvertDocument]):
+class Converted(Result[ConvertReport]):
     """A run made from a log, and all that was dropped or repaired.
 
     Parameters
@@ -147,7 +147,7 @@ def map_errors(map_file: AnyPath | None) -> Iterator[None]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOutDocument:
+class StretchLeftOut:
     """A stretch of a log that became no run, and why; times by the log's own clock."""
 
     from_s: float
@@ -156,16 +156,16 @@ class LeftOutDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplitDocument:
+class SplitReport:
     """What `recal convert --split --json` prints."""
 
     schema: str = "recal.convert_split/1"
-    runs: Sequence[ConvertDocument]
-    left_out: Sequence[LeftOutDocument]
+    runs: Sequence[ConvertReport]
+    left_out: Sequence[StretchLeftOut]
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Split(Result[SplitDocument]):
+class Split(Result[SplitReport]):
     """The runs of a log with gaps.
 
     Parameters
@@ -230,19 +230,19 @@ def split(
         )
 
     try:
-        parts, left = [made(1, {})], list[LeftOutDocument]()
+        parts, left = [made(1, {})], list[StretchLeftOut]()
     except LogGapError as gaps:
         parts, left = _each(gaps, made)
-    document = SplitDocument(runs=[part.record for part in parts], left_out=left)
+    document = SplitReport(runs=[part.record for part in parts], left_out=left)
     return Split(document, parts=tuple(parts))
 
 
 def _each(
     gaps: LogGapError, made: Callable[[int, Mapping[str, float]], Converted]
-) -> tuple[list[Converted], list[LeftOutDocument]]:
+) -> tuple[list[Converted], list[StretchLeftOut]]:
     """A run of each stretch that can be one, and the stretches that became none."""
     parts: list[Converted] = []
-    left: list[LeftOutDocument] = []
+    left: list[StretchLeftOut] = []
     for from_s, to_s in gaps.stretches:
         why = f"{to_s - from_s:.1f} s, needed {SHORTEST_SPLIT_S:g} s"
         if to_s - from_s >= SHORTEST_SPLIT_S:
@@ -251,7 +251,7 @@ def _each(
                 continue
             except InputError as error:
                 why = str(error)
-        left.append(LeftOutDocument(from_s=from_s, to_s=to_s, why=why))
+        left.append(StretchLeftOut(from_s=from_s, to_s=to_s, why=why))
     if not parts:
         longest = max(left, key=lambda s: s.to_s - s.from_s)
         raise InputError(
@@ -277,10 +277,10 @@ def with_gnss_file(options: JsonObject, gnss: Path) -> JsonObject:
     return {**options, "gnss": {**keys, "file": file} if isinstance(keys, dict) else keys}
 
 
-def summary(conversion: Conversion, output: AnyPath | None) -> ConvertDocument:
+def summary(conversion: Conversion, output: AnyPath | None) -> ConvertReport:
     """The result `recal.convert/1`."""
     run, record = conversion.run, conversion.record
-    return ConvertDocument(
+    return ConvertReport(
         run=None if output is None else str(output),
         run_id=run.header.run_id,
         sha256=run.sha256,
@@ -299,7 +299,7 @@ def summary(conversion: Conversion, output: AnyPath | None) -> ConvertDocument:
     )
 
 
-def report_lines(result: ConvertDocument) -> list[str]:
+def report_lines(result: ConvertReport) -> list[str]:
     """The result for people."""
     lines = [f"note: {note}" for note in result.notes]
     lines += [f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired]

@@ -38,7 +38,7 @@ class TableErrors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoDocument:
+class DemoReport:
     """What `--json` prints and demo.json holds."""
 
     schema: str = "recal.demo/1"
@@ -51,7 +51,7 @@ class DemoDocument:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Demonstrated(Result[DemoDocument]):
+class Demonstrated(Result[DemoReport]):
     """An update of a simulated unit, and its error before and after.
 
     Parameters
@@ -99,7 +99,7 @@ def demo(
         Told what is being done.
     """
     need_free_report(
-        output or Path("recal-demo"), "demo.json", DemoDocument.schema, DEMO_FILES, force=force
+        output or Path("recal-demo"), "demo.json", DemoReport.schema, DEMO_FILES, force=force
     )
     directory = output_directory(output, "demo")
     runs, unit = _simulate(directory, seed, rate_hz, told)
@@ -125,8 +125,8 @@ def _store_url(directory: Path) -> str:
 
 def _document(
     seed: int, runs: list[Path], directory: Path, unit: UnitTruth, result: Update
-) -> DemoDocument:
-    return DemoDocument(
+) -> DemoReport:
+    return DemoReport(
         seed=seed,
         runs=[str(run) for run in runs],
         store=_store_url(directory),

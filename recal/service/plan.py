@@ -3,7 +3,7 @@ seen.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -21,15 +21,14 @@ from simreal.plan.flights import check_technology, plan_flights
 from simreal.plan.pairs import CLASSICAL, read_pair
 from simreal.plan.recordings import candidates
 from simreal.plan.study import Listener, PlanSettings, study
-from simreal.report.plan_document import first_words, plan_document, summary, with_flights
+from simreal.report.plan_document import PlanReport, first_words, plan_document, summary
 from simreal.report.plan_page import plan_html
-from simreal.report.plan_records import PlanRecord
 
 DEFAULT_LAT_DEG = 45.0
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Planned(Result[PlanRecord]):
+class Planned(Result[PlanReport]):
     """Recordings that would separate rival effects."""
 
     def lines(self, *, verbose: bool = False) -> list[str]:
@@ -145,7 +144,7 @@ def plan(
     )
     if wanted.flights:
         promised = plan_flights(twin, beside.table, site, wanted.seed, told)
-        record = with_flights(record, promised)
+        record = replace(record, flights=promised)
     return Planned(record, page=lambda: plan_html(record))
 
 

@@ -37,7 +37,7 @@ EFFECTS_STREAM = 1  # of the seed: what effects draw
 
 
 @dataclass(frozen=True, kw_only=True)
-class TruthDocument:
+class TruthDeparture:
     """A truth file, and how far at most the run departs from its rows."""
 
     file: str
@@ -45,7 +45,7 @@ class TruthDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateDocument:
+class SimulateReport:
     """What `recal simulate --json` prints; run: where it was written; twin, table: what was
     given.
     """
@@ -61,11 +61,11 @@ class SimulateDocument:
     table: str | None
     environments: Sequence[Environment]
     phases: Sequence[Phase]
-    truth: TruthDocument | None
+    truth: TruthDeparture | None
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Simulation(Result[SimulateDocument]):
+class Simulation(Result[SimulateReport]):
     """A simulated session and what only a simulator knows.
 
     Parameters
@@ -203,7 +203,7 @@ def simulate(
     told("simulating the motion and the sensors")
     simulated, unit = _session(plan, seed, factory)
     header, imu = simulated.run.header, simulated.run.imu
-    document = SimulateDocument(
+    document = SimulateReport(
         run=None,
         run_id=header.run_id,
         imu_serial=header.imu_serial,
@@ -231,14 +231,14 @@ def scenarios() -> dict[str, str]:
     return {name: scenario_words(name) for name in packaged_scenarios()}
 
 
-def _truth(plan: Scenario) -> TruthDocument | None:
+def _truth(plan: Scenario) -> TruthDeparture | None:
     """The truth file and how far the run departs from its rows; None where the scenario has
     none.
     """
     if plan.profile is None:
         return None
     off = departure(scenario_truth(plan), plan.profile)
-    return TruthDocument(file=plan.profile.source, off=off)
+    return TruthDeparture(file=plan.profile.source, off=off)
 
 
 def _session(

@@ -101,7 +101,7 @@ class ExportVerdict(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportDocument:
+class ExportReport:
     """What `recal table export --json` prints of a cubic; output: None where it was refused."""
 
     schema: str = "recal.export/1"
@@ -113,7 +113,7 @@ class ExportDocument:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Exported(Result[ExportDocument]):
+class Exported(Result[ExportReport]):
     """A cubic that was written, or refused as too stiff.
 
     Parameters
@@ -151,7 +151,7 @@ def export_cubic_table(found: Revision, output: Path, request: CubicRequest) -> 
     refused = bool(made.too_stiff) and not request.force
     if not refused:
         _write(output, made.text(unit=str(found.unit), revision=found.number, sha256=found.sha256))
-    document = ExportDocument(
+    document = ExportReport(
         verdict=ExportVerdict.REFUSED if refused else ExportVerdict.EXPORTED,
         reasons=made.too_stiff,
         output=None if refused else str(output),

@@ -18,7 +18,7 @@ from infield.store.table_store import (
     TableStore,
     UnitKey,
 )
-from infield.store.verify import StoreCheck, StoreVerdict
+from infield.store.verify import StoreCheck, StoreVerdict, UnitCheck
 from ins.documents import INLINE, OMIT_NONE, to_json
 from ins.json_file import JsonObject, read_json_object
 from ins.records import InputError, TableDocument
@@ -186,17 +186,7 @@ def need(condition: object, otherwise: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnitVerified:
-    """What was found of a unit's rows."""
-
-    unit: UnitKey = field(metadata=INLINE)
-    revisions: int
-    head_sha256: str | None
-    faults: Sequence[str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class VerifyDocument:
+class VerifyReport:
     """`recal.verify/1`; faults: those of no unit; revisions: by unit."""
 
     schema: str = "recal.verify/1"
@@ -204,30 +194,26 @@ class VerifyDocument:
     verdict: StoreVerdict
     reasons: Sequence[str]
     faults: Sequence[str]
-    units: Sequence[UnitVerified]
+    units: Sequence[UnitCheck]
     revisions: Mapping[str, int]
 
 
-def verify(url: str, heads: Sequence[str], reports: Sequence[Path]) -> VerifyDocument:
+def verify(url: str, heads: Sequence[str], reports: Sequence[Path]) -> VerifyReport:
     """Whether everything in the store is as it was written."""
     given = {str(path): read_json_object(path) for path in reports}
     with TableStore.open(url) as opened:
         return check_document(opened.verify(heads, given), opened.name)
 
 
-def check_document(check: StoreCheck, store: str) -> VerifyDocument:
+def check_document(check: StoreCheck, store: str) -> VerifyReport:
     """The result; `faults` by unit, and those of no unit."""
-    units = [
-        UnitVerified(unit=u.unit, revisions=u.revisions, head_sha256=u.head_sha256, faults=u.faults)
-        for u in check.units
-    ]
     reasons = [f"{u.unit}: {fault}" for u in check.units for fault in u.faults]
-    return VerifyDocument(
+    return VerifyReport(
         store=store,
         verdict=check.verdict,
         reasons=[*check.faults, *reasons],
         faults=check.faults,
-        units=units,
+        units=check.units,
         revisions={str(u.unit): u.revisions for u in check.units},
     )
 
@@ -260,7 +246,7 @@ class ProposalFacts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DecisionDocument:
+class DecisionReport:
     """`recal.decision/1`; proposal: None, and codes, where the store refused it."""
 
     schema: str = "recal.decision/1"
@@ -276,7 +262,7 @@ def decide(
     unit: tuple[str | None, str | None, str | None],
     by: str,
     reason: str,
-) -> tuple[DecisionDocument, Proposal | None]:
+) -> tuple[DecisionReport, Proposal | None]:
     """The decision on a proposal, (its number, "approved" or "rejected"); None where the store
     refused it.
     """
@@ -285,11 +271,11 @@ def decide(
         try:
             decided = opened.decide(number, verdict, *unit, by=by, reason=reason)
         except StoreRefused as error:
-            refused = DecisionDocument(
+            refused = DecisionReport(
                 verdict=Outcome.REFUSED, reasons=[str(error)], reason_codes=[str(error.code)]
             )
             return refused, None
-    return DecisionDocument(verdict=verdict, proposal=about_proposal(decided)), decided
+    return DecisionReport(verdict=verdict, proposal=about_proposal(decided)), decided
 
 
 def proposed_document(full: FullProposal) -> JsonObject:

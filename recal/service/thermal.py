@@ -229,7 +229,7 @@ def fit_rlg(
 
 
 @dataclass(frozen=True, kw_only=True)
-class TakenOutDocument:
+class TakenOutReport:
     """What `recal thermal apply --json` prints; run: where it was written; share_inside: of the
     rows, inside the fitted temperatures.
     """
@@ -246,7 +246,7 @@ class TakenOutDocument:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class TakenOut(Result[TakenOutDocument]):
+class TakenOut(Result[TakenOutReport]):
     """A run without what a thermal model says of its gyros.
 
     Parameters
@@ -303,7 +303,7 @@ def take_out(
     told("writing the run")
     write_run(Path(output), left)
     assert read.temperature is not None
-    document = TakenOutDocument(
+    document = TakenOutReport(
         run=str(output),
         run_id=left.header.run_id,
         model=str(model),

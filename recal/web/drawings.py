@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ins.records import AXES
 from recal.service.inputs.records import ThermalTable
 from recal.service.priors.forecast_page import trend_drawing
-from recal.service.priors.forecast_records import ForecastDocument
+from recal.service.priors.forecast_records import ForecastReport
 from recal.service.results.pages import (
     DASHED,
     DOTTED,
@@ -114,7 +114,7 @@ class Drawings:
         )
         return panels
 
-    def trend(self, key: Hashable, document: ForecastDocument) -> Markup:
+    def trend(self, key: Hashable, document: ForecastReport) -> Markup:
         """The drift of the most urgent units against the limit."""
 
         def drawn() -> Markup:

@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from datetime import UTC, datetime
 
 from recal.service.priors.forecast import most_urgent
-from recal.service.priors.forecast_records import ForecastDocument
+from recal.service.priors.forecast_records import ForecastReport
 from recal.service.store import TableStore
 from recal.web.drawings import Once
 
@@ -17,14 +17,14 @@ class Forecasts:
     def __init__(self) -> None:
         self._made = Once(1)
 
-    def of(self, store: TableStore) -> tuple[Hashable, ForecastDocument]:
+    def of(self, store: TableStore) -> tuple[Hashable, ForecastReport]:
         """A key that changes with it, and the forecast."""
         key = _key_of(store)
         return key, self._made.of(key, lambda: most_urgent(store))
 
-    def at_hand(self, store: TableStore) -> ForecastDocument | None:
+    def at_hand(self, store: TableStore) -> ForecastReport | None:
         """The forecast where it is made already and still holds; making it takes seconds."""
-        found: ForecastDocument | None = self._made.at_hand(_key_of(store))
+        found: ForecastReport | None = self._made.at_hand(_key_of(store))
         return found
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import IntEnum, StrEnum
 
-from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
+from recal.service.priors.forecast_records import ForecastReport, UnitForecast
 from recal.service.store import UnitSummary
 
 OLD_DAYS = 365.0  # of a table; chosen: 1 year, a laboratory's usual interval (docs/serve.md)
@@ -74,7 +74,7 @@ class UnitHealth:
 
 
 def judged(
-    units: Sequence[UnitSummary], forecast: ForecastDocument | None, now: datetime
+    units: Sequence[UnitSummary], forecast: ForecastReport | None, now: datetime
 ) -> list[UnitHealth]:
     """The health of each unit."""
     limit = None if forecast is None else forecast.limit_nm_h

@@ -6,18 +6,19 @@ errors depends on the motion, the temperatures and the twin, hardly on the noise
 flight promises here is what an update of such a flight then states (`tests/simreal/test_flights`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from infield.session.one_run import take_run
-from infield.session.points import AxisObservability, observability
+from infield.session.points import observability
 from infield.session.results import SessionResult
 from infield.session.settings import FlightPriors, SessionSettings
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, InputError, Site, TwinModel
+from ins.verdicts import Observability
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,
@@ -138,32 +139,33 @@ class NodeSigma:
 
 
 @dataclass(frozen=True)
-class Promised:
-    """What a flight would bring: the session's means, the table's nodes, temperatures of its gyros
-    from and to [degC], hours from rest to rest.
+class GyroSigma:
+    """What a flight would show of a gyro: sigma of its mean over the session before and after."""
+
+    axis: str
+    verdict: Observability
+    sigma_before_deg_h: float
+    sigma_after_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PromisedFlight:
+    """A flight, and what an update of it would show; hours: from rest to rest; best_for: the gyros
+    that no other flight of the list shows better.
     """
 
-    flight: FlightPlan
+    flight: str
+    words: str
     hours: float
-    degC: tuple[float, float]
-    means: tuple[AxisObservability, ...]
+    from_degC: float
+    to_degC: float
+    best_for: tuple[str, ...] = ()
+    gyros: tuple[GyroSigma, ...]
     nodes: tuple[NodeSigma, ...]
 
     def sigma_deg_h(self, axis: str) -> float:
         """Of a gyro's mean over the session."""
-        return next(m.sigma_after_deg_h for m in self.means if m.axis == axis)
-
-
-@dataclass(frozen=True)
-class FlightStudy:
-    """All flights of the list, and for each gyro the one that shows it best."""
-
-    promised: tuple[Promised, ...]
-
-    def best(self, axis: str) -> Promised:
-        """The first flight whose sigma is the smallest but for FEWER_TURNS."""
-        least = min(p.sigma_deg_h(axis) for p in self.promised)
-        return next(p for p in self.promised if p.sigma_deg_h(axis) <= FEWER_TURNS * least)
+        return next(g.sigma_after_deg_h for g in self.gyros if g.axis == axis)
 
 
 def plan_flights(
@@ -172,7 +174,7 @@ def plan_flights(
     site: Site,
     seed: int,
     progress: Callable[[str], None] = lambda words: None,
-) -> FlightStudy:
+) -> tuple[PromisedFlight, ...]:
     """What each flight of the list would bring to a table. InputError for gyros that find no north:
     their flights are joined, but not through this filter.
     """
@@ -181,7 +183,16 @@ def plan_flights(
     for flight in FLIGHTS:
         progress(f"flying: {flight.words}")
         promised.append(promise(flight, twin, table, site, seed))
-    return FlightStudy(tuple(promised))
+    best = {axis: best_flight(promised, axis) for axis in AXES}
+    return tuple(
+        replace(p, best_for=tuple(axis for axis in AXES if best[axis] is p)) for p in promised
+    )
+
+
+def best_flight(promised: Sequence[PromisedFlight], axis: str) -> PromisedFlight:
+    """The first flight whose sigma of a gyro is the smallest but for FEWER_TURNS."""
+    least = min(p.sigma_deg_h(axis) for p in promised)
+    return next(p for p in promised if p.sigma_deg_h(axis) <= FEWER_TURNS * least)
 
 
 def check_technology(twin: TwinModel) -> None:
@@ -194,7 +205,7 @@ def check_technology(twin: TwinModel) -> None:
 
 def promise(
     flight: FlightPlan, twin: TwinModel, table: ThermalTable | None, site: Site, seed: int
-) -> Promised:
+) -> PromisedFlight:
     """One flight, simulated and updated. InputError where the update would not join it."""
     result, table, hours = flown(flight, twin, table, site, seed)
     evidence = result.flight
@@ -214,7 +225,16 @@ def promise(
             after.sigma_deg_h(k, wide.temperature_degC[k]),
         )
     ]
-    return Promised(flight, hours, (float(T.min()), float(T.max())), seen, tuple(nodes))
+    gyros = [GyroSigma(m.axis, m.verdict, m.sigma_before_deg_h, m.sigma_after_deg_h) for m in seen]
+    return PromisedFlight(
+        flight=flight.name,
+        words=flight.words,
+        hours=hours,
+        from_degC=float(T.min()),
+        to_degC=float(T.max()),
+        gyros=tuple(gyros),
+        nodes=tuple(nodes),
+    )
 
 
 def flown(

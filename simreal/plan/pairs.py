@@ -32,8 +32,19 @@ CLASSICAL = (  # effects.md, end of section 2: what is confused when the recordi
 )
 TURNED = "gyro_z"  # the gyro that a taxi turns about
 TURNING = ("gyro_scale_factor", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in")
+
+
+@dataclass(frozen=True)
+class Inseparable:
+    """What no parked recording separates, in words."""
+
+    a: str
+    b: str
+    why: str
+
+
 INSEPARABLE = (  # effects.md, end of section 2: no parked recording helps
-    (
+    Inseparable(
         "turn-on bias of the east gyro",
         "heading error",
         (
@@ -41,17 +52,17 @@ INSEPARABLE = (  # effects.md, end of section 2: no parked recording helps
             "or a surveyed heading, shows the heading itself"
         ),
     ),
-    (
+    Inseparable(
         "vertical deflection or gravity anomaly",
         "accelerometer bias",
         "parked at one site, both are one constant; record at another site",
     ),
-    (
+    Inseparable(
         "platform settling",
         "bending of the mounting tray",
         "both move the same two channels; only an instrument beside the unit tells",
     ),
-    (
+    Inseparable(
         "platform yaw creep",
         "drift of the vertical gyro",
         "parked, both are one rate about z; a heading reference tells",

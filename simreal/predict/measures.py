@@ -33,9 +33,10 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Gap:
-    """Of a quantity over runs, RMS per run in its unit: beyond noise with its 95 % interval, as
-    measured, noise included, and as noise alone would be; of the NIS the mean square per degree of
-    freedom, 1 where there is no gap.
+    """RMS per run of a quantity beyond noise with its 95 % interval, and as measured, noise
+    included; of the NIS the mean square per degree of freedom, 1 where there is no gap.
+
+    noise : what it would be by noise alone.
     """
 
     value: float

@@ -1,90 +1,197 @@
-"""plan.json of a study (its records: `plan_records`), and the same in a few lines for people.
+"""plan.json (`recal.plan/1`) of a study, a field a key, and the same in a few lines for people.
 
 Computes nothing but units and sizes.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ins.records import AXES
-from simreal.plan.flights import FlightStudy
+from ins.documents import OMIT_NONE
+from simreal.plan.flights import PromisedFlight
 from simreal.plan.gram import ODDS_NATS, Contender, PairSeparation
-from simreal.plan.pairs import INSEPARABLE, PairAssessment
+from simreal.plan.pairs import INSEPARABLE, Inseparable, PairAssessment, PairVerdict
 from simreal.plan.recordings import Recording
 from simreal.plan.study import NULL_NATS, Plan, Study
-from simreal.report.plan_records import (
-    CoefficientRecord,
-    CriteriaRecord,
-    FlightGyroRecord,
-    FlightNodeRecord,
-    FlightRecord,
-    InseparableRecord,
-    JudgedRecord,
-    MemberRecord,
-    NeverRecord,
-    PairRecord,
-    PlanOfRecordings,
-    PlanRecord,
-    RecordingRecord,
-    SizesRecord,
-    StepRecord,
-)
 
+SCHEMA = "recal.plan/1"
 ODDS, ALPHA = 0.95, 0.01  # what ODDS_NATS and NULL_NATS stand for
 ALIKE_COS = 0.95  # members of a credible set above this cannot be told apart (effects.md, 3.4)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanCriteria:
+    """When two effects are told apart (odds), and when one is seen (alpha)."""
+
+    odds: float
+    odds_nats: float
+    alpha: float
+    null_nats: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairMember:
+    """One effect of a pair."""
+
+    effect: str
+    target: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RivalPair:
+    """Two rivals."""
+
+    label: str
+    a: PairMember
+    b: PairMember
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoefficientSizes:
+    """The sizes of a coefficient: usual, and those from which it is seen and told from its rival
+    (inf: never).
+    """
+
+    name: str
+    unit: str
+    usual: tuple[float, ...]
+    seen_from: float
+    told_from: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectSizes(PairMember):
+    """An effect in the runs; `delta_*`: norms of the whitened effect."""
+
+    delta_usual: tuple[float, ...]
+    delta_seen: float
+    delta_needed: float
+    coefficients: tuple[CoefficientSizes, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedPair:
+    """A pair in a plan; what follows `lacks` only where the runs can show both.
+
+    special_case : "a" or "b" where that one is a special case of the other, else empty.
+    """
+
+    label: str
+    verdict: PairVerdict
+    lacks: str
+    cos: float | None = field(default=None, metadata=OMIT_NONE)
+    delta_needed: float | None = field(default=None, metadata=OMIT_NONE)
+    cos_typical: float | None = field(default=None, metadata=OMIT_NONE)
+    delta_needed_typical: float | None = field(default=None, metadata=OMIT_NONE)
+    special_case: str | None = field(default=None, metadata=OMIT_NONE)
+    a: EffectSizes | None = field(default=None, metadata=OMIT_NONE)
+    b: EffectSizes | None = field(default=None, metadata=OMIT_NONE)
+
+    @property
+    def members(self) -> tuple[EffectSizes, ...]:
+        """Both effects where the runs can show them, else none."""
+        return tuple(m for m in (self.a, self.b) if m is not None)
+
+    @property
+    def special(self) -> EffectSizes | None:
+        """The one that is a special case of the other."""
+        return {"a": self.a, "b": self.b}.get(self.special_case or "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRecording:
+    """A recording, in words and in numbers."""
+
+    recording: str
+    words: str
+    start: str
+    heading_deg: float
+    hours: float
+    taxi: bool
+    gnss: bool
+    odometer: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanStep(PlannedRecording):
+    """A recording added to a plan, and the pairs that it separates."""
+
+    score: float
+    separates: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOfRecordings:
+    """A set of recordings, and every pair in it. run_ids: of the runs at hand."""
+
+    name: str
+    score: float
+    hours: float
+    recordings: tuple[PlannedRecording, ...]
+    pairs: tuple[JudgedPair, ...]
+    run_ids: tuple[str, ...] | None = field(default=None, metadata=OMIT_NONE)
+
+    @property
+    def separated(self) -> int:
+        """Pairs that are told apart, at least where the effect is large."""
+        return sum(p.verdict.separates for p in self.pairs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeverSeparated:
+    """A pair that no recording separates."""
+
+    label: str
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanReport:
+    """The document of a study."""
+
+    schema: str = SCHEMA
+    verdict: str = "planned"
+    version: str
+    noise_model: str
+    imu_serial: str
+    gyro_technology: str
+    lat_deg: float
+    without: tuple[str, ...]
+    criteria: PlanCriteria
+    pairs: tuple[RivalPair, ...]
+    given: PlanOfRecordings | None
+    compared: tuple[PlanOfRecordings, ...]
+    steps: tuple[PlanStep, ...]
+    recommended: PlanOfRecordings
+    next: tuple[PlanStep, ...]
+    never: tuple[NeverSeparated, ...]
+    inseparable: tuple[Inseparable, ...]
+    flights: tuple[PromisedFlight, ...] | None = field(default=None, metadata=OMIT_NONE)
+
+
 def plan_document(
     study: Study, *, lat_deg: float, without: Sequence[str], version: str
-) -> PlanRecord:
+) -> PlanReport:
     """The document of a study."""
     twin, given = study.twin, study.given
-    return PlanRecord(
+    return PlanReport(
         version=version,
         noise_model=twin.source,
         imu_serial=twin.imu_serial,
         gyro_technology=twin.gyro_technology,
         lat_deg=lat_deg,
         without=tuple(without),
-        criteria=CriteriaRecord(odds=ODDS, odds_nats=ODDS_NATS, alpha=ALPHA, null_nats=NULL_NATS),
-        pairs=tuple(PairRecord(label=p.label, a=_member(p.a), b=_member(p.b)) for p in study.pairs),
+        criteria=PlanCriteria(odds=ODDS, odds_nats=ODDS_NATS, alpha=ALPHA, null_nats=NULL_NATS),
+        pairs=tuple(RivalPair(label=p.label, a=_member(p.a), b=_member(p.b)) for p in study.pairs),
         given=None if given is None else replace(_plan(given, study), run_ids=study.run_ids),
         compared=tuple(_plan(p, study) for p in study.compared),
         steps=tuple(_step(p, before) for before, p in zip((given, *study.steps), study.steps)),
         recommended=_plan(study.chosen, study),
         next=tuple(_step(p, given) for p in study.next_best),
         never=tuple(_never(j) for j in study.reach.judged if j.margin_high < 1.0),
-        inseparable=tuple(InseparableRecord(a=a, b=b, why=why) for a, b, why in INSEPARABLE),
+        inseparable=INSEPARABLE,
     )
-
-
-def with_flights(document: PlanRecord, study: FlightStudy) -> PlanRecord:
-    """The document with what flights would bring."""
-    best = {axis: study.best(axis) for axis in AXES}
-    flights = [
-        FlightRecord(
-            flight=p.flight.name,
-            words=p.flight.words,
-            hours=p.hours,
-            from_degC=p.degC[0],
-            to_degC=p.degC[1],
-            best_for=tuple(axis for axis in AXES if best[axis] is p),
-            gyros=tuple(
-                FlightGyroRecord(
-                    axis=m.axis,
-                    verdict=m.verdict,
-                    sigma_before_deg_h=m.sigma_before_deg_h,
-                    sigma_after_deg_h=m.sigma_after_deg_h,
-                )
-                for m in p.means
-            ),
-            nodes=tuple(FlightNodeRecord(**vars(node)) for node in p.nodes),
-        )
-        for p in study.promised
-    ]
-    return replace(document, flights=tuple(flights))
 
 
 def first_words(plan: Plan, of: int) -> list[str]:
@@ -96,7 +203,7 @@ def first_words(plan: Plan, of: int) -> list[str]:
     return lines + [f"  {k}. {r.words}" for k, r in enumerate(plan.recordings, start=1)]
 
 
-def summary(document: PlanRecord) -> list[str]:
+def summary(document: PlanReport) -> list[str]:
     """The plan in a few lines for people."""
     best, given, lines = document.recommended, document.given, []
     pairs = len(best.pairs)
@@ -119,7 +226,7 @@ def summary(document: PlanRecord) -> list[str]:
     return lines
 
 
-def _flight_line(flight: FlightRecord) -> str:
+def _flight_line(flight: PromisedFlight) -> str:
     """What a flight would bring, for people."""
     sigmas = ", ".join(f"{g.axis} {g.sigma_after_deg_h:.4f}" for g in flight.gyros)
     best = f"; best for {', '.join(flight.best_for)}" if flight.best_for else ""
@@ -129,12 +236,12 @@ def _flight_line(flight: FlightRecord) -> str:
     )
 
 
-def _member(e: Contender) -> MemberRecord:
-    return MemberRecord(effect=e.effect.name, target=e.target)
+def _member(e: Contender) -> PairMember:
+    return PairMember(effect=e.effect.name, target=e.target)
 
 
-def _recording(r: Recording) -> RecordingRecord:
-    return RecordingRecord(
+def _recording(r: Recording) -> PlannedRecording:
+    return PlannedRecording(
         recording=r.name,
         words=r.words,
         start=r.start,
@@ -146,8 +253,8 @@ def _recording(r: Recording) -> RecordingRecord:
     )
 
 
-def _step(plan: Plan, before: Plan | None) -> StepRecord:
-    return StepRecord(
+def _step(plan: Plan, before: Plan | None) -> PlanStep:
+    return PlanStep(
         **vars(_recording(plan.recordings[-1])), score=plan.score, separates=_gained(before, plan)
     )
 
@@ -162,8 +269,8 @@ def _plan(plan: Plan, study: Study) -> PlanOfRecordings:
     )
 
 
-def _judged(j: PairAssessment, study: Study) -> JudgedRecord:
-    short = JudgedRecord(label=j.pair.label, verdict=j.verdict, lacks=j.lacks)
+def _judged(j: PairAssessment, study: Study) -> JudgedPair:
+    short = JudgedPair(label=j.pair.label, verdict=j.verdict, lacks=j.lacks)
     if not j.both:
         return short
     assert j.a is not None and j.b is not None
@@ -179,7 +286,7 @@ def _judged(j: PairAssessment, study: Study) -> JudgedRecord:
     )
 
 
-def _sizes(e: Contender, t: PairSeparation, study: Study, *, special: bool) -> SizesRecord:
+def _sizes(e: Contender, t: PairSeparation, study: Study, *, special: bool) -> EffectSizes:
     """Size of an effect in the runs, and the coefficients from which it is seen and told from its
     rival.
 
@@ -192,14 +299,14 @@ def _sizes(e: Contender, t: PairSeparation, study: Study, *, special: bool) -> S
     with np.errstate(divide="ignore", invalid="ignore"):
         seen_factor = float(np.median(seen / t.delta))
         told_factor = float(np.median(told / t.delta))
-    return SizesRecord(
+    return EffectSizes(
         effect=e.effect.name,
         target=e.target,
         delta_usual=(float(np.median(t.delta_low)), float(np.median(t.delta_high))),
         delta_seen=seen,
         delta_needed=float(np.median(needed)),
         coefficients=tuple(
-            CoefficientRecord(
+            CoefficientSizes(
                 name=c.name,
                 unit=c.unit,
                 usual=(float(usual / reach), float(usual * reach)),
@@ -217,21 +324,21 @@ def _gained(before: Plan | None, after: Plan) -> tuple[str, ...]:
     return tuple(j.pair.label for j, b in zip(after.judged, old) if j.margin_high >= 1.0 > b)
 
 
-def _never(j: PairAssessment) -> NeverRecord:
+def _never(j: PairAssessment) -> NeverSeparated:
     if j.lacks:
         why = f"needs {j.lacks}"
     elif j.cos > ALIKE_COS:
         why = f"{j.cos:.3f} alike (1: the same) in all of the recordings together"
     else:
         why = "too small to be seen at their usual size, even in all of the recordings together"
-    return NeverRecord(label=j.pair.label, why=why)
+    return NeverSeparated(label=j.pair.label, why=why)
 
 
-def _separates(step: StepRecord) -> str:
+def _separates(step: PlanStep) -> str:
     return f" (separates {', '.join(step.separates)})" if step.separates else ""
 
 
-def _pair_line(p: JudgedRecord) -> str:
+def _pair_line(p: JudgedPair) -> str:
     """One pair: verdict, how alike the two are, and from which size each is told."""
     verdict = p.verdict.replace("_", " ")
     if p.cos is None:
@@ -243,6 +350,6 @@ def _pair_line(p: JudgedRecord) -> str:
     )
 
 
-def _told_from(member: SizesRecord) -> str:
+def _told_from(member: EffectSizes) -> str:
     """The size of its first coefficient from which it is told."""
     return ", ".join(f"{c.told_from:.2g} {c.unit}" for c in member.coefficients[:1])

@@ -10,7 +10,7 @@ from infield.reports.charts import Boxes, Item, Line, Panel, Uprights, chart
 from infield.reports.figures import BLUE, PALE, VERMILLION
 from infield.reports.page import render_page
 from simreal.plan.pairs import PairVerdict
-from simreal.report.plan_records import PlanOfRecordings, PlanRecord, SizesRecord
+from simreal.report.plan_document import EffectSizes, PlanOfRecordings, PlanReport
 
 BADGES = {
     PairVerdict.SEPARATED: "good",
@@ -28,7 +28,7 @@ TICKS = (0.1, 1.0, 4.0, 10.0, 100.0)
 FLOOR_DELTA, ROOF_DELTA = 0.1, 200.0  # of the drawing
 
 
-def plan_html(document: PlanRecord) -> str:
+def plan_html(document: PlanReport) -> str:
     """The page of a document made by `plan_document`."""
     given = () if document.given is None else (document.given,)
     return render_page(
@@ -47,7 +47,7 @@ def plan_html(document: PlanRecord) -> str:
     )
 
 
-def headline(document: PlanRecord) -> str:
+def headline(document: PlanReport) -> str:
     """The plan in one sentence."""
     best = document.recommended
     large = sum(p.verdict is PairVerdict.SEPARATED_WHEN_LARGE for p in best.pairs)
@@ -69,7 +69,7 @@ def sizes_text(texts: Sequence[str]) -> str:
     return texts[0] + each if len(set(texts)) == 1 else ", ".join(texts)
 
 
-def usual_text(member: SizesRecord) -> str:
+def usual_text(member: EffectSizes) -> str:
     """The usual ranges of an effect's coefficients; equal ones once."""
     texts = [span(c.usual) for c in member.coefficients]
     return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
@@ -104,7 +104,7 @@ def _sizes(best: PlanOfRecordings) -> Markup | None:
     """Usual size of each effect of each pair in the plan, and the size from which it is told from
     its rival.
     """
-    rows: list[tuple[SizesRecord, SizesRecord]] = []  # an effect and its rival
+    rows: list[tuple[EffectSizes, EffectSizes]] = []  # an effect and its rival
     for p in best.pairs:
         if p.a is not None and p.b is not None:
             rows += [(p.a, p.b), (p.b, p.a)]

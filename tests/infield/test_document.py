@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update_records import update_of
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
-from ins.documents import plain
+from ins.documents import Null, plain, to_json
+from ins.records import InputError
 from ins.units import MILLIRADIAN
 from tests.infield.sessions import PARKED, TWIN, factory, factory_dict, simulated
 
@@ -182,3 +184,16 @@ def test_shares_of_variance_add_up_and_points_split_into_common_and_own():
         assert parts == pytest.approx(p["sigma_deg_h"] ** 2, rel=1e-9)
     # the heading error is one for all points of the east gyro
     assert max(p["sigma_common_deg_h"] for p in document()["points"] if p["axis"] == "y") > 0
+
+
+def test_a_stored_update_is_the_record_that_was_written():
+    written = update_document(result_of(), Kept(), version="0", table_before=factory_dict())
+    stored = json.loads(to_json(written))
+    assert to_json(update_of(stored)) == to_json(written)
+    assert update_of(stored).zero_rate_effect is None
+    assert update_of(stored | {"zero_rate_effect": None}).zero_rate_effect is Null.NULL
+
+
+def test_a_stored_update_that_is_none_is_refused_in_one_line():
+    with pytest.raises(InputError, match="not an update document: points: got 3, needed a list"):
+        update_of(document() | {"points": 3})

@@ -18,6 +18,7 @@ from ins.documents import (
     UNWRITTEN,
     AsRead,
     Null,
+    NullStands,
     from_json,
     plain,
     to_json,
@@ -106,6 +107,19 @@ def test_keys_of_an_inner_record_in_its_place_and_a_null_that_stands():
 
     assert plain(Held(3, Site(lat_deg=1.0))) == {"rows": 3, "lat_deg": 1.0}
     assert plain(Held(3, None, Null.NULL)) == {"rows": 3, "zero_rate": None}
+
+
+@dataclass(frozen=True)
+class Kept:
+    first: Annotated[Site | Null | None, NullStands()] = field(default=None, metadata=OMIT_NONE)
+    second: Annotated[Site | Null | None, NullStands()] = field(default=None, metadata=OMIT_NONE)
+
+
+@pytest.mark.parametrize(
+    "kept", [Kept(), Kept(Null.NULL), Kept(Null.NULL, Site(lat_deg=1.0)), Kept(None, Null.NULL)]
+)
+def test_a_null_that_stands_reads_back(kept):
+    assert from_json(Kept, to_json(kept), name="kept.json") == kept
 
 
 def test_a_record_reads_back():

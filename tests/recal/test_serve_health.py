@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-from recal.service.priors.forecast_records import ForecastDocument, TrendDocument, UnitForecast
+from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
 from recal.service.store import UnitKey, UnitSummary
 from recal.web.health import HEALTH_WORDS, Health, Show, chosen, judged, urgency
 
@@ -45,11 +45,11 @@ def forecast(**drifts):
             date_95_utc=(NOW + timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ"),
             temperature_degC=(0.0, 40.0),
             rests_on="defaults of rlg",
-            trend=TrendDocument(date_utc=(), median_nm_h=(), high_nm_h=()),
+            trend=DriftTrend(date_utc=(), median_nm_h=(), high_nm_h=()),
         )
         for serial, (drift, days) in drifts.items()
     ]
-    return ForecastDocument(
+    return ForecastReport(
         verdict="forecast",
         reasons=(),
         store="s",

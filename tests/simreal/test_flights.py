@@ -12,7 +12,7 @@ from infield.session.points import observability
 from ins.records import AXES, InputError, Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from simreal.plan.flights import FLIGHTS, FlightPlan, FlightStudy, flown, plan_flights, promise
+from simreal.plan.flights import FLIGHTS, FlightPlan, best_flight, flown, plan_flights, promise
 
 SITE = Site(lat_rad=45.0 * DEG, lon_rad=0.0, height_m=0.0)
 TWIN = default_twin("rlg")
@@ -34,7 +34,7 @@ def test_an_update_of_the_flight_states_what_was_promised():
     evidence = result.flight
     estimate = evidence.as_usual or evidence.joined
     seen = observability(estimate, hold_heading=True, flown=True)
-    for one, other in zip(told.means, seen):
+    for one, other in zip(told.gyros, seen):
         share = other.sigma_after_deg_h / one.sigma_after_deg_h
         assert share == pytest.approx(1.0, abs=NOISE_SHARE), one.axis
         assert one.verdict is other.verdict
@@ -47,13 +47,12 @@ def test_an_update_of_the_flight_states_what_was_promised():
 
 def test_a_cold_flight_reaches_the_cold_nodes_and_a_study_names_the_best():
     told = promised()
-    assert told.degC[0] < 0.0 < 20.0 < told.degC[1]
+    assert told.from_degC < 0.0 < 20.0 < told.to_degC
     cold = [n for n in told.nodes if n.temperature_degC == -10.0]
     assert all(n.after_deg_h < 0.7 * n.before_deg_h for n in cold)
-    worse = [replace(m, sigma_after_deg_h=2.0 * m.sigma_after_deg_h) for m in told.means]
-    other = replace(told, means=tuple(worse))
-    study = FlightStudy((other, told))
-    assert [study.best(axis) for axis in AXES] == [told] * 3
+    worse = [replace(m, sigma_after_deg_h=2.0 * m.sigma_after_deg_h) for m in told.gyros]
+    other = replace(told, gyros=tuple(worse))
+    assert [best_flight((other, told), axis) for axis in AXES] == [told] * 3
 
 
 def test_turns_stand_where_their_names_say():

@@ -17,7 +17,7 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import BiasStep
 from infield.session.reasons import ThermalAction, ThermalKind
-from ins.documents import OMIT_NONE, AsRead, Null, from_json
+from ins.documents import OMIT_NONE, AsRead, Null, NullStands, from_json
 from ins.json_file import JsonObject
 from ins.records import TableDocument
 from ins.twin_file import TwinDocument
@@ -279,7 +279,9 @@ class UpdateDocument:
     priors: PriorsUseDocument | None = field(default=None, metadata=OMIT_NONE)
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
-    zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
+    zero_rate_effect: Annotated[ZeroRateEffect | Null | None, NullStands()] = field(
+        default=None, metadata=OMIT_NONE
+    )
     changes: Sequence[ChangeDocument] = ()
     hysteresis: Sequence[HysteresisDocument] = ()
     flight_terms: Sequence[FlightTermDocument] | None = field(default=None, metadata=OMIT_NONE)

@@ -10,7 +10,7 @@ from recal.cli.console import Shown, finish, say
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
-    from recal.service.tables import VerifyDocument
+    from recal.service.tables import VerifyReport
 
 HEAD_DIGITS = 16  # printed; enough to find it again
 
@@ -42,7 +42,7 @@ def command(
     finish(result.verdict)
 
 
-def lines(result: VerifyDocument) -> list[str]:
+def lines(result: VerifyReport) -> list[str]:
     """A line for each unit, and for each fault that belongs to none."""
     said = [f"{result.store}: BROKEN: {fault}" for fault in result.faults]
     for name, unit in zip(result.revisions, result.units):

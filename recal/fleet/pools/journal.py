@@ -20,7 +20,7 @@ from typing import BinaryIO
 
 from ins.documents import from_json, plain
 from ins.records import InputError
-from recal.fleet.document_records import EarlierCall, TimingDocument, UnitReport
+from recal.fleet.document_records import CallTiming, EarlierCall, UnitReport
 from recal.fleet.records import CallSettings, RunOutcome
 
 NAME = "journal.jsonl"
@@ -48,7 +48,7 @@ class _Line:
     run: RunOutcome | None = None
     unit: str = ""
     summary: UnitReport | None = None
-    timing: TimingDocument | None = None
+    timing: CallTiming | None = None
 
 
 class Journal:
@@ -88,7 +88,7 @@ class Journal:
         self.units[name] = summary
         self._append(Event.UNIT, unit=name, summary=plain(summary))
 
-    def end(self, timing: TimingDocument) -> None:
+    def end(self, timing: CallTiming) -> None:
         """The call is through, or was stopped."""
         self._append(Event.END, timing=plain(timing))
 

@@ -12,7 +12,7 @@ from recal.service.check import Check, check
 from recal.service.look.noise import shown_noise
 from recal.service.look.opened import LongestPart, Opened, opened_log
 from recal.service.look.page import look_html
-from recal.service.look.records import Fit, LookDocument, LookVerdict, NoiseDocument, UseDocument
+from recal.service.look.records import Fit, LogUse, LookReport, LookVerdict, NoiseNumber
 from recal.service.look.series import series_of
 from recal.service.look.uses import LookFindings, convert_command, uses_of
 from recal.service.results.files import output_directory, program_version, write_files
@@ -46,13 +46,13 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Looked(Result[LookDocument]):
+class Looked(Result[LookReport]):
     """What a log holds and what it can be used for: verdict `usable`, `refused` where it is fit for
     nothing, or `bad_input` where its check found an error.
     """
 
     @property
-    def uses(self) -> tuple[UseDocument, ...]:
+    def uses(self) -> tuple[LogUse, ...]:
         """Each use with its fit (`yes`, `partly`, `no`), why, and the command that does it."""
         return tuple(self.record.uses)
 
@@ -157,7 +157,7 @@ def look(
         if cut is not None:
             given |= {"--from-s": f"{cut.from_s:.3f}", "--to-s": f"{cut.to_s:.3f}"}
         told("drawing the page")
-        document = LookDocument(
+        document = LookReport(
             verdict=_verdict(checked, uses),
             reasons=[p.text for p in checked.problems if p.level != "warning"],
             version=program_version(),
@@ -192,7 +192,7 @@ def _noise(run: Run) -> FitReport | None:
     return twin_fit_document(found, believed, program_version())
 
 
-def _verdict(checked: Check, uses: Sequence[UseDocument]) -> LookVerdict:
+def _verdict(checked: Check, uses: Sequence[LogUse]) -> LookVerdict:
     if not checked.ok:
         return LookVerdict.BAD_INPUT
     usable = any(use.fit is not Fit.NO for use in uses)
@@ -216,17 +216,17 @@ def _gap_note(cut: LongestPart | None) -> list[str]:
     ]
 
 
-def _told_noise(fitted: FitReport | None) -> list[NoiseDocument]:
+def _told_noise(fitted: FitReport | None) -> list[NoiseNumber]:
     if fitted is None:
         return []
     return [
-        NoiseDocument(name=p.name, value=p.value, sigma=p.sigma, unit=p.unit)
+        NoiseNumber(name=p.name, value=p.value, sigma=p.sigma, unit=p.unit)
         for p in fitted.parameters
         if p.identified
     ]
 
 
-def summary(document: LookDocument) -> list[str]:
+def summary(document: LookReport) -> list[str]:
     """The result in a few lines for people."""
     imu = document.holds.imu
     size = "" if imu is None else f", {imu.duration_s / 60.0:.1f} min at {imu.rate_hz:.4g} Hz"

@@ -20,7 +20,7 @@ from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR
 from recal.service.convert import map_errors, with_gnss_file
 from recal.service.inputs.records import read_run
-from recal.service.look.records import AssumedDocument
+from recal.service.look.records import Assumption
 from recal.service.results.paths import AnyPath
 from trajectories.readers.conversion import RUN_OPTIONS, conversion_of, missing_keys
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -56,7 +56,7 @@ class Opened:
     folder: Path
     format: str
     notes: tuple[str, ...] = ()
-    assumed: tuple[AssumedDocument, ...] = ()
+    assumed: tuple[Assumption, ...] = ()
     stretch: LongestPart | None = None
 
 
@@ -122,7 +122,7 @@ def _read(log: Path, given: dict[str, Json]) -> tuple[str, ConvertedLog, Longest
 
 def assumptions(
     path: Path, log: ConvertedLog, header: Mapping[str, str | float | None]
-) -> tuple[AssumedDocument, ...]:
+) -> tuple[Assumption, ...]:
     """What is taken for each key that neither the log nor the options say."""
     missing = missing_keys(log, header)
     if not missing:
@@ -154,7 +154,7 @@ def assumptions(
         "height_m": (0.0, "the log does not say it; 1000 m change gravity by 0.03 %"),
     }
     return tuple(
-        AssumedDocument(
+        Assumption(
             key=key,
             value=values[key][0],
             option=RUN_OPTIONS[key],

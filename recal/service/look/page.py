@@ -5,7 +5,7 @@ from dataclasses import replace
 from markupsafe import Markup
 
 from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script
-from recal.service.look.records import Fit, LookDocument, LookVerdict, Use
+from recal.service.look.records import Fit, LookReport, LookVerdict, Use
 from recal.service.results.pages import page_environment
 from simreal.report.twin_document import PARAMETER_NAMES, size_words
 from simreal.report.twin_page import allan_drawing
@@ -38,7 +38,7 @@ CAPTIONS = {
 }
 
 
-def look_html(document: LookDocument) -> str:
+def look_html(document: LookReport) -> str:
     """The page of a look."""
     fitted = document.fitted
     told = [] if fitted is None or fitted.found is None else fitted.found.parameters
@@ -61,6 +61,6 @@ def look_html(document: LookDocument) -> str:
     )
 
 
-def _zoom(name: str, figure: ZoomFigure, document: LookDocument) -> Markup:
+def _zoom(name: str, figure: ZoomFigure, document: LookReport) -> Markup:
     spans = [(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
     return zoom_figure(replace(figure, spans=spans), CAPTIONS[name])

@@ -8,7 +8,7 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.zoom import ZoomFigure
 from ins.documents import UNWRITTEN
 from ins.records import Phase
-from recal.service.check import HoldsDocument
+from recal.service.check import RunHolds
 from simreal.report.twin_document import FitReport
 from trajectories.runs.checks import Finding
 
@@ -42,7 +42,7 @@ class Fit(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UseDocument:
+class LogUse:
     """One use: whether the log is fit for it, why, and the command that does it (empty where it is
     not).
     """
@@ -55,7 +55,7 @@ class UseDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AssumedDocument:
+class Assumption:
     """What the log does not say: the key of run.json, what was taken for it, and the option that
     says it. sigma: of a guess from the data, None of what any value would do for.
     """
@@ -68,7 +68,7 @@ class AssumedDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseDocument:
+class NoiseNumber:
     """A number of the noise model that the log tells, with one sigma."""
 
     name: str
@@ -78,7 +78,7 @@ class NoiseDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LookDocument:
+class LookReport:
     """What `recal look --json` prints; noise: only what the log itself tells; start_utc: None where
     nobody knows it.
     """
@@ -93,15 +93,15 @@ class LookDocument:
     imu_serial: str
     gyro_technology: str
     start_utc: str | None
-    assumed: Sequence[AssumedDocument]
-    holds: HoldsDocument
+    assumed: Sequence[Assumption]
+    holds: RunHolds
     problems: Sequence[Finding]
     notes: Sequence[str]
     repaired: Sequence[SpanDocument]
     phases: Sequence[Phase]
     rest_s: float
-    uses: Sequence[UseDocument]
-    noise: Sequence[NoiseDocument]
+    uses: Sequence[LogUse]
+    noise: Sequence[NoiseNumber]
     convert: str
     series: Mapping[str, ZoomFigure] = field(metadata=UNWRITTEN)
     fitted: FitReport | None = field(metadata=UNWRITTEN)

@@ -14,7 +14,7 @@ from infield.session.parked.stretches import find_rests
 from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
 from ins.verdicts import Reason, ReasonCode, because, sentence
-from recal.service.look.records import AssumedDocument, Fit, Use, UseDocument
+from recal.service.look.records import Assumption, Fit, LogUse, Use
 from simreal.report.twin_document import FitReport
 
 # of one gyro over the rest: 1 degC of a usual table, 0.001 deg/h per degC, is a third of what
@@ -97,16 +97,13 @@ class LookFindings:
         return 0.0 if self.fitted is None else self.fitted.parked_s
 
 
-def uses_of(judged: LookFindings) -> tuple[UseDocument, ...]:
+def uses_of(judged: LookFindings) -> tuple[LogUse, ...]:
     """Every use, in the order in which a newcomer goes through them."""
     return (_alignment(judged), _noise(judged), _table(judged), _replay(judged), _diagnosis(judged))
 
 
 def convert_command(
-    log: str,
-    run_path: str,
-    assumed: Sequence[AssumedDocument],
-    given: Mapping[str, str | float | None],
+    log: str, run_path: str, assumed: Sequence[Assumption], given: Mapping[str, str | float | None]
 ) -> str:
     """The command that makes the run for good: options that were given, then those taken for
     granted; what was guessed with a sigma is for the user to say.
@@ -126,8 +123,8 @@ def _text(value: str | float) -> str:
     return value if isinstance(value, str) else f"{value:.12g}"
 
 
-def _use(use: Use, fit: Fit, why: Reason, words: Sequence[str] = ()) -> UseDocument:
-    return UseDocument(
+def _use(use: Use, fit: Fit, why: Reason, words: Sequence[str] = ()) -> LogUse:
+    return LogUse(
         use=use,
         fit=fit,
         why=sentence(why),
@@ -140,7 +137,7 @@ def _first_reason(aligned: AlignmentDocument) -> str:
     return str(aligned.reasons[0]) if aligned.reasons else "the rest says too little"
 
 
-def _alignment(judged: LookFindings) -> UseDocument:
+def _alignment(judged: LookFindings) -> LogUse:
     aligned, words = judged.aligned, ("recal", "align", judged.run_path)
     if aligned.verdict is AlignmentVerdict.ALIGNED:
         sigma_deg = float(aligned.sigma_heading_deg)
@@ -152,7 +149,7 @@ def _alignment(judged: LookFindings) -> UseDocument:
     return _use(Use.ALIGNMENT, Fit.NO, because(UseReason.NOT_ALIGNED, why=why))
 
 
-def _noise(judged: LookFindings) -> UseDocument:
+def _noise(judged: LookFindings) -> LogUse:
     if judged.fitted is None:
         return _use(Use.NOISE, Fit.NO, because(UseReason.NO_REST))
     parameters = judged.fitted.parameters
@@ -164,7 +161,7 @@ def _noise(judged: LookFindings) -> UseDocument:
     return _use(Use.NOISE, Fit.YES if told else Fit.PARTLY, why, words)
 
 
-def _table(judged: LookFindings) -> UseDocument:
+def _table(judged: LookFindings) -> LogUse:
     run = judged.run
     if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
         return _use(Use.TABLE, Fit.NO, because(UseReason.NO_TEMPERATURE))
@@ -195,7 +192,7 @@ def _still_s(aligned: AlignmentDocument) -> float:
     return parked_s * aligned.used_percent / 100.0
 
 
-def _replay(judged: LookFindings) -> UseDocument:
+def _replay(judged: LookFindings) -> LogUse:
     words = ("recal", "replay", judged.run_path)
     gnss = judged.run.gnss
     if gnss is not None and gnss.time_s.size >= FEWEST_FIXES:
@@ -207,7 +204,7 @@ def _replay(judged: LookFindings) -> UseDocument:
     return _use(Use.REPLAY, Fit.NO, because(UseReason.NO_START))
 
 
-def _diagnosis(judged: LookFindings) -> UseDocument:
+def _diagnosis(judged: LookFindings) -> LogUse:
     if judged.fitted is None:
         return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_REST))
     run = judged.run_path

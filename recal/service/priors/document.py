@@ -11,7 +11,7 @@ from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
 from ins.verdicts import Outcome, Reason, because, sentences
-from recal.service.priors.kept import ExcludedSession
+from recal.service.priors.kept import SessionLeftOut
 from recal.service.priors.reasons import PriorsReason
 
 PRIORS_SCHEMA = "recal.priors/1"
@@ -40,7 +40,7 @@ class PriorValue:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScopeDocument:
+class PriorScope:
     """The parameters of a technology, a type or a unit."""
 
     name: str
@@ -50,7 +50,7 @@ class ScopeDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutlierDocument:
+class OutlierSession:
     """A session that departs from the others as a whole."""
 
     imu_serial: str
@@ -59,7 +59,7 @@ class OutlierDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawCheckDocument:
+class PriorsCheck:
     """Squared innovation of the sessions over its expectation, each session against what was known
     before it, outliers left out: with what was learnt, and with the defaults. draws, effective: of
     the check of the curvature.
@@ -77,27 +77,18 @@ class TechnologyPriors:
     """What was learnt of one technology; revision: under which it is kept in the store."""
 
     gyro_technology: str
-    technology: ScopeDocument
-    types: Sequence[ScopeDocument]
-    units: Sequence[ScopeDocument]
-    outliers: Sequence[OutlierDocument]
-    check: DrawCheckDocument
+    technology: PriorScope
+    types: Sequence[PriorScope]
+    units: Sequence[PriorScope]
+    outliers: Sequence[OutlierSession]
+    check: PriorsCheck
     notes: Sequence[str] = ()
     note_codes: Sequence[str] = ()
     revision: int | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExcludedSessionDocument:
-    """A session that could not be learnt from."""
-
-    imu_serial: str
-    run_id: str
-    why: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class PriorsDocument:
+class PriorsReport:
     """The whole file."""
 
     schema: str = PRIORS_SCHEMA
@@ -109,7 +100,7 @@ class PriorsDocument:
     version: str
     method: str = HOW_LEARNT
     technologies: Sequence[TechnologyPriors] = ()
-    left_out: Sequence[ExcludedSessionDocument] = ()
+    left_out: Sequence[SessionLeftOut] = ()
 
 
 def technology_priors(found: LearntFleet) -> TechnologyPriors:
@@ -117,8 +108,8 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
     notes = _notes(found)
     defaults = defaults_of(found.technology)
 
-    def scope(name: str, of: Parameters, units: int, sessions: int) -> ScopeDocument:
-        return ScopeDocument(
+    def scope(name: str, of: Parameters, units: int, sessions: int) -> PriorScope:
+        return PriorScope(
             name=name,
             units=units,
             sessions=sessions,
@@ -162,26 +153,26 @@ def _value(name: PriorName, learnt: Learnt, default: float) -> PriorValue:
     )
 
 
-def _outliers(found: LearntFleet) -> list[OutlierDocument]:
+def _outliers(found: LearntFleet) -> list[OutlierSession]:
     told = []
     for u, unit in enumerate(found.units):
         for k, session in enumerate(unit.sessions):
             probability = float(found.evidence.outlier[u, k])
             if probability >= OUTLIER_NAMED:
                 told.append(
-                    OutlierDocument(
+                    OutlierSession(
                         imu_serial=unit.imu_serial, run_id=session.run_id, probability=probability
                     )
                 )
     return told
 
 
-def _check(found: LearntFleet) -> DrawCheckDocument:
+def _check(found: LearntFleet) -> PriorsCheck:
     sound = (found.evidence.outlier < OUTLIER_NAMED) & (found.evidence.dof > 0)
     dof = float(found.evidence.dof[sound].sum())
     squared = [float(e.nis[sound].sum()) / dof for e in (found.evidence, found.defaults) if dof]
     learnt, default = squared or (None, None)
-    return DrawCheckDocument(
+    return PriorsCheck(
         squared_innovation=learnt,
         squared_innovation_defaults=default,
         draws=found.check.draws,
@@ -203,13 +194,8 @@ def _notes(found: LearntFleet) -> list[Reason]:
     return notes
 
 
-def left_out_documents(left_out: Sequence[ExcludedSession]) -> list[ExcludedSessionDocument]:
-    """What could not be learnt from."""
-    return [ExcludedSessionDocument(**vars(item)) for item in left_out]
-
-
-def priors_of(data: Mapping[str, Json], *, name: str) -> PriorsDocument:
+def priors_of(data: Mapping[str, Json], *, name: str) -> PriorsReport:
     """The document that a file or a store holds; InputError where it is none."""
     if data.get("schema") != PRIORS_SCHEMA:
         raise InputError(f"{name}: schema {data.get('schema')!r}, needed {PRIORS_SCHEMA!r}")
-    return from_json(PriorsDocument, data, name=name)
+    return from_json(PriorsReport, data, name=name)

@@ -35,13 +35,13 @@ from ins.json_file import read_json_object
 from ins.records import InputError
 from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
-from recal.service.priors.document import PriorValue, TechnologyPriors, left_out_documents
+from recal.service.priors.document import PriorValue, TechnologyPriors
 from recal.service.priors.forecast_page import NOT_LEARNT, forecast_html, outlook_words
 from recal.service.priors.forecast_records import (
     BestSession,
-    ForecastDocument,
+    DriftTrend,
+    ForecastReport,
     NoForecast,
-    TrendDocument,
     UnitForecast,
 )
 from recal.service.priors.kept import EPOCH, kept_units
@@ -101,7 +101,7 @@ class ForecastRequest:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Forecast(Result[ForecastDocument]):
+class Forecast(Result[ForecastReport]):
     """Units by urgency."""
 
     def lines(self, *, verbose: bool = False) -> list[str]:
@@ -155,7 +155,7 @@ def forecast_steps(request: ForecastRequest) -> int:
 
 def forecast_of(
     store: TableStore, request: ForecastRequest, told: Callable[[str], None] = lambda words: None
-) -> ForecastDocument:
+) -> ForecastReport:
     """Every unit of an open store; writes nothing. told: as of `forecast`."""
     now = request.now or datetime.now(UTC)
     every, left_out = kept_units(store)
@@ -174,7 +174,7 @@ def forecast_of(
         left += len(units) - len(forecasts)
         found += forecasts
     found.sort(key=lambda f: (f.date_95_utc or "9999", -f.drift_now_nm_h))
-    return ForecastDocument(
+    return ForecastReport(
         verdict=ForecastVerdict.OK if found else ForecastVerdict.REFUSED,
         reasons=[] if found else [sentence(_why_none(store, request, without))],
         store=store.name,
@@ -184,11 +184,11 @@ def forecast_of(
         units=found,
         without=without,
         less_urgent=left or None,
-        left_out=left_out_documents(left_out),
+        left_out=left_out,
     )
 
 
-def most_urgent(store: TableStore) -> ForecastDocument:
+def most_urgent(store: TableStore) -> ForecastReport:
     """The units of each technology that pass the limit first, for a page that is about more than
     them; refused where the store's sessions cannot be read.
     """
@@ -196,7 +196,7 @@ def most_urgent(store: TableStore) -> ForecastDocument:
     try:
         return forecast_of(store, request)
     except InputError as error:
-        return ForecastDocument(
+        return ForecastReport(
             verdict=ForecastVerdict.REFUSED,
             reasons=[str(error)],
             store=store.name,
@@ -299,7 +299,7 @@ class _Technology:
             date_95_utc=self._date(seen.year_95),
             temperature_degC=(float(min(t.min() for t in T)), float(max(t.max() for t in T))),
             rests_on=self._rests_on,
-            trend=TrendDocument(
+            trend=DriftTrend(
                 date_utc=[str(self._date(y)) for y in TREND_YEARS],
                 median_nm_h=np.interp(TREND_YEARS, seen.years, seen.median).tolist(),
                 high_nm_h=np.interp(TREND_YEARS, seen.years, seen.high).tolist(),
@@ -370,7 +370,7 @@ def _candidates(units: Sequence[KeptUnit]) -> dict[str, KeptSession]:
     return kinds
 
 
-def summary(document: ForecastDocument, *, most: int | None = UNITS_TOLD) -> list[str]:
+def summary(document: ForecastReport, *, most: int | None = UNITS_TOLD) -> list[str]:
     """The result in a few lines for people."""
     limit = f"{document.limit_nm_h:g} NM/h"
     count = len(document.units)

@@ -11,7 +11,7 @@ from infield.reports.charts import DASHED, Band, Line, Panel, chart, in_panels
 from infield.reports.figures import BLUE, GREY, PALE, PANEL_WIDTH
 from infield.reports.page import render_page
 from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
-from recal.service.priors.forecast_records import ForecastDocument, UnitForecast
+from recal.service.priors.forecast_records import ForecastReport, UnitForecast
 
 NOT_LEARNT = "no priors are approved: recal fleet learn"  # of what a forecast rests on
 UNITS_DRAWN = 6  # units with their trend in the drawing
@@ -33,7 +33,7 @@ def passed(day: str | None, issued_utc: str) -> bool:
     return day is not None and day <= issued_utc[: len(day)]
 
 
-def outlook_words(unit: UnitForecast, document: ForecastDocument) -> str:
+def outlook_words(unit: UnitForecast, document: ForecastReport) -> str:
     """What a unit's drift does about the limit, as the end of a sentence that begins with it."""
     if unit.drift_now_nm_h > document.limit_nm_h:
         return "above the limit already"
@@ -44,7 +44,7 @@ def outlook_words(unit: UnitForecast, document: ForecastDocument) -> str:
     return f"below the limit until {until} (95 %), {half} (50 %)"
 
 
-def forecast_html(document: ForecastDocument) -> str:
+def forecast_html(document: ForecastReport) -> str:
     """The page of a document."""
     return render_page(
         "forecast.html.j2",
@@ -60,14 +60,14 @@ def forecast_html(document: ForecastDocument) -> str:
     )
 
 
-def trend_drawing(document: ForecastDocument) -> Markup | None:
+def trend_drawing(document: ForecastReport) -> Markup | None:
     """The drift of the most urgent units and the limit, side by side; None without a unit."""
     if not document.units:
         return None
     return in_panels(_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN])
 
 
-def closer_drawing(document: ForecastDocument) -> Markup:
+def closer_drawing(document: ForecastReport) -> Markup:
     """The same units over all years of the forecast in one drawing that a reader can zoom; empty
     without a unit. `closer_script` is needed once on the page.
     """
@@ -97,7 +97,7 @@ def _curve(unit: UnitForecast) -> ZoomCurve:
     return ZoomCurve(name=unit.imu_serial, values=median, low=median, high=high)
 
 
-def trend_strips(document: ForecastDocument) -> list[Markup]:
+def trend_strips(document: ForecastReport) -> list[Markup]:
     """Each unit's drift over the next STRIP_YEARS as a small strip with the limit."""
     return [_strip(unit, document.limit_nm_h) for unit in document.units[:ROWS_SHOWN]]
 

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ins.documents import OMIT_NONE
-from recal.service.priors.document import ExcludedSessionDocument
+from recal.service.priors.kept import SessionLeftOut
 
 FORECAST_SCHEMA = "recal.forecast/1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrendDocument:
+class DriftTrend:
     """The drift from now on, a point a quarter: median of the paths, and what 5 % of them pass."""
 
     date_utc: Sequence[str]
@@ -52,7 +52,7 @@ class UnitForecast:
     date_95_utc: str | None
     temperature_degC: tuple[float, float]
     rests_on: str
-    trend: TrendDocument
+    trend: DriftTrend
     best_session: BestSession | None = field(default=None, metadata=OMIT_NONE)
 
 
@@ -65,7 +65,7 @@ class NoForecast:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForecastDocument:
+class ForecastReport:
     """The whole file; units by urgency; less_urgent: how many more there are, which were not
     forecast; left_out: sessions that could not be taken into account.
     """
@@ -80,4 +80,4 @@ class ForecastDocument:
     units: Sequence[UnitForecast]
     without: Sequence[NoForecast] = ()
     less_urgent: int | None = field(default=None, metadata=OMIT_NONE)
-    left_out: Sequence[ExcludedSessionDocument] = ()
+    left_out: Sequence[SessionLeftOut] = ()

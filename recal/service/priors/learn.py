@@ -18,10 +18,9 @@ from ins.documents import to_json
 from ins.verdicts import Outcome, Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import (
-    PriorsDocument,
-    ScopeDocument,
+    PriorScope,
+    PriorsReport,
     TechnologyPriors,
-    left_out_documents,
     technology_priors,
 )
 from recal.service.priors.kept import kept_units
@@ -34,7 +33,7 @@ LEARN_STEPS = 3  # that `told` is told of
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class LearntPriors(Result[PriorsDocument]):
+class LearntPriors(Result[PriorsReport]):
     """What was learnt; `kept`: the records in the store, one a technology."""
 
     kept: Sequence[PriorsRecord] = ()
@@ -89,14 +88,14 @@ def learn_priors(
     told("reading the sessions of the store")
     everything, left_out = kept_units(store)
     units = [unit for unit in everything if _asked_for(unit, request)]
-    document = PriorsDocument(
+    document = PriorsReport(
         verdict=Outcome.PROPOSED,
         reasons=[],
         reason_codes=[],
         store=store.name,
         issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         version=program_version(),
-        left_out=left_out_documents(left_out),
+        left_out=left_out,
     )
     with_sessions = [unit for unit in units if unit.sessions]
     if not with_sessions:
@@ -145,7 +144,7 @@ def _asked_for(unit: KeptUnit, request: LearnRequest) -> bool:
 
 
 def _keep(
-    request: LearnRequest, document: PriorsDocument, signed: tuple[str, str]
+    request: LearnRequest, document: PriorsReport, signed: tuple[str, str]
 ) -> list[PriorsRecord]:
     """A record for each technology: the document of that technology alone."""
     with TableStore.open(request.store_url, create=True) as store:
@@ -161,7 +160,7 @@ def _keep(
 
 
 def _written(
-    request: LearnRequest, document: PriorsDocument, kept: Sequence[PriorsRecord]
+    request: LearnRequest, document: PriorsReport, kept: Sequence[PriorsRecord]
 ) -> LearntPriors:
     """The result, its JSON and its page in the folder."""
     result = LearntPriors(document, page=lambda: priors_html(document), kept=kept)
@@ -174,7 +173,7 @@ def _written(
     return result
 
 
-def summary(document: PriorsDocument) -> list[str]:
+def summary(document: PriorsReport) -> list[str]:
     """The result in a few lines for people."""
     lines = [f"priors: {document.verdict}", *(f"  because {why}" for why in document.reasons)]
     for priors in document.technologies:
@@ -201,7 +200,7 @@ def _technology_lines(priors: TechnologyPriors) -> list[str]:
     return [*lines, *(f"  note: {note}" for note in priors.notes)]
 
 
-def parameter_lines(scope: ScopeDocument) -> list[str]:
+def parameter_lines(scope: PriorScope) -> list[str]:
     """Each parameter with its interval and its default."""
     return [
         f"{name:28s} {v.value:.3g} ({v.interval_95[0]:.3g} to {v.interval_95[1]:.3g})"

@@ -7,7 +7,7 @@ from infield.learning.parameters import PriorName
 from infield.reports.charts import Boxes, Line, Marks, Panel, Uprights, chart
 from infield.reports.figures import BLUE, GREY
 from infield.reports.page import render_page, significant
-from recal.service.priors.document import PriorsDocument, TechnologyPriors
+from recal.service.priors.document import PriorsReport, TechnologyPriors
 
 PRIORS_VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
 PARAMETER_WORDS = {
@@ -35,7 +35,7 @@ SHORT_WORDS = {
 MOST_UNITS = 60  # rows of a table of units
 
 
-def priors_html(document: PriorsDocument) -> str:
+def priors_html(document: PriorsReport) -> str:
     """The page of a document."""
     return render_page(
         "priors.html.j2",

@@ -18,7 +18,7 @@ from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBan
 from recal.fleet.figures import progress_drawing
 from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
-from recal.service.priors.forecast_records import ForecastDocument, TrendDocument, UnitForecast
+from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
 
 UNITS = 240
 STEP = BiasStep(
@@ -158,7 +158,7 @@ def test_the_forecast_is_on_the_page_by_urgency(document):
     """The first unit of the document first, its trend beside it; without a store, a line."""
     assert document.forecast is None and "No store, so no unit." in fleet_html(document)
     units = [unit_forecast("<LATE>", 0.9), unit_forecast("EARLY", 0.3)]
-    found = ForecastDocument(
+    found = ForecastReport(
         verdict="ok",
         reasons=[],
         store="s",
@@ -190,7 +190,7 @@ def unit_forecast(serial, drift_nm_h):
         date_95_utc="2026-11-22",
         temperature_degC=(0.0, 40.0),
         rests_on="defaults of rlg",
-        trend=TrendDocument(
+        trend=DriftTrend(
             date_utc=["2026-11-22", "2027-11-22", "2040-11-22"],
             median_nm_h=[drift_nm_h, 1.0, 5.0],
             high_nm_h=[2.0 * drift_nm_h, 2.0, 9.0],
