@@ -5,7 +5,7 @@ child each of these is one line of text. The child may grow by `limits.most_grow
 macOS and Windows know no such limit, there its time alone ends it) and has CHILD_LIFE_S. Before it
 opens the file it gives up sockets, further processes and writing: a guard against what a library
 does by the way, no jail, since machine code need not ask Python. It answers with arrays of numbers
-and texts (.npz without pickle), and what it prints is not shown.
+and texts (.npz without objects), and what it prints is not shown.
 
 Decision: docs/decisions/0087-libraries-in-a-child.md.
 """
@@ -33,7 +33,15 @@ from trajectories.runs.notes import About, Note, about
 
 CHILD_LIFE_S = 120  # chosen: a gigabyte of packed numbers takes 12
 # The rest of the environment may hold what is none of a library's business.
-ENVIRONMENT = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT", "TMPDIR", "TEMP")
+ENVIRONMENT = (
+    "PATH",
+    "LD_LIBRARY_PATH",
+    "DYLD_LIBRARY_PATH",
+    "SYSTEMROOT",
+    "TMPDIR",
+    "TEMP",
+    "HDF5_USE_FILE_LOCKING",
+)
 ONE_THREAD = {"OMP_NUM_ONE_THREAD": "1", "OPENBLAS_NUM_ONE_THREAD": "1"}
 START = (
     "import json, sys; request = json.loads(sys.argv[1]); sys.path[:] = request['search'];"
@@ -104,6 +112,8 @@ def read_contained(module: str, path: Path, wanted: Collection[str] | None = Non
             raise InputError(
                 f"{path.name}: not read after {CHILD_LIFE_S} s, needed one that is read within that"
             ) from None
+        except OSError as error:
+            raise InputError(f"{path.name}: no process to read it in ({error})") from None
         if code:
             raise InputError(f"{path.name}: {_end(code, errors)}, needed a sound file")
         return _loaded(arrays, path.name)
@@ -139,7 +149,7 @@ def _loaded(answered: IO[bytes], label: str) -> Contents:
     """The contents that a child wrote; InputError where it refused, or its answer is none."""
     answered.seek(0)
     try:
-        with np.load(answered, allow_pickle=False) as stored:
+        with np.load(answered) as stored:
             told = json.loads(str(stored["told"]))
             refused = str(told["refused"])
             arrays = {str(name): stored[f"arr_{k}"] for k, name in enumerate(told["names"])}

@@ -9,8 +9,12 @@ import pytest
 
 from ins.records import InputError
 from tests.trajectories.readers import child_readers
+from tests.trajectories.readers.conftest import fork
+from tests.trajectories.readers.damage import SAMPLES
 from trajectories.readers import contained
 from trajectories.readers.contained import read_contained
+from trajectories.readers.registry import read_log
+from trajectories.readers.rows.column_map import LogOptions
 from trajectories.runs.limits import unpack_limit
 from trajectories.runs.notes import About, about
 
@@ -58,6 +62,29 @@ def test_every_end_is_one_line(log, deed, line):
     with pytest.raises(InputError, match=rf"^log\.mat: .*{line}") as error:
         read(log, deed)
     assert str(error.value).isprintable() and not log.with_name("written").exists()
+
+
+@pytest.fixture
+def children(monkeypatch):
+    """The files that children are asked for."""
+    asked = []
+
+    def counted(request, arrays, errors):
+        asked.append(request.file)
+        return fork(request, arrays, errors)
+
+    monkeypatch.setattr(contained, "_run", counted)
+    return asked
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=[s.name for s in SAMPLES])
+def test_no_child_but_one_of_a_matlab_file(tmp_path, sample, children):
+    """Which format it is, is asked without one; what NaveGo's and PSINS's is known by, once."""
+    path = tmp_path / f"log{sample.suffix}"
+    sample.write(path)
+    given = {"format": sample.reader} if sample.reader in ("text", "binary") else {}
+    read_log(path, LogOptions({**given, **sample.options}))
+    assert children == ([str(path)] if ".mat" in sample.suffix else [])
 
 
 def test_one_that_does_not_come_back(log, monkeypatch):

@@ -178,7 +178,7 @@ def mislabelled(file):
 
 def circle(file):
     group = file.create_group("bad")
-    for name in "abcdefgh":
+    for name in "abc":
         group[name] = group
 
 
@@ -189,9 +189,7 @@ LOG = {"imu.t", "imu.w", "imu.f"}
     ("add", "told"),
     [
         (bomb, "bytes unpacked"),
-        (circle, "nested too deeply"),
         (mislabelled, "bytes in a chunk, needed 8192"),
-        (lambda f: f.create_dataset("bad", (10**6,), chunks=(1,), dtype="f8"), "1000000 chunks"),
         (
             lambda f: f.create_dataset("bad", (9,), chunks=(9,), compression="lzf", dtype="f8"),
             "needed gzip",
@@ -201,6 +199,11 @@ LOG = {"imu.t", "imu.w", "imu.f"}
 def test_what_would_harm_costs_its_variable_alone(tmp_path, add, told):
     found, notes = read_arrays(with_item(tmp_path / "a.mat", add))
     assert set(found) == LOG and told in notes[0]
+
+
+def test_a_circle_of_groups_ends(tmp_path):
+    found, notes = read_arrays(with_item(tmp_path / "a.mat", circle))
+    assert set(found) == LOG and notes == []
 
 
 def test_nothing_is_read_from_other_files(tmp_path):

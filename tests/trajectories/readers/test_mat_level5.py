@@ -104,8 +104,7 @@ def lying(path, *, dims=(1, 2), kind=9, length=16, packed=False):
 
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize(
-    "changes",
-    [{"dims": (2**31 - 1, 2**31 - 1)}, {"dims": (-1, 2)}, {"dims": (1, 3)}, {"length": 2**32 - 8}],
+    "changes", [{"dims": (2**31 - 1, 2**31 - 1)}, {"dims": (1, 3)}, {"length": 2**32 - 8}]
 )
 def test_lengths_that_lie(tmp_path, changes, packed):
     found, notes = read_arrays(lying(tmp_path / "a.mat", **changes, packed=packed))

@@ -6,15 +6,12 @@ elements. What follows is for a library, a variable at a time, so that a damaged
 costs no other. Source: MathWorks, MAT-File Format (R2019b), chapter 1.
 """
 
-import math
 import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-
-import numpy as np
 
 from ins.user_input import open_regular
 from trajectories.readers.containers.unpacking import Damaged, inflated
@@ -90,19 +87,12 @@ def _variable(file: BufferedReader, at: int, after: int, kind: int, order: str) 
         if inner != ARRAY:
             raise Damaged("no array in it")
         head = head[ELEMENT_HEAD_BYTES:]
-    flags, dimensions, name = _first_elements(head, order)
-    sizes = np.frombuffer(dimensions[: len(dimensions) // 4 * 4], dtype=order + "i4").tolist()
-    count = math.prod(sizes)
-    # a number takes a byte at least
-    if len(flags) != 8 or not sizes or min(sizes) < 0 or count > unpacked:
-        raise Damaged(f"dimensions {sizes} in {unpacked} bytes")
-    text = name.decode("latin-1").rstrip("\0")
-    return Variable(at=at, size=after - at, name=text, unpacked=unpacked)
+    return Variable(at=at, size=after - at, name=_name(head, order), unpacked=unpacked)
 
 
-def _first_elements(body: bytes, order: str) -> list[bytes]:
-    """Flags, dimensions and name; a small element has its type, length and bytes in eight."""
-    found, at = [], 0
+def _name(body: bytes, order: str) -> str:
+    """The name of an array; a small element has its type, length and bytes in eight."""
+    at, found = 0, b""
     for needed in FIRST_TYPES:
         if at + ELEMENT_HEAD_BYTES > len(body):
             raise Damaged("an array cut off")
@@ -112,6 +102,5 @@ def _first_elements(body: bytes, order: str) -> list[bytes]:
             kind, length, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
         if kind != needed or start + length > len(body):
             raise Damaged("no flags, dimensions and name")
-        found.append(body[start : start + length])
-        at = end
-    return found
+        found, at = body[start : start + length], end
+    return found.decode("latin-1").rstrip("\0")

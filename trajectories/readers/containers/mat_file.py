@@ -69,13 +69,14 @@ def read_arrays(path: Path, wanted: Collection[str] | None = None) -> Contents:
 def arrays_at_once(path: Path) -> dict[str, NDArray]:
     """All arrays of a file whose format is sought; none where it cannot be read."""
     identity = _identity(path)
-    if identity not in _sought:
-        _sought.clear()
+    kept = _sought.get(identity)
+    if kept is None:
         try:
-            _sought[identity] = _read(path, None)
+            kept = _read(path, None)
         except InputError as error:
-            _sought[identity] = error
-    kept = _sought[identity]
+            kept = error
+        _sought.clear()
+        _sought[identity] = kept
     return {} if isinstance(kept, InputError) else kept[0]
 
 

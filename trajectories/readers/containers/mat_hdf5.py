@@ -28,11 +28,6 @@ from trajectories.readers.containers.unpacking import Damaged, inflated
 from trajectories.runs.limits import NUMBER_BYTES, Room
 from trajectories.runs.notes import About, Note
 
-# of a dataset; chosen: a MATLAB chunk has some thousand numbers, 100,000 of them are a long log
-MAX_CHUNKS = 100_000
-# of groups, datasets, cells that are looked at; chosen: logs have some 100
-MAX_OBJECTS = 20_000
-MAX_GROUP_DEPTH = 6  # of groups in each other, so that a circle ends; chosen: 4 are looked at
 MAX_NAME = 200  # characters; MATLAB's own names had at most 63 (namelengthmax)
 # what the library raises for damaged files, whatever is wrong with them
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, Damaged)
@@ -76,16 +71,14 @@ class _Reader:
     def __init__(self, file: Any, room: Room) -> None:
         self._file, self._room = file, room
         self._file_bytes = file.id.get_filesize()
-        self._objects = 0
 
     def leaves(self, name: str, item: Any, depth: int = 0) -> dict[str, NDArray]:
         """What is below a group or dataset, by full name."""
-        self._objects += 1
-        if depth > MAX_GROUP_DEPTH or self._objects > MAX_OBJECTS:
-            raise Damaged("nested too deeply, or too many parts")
+        if depth > MAX_FIELD_DEPTH:
+            return {}
         if isinstance(item, h5py.Group):
             return self._struct(name, item, depth)
-        if depth > MAX_FIELD_DEPTH or not isinstance(item, h5py.Dataset):
+        if not isinstance(item, h5py.Dataset):
             return {}
         if item.external or item.is_virtual:
             raise Damaged("its values are in another file")
@@ -113,8 +106,6 @@ class _Reader:
 
     def _referred(self, item: Any) -> list[Any]:
         """What the cells of a dataset refer to, in MATLAB's order."""
-        if _elements(item) > MAX_OBJECTS:
-            raise Damaged(f"{_elements(item)} cells")
         references = self._stored(item).ravel()
         return [self._file[reference] if reference else None for reference in references]
 
@@ -144,10 +135,7 @@ class _Reader:
         if item.chunks is None or not item.size:
             return np.asarray(item[()])
         chunk_bytes = math.prod(item.chunks) * item.dtype.itemsize
-        self._room.check(chunk_bytes)
         counts = [-(-size // step) for size, step in zip(item.shape, item.chunks)]
-        if math.prod(counts) > MAX_CHUNKS:
-            raise Damaged(f"{math.prod(counts)} chunks")
         if item.compression not in (None, "gzip") or item.fletcher32 or item.scaleoffset:
             raise Damaged(f"packed by {item.compression or 'a filter'}: needed gzip")
         out = np.zeros(item.shape, dtype=item.dtype)

@@ -67,8 +67,8 @@ def contents(path: Path, wanted: Collection[str] | None) -> Contents:
             notes.append(damaged(path, variable.at, error))
             continue
         for name, value in found.items():
-            if name == variable.name:
-                _collect(arrays, name, value, room)
+            if not name.startswith("__"):  # scipy's own: __header__, __version__, __globals__
+                _collect(arrays, variable.name, value, room)
     return arrays, notes
 
 
