@@ -20,7 +20,7 @@ NUMBER_BYTES = 8  # of a float64
 # Of the numbers that one file puts into memory: seven columns of an hour at 1 kHz are 202 MB. What
 # is made of them takes up to four times as much, 1 GB with the program.
 HELD_BYTES = 220_000_000
-GROWTH_BYTES = 1 << 30  # 1 GB, of a child that reads a file: house.md, section 4
+GROWTH_BYTES = 1 << 30  # 1 GB, chosen, of a child that reads a file: 4 times HELD_BYTES
 # chosen: 1 each for the file's bytes, the library's array and the numbers, 1 to spare
 GROWTH_SHARE = 4
 VARIABLE = "RECAL_MAX_UNPACKED_MB"
