@@ -20,6 +20,9 @@ NUMBER_BYTES = 8  # of a float64
 # Of the numbers that one file puts into memory: seven columns of an hour at 1 kHz are 202 MB. What
 # is made of them takes up to four times as much, 1 GB with the program.
 HELD_BYTES = 220_000_000
+GROWTH_BYTES = 1 << 30  # 1 GB, chosen, of a child that reads a file: 4 times HELD_BYTES
+# chosen: 1 each for the file's bytes, the library's array and the numbers, 1 to spare
+GROWTH_SHARE = 4
 VARIABLE = "RECAL_MAX_UNPACKED_MB"
 OPTION = "recal --max-unpacked-mb"
 MEGABYTE = 1_000_000
@@ -29,6 +32,11 @@ MAX_MEGABYTES = 1_000_000  # of the option: 1 TB, beyond any machine
 def most_unpacked(packed_bytes: int) -> int:
     """The bytes that so many packed ones may become."""
     return _asked_for() or max(SMALL_BYTES, MAX_GROWTH * packed_bytes)
+
+
+def most_growth() -> int:
+    """The bytes that a child which reads a file may grow by."""
+    return max(GROWTH_BYTES, GROWTH_SHARE * (_asked_for() or 0))
 
 
 def _asked_for() -> int | None:

@@ -22,6 +22,8 @@ from trajectories.readers.rows.column_map import LogOptions
 
 DT_S = 0.02
 
+pytestmark = pytest.mark.usefixtures("forked")
+
 
 @pytest.fixture
 def old(tmp_path):

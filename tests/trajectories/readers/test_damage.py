@@ -17,6 +17,7 @@ from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import ConvertedLog, read_log, readers
 from trajectories.readers.rows.column_map import LogOptions, column_map
 
+pytestmark = pytest.mark.usefixtures("forked")
 NORMAL, LONG = 30, 3000  # mutations of each sample
 IDS = [s.name for s in SAMPLES]
 

@@ -24,6 +24,7 @@ from tests.trajectories.readers.known_motion import (
 )
 from trajectories.readers.conversion import convert_log
 
+pytestmark = pytest.mark.usefixtures("forked")
 OUT = parked()
 
 

@@ -25,6 +25,7 @@ from tests.trajectories.readers.known_motion import (
 )
 from trajectories.readers.conversion import convert_log
 
+pytestmark = pytest.mark.usefixtures("forked")
 OUT = parked()
 RFU_MAP = {  # what somebody would write who takes the columns for forward, right, down
     "format": "text",

@@ -1,28 +1,25 @@
 """Columns of a MATLAB file by expressions: a vector, a column of a matrix, a field of a struct.
 
 `imu.wb[0]` counts columns from 0, `imu.wb(:,1)` from 1 as MATLAB does; a vector needs neither. An
-element of a struct array is `imu(2).wb`. Version 7.3 is HDF5, which needs the extra `hdf5`; an HDF5
-file of another program is read too, with its groups as structs.
+element of a struct array is `imu(2).wb`. Version 7.3 is HDF5; an HDF5 file of another program is
+read too, with its groups as structs.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
-from trajectories.readers.containers.mat_file import read_variables
+from trajectories.readers.containers.mat_file import arrays_at_once, read_arrays
 from trajectories.readers.rows.column_map import LayoutKeys, MapError
 
 EXPRESSION = re.compile(
     r"^(?P<name>[A-Za-z]\w*(?:\(\d+\))?(?:\.[A-Za-z]\w*(?:\(\d+\))?)*)(?:\[(?P<from0>\d+)\]|\(:,"
     r" ?(?P<from1>\d+)\))?$"
 )
-MAX_FIELD_DEPTH = 4  # of fields within fields; chosen: those of NaveGo and PSINS lie 1 deep
-MAX_ELEMENTS = 100  # of an array of structs that are looked at
 SHOWN_NAMES = 12  # names of a message; 12 of about 15 characters are three lines of a terminal
 
 Leaves = dict[str, NDArray]
@@ -35,30 +32,28 @@ def mat_columns(
     holds.
     """
     roots = {name.split(".")[0].split("(")[0].split("[")[0] for name in used}
-    values, notes = leaves(path, lambda name: name in roots)
+    values, notes = leaves(path, roots)
     try:
         return {name: _column(values, name, path) for name in used}, notes
     except InputError as error:
         raise InputError(f"{error} ({notes[0]})" if notes else str(error)) from None
 
 
-def leaves(path: Path, wanted: Any = None) -> tuple[Leaves, list[str]]:
-    """All real matrices in a file by their full name (`imu.wb`), two-dimensional float64, and notes
-    on damaged variables.
+def leaves(path: Path, wanted: Collection[str] | None = None) -> tuple[Leaves, list[str]]:
+    """All real matrices in a file, or in some of its variables, by their full name (`imu.wb`),
+    two-dimensional float64, and notes on damaged variables.
     """
-    found, notes = read_variables(path, wanted or (lambda name: True))
-    out: Leaves = {}
-    for name, value in found.items():
-        _collect(out, name, value, 0)
-    return out, notes
+    arrays, notes = read_arrays(path, wanted)
+    return _matrices(arrays), notes
 
 
-def leaves_at_once(path: Path, wanted: Any = None) -> Leaves:
+def leaves_at_once(path: Path) -> Leaves:
     """`leaves` of a file whose format is sought; none where it cannot be read."""
-    try:
-        return leaves(path, wanted)[0]
-    except InputError:
-        return {}
+    return _matrices(arrays_at_once(path))
+
+
+def _matrices(arrays: Mapping[str, NDArray]) -> Leaves:
+    return {name: values for name, values in arrays.items() if values.dtype.kind == "f"}
 
 
 def shapes(values: Mapping[str, NDArray]) -> str:
@@ -74,20 +69,6 @@ def shapes(values: Mapping[str, NDArray]) -> str:
 def vector(matrix: NDArray) -> NDArray | None:
     """The values of a 1xn or nx1 matrix, else None."""
     return matrix.ravel() if 1 in matrix.shape else None
-
-
-def _collect(out: Leaves, name: str, value: Any, depth: int) -> None:
-    """Matrices of numbers below a variable: structs by field, struct arrays by element from 1."""
-    if not isinstance(value, np.ndarray) or depth > MAX_FIELD_DEPTH:
-        return
-    if value.dtype.names:
-        elements = value.ravel()[:MAX_ELEMENTS]
-        for k, element in enumerate(elements):
-            label = name if elements.size == 1 else f"{name}({k + 1})"
-            for field in value.dtype.names:
-                _collect(out, f"{label}.{field}", element[field], depth + 1)
-    elif value.dtype.kind in "fiu" and value.ndim == 2 and value.size:
-        out[name] = np.asarray(value, dtype=np.float64)
 
 
 def _column(values: Leaves, text: str, path: Path) -> NDArray:

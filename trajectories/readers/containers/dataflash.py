@@ -4,6 +4,8 @@ A message is A3 95, its type (one byte) and a body of fixed length; messages of 
 what a type holds. There is no checksum: a message counts only where another one, or the end of the
 file, follows it at once, so that one with bytes lost or added never passes. Everything skipped is
 noted by its bytes.
+
+Decision: docs/decisions/0087-libraries-in-a-child.md.
 """
 
 import struct

@@ -1,44 +1,28 @@
-"""MATLAB files, a variable at a time, so that a damaged or cut-off one costs no other.
+"""MATLAB files: which they are, and what is in them, read by libraries in a child.
 
-Version 7.3 is HDF5 (`trajectories.readers.containers.mat_hdf5`). A file of version 5 to 7.2 is a
-head of 128 bytes and elements: type and length (4 bytes each), then that many bytes.
+Version 5 to 7.2 are MATLAB's own layout (`mat_elements`, `mat_level5`), version 7.3 is HDF5
+(`mat_hdf5`).
 """
 
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 from numpy.typing import NDArray
 
 from ins.records import InputError
 from ins.user_input import open_regular
-from trajectories.readers.containers import mat_hdf5
-from trajectories.readers.containers.file_bytes import read_whole
-from trajectories.readers.containers.mat_arrays import MatArray
-from trajectories.readers.containers.unpacking import Damaged, inflated
-from trajectories.runs.limits import NUMBER_BYTES, Room
-from trajectories.runs.notes import About, Note
+from trajectories.readers.contained import Contents, read_contained
+from trajectories.readers.containers.mat_elements import MAT_HEAD_BYTES, variables
 
-MAT_HEAD_BYTES = 128
-ELEMENT_HEAD_BYTES = 8  # kind and length, 4 bytes each (MAT-File Level 5)
-HEAD_BYTES = 4096  # of a packed variable: flags, dimensions and name have 300 at most
-# Types of an element that holds a variable.
-ARRAY = 14
-COMPRESSED = 15
 VERSION_5, VERSION_7_3 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
 HDF5 = b"\x89HDF"
 
-
-def is_mat(path: Path) -> bool:
-    """Whether a file is MATLAB's, of a version that can be read here: 5 to 7.2, and 7.3 where the
-    library for HDF5 is there.
-    """
-    return _head(path).startswith(VERSION_5) or (_is_hdf5(path) and mat_hdf5.library() is not None)
+_sought: dict[tuple[str, int, int], Contents | InputError] = {}
+"""The contents of the last file whose format was sought, until its reader takes them."""
 
 
 def is_matlab(path: Path) -> bool:
-    """Whether a file is of version 5 or later, or HDF5 of another program."""
+    """Whether a file is MATLAB's, of version 5 or later, or HDF5 of another program."""
     return _head(path).startswith(VERSION_5) or _is_hdf5(path)
 
 
@@ -55,92 +39,54 @@ def _head(path: Path) -> bytes:
 def variable_names(path: Path) -> set[str]:
     """Names of the variables that can be read."""
     if _is_hdf5(path):
-        return mat_hdf5.variable_names(path)
-    return {variable.name for variable in _variables(path, [])}
+        return {name.split(".")[0].split("(")[0] for name in arrays_at_once(path)}
+    return {variable.name for variable in variables(path, [])}
 
 
-def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, Any], list[str]]:
-    """Variables by name as `scipy.io.loadmat` gives them, and notes on damaged ones. InputError for
-    another format, or where they unpack to more than they may.
+def read_arrays(path: Path, wanted: Collection[str] | None = None) -> Contents:
+    """Arrays by full name, and notes on damaged variables, as `mat_level5.contents` gives them.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    wanted : collection of str, optional
+        Names of variables; None is all. More may be given.
+
+    Raises
+    ------
+    InputError
+        For another format, or where they unpack to more than they may.
     """
-    if _is_hdf5(path):
-        return mat_hdf5.read_variables(path, wanted)
-    if not is_mat(path):
+    kept = _sought.pop(_identity(path), None)
+    if isinstance(kept, InputError) and wanted is None:
+        raise kept
+    if kept is not None and not isinstance(kept, InputError):
+        return kept
+    return _read(path, wanted)
+
+
+def arrays_at_once(path: Path) -> dict[str, NDArray]:
+    """All arrays of a file whose format is sought; none where it cannot be read."""
+    identity = _identity(path)
+    kept = _sought.get(identity)
+    if kept is None:
+        try:
+            kept = _read(path, None)
+        except InputError as error:
+            kept = error
+        _sought.clear()
+        _sought[identity] = kept
+    return {} if isinstance(kept, InputError) else kept[0]
+
+
+def _read(path: Path, wanted: Collection[str] | None) -> Contents:
+    if not is_matlab(path):
         raise InputError(f"{path.name}: no MATLAB file, needed version 5 or later")
-    notes: list[str] = []
-    found: dict[str, Any] = {}
-    for variable in _variables(path, notes):
-        try:
-            value = variable.value() if wanted(variable.name) else None
-        except Damaged as error:
-            notes.append(_told(path, variable.at, error))
-            continue
-        if value is not None:
-            found[variable.name] = value
-    return found, notes
+    name = "mat_hdf5" if _is_hdf5(path) else "mat_level5"
+    return read_contained(f"{__package__}.{name}", path, wanted)
 
 
-class _Variable:
-    """A variable of a file: place and name at once, its values on demand. A packed one is not
-    unpacked for its name beyond its head.
-    """
-
-    def __init__(self, at: int, body: memoryview, kind: int, order: str, room: Room) -> None:
-        self.at, self._body, self._kind, self._order, self._room = at, body, kind, order, room
-        head = body if kind == ARRAY else _matrix(inflated(body, HEAD_BYTES, whole=False), order)
-        array = MatArray(head, order, room)
-        self.name, self._number_bytes = array.name, array.number_bytes
-
-    def value(self) -> NDArray | None:
-        """As `MatArray.value` gives it."""
-        body = self._body
-        if self._kind != ARRAY:
-            declared = _declared(inflated(body, HEAD_BYTES, whole=False), self._order)
-            if self._number_bytes <= NUMBER_BYTES * declared:  # else the dimensions lie
-                self._room.check(self._number_bytes)
-            self._room.take(declared)
-            body = _matrix(inflated(body, declared + ELEMENT_HEAD_BYTES), self._order)
-        return MatArray(body, self._order, self._room).value()
-
-
-def _variables(path: Path, notes: list[str]) -> Iterator[_Variable]:
-    """The variables whose head can be read."""
-    data = memoryview(read_whole(path))
-    size = len(data)
-    room = Room(size, path.name)
-    order = ">" if bytes(data[126:128]) == b"MI" else "<"
-    at = MAT_HEAD_BYTES
-    while at + ELEMENT_HEAD_BYTES <= size:
-        kind, length = struct.unpack_from(order + "II", data, at)
-        after = at + ELEMENT_HEAD_BYTES + length
-        if after > size or kind not in (ARRAY, COMPRESSED):
-            break
-        try:
-            yield _Variable(at, data[at + ELEMENT_HEAD_BYTES : after], kind, order, room)
-        except Damaged as error:
-            notes.append(_told(path, at, error))
-        at = after
-    if at < size:
-        left = size - at
-        known = left < ELEMENT_HEAD_BYTES or kind in (ARRAY, COMPRESSED)
-        what = "cut off" if known else "damaged"
-        told = f"{path.name}: {what} at byte {at}: the last {left} bytes dropped"
-        notes.append(Note(told, About.DAMAGE))
-
-
-def _declared(plain: bytes, order: str) -> int:
-    """The length of the array that an unpacked element says it is."""
-    if len(plain) < ELEMENT_HEAD_BYTES or struct.unpack_from(order + "I", plain)[0] != ARRAY:
-        raise Damaged("no array in it")
-    return int(struct.unpack_from(order + "I", plain, 4)[0])
-
-
-def _matrix(plain: bytes, order: str) -> memoryview:
-    """The array within an unpacked element, or as much of it as there is."""
-    end = ELEMENT_HEAD_BYTES + _declared(plain, order)
-    return memoryview(plain)[ELEMENT_HEAD_BYTES:end]
-
-
-def _told(path: Path, at: int, error: Damaged) -> str:
-    told = f"{path.name}: variable at byte {at} damaged ({error}), not read"
-    return Note(told, About.DAMAGE)
+def _identity(path: Path) -> tuple[str, int, int]:
+    stat = path.stat()
+    return str(path.resolve()), stat.st_size, stat.st_mtime_ns

@@ -5,6 +5,8 @@ what a bag itself says of its types is not used (a library would make code of it
 little-endian; ROS 2 has CDR (XCDR1), a head of four bytes and each number aligned to its size.
 Units of ROS: REP-103 (rad/s, m/s2, m, m/s), degC, degrees of latitude. Source: docs.ros.org,
 sensor_msgs and geometry_msgs; OMG CDR. (The tests take rosbags as their yardstick.)
+
+Decision: docs/decisions/0087-libraries-in-a-child.md.
 """
 
 import struct

@@ -5,6 +5,8 @@ one begins: a message counts only where another one, or the end of the file, fol
 damage three in a row must fit. Everything skipped is noted by its bytes. (pyulog is the yardstick
 of the tests: it does not come back from some damaged files.) Source: PX4 user guide, "ULog File
 Format".
+
+Decision: docs/decisions/0087-libraries-in-a-child.md.
 """
 
 import re

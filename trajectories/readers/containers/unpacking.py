@@ -68,7 +68,7 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 
 def _zstd(data: bytes, size: int) -> bytes:
-    try:  # of the standard library (3.14), or the backport that comes with rosbags
+    try:  # of the standard library (3.14), or its backport
         zstd: Any = importlib.import_module("compression.zstd")
     except ImportError:
         zstd = importlib.import_module("backports.zstd")

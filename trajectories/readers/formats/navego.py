@@ -23,7 +23,7 @@ from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import side_file
 from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_once, shapes
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
-from trajectories.readers.containers.mat_file import is_mat
+from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 from trajectories.runs.notes import About, Note
@@ -191,7 +191,7 @@ def _with_reference(log: ConvertedLog, values: Leaves) -> ConvertedLog:
 
 def detect(path: Path) -> bool:
     """A MATLAB file with a struct that has t, fb and wb."""
-    return is_mat(path) and bool(_structs(leaves_at_once(path), IMU_FIELDS))
+    return is_matlab(path) and bool(_structs(leaves_at_once(path), IMU_FIELDS))
 
 
 READERS = (

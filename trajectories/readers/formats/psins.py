@@ -24,7 +24,7 @@ from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_once, shapes
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
-from trajectories.readers.containers.mat_file import is_mat, is_matlab
+from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 from trajectories.readers.rows.increment_rows import (
@@ -247,9 +247,9 @@ def detect(path: Path) -> bool:
     velocity increments.
     """
     if is_matlab(path):
-        return is_mat(path) and any(
+        return any(
             are_increments(v, time=6, accel=3)
-            for k, v in leaves_at_once(path, lambda n: n in ("imu", "trj")).items()
+            for k, v in leaves_at_once(path).items()
             if k in IMU_NAMES
         )
     text = head_rows(path)
