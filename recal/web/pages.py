@@ -10,7 +10,12 @@ from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
 from recal.service.priors.forecast_page import date_words, trend_strips
-from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
+from recal.service.results.pages import (
+    JsonObject,
+    diagnosis_lines,
+    script_texts,
+    stored_update_html,
+)
 from recal.service.store import FullProposal, Revision, TableStore, UnitKey
 from recal.service.tables import change_between
 from recal.web import health, views
@@ -18,8 +23,14 @@ from recal.web.drawings import Line
 from recal.web.guard import Refused
 from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
-from recal.web.site import Site
+from recal.web.site import SCRIPT_PATH, Site
 
+TABLE_WORDS = {
+    "factory": "factory table",
+    "previous": "previous table, U(k=2) band",
+    "active": "active table, U(k=2) band",
+}
+A_DAY = "private, max-age=86400"  # a script under its hash
 Sort = Literal[
     "next", "serial", "technology", "changed", "proposals", "contradictions", "age", "drift"
 ]
@@ -43,6 +54,7 @@ MOST_SHOWN = 500  # rows of a history
 
 def register(app: FastAPI, site: Site) -> None:
     """All routes that only read."""
+    _register_script(app)
     _register_units(app, site)
     _register_forecast(app, site)
     _register_revisions(app, site)
@@ -104,20 +116,13 @@ def _register_units(app: FastAPI, site: Site) -> None:
             proposals = opened.proposals(*key)
             contradictions = opened.contradictions(*key) if history else ()
             forecast = site.forecasts.at_hand(opened)
-        context: dict[str, Any] = {
-            "active": None,
-            "panels": [],
-            "lines": [],
-            "contradictions": [],
-            "rows": None,
-        }
+        context: dict[str, Any] = {"active": None, "drawn": "", "contradictions": [], "rows": None}
         if history:
             lines = _lines(history)
             active = history[-1]
             context = {
                 "active": active,
-                "panels": site.drawings.bias_panels(lines, contradictions),
-                "lines": lines,
+                "drawn": site.drawings.bias_panels(lines, contradictions),
                 "rows": views.table_rows(active.table),
                 "contradictions": views.contradiction_rows(contradictions, active.table),
             }
@@ -135,6 +140,13 @@ def _register_units(app: FastAPI, site: Site) -> None:
         )
 
 
+def _register_script(app: FastAPI) -> None:
+    @app.get(SCRIPT_PATH)
+    def figures_script() -> Response:
+        headers = {"cache-control": A_DAY}
+        return Response("\n".join(script_texts()), 200, headers, "text/javascript")
+
+
 def _register_forecast(app: FastAPI, site: Site) -> None:
     @app.get("/forecast")
     def forecast(request: Request) -> HTMLResponse:
@@ -149,7 +161,7 @@ def _register_forecast(app: FastAPI, site: Site) -> None:
             trends=trend_strips(document),
             date_words=date_words,
             unit_page=views.forecast_address,
-            drawing=site.drawings.trend(key, document) if document.units else None,
+            drawn=site.drawings.trend(key, document) if document.units else "",
         )
 
 
@@ -166,7 +178,10 @@ def _register_revisions(app: FastAPI, site: Site) -> None:
         site.require_reader(request)
         with site.tables() as opened:
             old, new = (opened.revision(k, serial, technology, mode) for k in (before, after))
-        lines = [Line("before", old.sha256, old.table), Line("after", new.sha256, new.table)]
+        lines = [
+            Line(name, of.sha256, of.table, f"revision {of.number}, U(k=2) band")
+            for name, of in (("before", old), ("after", new))
+        ]
         return site.page(
             request,
             "diff.html.j2",
@@ -174,8 +189,7 @@ def _register_revisions(app: FastAPI, site: Site) -> None:
             before=old,
             after=new,
             change=_change(old, new),
-            lines=lines,
-            panels=site.drawings.bias_panels(lines),
+            drawn=site.drawings.bias_panels(lines),
             made_from=views.provenance_change(old, new),
         )
 
@@ -218,11 +232,6 @@ def _register_proposals(app: FastAPI, site: Site) -> None:
             full = opened.proposal(number, serial, technology, mode)
             base = _base(opened, full)
         change = None if base is None else _change(base, full)
-        lines = (
-            []
-            if base is None
-            else [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
-        )
         return site.page(
             request,
             "proposal.html.j2",
@@ -231,8 +240,7 @@ def _register_proposals(app: FastAPI, site: Site) -> None:
             report=full.report,
             base=base,
             change=change,
-            lines=lines,
-            panels=site.drawings.bias_panels(lines) if lines else [],
+            drawn="" if base is None else site.drawings.bias_panels(_proposed(base, full)),
             look=views.STATE_LOOKS[full.state],
         )
 
@@ -294,7 +302,19 @@ def _lines(history: list[Revision]) -> list[Line]:
     chosen = [("factory", factory)] if factory.sha256 != active.sha256 else []
     if len(history) > 1 and history[-2].sha256 not in (factory.sha256, active.sha256):
         chosen.append(("previous", history[-2]))
-    return [Line(name, r.sha256, r.table) for name, r in [*chosen, ("active", active)]]
+    return [
+        Line(name, r.sha256, r.table, TABLE_WORDS[name])
+        for name, r in [*chosen, ("active", active)]
+    ]
+
+
+def _proposed(base: Revision, full: FullProposal) -> list[Line]:
+    """The table that a proposal was made from, and the proposed one."""
+    now = "table now" if full.state == "open" else f"revision {base.number}"
+    return [
+        Line("before", base.sha256, base.table, f"{now}, U(k=2) band"),
+        Line("after", full.sha256, full.table, "proposed table, U(k=2) band"),
+    ]
 
 
 def _base(opened: TableStore, full: FullProposal) -> Revision | None:

@@ -13,7 +13,7 @@ from fastapi.responses import HTMLResponse
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 
-from recal.service.results.pages import page_environment
+from recal.service.results.pages import page_environment, script_texts
 from recal.service.store import TableStore
 from recal.web import views
 from recal.web.door import Door, Session
@@ -42,10 +42,7 @@ NEXT = {
         " what is wrong with it."
     )
 }
-FRAMED_POLICY = (
-    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self';"
-    " base-uri 'none'; form-action 'none'"
-)
+SCRIPT_PATH = "/figures.js"
 
 
 class SignInFirst(Exception):
@@ -94,8 +91,8 @@ class Site:
     def page(
         self, request: Request | None, template: str, status: int = 200, **context: Any
     ) -> HTMLResponse:
-        """A page under the strict policy: no script, no style but its own, nothing from
-        elsewhere.
+        """A page under the strict policy: no script but that of the figures, no style but its
+        own, nothing from elsewhere.
         """
         session = None if request is None else self.session(request)
         text = (
@@ -107,6 +104,7 @@ class Site:
                 locked=self.door.locked,
                 has_reports=self.reports.given,
                 address=views.address,
+                figures_script=_script_address(),
                 **context,
             )
         )
@@ -131,12 +129,12 @@ class Site:
         )
 
     def framed(self, text: str) -> HTMLResponse:
-        """A report that was drawn elsewhere: alone in a sandbox, without scripts, forms or an
-        origin.
+        """A report that was drawn elsewhere: alone in a sandbox, without forms or an origin; of
+        scripts only those of this version's figures run.
         """
         return HTMLResponse(
             text,
-            headers={"content-security-policy": FRAMED_POLICY, "x-frame-options": "SAMEORIGIN"},
+            headers={"content-security-policy": _framed_policy(), "x-frame-options": "SAMEORIGIN"},
         )
 
 
@@ -158,8 +156,34 @@ def _style() -> Markup:
 
 @lru_cache(maxsize=1)
 def _policy() -> str:
-    digest = base64.b64encode(hashlib.sha256(_style().encode()).digest()).decode()
+    style = _source(hashlib.sha256(_style().encode()).digest())
     return (
-        f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; form-action 'self';"
-        " frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+        f"default-src 'none'; script-src 'self'; style-src {style}; img-src data: blob:;"
+        " form-action 'self'; frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
     )
+
+
+@lru_cache(maxsize=1)
+def _framed_policy() -> str:
+    scripts = " ".join(map(_source, _digests()))
+    return (
+        f"sandbox allow-scripts allow-downloads; default-src 'none'; script-src {scripts};"
+        " style-src 'unsafe-inline'; img-src data: blob:; frame-ancestors 'self';"
+        " base-uri 'none'; form-action 'none'"
+    )
+
+
+@lru_cache(maxsize=1)
+def _digests() -> tuple[bytes, ...]:
+    """SHA-256 of each script that shows figures."""
+    return tuple(hashlib.sha256(text.encode()).digest() for text in script_texts())
+
+
+def _script_address() -> str:
+    """Where a page finds the scripts: another place for each version of them."""
+    return f"{SCRIPT_PATH}?{'-'.join(digest[:4].hex() for digest in _digests())}"
+
+
+def _source(digest: bytes) -> str:
+    """As a policy names what it allows."""
+    return f"'sha256-{base64.b64encode(digest).decode()}'"

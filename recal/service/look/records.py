@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from infield.reports.documents.spans import SpanDocument
-from infield.reports.zoom import ZoomFigure
+from infield.reports.drawing import Panel
 from ins.records import Phase
 from ins.verdicts import UNWRITTEN
 from recal.service.check import HoldsDocument
@@ -103,5 +103,5 @@ class LookDocument:
     uses: Sequence[UseDocument]
     noise: Sequence[NoiseDocument]
     convert: str
-    series: Mapping[str, ZoomFigure] = field(metadata=UNWRITTEN)
+    series: Mapping[str, Panel] = field(metadata=UNWRITTEN)
     fitted: TwinFitRecord | None = field(metadata=UNWRITTEN)
