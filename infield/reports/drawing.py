@@ -43,11 +43,12 @@ MOST_PLAIN = 64  # numbers of a column that stand there in digits; chosen: the m
 DIGITS = 6  # significant ones of a number in the page: a pixel of a drawing is a thousandth of it
 LETTER_PX, TITLE_PX = 12, 13
 WIDE_PX, PANEL_PX = 320, 290  # height of a figure as wide as the page, and of one of several
-ROW_PX, FRAME_PX = 26, 84  # height of a row of bars; of what is around the rows
+ROW_PX, LINE_PX, FRAME_PX = 26, 14, 96  # of a row of bars; a line of its label; around the rows
 DOT_PX = 1.6  # pixels to the unit of a mark's size
 STACKED_LEFT_PX = 66  # numbers of six letters: fields below one another begin alike
-LEAST_FIELD_PX, LABEL_PX = 230, 7  # beside labels of rows: of the field at least; of a letter
-LONGEST_LINE = 52  # letters of an axis' name before it goes on in another line: a phone's width
+LEAST_FIELD_PX, LABEL_PX = 160, 6  # beside labels of rows: of the field at least; of a letter
+# letters of an axis' name before it goes on in another line: a phone's width; the least field's
+LONGEST_LINE, SHORTEST_LINE = 52, 24
 DASHED, DASH_DOT, DOTTED = "dash", "dashdot", "dot"
 SAMPLE_DASHES = {"": "", DASHED: "5 3", DASH_DOT: "7 2 2 2", DOTTED: "2 2"}
 BAND_OPACITY = 0.18  # two bands that overlap are still told apart
@@ -428,9 +429,9 @@ class Panel:
     left: int = 10
 
 
-def rows_height(rows: int) -> int:
-    """Height [px] of a panel with so many labelled rows."""
-    return FRAME_PX + ROW_PX * rows
+def rows_height(rows: int, lines: int = 1) -> int:
+    """Height [px] of a panel with so many labelled rows, each label of so many lines."""
+    return FRAME_PX + (ROW_PX + LINE_PX * (lines - 1)) * rows
 
 
 def spanned(
@@ -534,8 +535,21 @@ def _said(panel: Panel, *, named: bool) -> str:
 
 def _axes(panel: Panel, suffix: str, columns: int, rows: int, number: int) -> dict[str, Json]:
     """Both axes of a panel, and those of its far edges."""
-    x = _axis(panel.x_label, panel.x_limits, panel.x_ticks, log=panel.x_log, bare=panel.bare)
-    y = _axis(panel.y_label, panel.y_limits, panel.y_ticks, log=panel.y_log, bare=panel.bare)
+    beside = _longest_label(panel)  # takes from the width
+    x = _axis(
+        _lines(panel.x_label, max(LONGEST_LINE - beside, SHORTEST_LINE)),
+        panel.x_limits,
+        panel.x_ticks,
+        log=panel.x_log,
+        bare=panel.bare,
+    )
+    y = _axis(
+        _lines(panel.y_label, LONGEST_LINE),
+        panel.y_limits,
+        panel.y_ticks,
+        log=panel.y_log,
+        bare=panel.bare,
+    )
     x["anchor"], y["anchor"] = f"y{suffix}", f"x{suffix}"
     for axis, step in ((x, panel.x_step), (y, panel.y_step)):
         if step is not None:
@@ -556,7 +570,9 @@ def _axes(panel: Panel, suffix: str, columns: int, rows: int, number: int) -> di
             ("x", "top", panel.far[0], panel.x_limits),
             ("y", "right", panel.far[1], panel.y_limits),
         ):
-            found[f"{way}axis9"] = _axis(edge.label, near, edge.ticks, log=False, bare=False) | {
+            found[f"{way}axis9"] = _axis(
+                _lines(edge.label, LONGEST_LINE), near, edge.ticks, log=False, bare=False
+            ) | {
                 "side": side,
                 "overlaying": way,
                 "matches": way,
@@ -567,7 +583,7 @@ def _axes(panel: Panel, suffix: str, columns: int, rows: int, number: int) -> di
 
 
 def _axis(
-    label: str,
+    label: str,  # escaped
     limits: tuple[float, float] | None,
     ticks: Sequence[tuple[float, str]] | None,
     *,
@@ -588,7 +604,7 @@ def _axis(
         "minexponent": 5,
     }
     if label:
-        found["title"] = {"text": _lines(label), "standoff": 6}
+        found["title"] = {"text": label, "standoff": 6}
     if log:
         found |= {"type": "log", "exponentformat": "none", "nticks": DECADES_LABELLED}
     if limits is not None:
@@ -597,15 +613,16 @@ def _axis(
     if ticks is not None:
         found["tickmode"] = "array"
         found["tickvals"] = [float(value) for value, _ in ticks]
-        found["ticktext"] = [escape(text, quote=False) for _, text in ticks]
+        lines = [escape(text, quote=False).replace("\n", "<br>") for _, text in ticks]
+        found["ticktext"] = lines
     return found
 
 
-def _lines(text: str) -> str:
+def _lines(text: str, longest: int) -> str:
     """A name of an axis, broken where a phone's width ends."""
     lines = [""]
     for word in text.split(" "):
-        if lines[-1] and len(lines[-1]) + len(word) > LONGEST_LINE:
+        if lines[-1] and len(lines[-1]) + len(word) > longest:
             lines.append("")
         lines[-1] += f" {word}" if lines[-1] else word
     return "<br>".join(escape(line, quote=False) for line in lines)
@@ -742,8 +759,9 @@ def _element(panel: Panel, look: str = "", caption: str = "") -> Markup:
     """A place for the drawing, and its specification."""
     label = panel.label or panel.title or panel.y_label
     return Markup(
-        '<figure class="{}plot" data-group="{}" data-least="{}"><div class="drawing" role="img"'
-        ' aria-label="{}"></div><script type="application/json">{}</script>{}</figure>'
+        '<figure class="{}plot" data-group="{}" data-least="{}"><div class="scroll"><div'
+        ' class="drawing" role="img" aria-label="{}"></div></div>'
+        '<script type="application/json">{}</script>{}</figure>'
     ).format(
         look,
         f"{panel.group} {panel.x_label}" if panel.group else "",
@@ -756,8 +774,13 @@ def _element(panel: Panel, look: str = "", caption: str = "") -> Markup:
 
 def _least_px(panel: Panel) -> int:
     """Below this width a drawing scrolls: a row's label would leave no room for the row."""
-    longest = max((len(text) for _, text in panel.y_ticks or ()), default=0)
-    return LEAST_FIELD_PX + LABEL_PX * longest
+    return LEAST_FIELD_PX + LABEL_PX * _longest_label(panel)
+
+
+def _longest_label(panel: Panel) -> int:
+    """Letters of the longest line among the labels of rows."""
+    labels = [text for _, text in panel.y_ticks or ()]
+    return max((len(line) for text in labels for line in text.split("\n")), default=0)
 
 
 def _inert(value: Json) -> str:

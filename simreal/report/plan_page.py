@@ -138,8 +138,8 @@ def _sizes(best: PlanOfRecordings) -> Panel | None:
         x_log=True,
         x_ticks=[(value, f"{value:g}") for value in TICKS],
         y_ticks=[
-            (float(k), f"{m.effect}  (rival {other.effect})") for k, (m, other) in zip(y, rows)
+            (float(k), f"{m.effect}\n(rival {other.effect})") for k, (m, other) in zip(y, rows)
         ],
         grid_y=False,
-        height=rows_height(len(rows)),
+        height=rows_height(len(rows), lines=2),
     )

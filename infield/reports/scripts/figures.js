@@ -5,7 +5,8 @@
   var dark = matchMedia("(prefers-color-scheme: dark)"), onPaper = matchMedia("print");
   var INKS = { "#000000": "--ink", "#d55e00": "--old", "#0072b2": "--new", "#59636e": "--soft", "#c9d1d9": "--pale",
     "#ffffff": "--page", "#e3e8ed": "--shade" };
-  var PAPER_PX = { wide: 680, panel: 330 }; // A4 less its margins; half of it
+  var PAPER_PX = { wide: 680, panel: 330 }, PAPER_SHARE = 0.8; // A4 less its margins, half of it; of a panel's height
+  var PNG_PX = [720, 420]; // at least
   var shown = [], busy = false, printing = false;
 
   function inked(text) {
@@ -19,14 +20,19 @@
 
   function told(figure) {
     var found = JSON.parse(inked(figure.querySelector("script").textContent));
-    if (printing) found.layout.width = PAPER_PX[figure.classList.contains("wide") ? "wide" : "panel"];
+    var wide = figure.classList.contains("wide");
+    if (printing) found.layout.width = PAPER_PX[wide ? "wide" : "panel"];
+    if (printing && !wide) found.layout.height *= PAPER_SHARE;
     if (matchMedia("(pointer: coarse)").matches) found.layout.dragmode = false; // a finger moves the page
     return found;
   }
 
+  // with the key, which stands beside the figure on the page
   function png(place) {
-    Plotly.downloadImage({ data: place.data, layout: Object.assign({}, place.layout, { showlegend: true }) },
-      { format: "png", scale: 2, width: place.clientWidth, height: place.clientHeight, filename: place.getAttribute("aria-label") });
+    var key = { showlegend: true, legend: { orientation: "h", y: -0.25 } };
+    Plotly.downloadImage({ data: place.data, layout: Object.assign({}, place.layout, key) },
+      { format: "png", scale: 2, width: Math.max(place.clientWidth, PNG_PX[0]), height: Math.max(place.clientHeight, PNG_PX[1]),
+        filename: place.getAttribute("aria-label") });
   }
 
   var CONFIG = { responsive: true, displaylogo: false, modeBarButtons: [
@@ -37,6 +43,7 @@
     var place = figure.querySelector(".drawing"), found = told(figure);
     if (!shown.includes(figure)) {
       shown.push(figure);
+      place.style.minHeight = "";
       place.style.minWidth = Math.min(figure.dataset.least, 640) + "px";
       Plotly.newPlot(place, found.data, found.layout, CONFIG);
       place.on("plotly_relayout", function (change) { follow(figure, change); });
@@ -73,6 +80,10 @@
   });
 
   var figures = Array.from(document.querySelectorAll("figure.plot"));
+  figures.forEach(function (figure) { // the page keeps its length when they are drawn
+    var height = /"height":(\d+)/.exec(figure.querySelector("script").textContent);
+    figure.querySelector(".drawing").style.minHeight = height[1] + "px";
+  });
   var watch = new IntersectionObserver(function (entries) {
     entries.forEach(function (entry) {
       if (!entry.isIntersecting) return;
