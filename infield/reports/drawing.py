@@ -39,7 +39,7 @@ INKS = {  # what the style sheet turns in the dark, by the names that it has the
     PAGE_COLOUR: "var(--page)",
     GRID_COLOUR: "var(--shade)",
 }
-MOST_PLAIN = 64  # numbers of a column that stand there in digits; chosen: the marks of a session
+MOST_PLAIN = 64  # chosen: 64 numbers of a column stand in digits, for a session has fewer points
 DIGITS = 6  # significant ones of a number in the page: a pixel of a drawing is a thousandth of it
 LETTER_PX, TITLE_PX = 12, 13
 WIDE_PX, PANEL_PX = 320, 290  # height of a figure as wide as the page, and of one of several
@@ -47,8 +47,8 @@ ROW_PX, LINE_PX, FRAME_PX = 26, 14, 96  # of a row of bars; a line of its label;
 DOT_PX = 1.6  # pixels to the unit of a mark's size
 STACKED_LEFT_PX = 66  # numbers of six letters: fields below one another begin alike
 LEAST_FIELD_PX, LABEL_PX = 160, 6  # beside labels of rows: of the field at least; of a letter
-# letters of an axis' name before it goes on in another line: a phone's width; the least field's
-LONGEST_LINE, SHORTEST_LINE = 52, 24
+# letters of an axis' name before it goes on in another line; chosen: 52 of 7 pixels are a phone's
+MOST_LETTERS, FEWEST_LETTERS = 52, 24
 DASHED, DASH_DOT, DOTTED = "dash", "dashdot", "dot"
 SAMPLE_DASHES = {"": "", DASHED: "5 3", DASH_DOT: "7 2 2 2", DOTTED: "2 2"}
 BAND_OPACITY = 0.18  # two bands that overlap are still told apart
@@ -70,7 +70,7 @@ DECADES_LABELLED = 4  # fewer than three decades are labelled at 2 and 5 as well
 WHOLE_TURN_deg = 360.0
 FINE_TURN_deg = 60.0  # a heading that spans less is labelled in tenths
 ROOM_SHARE = 0.05  # of the data's span, left free at either end of an axis
-UNIT = re.compile(r"\[([^\]]+)\]")  # in the name of an axis
+BRACKETED = re.compile(r"\[([^\]]+)\]")  # in the name of an axis
 FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 
@@ -525,7 +525,7 @@ def _drawn(item: Item, panel: Panel, suffix: str, named: set[str]) -> list[Json]
 def _said(panel: Panel, *, named: bool) -> str:
     """What stands beside the pointer: x and y with their units."""
     ways = ("%{x:.6~g}", "%{customdata:.6~g}" if panel.circle else "%{y:.5~g}")
-    units = (UNIT.search(panel.x_label), UNIT.search(panel.y_label))
+    units = (BRACKETED.search(panel.x_label), BRACKETED.search(panel.y_label))
     texts = [
         way + (f" {escape(unit[1], quote=False)}" if unit else "") for way, unit in zip(ways, units)
     ]
@@ -537,14 +537,14 @@ def _axes(panel: Panel, suffix: str, columns: int, rows: int, number: int) -> di
     """Both axes of a panel, and those of its far edges."""
     beside = _longest_label(panel)  # takes from the width
     x = _axis(
-        _lines(panel.x_label, max(LONGEST_LINE - beside, SHORTEST_LINE)),
+        _lines(panel.x_label, max(MOST_LETTERS - beside, FEWEST_LETTERS)),
         panel.x_limits,
         panel.x_ticks,
         log=panel.x_log,
         bare=panel.bare,
     )
     y = _axis(
-        _lines(panel.y_label, LONGEST_LINE),
+        _lines(panel.y_label, MOST_LETTERS),
         panel.y_limits,
         panel.y_ticks,
         log=panel.y_log,
@@ -571,7 +571,7 @@ def _axes(panel: Panel, suffix: str, columns: int, rows: int, number: int) -> di
             ("y", "right", panel.far[1], panel.y_limits),
         ):
             found[f"{way}axis9"] = _axis(
-                _lines(edge.label, LONGEST_LINE), near, edge.ticks, log=False, bare=False
+                _lines(edge.label, MOST_LETTERS), near, edge.ticks, log=False, bare=False
             ) | {
                 "side": side,
                 "overlaying": way,

@@ -61,7 +61,7 @@ MINUTE = 60.0
 AXIS_DASHES = {"x": "", "y": DASHED, "z": DASH_DOT}
 LEAST_RATIO = 1e-4  # where a logarithmic axis of ratios begins at the latest
 TIME_AXIS, TEMPERATURE_AXIS, BIAS_AXIS = "time [min]", "gyro temperature [°C]", "bias [deg/h]"
-CHAIN = "claim 1 of US 5,527,003, smoothed over the parked phase, ±1 sigma"
+CHAIN_WORDS = "claim 1 of US 5,527,003, smoothed over the parked phase, ±1 sigma"
 NODE_SIZE = 2.8  # of a mark at a node of a table
 HEADING_AXIS = "heading [deg]"
 TIMELINE_PX = 210  # height of one of three
@@ -439,7 +439,7 @@ def chain_panel(session: SessionDocument, direction: str) -> Panel | None:
         GREY,
         "the same by the Schuler bracket on windows",
     )
-    smoothed = Marks(minutes, value, "s", GREEN, CHAIN, low=low, high=high)
+    smoothed = Marks(minutes, value, "s", GREEN, CHAIN_WORDS, low=low, high=high)
     filtered = Line(minutes, by_filter, NEW, "filter")
     name = "East" if known else "East, relative"
     return Panel(

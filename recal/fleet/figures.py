@@ -35,14 +35,14 @@ OUTCOME_COLOURS = {
     FleetOutcome.TAKEN_OUT: PALE,
     FleetOutcome.CRASHED: "#000000",
 }
-FEW = 6.0  # of a count: a drawing labels about as many numbers
+FEW_LABELS = 6.0  # along the axis of a count; chosen: 6 have room beside each other
 HIGHEST = 2.2  # times the 90th percentile: above it the ranking's axis is cut
 STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 
 
 def whole_step(most: float) -> float | None:
     """Of an axis of a count up to so many: 1 where a round step might be a part of one."""
-    return 1.0 if most <= FEW else None
+    return 1.0 if most <= FEW_LABELS else None
 
 
 def ranking_panel(document: FleetDocument) -> Panel | None:

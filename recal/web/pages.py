@@ -25,7 +25,7 @@ from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
 from recal.web.site import SCRIPT_PATH, Site
 
-TABLE_WORDS = {
+LINE_WORDS = {
     "factory": "factory table",
     "previous": "previous table, U(k=2) band",
     "active": "active table, U(k=2) band",
@@ -303,8 +303,7 @@ def _lines(history: list[Revision]) -> list[Line]:
     if len(history) > 1 and history[-2].sha256 not in (factory.sha256, active.sha256):
         chosen.append(("previous", history[-2]))
     return [
-        Line(name, r.sha256, r.table, TABLE_WORDS[name])
-        for name, r in [*chosen, ("active", active)]
+        Line(name, r.sha256, r.table, LINE_WORDS[name]) for name, r in [*chosen, ("active", active)]
     ]
 
 

@@ -177,9 +177,9 @@ def test_the_dark_is_drawn_anew(browser):
 def test_paper_shows_the_whole_in_the_light(browser):
     drag(browser, 0.4, 0.6)
     look(browser, scheme="dark", media="print")
-    browser.until(f"{LETTER} === 'rgb(0, 0, 0)'")
+    browser.until(f"{PLACES}.every(p => p._fullLayout.width <= 680)")
     assert browser.evaluate(RANGES)[0] == pytest.approx([0.0, END_S], abs=1.0)
-    assert max(browser.evaluate(f"{PLACES}.map(p => p._fullLayout.width)")) <= 680
+    assert browser.evaluate(LETTER) == "rgb(0, 0, 0)"
     look(browser)
     browser.until(f"{PLACES}[0]._fullLayout.width > 1000")
 
