@@ -187,6 +187,12 @@ def test_points_become_a_frame_and_a_figure(result):
     ]
 
 
+def test_without_plotly_a_plot_says_what_to_install(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    with pytest.raises(InputError, match=r"pip install 'strapdown-recal\[plot\]'"):
+        result.plot()
+
+
 def test_a_commit_is_the_table_and_is_signed(result, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with recal.open_store(URL) as store:

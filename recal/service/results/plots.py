@@ -10,13 +10,14 @@ import numpy as np
 from infield.reports.drawing import DASHED, Line, Marks, Panel, specification
 from infield.reports.figures import BLACK, NEW, OLD, drawn_temperatures
 from infield.table.thermal_table import ThermalTable
-from ins.records import AXES
+from ins.records import AXES, InputError
 from recal.service.results.update_words import Points
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 COLUMNS = 3
+NEEDS_EXTRA = "a plot needs plotly: pip install 'strapdown-recal[plot]'"
 
 
 def figure_of(panels: Sequence[Panel]) -> "Figure":
@@ -26,9 +27,16 @@ def figure_of(panels: Sequence[Panel]) -> "Figure":
     -------
     plotly.graph_objects.Figure
         A notebook shows it; `.write_html(path)` writes it.
-    """
-    from plotly.graph_objects import Figure
 
+    Raises
+    ------
+    InputError
+        Where plotly is not installed.
+    """
+    try:
+        from plotly.graph_objects import Figure
+    except ImportError:
+        raise InputError(NEEDS_EXTRA) from None
     return Figure(specification(panels, columns=min(COLUMNS, len(panels))))
 
 
