@@ -13,6 +13,8 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
+from figures import svg_of
+
 HERE = Path(__file__).parent.absolute()
 STEPS = {  # first words of a cell's code, and what the cell is for
     "import recal": "Load the program.",
@@ -80,6 +82,7 @@ def _outputs(lines: list[str], names: dict[str, Any]) -> list[dict[str, object]]
     if shown is not None:
         data = {
             "application/vnd.plotly.v1+json": json.loads(shown.to_json()),
+            "image/svg+xml": _lines(svg_of(json.loads(shown.to_json()), "tutorial")),
             "text/plain": [repr(type(shown))],
         }
         found.append({"output_type": "display_data", "data": data, "metadata": {}})

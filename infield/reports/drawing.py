@@ -51,6 +51,8 @@ LEAST_FIELD_PX, LABEL_PX = 160, 6  # beside labels of rows: of the field at leas
 MOST_LETTERS, FEWEST_LETTERS = 52, 24
 DASHED, DASH_DOT, DOTTED = "dash", "dashdot", "dot"
 SAMPLE_DASHES = {"": "", DASHED: "5 3", DASH_DOT: "7 2 2 2", DOTTED: "2 2"}
+KEY_PX = 60  # above several panels, with their titles
+KEY_ABOVE: Trace = {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"}
 BAND_OPACITY = 0.18  # two bands that overlap are still told apart
 STRIP_SHARE = 0.05  # of a panel's height: a named stretch above it
 DOT = "."  # a small mark: for clouds
@@ -716,10 +718,10 @@ def _titles(layout: dict[str, Json], panels: Sequence[Panel], columns: int, rows
             }
         )
     layout["annotations"] = annotations
-    layout["margin"] = {"l": 10, "r": 14, "t": 80, "b": 10}
-    layout["height"] = rows * PANEL_PX + 80
+    layout["margin"] = {"l": 10, "r": 14, "t": KEY_PX, "b": 10}
+    layout["height"] = rows * PANEL_PX + KEY_PX
     layout["showlegend"] = True
-    layout["legend"] = {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"}
+    layout["legend"] = dict(KEY_ABOVE)
 
 
 # ---- elements of a page
