@@ -112,6 +112,7 @@ def take(folder: Path, directory: Path) -> None:
             browser.open(_shown(folder, page).absolute().as_uri())
             if name in FIRST:
                 browser.evaluate(TO_HEADING.replace("TEXT", FIRST[name]))
+            time.sleep(LAZY_S)
             path = directory / f"gallery_{name}.png"
             browser.picture(path)
             shrink(path)

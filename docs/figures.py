@@ -2,16 +2,47 @@
 minute on a quiet core).
 
 Each is a simulated session, or what the program computes from it; nothing is drawn by hand.
+Chromium draws, by the script of the pages.
 """
 
+import json
+import re
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.reports.drawing import (
+    DASHED,
+    DOTTED,
+    KEY_ABOVE,
+    KEY_PX,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Span,
+    Texts,
+    page_script,
+    spanned,
+    specification,
+)
+from infield.reports.figures import (
+    AXIS_COLOURS,
+    BLACK,
+    BLUE,
+    GREY,
+    NEW,
+    OLD,
+    ORANGE,
+    SKY,
+    VERMILLION,
+)
 from infield.store.table_store import TableStore
 from infield.table.file import table_from_dict
 from ins.attitude import dcm_from_rotation_vector
@@ -19,6 +50,7 @@ from ins.records import AXES, ImuLog, NavState
 from ins.strapdown.mechanization import navigate
 from ins.units import DEG_PER_HOUR
 from recal.service.update import UpdateRequest, update_in_store
+from tests.recal.chromium import chromium
 from trajectories.runs.directory import write_run
 from trajectories.simulator.scenario import (
     read_scenario,
@@ -31,7 +63,7 @@ from trajectories.simulator.thermal import thermal_history
 OUT = Path(__file__).parent / "figures"
 RATE_HZ = 20.0
 UNIT_SEED = 4
-COLOURS = {"x": "#0b5394", "y": "#c55a11", "z": "#548235"}
+WIDTH_PX, HEIGHT_PX = 860, 340
 SEEN = ("parked_only", "straight_taxi", "cold_parked_taxi", "two_headings")
 WORDS = ("parked only", "straight taxi", "taxi with turns and stops", "parked on two headings")
 DRIFT_DEG_H = 0.01
@@ -41,11 +73,11 @@ def main() -> None:
     OUT.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         sessions, truth = merged_sessions(Path(folder))
-        save(draw_update(sessions[0], truth), "update")
-        save(draw_merge(sessions, truth), "merge")
-        save(draw_observability(Path(folder)), "observability")
-    save(draw_heading(), "heading")
-    save(draw_gap(), "gap")
+        save(draw_update(sessions[0], truth), "update", columns=3)
+        save(draw_merge(sessions, truth), "merge", columns=2)
+        save(draw_observability(Path(folder)), "observability", columns=1)
+    save(draw_heading(), "heading", columns=2)
+    save(draw_gap(), "gap", columns=2)
 
 
 def update(runs: list[Path], url: str, output: Path, *, commit: bool) -> Any:
@@ -54,27 +86,32 @@ def update(runs: list[Path], url: str, output: Path, *, commit: bool) -> Any:
     return update_in_store(asked).document
 
 
-def save(figure: Any, name: str) -> None:
-    """SVG with the text as text, the same bytes for the same data."""
-    import matplotlib
-
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "recal"}):
-        figure.savefig(OUT / f"{name}.svg", metadata={"Date": None})
+def save(panels: list[Panel], name: str, *, columns: int) -> None:
+    drawn = specification(panels, columns=columns)
+    drawn["layout"] |= {"showlegend": True, "legend": dict(KEY_ABOVE)}
+    drawn["layout"]["margin"] |= {"t": KEY_PX}
+    (OUT / f"{name}.svg").write_text(svg_of(drawn, name), "utf-8")
     print(OUT / f"{name}.svg")
 
 
-def panels(n: int, *, height: float = 3.4) -> tuple[Any, list[Any]]:
-    from matplotlib.figure import Figure
-
-    # 9.2 inches at most: wider ones are drawn smaller on the page, and their letters with them
-    figure = Figure(figsize=(min(4.6 * n, 9.2), height), layout="constrained")
-    return figure, list(np.atleast_1d(figure.subplots(1, n)))
-
-
-def key(figure: Any, ax: Any) -> None:
-    """What the lines of a panel are, above all panels."""
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9, frameon=False)
+def svg_of(drawn: dict[str, Any], name: str) -> str:
+    """What plotly makes of a specification in Chromium: text as text, the same bytes for the same
+    data. The name stands in place of the random number with which plotly marks its parts.
+    """
+    size = {"width": WIDTH_PX, "height": HEIGHT_PX}
+    drawn = {"data": drawn["data"], "layout": drawn["layout"] | size}
+    with tempfile.TemporaryDirectory() as folder, chromium(Path(folder) / "profile") as browser:
+        page = Path(folder) / "page.html"
+        page.write_text(f"<div></div>{page_script()}", "utf-8")
+        browser.open(page.as_uri())
+        told = json.dumps({"format": "svg", **size})
+        browser.evaluate(
+            f"Plotly.toImage({json.dumps(drawn)}, {told}).then(url => {{ window.made = url; }})"
+        )
+        browser.until("window.made !== undefined")
+        found = unquote(browser.evaluate("window.made").partition(",")[2])
+    (mark,) = set(re.findall(r'id="defs-(\w+)"', found))
+    return found.replace(mark, name)
 
 
 def session(
@@ -119,78 +156,74 @@ def true_bias(unit: Any, degC: NDArray) -> NDArray:
     return np.stack([unit.bias_deg_h(axis, degC) for axis in AXES], axis=-1)
 
 
-def draw_update(document: dict[str, Any], unit: Any) -> Any:
+def draw_update(document: dict[str, Any], unit: Any) -> list[Panel]:
     """One session: its points with their sigmas, the table before and after, and the truth."""
-    figure, axes = panels(3)
     before, after = (table_from_dict(document[f"table_{k}"], name=k) for k in ("before", "after"))
     degC = np.linspace(-10.0, 50.0, 121)
-    for k, (axis, ax) in enumerate(zip(AXES, axes)):
-        for table, colour, label in (
-            (before, "#999999", "table before"),
-            (after, COLOURS["x"], "table after"),
-        ):
+    panels = []
+    for k, axis in enumerate(AXES):
+        items: list[Item] = []
+        for table, colour, name in ((before, OLD, "table before"), (after, NEW, "table after")):
             bias, sigma = table.bias_deg_h(k, degC), table.sigma_deg_h(k, degC)
-            ax.plot(degC, bias, color=colour, label=label)
-            ax.fill_between(
-                degC, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.18, lw=0
+            items.append(
+                Line(degC, bias, colour, name, low=bias - 2 * sigma, high=bias + 2 * sigma)
             )
         points = [
             p
             for p in document["points"]
             if p["axis"] == axis and p["observability"] != "not_observable"
         ]
-        ax.errorbar(
-            [p["temperature_degC"] for p in points],
-            [p["bias_deg_h"] for p in points],
-            [p["sigma_deg_h"] for p in points],
-            fmt="o",
-            ms=3,
-            color="black",
-            lw=0.8,
-            label="points of the session",
+        T, bias, sigma = (
+            np.array([p[key] for p in points])
+            for key in ("temperature_degC", "bias_deg_h", "sigma_deg_h")
         )
-        ax.plot(degC, true_bias(unit, degC)[:, k], "--", color="black", lw=1, label="truth")
-        ax.set(
-            title=f"gyro {axis}",
-            xlabel="temperature [degC]",
-            ylabel="bias [deg/h]" if k == 0 else "",
+        name = "points of the session"
+        items.append(
+            Marks(T, bias, "o", BLACK, name, size=3.0, low=bias - sigma, high=bias + sigma)
         )
-    key(figure, axes[0])
-    return figure
+        items.append(Line(degC, true_bias(unit, degC)[:, k], GREY, "truth", dash=DASHED))
+        panels.append(
+            Panel(
+                items=items,
+                title=f"gyro {axis}",
+                x_label="temperature [degC]",
+                y_label="bias [deg/h]" if k == 0 else "",
+            )
+        )
+    return panels
 
 
-def draw_merge(documents: list[dict[str, Any]], unit: Any) -> Any:
+def draw_merge(documents: list[dict[str, Any]], unit: Any) -> list[Panel]:
     """Sigma, and error against the truth, over temperature after none to three sessions (gyro
     x).
     """
-    figure, (left, right) = panels(2)
     degC = np.linspace(-10.0, 50.0, 121)
     tables = [documents[0]["table_before"], *(d["table_after"] for d in documents)]
     names = ("factory", "after a cold start", "and an ambient one", "and a hot one")
-    for shade, table, name in zip(np.linspace(0.25, 1.0, 4), tables, names):
+    claimed: list[Line] = []
+    off: list[Item] = []
+    for colour, table, name in zip((GREY, ORANGE, SKY, BLUE), tables, names):
         record = table_from_dict(table, name=name)
-        left.plot(degC, record.sigma_deg_h(0, degC), color=COLOURS["x"], alpha=shade, label=name)
+        claimed.append(Line(degC, record.sigma_deg_h(0, degC), colour, name))
         error = record.bias_deg_h(0, degC) - true_bias(unit, degC)[:, 0]
-        right.plot(degC, np.abs(error), color=COLOURS["x"], alpha=shade)
-    left.set(
+        off.append(Line(degC, np.abs(error), colour, name))
+    x_label = "temperature [degC]"
+    sigma = Panel(
+        items=list(claimed),
         title="what the table claims: sigma",
-        xlabel="temperature [degC]",
-        ylabel="deg/h",
-        ylim=(0, None),
+        x_label=x_label,
+        y_label="[deg/h]",
+        y_limits=(0.0, spanned([line.y for line in claimed])[1]),
     )
-    right.set(
-        title="what it is off by: |error|, one unit", xlabel="temperature [degC]", ylim=(0, None)
-    )
-    key(figure, left)
-    return figure
+    error = Panel(items=off, title="what it is off by: |error|, one unit", x_label=x_label)
+    return [sigma, error]
 
 
-def draw_observability(folder: Path) -> Any:
+def draw_observability(folder: Path) -> list[Panel]:
     """Sigma after over before of each gyro, for four ways to spend the session."""
-    figure, (ax,) = panels(1, height=3.2)
-    figure.set_size_inches(7.5, 3.2)
     place = folder / "seen"
     place.mkdir()
+    bars: dict[str, list[tuple[float, float, float, float]]] = {axis: [] for axis in AXES}
     for row, name in enumerate(SEEN):
         run, table, _ = session(name, place)
         url = f"sqlite:///{place / name}.db"
@@ -199,42 +232,46 @@ def draw_observability(folder: Path) -> Any:
         seen = update([run], url, place / f"{name}-out", commit=False)["observability"]
         for k, axis in enumerate(AXES):
             ratio = seen[axis]["sigma_after_deg_h"] / seen[axis]["sigma_before_deg_h"]
-            ax.barh(
-                row + 0.25 * (k - 1),
-                ratio,
-                height=0.22,
-                color=COLOURS[axis],
-                label=f"gyro {axis}" if row == 0 else None,
-            )
-    for limit, word in ((0.5, "observed"), (0.9, "weak")):
-        ax.axvline(limit, color="black", lw=0.8, ls=":")
-        ax.text(limit - 0.01, -0.55, word, ha="right", fontsize=8)
-    ax.set(
-        yticks=range(4),
-        yticklabels=WORDS,
-        xlim=(0, 1.05),
-        xlabel="sigma after / sigma before",
-        ylim=(3.6, -0.75),
-    )
-    key(figure, ax)
-    return figure
+            middle = row + 0.25 * (k - 1)
+            bars[axis].append((0.0, ratio, middle - 0.11, middle + 0.11))
+    items: list[Item] = [
+        Boxes(rows, AXIS_COLOURS[axis], name=f"gyro {axis}") for axis, rows in bars.items()
+    ]
+    limits = ((0.5, "observed"), (0.9, "weak"))
+    items += [Line(np.full(2, at), np.array([-0.75, 3.6]), GREY, dash=DOTTED) for at, _ in limits]
+    items.append(Texts([(at, -0.6, word, BLACK, False) for at, word in limits], middle=False))
+    return [
+        Panel(
+            items=items,
+            x_label="sigma after / sigma before",
+            x_limits=(0.0, 1.05),
+            y_limits=(3.6, -0.75),
+            y_ticks=list(enumerate(WORDS)),
+        )
+    ]
 
 
-def draw_heading() -> Any:
+def draw_heading() -> list[Panel]:
     """Velocity across body and across the true track after an alignment that an east gyro bias has
     turned.
     """
-    figure, axes = panels(2)
-    for ax, angle, title in zip(axes, (None, 90.0), ("straight on", "after a turn of 90 deg")):
+    panels = []
+    for angle, title in ((None, "straight on"), (90.0, "after a turn of 90 deg")):
         time_s, body, track, turned = cross_velocities(angle)
-        ax.plot(time_s, 1e3 * track, color="#999999", label="across the true track (needs GNSS)")
-        ax.plot(time_s, 1e3 * body, color=COLOURS["y"], label="across the body (the unit alone)")
-        if turned:
-            ax.axvspan(*turned, color="#dddddd", lw=0)
-        ax.set(title=title, xlabel="time since the start of the taxi [s]", ylim=(-25, 12))
-    axes[0].set_ylabel("computed velocity [mm/s]")
-    key(figure, axes[0])
-    return figure
+        panels.append(
+            Panel(
+                items=[
+                    Line(time_s, 1e3 * track, GREY, "across the true track (needs GNSS)"),
+                    Line(time_s, 1e3 * body, ORANGE, "across the body (the unit alone)"),
+                ],
+                title=title,
+                x_label="time since the start of the taxi [s]",
+                y_label="" if panels else "computed velocity [mm/s]",
+                y_limits=(-25.0, 12.0),
+                spans=[Span(*turned)] if turned else (),
+            )
+        )
+    return panels
 
 
 def cross_velocities(
@@ -291,32 +328,30 @@ def cross_velocities(
     )
 
 
-def draw_gap() -> Any:
+def draw_gap() -> list[Panel]:
     """Two causes that one warm-up cannot tell apart, and a second start that can."""
-    figure, axes = panels(2)
     t = np.arange(0.0, 3600.0, 10.0)
     transient = np.exp(-t / 1500.0)
-    traces = []
-    for ax, start in zip(axes, ("cold", "cooling")):
+    traces: list[tuple[NDArray, NDArray]] = []
+    panels = []
+    for start in ("cold", "cooling"):
         degC = thermal_history(start).at(t).gyro_degC[:, 0]
         a, b = (x - x.mean() for x in (degC, -transient))
         traces.append((a, b))
-        cos = cosine(*np.concatenate(traces, axis=1)) if len(traces) > 1 else cosine(a, b)
-        ax.plot(t / 60, a / 12.0, color=COLOURS["x"], label="linear in temperature")
-        ax.plot(
-            t / 60,
-            b / np.abs(b).max() * np.abs(traces[0][0]).max() / 12.0,
-            "--",
-            color=COLOURS["y"],
-            label="transient of power-on",
+        cos = cosine(*np.concatenate(traces, axis=1))
+        drawn = b / np.abs(b).max() * np.abs(traces[0][0]).max() / 12.0
+        panels.append(
+            Panel(
+                items=[
+                    Line(t / 60, a / 12.0, BLUE, "linear in temperature"),
+                    Line(t / 60, drawn, VERMILLION, "transient of power-on", dash=DASHED),
+                ],
+                title=f"{start} start, {cos:.3f} alike" + (" of both runs" if panels else ""),
+                x_label="min parked",
+                y_ticks=[],
+            )
         )
-        ax.set(
-            title=f"{start} start, {cos:.3f} alike" + (" of both runs" if len(traces) > 1 else ""),
-            xlabel="min parked",
-            yticks=[],
-        )
-    key(figure, axes[0])
-    return figure
+    return panels
 
 
 def cosine(a: NDArray, b: NDArray) -> float:

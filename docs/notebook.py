@@ -13,6 +13,8 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
+from figures import svg_of
+
 HERE = Path(__file__).parent.absolute()
 STEPS = {  # first words of a cell's code, and what the cell is for
     "import recal": "Load the program.",
@@ -26,6 +28,7 @@ STEPS = {  # first words of a cell's code, and what the cell is for
 
 OF_THE_PAGE = " You can also run it as a [notebook](tutorial.ipynb)."
 SHOWN = "result.plot()"  # a line that a notebook shows the value of
+SAVED = '.write_html("tables.html")'
 
 
 def cells_of(code: str) -> list[list[str]]:
@@ -45,7 +48,7 @@ def notebook(page: str) -> dict[str, object]:
     head = page.split("```")[0].strip().replace(OF_THE_PAGE, "")
     cells: list[dict[str, object]] = [_text(head)]
     names: dict[str, Any] = {}
-    for lines in cells_of(match[1].replace('.savefig("update.svg")', "")):
+    for lines in cells_of(match[1].replace(SAVED, "")):
         cells.append(
             _text(next(text for words, text in STEPS.items() if lines[0].startswith(words)))
         )
@@ -77,7 +80,11 @@ def _outputs(lines: list[str], names: dict[str, Any]) -> list[dict[str, object]]
         text = _lines(printed.getvalue())
         found.append({"output_type": "stream", "name": "stdout", "text": text})
     if shown is not None:
-        data = {"image/svg+xml": _lines(shown._repr_svg_()), "text/plain": [repr(shown)]}
+        data = {
+            "application/vnd.plotly.v1+json": json.loads(shown.to_json()),
+            "image/svg+xml": _lines(svg_of(json.loads(shown.to_json()), "tutorial")),
+            "text/plain": [repr(type(shown))],
+        }
         found.append({"output_type": "display_data", "data": data, "metadata": {}})
     return found
 

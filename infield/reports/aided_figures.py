@@ -2,27 +2,17 @@
 sigma against error.
 """
 
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from infield.aided.flight import AidedResult
-from infield.reports.charts import (
-    DASHED,
-    DOT,
-    DOTTED,
-    FarEdge,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    chart,
-    round_ticks,
-)
 from infield.reports.documents.aided import aided_columns, smoothed_result
+from infield.reports.drawing import DASHED, DOT, DOTTED, Band, FarEdge, Item, Line, Marks, Panel
 from infield.reports.figures import (
     AXIS_COLOURS,
     BLACK,
@@ -37,7 +27,6 @@ from infield.reports.figures import (
     thinned,
 )
 from infield.reports.track_kml import Track, tracks_of
-from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_panels
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS
 from ins.records import AXES
@@ -59,25 +48,19 @@ TRACK_LINES = {
     "active": (NEW, 1.5, DASHED),
     "aided": (GREEN, 1.8, ""),
 }
-AIDED_FIGURES = (
-    "aided_attitude",
-    "aided_velocity",
-    "aided_biases",
-    "innovations",
-    "aided_sigma",
-    "smoothed_sigma",
-)
-TIME = "time of the log [min]"
+TIME, LOG_GROUP = "time of the log [min]", "log"
 # a map of less shows noise: 40 sigmas of the default receiver (0.5 m), 4 of one of 5 m
 MOVED_M = 20.0
-MAP_INCHES = 6.5
+MAP_PX = 620
+ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 MOST_DEGREES = 4  # labels along a far edge: seven letters each
 DRAWN_SIGMAS = 6.0  # of an innovation; a rejected one beyond it stands at the edge
 SHADED_SIGMAS = 2.0
+DOT_SIZE, CROSS_SIZE = 1.8, 3.6
 LEAST_OFF = 1e-4  # of a fix from its prediction: no logarithm of zero
 
 
-def map_figure(result: "ReplayResult") -> Markup | None:
+def map_panel(result: "ReplayResult") -> Panel | None:
     """All tracks on a plain grid, km or m east and north of the run's site, latitude and longitude
     on the far sides.
 
@@ -105,18 +88,17 @@ def map_figure(result: "ReplayResult") -> Markup | None:
     for mark, place, row in (("o", "start", best[0]), ("s", "end", best[-1])):
         items.append(Marks(row[[1]] / unit, row[[0]] / unit, mark, BLACK, place, size=6.0))
     limits = [((c - half) / unit, (c + half) / unit) for c in centre]
-    panel = Panel(
+    return Panel(
         items=items,
+        label="Tracks on a plain grid: GNSS, free-inertial by table, aided",
         x_label=f"east [{name}]",
         y_label=f"north [{name}]",
         x_limits=limits[1],
         y_limits=limits[0],
         equal=True,
         far=_degrees(limits, unit, site.lat_rad, site.lon_rad, site.height_m),
-        legend="above",
+        height=MAP_PX,
     )
-    label = "Tracks on a plain grid: GNSS, free-inertial by table, aided"
-    return chart([panel], label, width=MAP_INCHES, height=MAP_INCHES)
 
 
 def _rolls(result: "ReplayResult") -> bool:
@@ -144,10 +126,20 @@ def _degrees(
     edges = []
     for k, (origin, name) in enumerate(((lat_rad, "latitude"), (lon_rad, "longitude"))):
         low, high = (origin / DEG + end / per_deg[k] for end in limits[k])
-        ticks = round_ticks((float(low), float(high)), MOST_DEGREES)
+        ticks = _round_ticks(float(low), float(high))
         rows = [((value - origin / DEG) * per_deg[k], text) for value, text in ticks]
         edges.append(FarEdge([(float(at), text) for at, text in rows], f"{name} [deg]"))
     return edges[1], edges[0]
+
+
+def _round_ticks(low: float, high: float) -> list[tuple[float, str]]:
+    """Multiples of a round step with their labels, MOST_DEGREES and one more at most."""
+    raw = (high - low) / MOST_DEGREES
+    decade = math.floor(math.log10(raw))
+    step = next(s * 10.0**decade for s in ROUND_STEPS if s * 10.0**decade >= raw * (1.0 - 1e-9))
+    first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
+    decimals = max(0, 1 - decade)
+    return [(k * step, f"{k * step:.{decimals}f}") for k in range(first, last + 1)]
 
 
 def _grid(track: Track, lat_rad: float, lon_rad: float, height_m: float) -> NDArray:
@@ -156,59 +148,65 @@ def _grid(track: Track, lat_rad: float, lon_rad: float, height_m: float) -> NDAr
     )
 
 
-def aided_figures(result: "ReplayResult") -> dict[str, Markup | None]:
-    """Drawings by name of AIDED_FIGURES; None where there is no aided solution."""
+@dataclass(frozen=True)
+class AidedFigure:
+    """Panels side by side with what is said of them."""
+
+    panels: list[Panel]
+    caption: str = ""
+
+
+def aided_figures(result: "ReplayResult") -> dict[str, AidedFigure]:
+    """Figures by name; empty where there is no aided solution."""
     aided = result.aided
     if aided is None or aided.history is None:
-        return dict.fromkeys(AIDED_FIGURES)
+        return {}
     columns = aided_columns(aided)
     best = smoothed_result(aided)
-    return {
-        "aided_attitude": zoom_panels(
+    found = {
+        "attitude": AidedFigure(
             list(_attitude(columns)), "Attitude, and what the filter says it is good to."
         ),
-        "aided_velocity": zoom_panels(list(_velocity(columns, result))),
-        "aided_biases": zoom_panels(
+        "velocity": AidedFigure(list(_velocity(columns, result))),
+        "biases": AidedFigure(
             list(_biases(columns)), "Biases beyond the compensation, with one-sigma bands."
         ),
-        "innovations": zoom_panels(
+        "innovations": AidedFigure(
             list(_innovations(aided)),
             "Each fix less its prediction over the sigma of that difference. Shaded: two sigmas."
             " Crosses: rejected by the gate, drawn at the edge where beyond it.",
         ),
-        "aided_sigma": zoom_panels(
+        "sigma": AidedFigure(
             list(_sigma(aided, columns)),
             "Logarithmic. Dots: what each fix is off its prediction, receiver noise included.",
         ),
-        "smoothed_sigma": None
-        if best is None
-        else zoom_panels(
+    }
+    if best is not None:
+        found["smoothed"] = AidedFigure(
             list(_smoothed_sigma(columns, aided_columns(best))),
             "Logarithmic. What the filter knew at each time, and what all fixes together say.",
-        ),
-    }
+        )
+    return found
 
 
 def _panel(
     title: str,
-    unit: str,
-    minutes: NDArray,
-    curves: Sequence[ZoomCurve],
+    y_label: str,
+    items: list[Item],
     *,
     limits: tuple[float, float] | None = None,
     log: bool = False,
-) -> ZoomFigure:
-    """A drawing over the time of the log (n,) [min]; all of them zoom together."""
-    return ZoomFigure(
+) -> Panel:
+    """A panel over the time of the log; all of them zoom together."""
+    return Panel(
         title=title,
-        unit=unit,
-        time_s=minutes,
-        curves=curves,
-        x_name=TIME,
+        items=items,
         label=f"{title} over time",
-        limits=limits,
-        log=log,
-        panel=True,
+        x_label=TIME,
+        y_label=y_label,
+        y_limits=limits,
+        y_log=log,
+        group=LOG_GROUP,
     )
 
 
@@ -217,17 +215,16 @@ def _over_log(columns: dict[str, NDArray], *values: NDArray) -> tuple[NDArray, .
     return thinned(columns["time_s"] / 60.0, *values, most=PANEL_POINTS)
 
 
-def _attitude(columns: dict[str, NDArray]) -> Iterator[ZoomFigure]:
+def _attitude(columns: dict[str, NDArray]) -> Iterator[Panel]:
     for name in ("roll", "pitch", "heading"):
         angle = columns[f"{name}_deg"]
         angle = np.unwrap(angle, period=360.0) if name == "heading" else _broken(angle)
         t, y = _over_log(columns, angle)
         title = f"{name.capitalize()}{', continuous' if name == 'heading' else ''}"
-        yield _panel(title, "angle [deg]", t, [ZoomCurve(name="", values=y, colour=GREEN)])
+        yield _panel(title, "angle [deg]", [Line(t, y, GREEN)])
     for name in ("roll", "pitch", "heading"):
         t, s = _over_log(columns, columns[f"sigma_{name}_deg"])
-        curve = ZoomCurve(name="", values=s, colour=GREEN)
-        yield _panel(f"Sigma of the {name}", "sigma [deg]", t, [curve], log=True)
+        yield _panel(f"Sigma of the {name}", "sigma [deg]", [Line(t, s, GREEN)], log=True)
 
 
 def _broken(angle: NDArray) -> NDArray:
@@ -237,19 +234,19 @@ def _broken(angle: NDArray) -> NDArray:
     return out
 
 
-def _velocity(columns: dict[str, NDArray], result: "ReplayResult") -> Iterator[ZoomFigure]:
+def _velocity(columns: dict[str, NDArray], result: "ReplayResult") -> Iterator[Panel]:
     gnss = result.run.gnss
     for k, (name, title) in enumerate((("vn", "North"), ("ve", "East"), ("vd", "Down"))):
-        curves = []
+        items: list[Item] = []
         if gnss is not None:
             t, y = thinned(gnss.time_s / 60.0, gnss.v_n_m_s[:, k], most=PANEL_POINTS)
-            curves.append(ZoomCurve(name="GNSS", values=y, x=t, colour=SKY))
+            items.append(Line(t, y, SKY, "GNSS"))
         t, y = _over_log(columns, columns[f"{name}_m_s"])
-        curves.append(ZoomCurve(name="aided", values=y, x=t, colour=GREEN))
-        yield _panel(f"{title} velocity", "velocity [m/s]", t, curves)
+        items.append(Line(t, y, GREEN, "aided"))
+        yield _panel(f"{title} velocity", "velocity [m/s]", items)
 
 
-def _biases(columns: dict[str, NDArray]) -> Iterator[ZoomFigure]:
+def _biases(columns: dict[str, NDArray]) -> Iterator[Panel]:
     """Gyro and accelerometer biases beyond the compensation, with one-sigma bands."""
     sensors = (("gyro", "deg_h", 1.0, "deg/h"), ("accel", "ug", 1e-3, "mg"))
     for sensor, unit, factor, words in sensors:
@@ -263,13 +260,12 @@ def _biases(columns: dict[str, NDArray]) -> Iterator[ZoomFigure]:
             yield _panel(
                 f"{sensor.capitalize()} {axis}",
                 f"bias [{words}]",
-                t,
-                [ZoomCurve(name="", values=bias, low=low, high=high, colour=colour)],
+                [Line(t, bias, colour, low=low, high=high)],
                 limits=robust_limits(inner, np.concatenate([low, high])),
             )
 
 
-def _innovations(aided: AidedResult) -> Iterator[ZoomFigure]:
+def _innovations(aided: AidedResult) -> Iterator[Panel]:
     """Innovations over their sigmas; rejected fixes as crosses, at the edge where beyond it."""
     from ins.filters.aided_kernel import REJECTED, USED
 
@@ -281,10 +277,7 @@ def _innovations(aided: AidedResult) -> Iterator[ZoomFigure]:
     for row, kind in enumerate(KINDS):
         for k, name in enumerate(("north", "east", "down")):
             over = history.residual[:, 3 * row + k] / history.sigma[:, 3 * row + k]
-            band = ZoomCurve(
-                name="two sigmas", values=0.0 * near, low=-near, high=near, x=ends, colour=SKY
-            )
-            curves = [band]
+            items: list[Item] = [Band(ends, -near, near, SKY, 0.18, "two sigmas")]
             for state, word, mark, colour in (
                 (USED, "used", DOT, BLACK),
                 (REJECTED, "rejected", "x", OLD),
@@ -293,17 +286,17 @@ def _innovations(aided: AidedResult) -> Iterator[ZoomFigure]:
                 if rows.size:
                     shown = np.clip(over[rows], -edge, edge)
                     t, y = thinned(minutes[rows], shown, most=MAX_DOTS)
-                    curves.append(ZoomCurve(name=word, values=y, x=t, mark=mark, colour=colour))
+                    size = DOT_SIZE if mark == DOT else CROSS_SIZE
+                    items.append(Marks(t, y, mark, colour, word, size))
             yield _panel(
                 f"{kind.capitalize()}, {name}",
                 "over sigma",
-                ends,
-                curves,
+                items,
                 limits=(-DRAWN_SIGMAS, DRAWN_SIGMAS),
             )
 
 
-def _sigma(aided: AidedResult, columns: dict[str, NDArray]) -> Iterator[ZoomFigure]:
+def _sigma(aided: AidedResult, columns: dict[str, NDArray]) -> Iterator[Panel]:
     """Sigma of the level position and velocity, and what each fix says they are off."""
     history = aided.history
     assert history is not None
@@ -320,18 +313,13 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray]) -> Iterator[ZoomFigu
             most=MAX_DOTS,
         )
         t, sigma = _over_log(columns, np.hypot(*(columns[name] for name in names)))
-        dots = ZoomCurve(
-            name="GNSS less prediction",
-            values=np.maximum(off, LEAST_OFF),
-            x=t_off,
-            mark=DOT,
-            colour=GREY,
-        )
-        line = ZoomCurve(name="sigma of the solution", values=sigma, colour=GREEN)
-        yield _panel(f"Level {kind}", f"{kind} [{unit}]", t, [dots, line], log=True)
+        off = np.maximum(off, LEAST_OFF)
+        dots = Marks(t_off, off, DOT, GREY, "GNSS less prediction", DOT_SIZE)
+        line = Line(t, sigma, GREEN, "sigma of the solution")
+        yield _panel(f"Level {kind}", f"{kind} [{unit}]", [dots, line], log=True)
 
 
-def _smoothed_sigma(columns: dict[str, NDArray], best: dict[str, NDArray]) -> Iterator[ZoomFigure]:
+def _smoothed_sigma(columns: dict[str, NDArray], best: dict[str, NDArray]) -> Iterator[Panel]:
     """Sigmas of filter and smoother, level and heading."""
 
     def level(of: dict[str, NDArray]) -> NDArray:
@@ -343,8 +331,8 @@ def _smoothed_sigma(columns: dict[str, NDArray], best: dict[str, NDArray]) -> It
     for title, sigma_of, unit in (("Level position", level, "m"), ("Heading", heading, "deg")):
         t, sigma = _over_log(columns, sigma_of(columns))
         t_best, of_best = _over_log(best, sigma_of(best))
-        curves = [
-            ZoomCurve(name="filter", values=sigma, colour=GREY),
-            ZoomCurve(name="smoothed", values=of_best, x=t_best, colour=GREEN),
+        items: list[Item] = [
+            Line(t, sigma, GREY, "filter"),
+            Line(t_best, of_best, GREEN, "smoothed"),
         ]
-        yield _panel(title, f"sigma [{unit}]", t, curves, log=True)
+        yield _panel(title, f"sigma [{unit}]", items, log=True)

@@ -1,4 +1,4 @@
-"""What all drawings of reports share: sizes, one palette (Okabe-Ito, told apart by the
+"""What all figures of reports share: one palette (Okabe-Ito, told apart by the
 colour-blind), how many points they have at most.
 """
 
@@ -7,11 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
-# inches: one of two or three side by side, one below the other on a phone; it is narrow, and its
-# bands want room
-PANEL_WIDTH, PANEL_HEIGHT = 4.3, 3.0
-SVG_DPI = 72  # of a drawing as SVG: a unit is a point
 MAX_POINTS = 2000  # of a curve
 PANEL_POINTS = 1000  # of a curve in a panel: 4 for each pixel across, so that a reader can zoom
 CURVE_POINTS = 121  # of a table's curve beside its nodes
@@ -21,12 +16,8 @@ BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, PALE = "#59636E", "#C9D1D9"
 OLD, NEW = VERMILLION, BLUE  # the table before and the table after, everywhere
+CURVE_COLOURS = (BLACK, GREEN, PURPLE, BLUE, VERMILLION, SKY, ORANGE, GREY)  # in turn
 AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
-
-LETTER = 9.5  # in points of the drawing; chosen: 11 px where a drawing is as wide as the page
-LEAST_LETTER_PX = (
-    11.05  # on a screen: a drawing that would have smaller ones scrolls in its own box
-)
 
 
 def thinned(

@@ -4,22 +4,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 
-from infield.reports.charts import (
+from infield.reports.documents.fog import AxisDocument, CurveDocument, FogDocument
+from infield.reports.drawing import (
     DASHED,
     DOT,
     DOTTED,
     Band,
-    Boxes,
     Item,
     Line,
     Marks,
     Panel,
-    side_by_side,
+    Span,
     spanned,
 )
-from infield.reports.documents.fog import AxisDocument, CurveDocument, FogDocument
 from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.page import render_page
 from infield.thermal.fog.model import HeldOutResidual, curve_from
@@ -27,6 +25,7 @@ from infield.thermal.reasons import ThermalVerdict
 from ins.documents import plain
 from ins.records import AXES
 
+INTERVAL_COLOUR = f"{ORANGE}20"  # an eighth of it
 K_T, K_DELTA = "K_T [deg/h]", "K_delta [deg/h per degC/min]"
 
 
@@ -36,8 +35,8 @@ def render(document: FogDocument) -> str:
         "fog_ramps.html.j2",
         d=plain(document),
         good=document.verdict is ThermalVerdict.FITTED,
-        drawings={axis: coefficient_drawing(axis, a) for axis, a in document.axes.items()},
-        checks=[(found.run.run_id, _check_drawing(found)) for found in document.held_out],
+        coefficients={axis: coefficient_panels(axis, a) for axis, a in document.axes.items()},
+        checks=[(found.run.run_id, _check_panels(found)) for found in document.held_out],
     )
 
 
@@ -77,7 +76,7 @@ def _coefficients(fitted: AxisDocument) -> tuple[_Coefficient, _Coefficient]:
     )
 
 
-def coefficient_drawing(axis: str, fitted: AxisDocument) -> Markup:
+def coefficient_panels(axis: str, fitted: AxisDocument) -> list[Panel]:
     """Both coefficients of one gyro over temperature: band, piecewise model with breakpoints, the
     document's subtraction.
     """
@@ -86,11 +85,12 @@ def coefficient_drawing(axis: str, fitted: AxisDocument) -> Markup:
     for row in _coefficients(fitted):
         value, sigma = np.array(row.value), np.array(row.sigma)
         marks = row.curve.breakpoints
-        intervals = [mark.interval_95_degC for mark in marks]
-        breaks = [mark.temperature_degC for mark in marks]
+        spans = []
+        for mark in marks:
+            low, high = mark.interval_95_degC
+            spans.append(Span(low, high, INTERVAL_COLOUR))
+            spans.append(Span(mark.temperature_degC, mark.temperature_degC, GREY))
         items: list[Item] = [
-            Boxes([(a, b, None, None) for a, b in intervals], ORANGE, 0.12),
-            Boxes([(T_break, T_break, None, None) for T_break in breaks], GREY, least=1.0),
             Band(T, value - 2 * sigma, value + 2 * sigma, NEW, 0.25, "2 sigma"),
             Line(T, value, NEW, "exact separation"),
         ]
@@ -107,14 +107,16 @@ def coefficient_drawing(axis: str, fitted: AxisDocument) -> Markup:
                 title=f"gyro {axis}: {row.name}",
                 x_label="temperature [degC]",
                 y_label=row.label,
+                spans=spans,
+                group=f"gyro {axis}",
             )
         )
-    return side_by_side(panels, "coefficient over temperature")
+    return panels
 
 
-def _check_drawing(found: HeldOutResidual) -> Markup:
+def _check_panels(found: HeldOutResidual) -> list[Panel]:
     """Gyro output of a held-out ramp before and after, each less its mean."""
-    clouds: dict[str, list[Item]] = {}
+    clouds: dict[str, list[Line | Marks]] = {}
     for k, axis in enumerate(AXES):
         rows = found.rows[:, k]
         if rows.any():
@@ -127,18 +129,19 @@ def _check_drawing(found: HeldOutResidual) -> Markup:
     return before_and_after(clouds, found.run.run_id)
 
 
-def before_and_after(clouds: Mapping[str, list[Item]], run_id: str) -> Markup:
+def before_and_after(clouds: Mapping[str, list[Line | Marks]], run_id: str) -> list[Panel]:
     """Each gyro's output over a held-out run [min], what is drawn by axis, on one scale."""
     items = [item for drawn in clouds.values() for item in drawn]
-    shared = spanned([item.extent()[1] for item in items])
-    panels = [
+    shared = spanned([item.y for item in items])
+    return [
         Panel(
-            items=drawn,
+            items=list(drawn),
+            label=f"gyro {axis}: held-out run {run_id} before and after compensation",
             title=f"gyro {axis}",
             x_label="time [min]",
             y_label="bias [deg/h]",
             y_limits=shared,
+            group=run_id,
         )
         for axis, drawn in clouds.items()
     ]
-    return side_by_side(panels, f"held-out run {run_id} before and after compensation")

@@ -3,21 +3,10 @@ curve needs.
 """
 
 import numpy as np
-from markupsafe import Markup
 
 from infield.misalignment.reasons import MisalignmentVerdict
-from infield.reports.charts import (
-    DOTTED,
-    Boxes,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    Uprights,
-    chart,
-    side_by_side,
-)
 from infield.reports.documents.misalignment import CouplingDocument, MisalignmentDocument
+from infield.reports.drawing import DOTTED, Boxes, Item, Line, Marks, Panel, rows_height
 from infield.reports.figures import BLACK, BLUE, GREY, VERMILLION
 from infield.reports.page import number, render_page
 from ins.documents import plain
@@ -47,8 +36,8 @@ def render(document: MisalignmentDocument) -> str:
         words=_coupling_words,
         headline=headline(document),
         names=dict(zip(AXES, AXES)),
-        harmonics=_harmonics(document) if document.gyros else None,
-        couplings=_couplings(document) if document.couplings else None,
+        harmonics=_harmonics(document) if document.gyros else [],
+        couplings=_couplings(document),
     )
 
 
@@ -74,7 +63,7 @@ def _seen(document: MisalignmentDocument) -> list[CouplingDocument]:
     return [c for c in document.couplings if c.verdict is not Observability.NOT_OBSERVABLE]
 
 
-def _harmonics(document: MisalignmentDocument) -> Markup:
+def _harmonics(document: MisalignmentDocument) -> list[Panel]:
     """Bias against heading, gyro by gyro: as measured, the fitted curve, and after compensation."""
     H = np.linspace(0.0, 360.0, 181)
     rate = document.level_earth_rate_deg_h
@@ -94,8 +83,7 @@ def _harmonics(document: MisalignmentDocument) -> Markup:
             ("compensated", "s", BLUE, [s.compensated_deg_h[k] for s in document.stops]),
         ):
             y = np.array(values)
-            items.append(Uprights(heading, y - sigma, y + sigma, colour, width=0.9))
-            items.append(Marks(heading, y, mark, colour, name))
+            items.append(Marks(heading, y, mark, colour, name, low=y - sigma, high=y + sigma))
         panels.append(
             Panel(
                 items=items,
@@ -103,26 +91,27 @@ def _harmonics(document: MisalignmentDocument) -> Markup:
                 x_label="heading [deg]",
                 y_label="bias [deg/h]",
                 x_ticks=[(float(at), str(at)) for at in range(0, 361, 90)],
+                label=f"gyro {axis}: bias against heading, before and after compensation",
             )
         )
-    return side_by_side(panels, "bias against heading, before and after compensation")
+    return panels
 
 
-def _couplings(document: MisalignmentDocument) -> Markup | str:
-    """Each observed coupling with one and two sigma."""
+def _couplings(document: MisalignmentDocument) -> Panel | None:
+    """Each observed coupling with one and two sigma; None without one."""
     seen = _seen(document)[::-1]
     if not seen:
-        return ""
+        return None
     rows = np.arange(len(seen), dtype=float)
     value = np.array([c.value_arcsec for c in seen])
     sigma = np.array([c.sigma_arcsec for c in seen])
 
-    def bars(times: float, half: float) -> list[tuple[float, float, float | None, float | None]]:
+    def bars(times: float, half: float) -> list[tuple[float, float, float, float]]:
         ends = zip((value - times * sigma).tolist(), (value + times * sigma).tolist(), rows)
         return [(low, high, row - half, row + half) for low, high, row in ends]
 
     ends = -0.6, len(seen) - 0.4
-    panel = Panel(
+    return Panel(
         items=[
             Line(np.zeros(2), np.array(ends), GREY, width=0.8),
             Boxes(bars(2.0, 0.03), BLUE),
@@ -132,5 +121,6 @@ def _couplings(document: MisalignmentDocument) -> Markup | str:
         x_label="arcsec (thick: 1 sigma, thin: 2 sigma)",
         y_limits=ends,
         y_ticks=[(float(row), c.entry) for row, c in zip(rows, seen)],
+        label="Couplings with their sigma",
+        height=rows_height(len(seen)),
     )
-    return chart([panel], "Couplings with their sigma", height=0.8 + 0.35 * len(seen))

@@ -3,7 +3,7 @@ the program shares.
 
 A report's template begins with `{% extends "base.html.j2" %}` and fills the blocks title, kind,
 subtitle, content and footer; `parts.html.j2` has the figure, badge, facts and nothing macros.
-Drawings come from `infield.reports.charts`.
+Figures come from `infield.reports.drawing`; a page with one gets the script that shows them.
 """
 
 import math
@@ -13,6 +13,7 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from infield.reports.drawing import figure, page_script, panels, stack
 from infield.reports.issuer import issuer
 from ins.user_input import visible
 
@@ -99,5 +100,11 @@ def page_environment(package: str = "", folder: str = "templates") -> Environmen
     found.filters.update(
         {f.__name__: f for f in (number, significant, decimals_for, duration, heading, short_hash)}
     )
-    found.globals["issuer"] = issuer
+    found.globals |= {
+        "issuer": issuer,
+        "page_script": page_script,
+        "figure": figure,
+        "panels": panels,
+        "stack": stack,
+    }
     return found

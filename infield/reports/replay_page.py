@@ -3,24 +3,21 @@ nothing.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from alignment.reasons import WITH_HEADING
 from infield.replay.drift import DRIFT_CLASSES
 from infield.replay.free_inertial import TableReplay
 from infield.replay.reasons import ReplayVerdict
-from infield.reports.aided_figures import TIME, aided_figures, map_figure
-from infield.reports.charts import DASHED, Item, Line, Marks, Panel, chart
+from infield.reports.aided_figures import LOG_GROUP, TIME, aided_figures, map_panel
 from infield.reports.documents.aided import AidedFlightDocument
 from infield.reports.documents.replay import ReplayDocument
+from infield.reports.drawing import DASHED, DOTTED, Item, Line, Marks, Panel, Span
 from infield.reports.figures import BLACK, GREY, NEW, OLD, PANEL_POINTS, thinned
 from infield.reports.page import number, render_page
-from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_panels, zoom_script
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.documents import plain
 from ins.units import DEG, KNOT, NAUTICAL_MILE
@@ -37,6 +34,7 @@ BANNERS = {
 }
 SINCE = "time since navigation began [min]"
 FIGURES = ("radial", "velocity", "wander", "attitude", "closer", "gnss", "reference")
+WANDER_PX = 430
 
 
 def render(document: ReplayDocument) -> str:
@@ -49,9 +47,10 @@ def render(document: ReplayDocument) -> str:
         banner=BANNERS[document.verdict],
         headline=_headline(document),
         told=verdict_words(document),
-        figures=_figures(document) | aided_figures(result) | {"map": map_figure(result)},
+        free=_figures(document),
+        aided=aided_figures(result),
+        map=map_panel(result),
         labels={t.choice.role: _label(t) for t in result.tables},
-        script=zoom_script(),
     )
 
 
@@ -95,26 +94,26 @@ def _headline(document: ReplayDocument) -> str:
     )
 
 
-def _figures(document: ReplayDocument) -> dict[str, Markup | None]:
-    """Drawings by name; None where there is nothing to show."""
+def _figures(document: ReplayDocument) -> dict[str, list[Panel]]:
+    """Panels by the name of their figure; none where there is nothing to show."""
     flown = [
         t
         for t in sorted(document.result.tables, key=lambda t: t.choice.role == "active")
         if t.history is not None
     ]
-    found: dict[str, Markup | None] = dict.fromkeys(FIGURES)
+    found: dict[str, list[Panel]] = {name: [] for name in FIGURES}
     parked = [t for t in flown if t.parked is not None]
     if parked:
-        found["radial"] = zoom_figure(_radial(parked))
-        found["velocity"] = zoom_panels(list(_parked_velocity(parked)))
-        found["wander"] = _wander(parked)
+        found["radial"] = [_radial(parked)]
+        found["velocity"] = list(_parked_velocity(parked))
+        found["wander"] = [_wander(parked)]
     if flown:
-        found["attitude"] = zoom_panels(list(_attitude(flown)))
-        found["closer"] = zoom_panels(list(_closer(document, flown)))
+        found["attitude"] = list(_attitude(flown))
+        found["closer"] = list(_closer(document, flown))
     for name in ("gnss", "reference"):
         drifts = [(t, drift) for t in flown if (drift := getattr(t, name)) is not None]
         if drifts:
-            found[name] = zoom_panels(list(_against(drifts, name)))
+            found[name] = list(_against(drifts, name))
     return found
 
 
@@ -122,28 +121,33 @@ def _label(t: TableReplay) -> str:
     return f"{t.choice.role} table" if t.choice.table is not None else RAW
 
 
-def _curve(t: TableReplay, x: NDArray, values: NDArray) -> ZoomCurve:
-    return ZoomCurve(name=_label(t), x=x, values=values, colour=COLOURS[t.choice.role])
+def _curve(t: TableReplay, x: NDArray, values: NDArray) -> Line:
+    return Line(x, values, COLOURS[t.choice.role], _label(t))
 
 
 def _panel(
-    title: str, unit: str, x_name: str, curves: Sequence[ZoomCurve], **more: Any
-) -> ZoomFigure:
-    """One of several side by side; each curve has an x of its own."""
-    longest = max((c.x for c in curves if c.x is not None), key=len)
-    return ZoomFigure(
+    title: str,
+    y_label: str,
+    x_label: str,
+    curves: Sequence[Line],
+    *,
+    limits: tuple[float, float] | None = None,
+    spans: Sequence[Span] = (),
+) -> Panel:
+    """Curves over time; panels over the same time zoom together."""
+    return Panel(
         title=title,
-        unit=unit,
-        time_s=longest[[0, -1]],
-        curves=curves,
-        x_name=x_name,
+        items=list(curves),
         label=f"{title}, by table",
-        panel=True,
-        **more,
+        x_label=x_label,
+        y_label=y_label,
+        y_limits=limits,
+        spans=spans,
+        group=LOG_GROUP if x_label == TIME else "since",
     )
 
 
-def _radial(parked: list[TableReplay]) -> ZoomFigure:
+def _radial(parked: list[TableReplay]) -> Panel:
     """Radial error while parked, with the predicted sigma of each table and the drift classes where
     they come near.
     """
@@ -159,16 +163,17 @@ def _radial(parked: list[TableReplay]) -> ZoomFigure:
         curves.append(_curve(t, minutes, radial))
         if t.predicted is not None:
             minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / unit)
-            curve = _curve(t, minutes, sigma)
-            curves.append(replace(curve, name=f"predicted 1 sigma, {_label(t)}", dashed=True))
-    figure = _panel(
+            words = f"predicted 1 sigma, {_label(t)}"
+            curves.append(Line(minutes, sigma, COLOURS[t.choice.role], words, dash=DASHED))
+    panel = _panel(
         "Radial position error while parked",
         f"error [{name}]",
         SINCE,
         [*curves, *_classes(curves, top)],
         limits=(0.0, 1.08 * max(top, LEAST_M) / unit),
     )
-    return replace(figure, panel=False)
+    panel.title = ""
+    return panel
 
 
 def _unit_of(top_m: float) -> tuple[float, str]:
@@ -176,61 +181,63 @@ def _unit_of(top_m: float) -> tuple[float, str]:
     return (NAUTICAL_MILE, "NM") if top_m > SHORT_NM * NAUTICAL_MILE else (1.0, "m")
 
 
-def _classes(curves: Sequence[ZoomCurve], top_m: float) -> list[ZoomCurve]:
+def _classes(curves: Sequence[Line], top_m: float) -> list[Line]:
     """The 2T+2 and 3T+3 limits over the same minutes, where they lie within the drawing of drifts
     up to `top_m`.
     """
-    ends = [c.x[[0, -1]] for c in curves if c.x is not None]
+    ends = [c.x[[0, -1]] for c in curves]
     x = np.array([max(min(float(e[0]) for e in ends), 0.0), max(float(e[1]) for e in ends)])
     return [
-        ZoomCurve(name=f"{name} NM", values=slope * x / 60 + offset, x=x, colour=GREY, dashed=True)
+        Line(x, slope * x / 60 + offset, GREY, f"{name} NM", width=1.0, dash=DOTTED)
         for name, slope, offset in DRIFT_CLASSES
         if offset < top_m / NAUTICAL_MILE
     ]
 
 
-def _parked_velocity(parked: list[TableReplay]) -> Iterator[ZoomFigure]:
+def _parked_velocity(parked: list[TableReplay]) -> Iterator[Panel]:
     """North and east velocity while parked: all of it is error."""
     errors = [(t, t.parked.time_s, t.parked.velocity_m_s) for t in parked if t.parked is not None]
     return _velocities(errors, "velocity while parked", SINCE)
 
 
 def _velocities(
-    tracks: Sequence[tuple[TableReplay, NDArray, NDArray]], title: str, x_name: str, **more: Any
-) -> Iterator[ZoomFigure]:
+    tracks: Sequence[tuple[TableReplay, NDArray, NDArray]],
+    title: str,
+    x_label: str,
+    spans: Sequence[Span] = (),
+) -> Iterator[Panel]:
     """North and east of velocities (n, 2 or 3) [m/s] at times (n,) [s], a curve for each table."""
     for k, name in enumerate(("North", "East")):
         curves = []
         for t, time_s, velocity_m_s in tracks:
             minutes, velocity = thinned(time_s / 60, velocity_m_s[:, k], most=PANEL_POINTS)
             curves.append(_curve(t, minutes, velocity))
-        yield _panel(f"{name} {title}", "velocity [m/s]", x_name, curves, **more)
+        yield _panel(f"{name} {title}", "velocity [m/s]", x_label, curves, spans=spans)
 
 
-def _wander(parked: list[TableReplay]) -> Markup:
+def _wander(parked: list[TableReplay]) -> Panel:
     """Where the parked solution wanders to, on a plain grid."""
     items: list[Item] = []
+    tracks = [np.zeros((1, 2))]
     for t in parked:
         assert t.parked is not None
+        tracks.append(t.parked.position_m[:, :2])
         colour, dash = COLOURS[t.choice.role], DASHES[t.choice.role]
         east, north = thinned(t.parked.position_m[:, 1], t.parked.position_m[:, 0])
         items.append(Line(east, north, colour, _label(t), dash=dash))
         items.append(Marks(east[-1:], north[-1:], "o", colour, size=6.0))
     items.append(Marks(np.zeros(1), np.zeros(1), "+", BLACK, "true", size=9.0))
-    seen = [np.concatenate([item.extent()[k] for item in items]) for k in range(2)]
-    x_limits, y_limits = _square(*seen)
-    panel = Panel(
+    y_limits, x_limits = _square(*np.concatenate(tracks).T)
+    return Panel(
         items=items,
-        title="Computed position while parked",
+        label="Computed position while parked on a plain grid, by table",
         x_label="east [m]",
         y_label="north [m]",
         x_limits=x_limits,
         y_limits=y_limits,
         equal=True,
-        legend="above",
+        height=WANDER_PX,
     )
-    label = "Computed position while parked on a plain grid, by table"
-    return chart([panel], label, width=4.8, height=4.8)
 
 
 def _square(x: NDArray, y: NDArray) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -247,7 +254,7 @@ def _angles(t: TableReplay) -> tuple[NDArray, ...]:
     return (t.history.time_s / 60, roll / DEG, pitch / DEG, np.unwrap(wrap_pi(heading)) / DEG)
 
 
-def _attitude(flown: list[TableReplay]) -> Iterator[ZoomFigure]:
+def _attitude(flown: list[TableReplay]) -> Iterator[Panel]:
     """Roll, pitch and heading from the end of the alignment to the end of the log."""
     columns = [thinned(*_angles(t), most=PANEL_POINTS) for t in flown]
     for k, name in enumerate(("Roll", "Pitch", "Heading, continuous"), start=1):
@@ -255,15 +262,15 @@ def _attitude(flown: list[TableReplay]) -> Iterator[ZoomFigure]:
         yield _panel(name, "angle [deg]", TIME, curves)
 
 
-def _closer(document: ReplayDocument, flown: list[TableReplay]) -> Iterator[ZoomFigure]:
+def _closer(document: ReplayDocument, flown: list[TableReplay]) -> Iterator[Panel]:
     """Velocity of each table's flight over the log, the parked span shaded."""
     span = document.parked_span
-    shaded = () if span is None else ((span.start_s / 60, span.end_s / 60),)
+    shaded = () if span is None else (Span(span.start_s / 60, span.end_s / 60),)
     tracks = [(t, t.history.time_s, t.history.v_n_m_s) for t in flown if t.history is not None]
     return _velocities(tracks, "velocity", TIME, spans=shaded)
 
 
-def _against(drifts: Sequence[tuple[TableReplay, Any]], name: str) -> Iterator[ZoomFigure]:
+def _against(drifts: Sequence[tuple[TableReplay, Any]], name: str) -> Iterator[Panel]:
     """Radial and speed error against an outside track after the parked span."""
     what = {"gnss": "GNSS", "reference": "the reference (scoring only)"}[name]
     top = max(float(drift.radial_m.max()) for _, drift in drifts)

@@ -3,21 +3,9 @@ figure of its own.
 """
 
 import numpy as np
-from markupsafe import Markup
 
-from infield.reports.charts import (
-    DASH_DOT,
-    DASHED,
-    DOT,
-    DOTTED,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    chart,
-    side_by_side,
-)
 from infield.reports.documents.rlg import RlgDocument
+from infield.reports.drawing import DASH_DOT, DASHED, DOT, DOTTED, Line, Marks, Panel
 from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.fog_page import before_and_after
 from infield.reports.page import render_page
@@ -41,18 +29,16 @@ def render(document: RlgDocument) -> str:
         d=plain(document),
         good=document.verdict is ThermalVerdict.FITTED,
         terms=TERMS,
-        drawings={
-            a.axis: [
-                (run.blocks.run_id, fit_drawing(a, run, study.reference_degC)) for run in study.runs
-            ]
+        fits={
+            a.axis: [fit_panels(a, run, study.reference_degC) for run in study.runs]
             for a in study.axes
         },
-        orders={a.axis: order_drawing(a) for a in study.axes},
-        checks=[(found.run.blocks.run_id, _check_drawing(found)) for found in document.held_out],
+        orders={a.axis: order_panel(a) for a in study.axes},
+        checks=[(found.run.blocks.run_id, _check_panels(found)) for found in document.held_out],
     )
 
 
-def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup:
+def fit_panels(a: AxisModel, run: GradientRun, reference_degC: float) -> list[Panel]:
     """One gyro over one run: five-minute means less their mean with the fit, and what each kind of
     term gives to it.
     """
@@ -84,6 +70,7 @@ def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup
         title=f"gyro {a.axis}, run {b.run_id}",
         x_label="time [min]",
         y_label="bias less its mean [deg/h]",
+        group=f"{a.axis} {b.run_id}",
     )
     right = Panel(
         items=[
@@ -92,36 +79,34 @@ def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup
         ],
         title="what each kind of term gives",
         x_label="time [min]",
-        y_label="deg/h",
+        y_label="[deg/h]",
+        group=f"{a.axis} {b.run_id}",
     )
-    return side_by_side([left, right], f"gyro {a.axis} over run {b.run_id}")
+    return [left, right]
 
 
-def order_drawing(a: AxisModel) -> Markup:
+def order_panel(a: AxisModel) -> Panel:
     """Held-out chi2 a row over the number of terms; the chosen order marked."""
     sizes = np.array([len(c.used) for c in a.orders], dtype=float)
     chi2 = np.array([c.chi2 for c in a.orders])
     chosen = np.array([float(len(a.used))]), np.array([a.choice.chi2])
-    panel = Panel(
+    return Panel(
         items=[
             Line(sizes, chi2, GREY),
-            Marks(sizes, chi2, "o", GREY),
+            Marks(sizes, chi2, "o", GREY, "tried"),
             Marks(*chosen, "o", NEW, "chosen: " + " ".join(a.used), size=8.0),
         ],
-        title=f"gyro {a.axis}: order",
+        label=f"Held-out misfit of gyro {a.axis} over the number of terms",
         x_label="terms",
         y_label="held-out chi2 a row",
         x_ticks=[(size, f"{size:g}") for size in sizes.tolist()],
         y_log=True,
-        legend="above",
     )
-    label = f"Held-out misfit of gyro {a.axis} over the number of terms"
-    return chart([panel], label, height=2.6)
 
 
-def _check_drawing(found: RlgHeldOut) -> Markup:
+def _check_panels(found: RlgHeldOut) -> list[Panel]:
     """Five-minute means of a held-out run before and after, each less its mean."""
-    drawn: dict[str, list[Item]] = {}
+    drawn: dict[str, list[Line | Marks]] = {}
     for axis, (time_s, values) in found.means.items():
         t = time_s / 60.0
         drawn[axis] = [

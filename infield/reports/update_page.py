@@ -12,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, cycle
 
-from markupsafe import Markup
-
 from infield.reports import update_figures as figures
 from infield.reports import zero_rate_figures
 from infield.reports.documents.session_records import (
@@ -30,9 +28,9 @@ from infield.reports.documents.update_records import (
     UpdateDocument,
     VarianceShares,
 )
+from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
 from infield.reports.table_known import TableKnown, table_known
-from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script, zoomed
 from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
@@ -102,19 +100,20 @@ class AxisView:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionView:
-    """One run with its drawings; excluded spans go to the first run of an id.
+    """One run with its figures; excluded spans go to the first run of an id.
 
-    span_totals: reason, how many spans, seconds; residual_drawings: by axis.
+    span_totals: reason, how many spans, seconds; unseen: gyros without residuals.
     """
 
     run: SessionDocument
     number: int
     spans: Sequence[SpanDocument]
     span_totals: Sequence[tuple[str, int, float]]
-    timeline: Markup | None
-    residual_drawings: Sequence[tuple[str, Markup | None]]
-    coverage_drawing: Markup | None
-    chain_drawings: Sequence[Markup]
+    timeline: Sequence[Panel]
+    residuals: Sequence[Panel]
+    unseen: Sequence[str]
+    coverage: Panel | None
+    chain: Sequence[Panel]
 
 
 @dataclass(frozen=True)
@@ -188,15 +187,13 @@ def update_html(document: UpdateDocument) -> str:
         axes=[_axis(document, axis, known) for axis in AXES],
         decimals=_decimals(document),
         changed=_changed(document),
-        bias_drawings=_bias_drawings(document, before, after),
-        shape_drawings=_shape_drawings(document, before, after),
-        has_points=any(figures.seen_points(document, axis) for axis in AXES),
+        bias_panels=_bias_panels(document, before, after),
+        shape_panels=_shape_panels(document, before, after),
+        without_points=[axis for axis in AXES if not figures.seen_points(document, axis)],
         run_key=_run_key(document),
         changes={axis: _changes(document, axis) for axis in AXES},
         agreement=(
-            figures.agreement_drawing(document)
-            if document.consistency.nis_mean is not None
-            else None
+            figures.agreement_panel(document) if document.consistency.nis_mean is not None else None
         ),
         kinds=sorted({kind for s in estimated for kind in s.measurements}),
         sessions=sessions,
@@ -210,7 +207,6 @@ def update_html(document: UpdateDocument) -> str:
         band=_band,
         temperature_words=_temperature_words,
         hysteresis_words=_hysteresis_words,
-        script=zoom_script(),
     )
 
 
@@ -341,34 +337,27 @@ def _help(document: UpdateDocument, seen: ObservedDocument | None) -> str:
     return seen.advice or "nothing more needed"
 
 
-def _bias_drawings(
+def _bias_panels(
     document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
-) -> list[tuple[str, Markup, bool]]:
-    """Per gyro: its name, the drawing and whether it shows points."""
+) -> list[Panel]:
+    """Bias against temperature, a panel a gyro."""
     if before is None:
         return []
     new = after if _changed(document) else None
-    return [
-        (
-            axis,
-            zoom_figure(figures.bias_figure(document, axis, before, new)),
-            bool(figures.seen_points(document, axis)),
-        )
-        for axis in AXES
-    ]
+    return [figures.bias_panel(document, axis, before, new) for axis in AXES]
 
 
-def _shape_drawings(
+def _shape_panels(
     document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
-) -> list[Markup]:
+) -> list[Panel]:
     """Of sessions without a heading: the shapes alone, which the levels of their power-ons would
     hide.
     """
     if before is None or all(s.zero_rate is None for s in estimated_of(document)):
         return []
     new = after if _changed(document) else None
-    found = [zero_rate_figures.shape_figure(document, axis, before, new) for axis in AXES]
-    return [zoom_figure(figure) for figure in found if figure]
+    found = [zero_rate_figures.shape_panel(document, axis, before, new) for axis in AXES]
+    return [panel for panel in found if panel]
 
 
 def _run_key(document: UpdateDocument) -> list[tuple[int, str, str]]:
@@ -387,30 +376,19 @@ def _session(document: UpdateDocument, k: int) -> SessionView:
     reasons: dict[str, list[float]] = {}
     for span in spans:
         reasons.setdefault(span.reason, []).append(span.end_s - span.start_s)
-    chains = [figures.chain_figure(session, way) for way in ("north", "east")]
-    residuals = [(axis, figures.residual_figure(session, axis)) for axis in AXES]
+    chain = [figures.chain_panel(session, way) for way in ("north", "east")]
+    residuals = {axis: figures.residual_panel(session, axis) for axis in AXES}
     return SessionView(
         run=session,
         number=k + 1,
         spans=spans,
         span_totals=[(reason, len(lengths), sum(lengths)) for reason, lengths in reasons.items()],
-        timeline=_timeline(session, spans),
-        residual_drawings=[(axis, _zoomed(figure)) for axis, figure in residuals],
-        coverage_drawing=figures.coverage_drawing(session),
-        chain_drawings=[zoom_figure(figure) for figure in chains if figure],
+        timeline=figures.timeline_panels(session, spans),
+        residuals=[panel for panel in residuals.values() if panel],
+        unseen=[axis for axis, panel in residuals.items() if panel is None],
+        coverage=figures.coverage_panel(session),
+        chain=[panel for panel in chain if panel],
     )
-
-
-def _zoomed(figure: ZoomFigure | None) -> Markup | None:
-    return None if figure is None else zoom_figure(figure)
-
-
-def _timeline(session: SessionDocument, spans: Sequence[SpanDocument]) -> Markup | None:
-    drawing = figures.timeline_drawing(session, spans)
-    if drawing is None:
-        return None
-    caption = "Grey: excluded." if spans else ""
-    return zoomed(drawing, figures.timeline_figures(session, spans), caption)
 
 
 def _spans(document: UpdateDocument, k: int) -> list[SpanDocument]:

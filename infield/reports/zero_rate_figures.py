@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import PointDocument, UpdateDocument
+from infield.reports.drawing import Item, Marks, Panel
 from infield.reports.figures import NEW, OLD, robust_limits, thinned
-from infield.reports.update_figures import TEMPERATURE_AXIS, marked_curve, seen_points, table_curve
-from infield.reports.zoom import ZoomCurve, ZoomFigure
+from infield.reports.update_figures import TEMPERATURE_AXIS, run_marks, seen_points, table_curve
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
 MARGIN_DEGC = 3.0  # beside the visited temperatures
 
 
-def shape_figure(
+def shape_panel(
     document: UpdateDocument, axis: str, before: ThermalTable, after: ThermalTable | None
-) -> ZoomFigure | None:
+) -> Panel | None:
     """Bias of one gyro less each run's own level, with the tables less theirs; None without
     points.
     """
@@ -39,18 +39,17 @@ def shape_figure(
         if table is not None
     ]
     outer = [edge for curve in curves for edge in curve.edges]
-    curves += _run_curves(document, points, axis, after or before, reference)
-    inner = np.concatenate([curve.values for curve in curves])
-    return ZoomFigure(
+    runs = _run_marks(document, points, axis, after or before, reference)
+    inner = np.concatenate([*(curve.y for curve in curves), *(marks.y for marks in runs)])
+    items: list[Item] = [*curves, *runs]
+    return Panel(
         title=f"Gyro {axis}: shape over temperature",
-        unit="bias less level [deg/h]",
-        time_s=T,
-        curves=curves,
-        x_name=TEMPERATURE_AXIS,
+        items=items,
+        x_label=TEMPERATURE_AXIS,
+        y_label="bias less level [deg/h]",
         label=f"Shape of the bias of gyro {axis} over temperature, the level of each run taken out",
-        limits=robust_limits(inner, np.concatenate(outer), spans=0.5),
+        y_limits=robust_limits(inner, np.concatenate(outer), spans=0.5),
         group="shapes",
-        panel=True,
     )
 
 
@@ -63,13 +62,13 @@ def _less_level(
     return rows @ table.parameters, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _run_curves(
+def _run_marks(
     document: UpdateDocument,
     points: Sequence[PointDocument],
     axis: str,
     table: ThermalTable,
     reference_degC: float,
-) -> list[ZoomCurve]:
+) -> list[Marks]:
     """Points of each run less the run's mean departure from the table, white noise as their
     sigma.
     """
@@ -87,5 +86,5 @@ def _run_curves(
         shape = _less_level(table, axis, T, reference_degC)[0]
         walk = zero_rate.angle_random_walk_deg_sqrt_h[AXES.index(axis)]
         y, sigma = bias - np.mean(bias - shape), walk / np.sqrt(duration / 3600.0)
-        found.append(marked_curve(f"run {number + 1}", "o", T, y, sigma, number))
+        found.append(run_marks(f"run {number + 1}", "o", T, y, sigma, number))
     return found

@@ -1,4 +1,4 @@
-"""The drawings of the fleet report, each from the document's own numbers; no curve has more than
+"""The figures of the fleet report, each from the document's own numbers; no curve has more than
 MAX_POINTS points.
 """
 
@@ -13,10 +13,8 @@ from recal.service.results.pages import (
     BLUE,
     GREEN,
     GREY,
-    MOST_ALONG_AXIS,
     ORANGE,
     PALE,
-    PANEL_WIDTH,
     VERMILLION,
     Boxes,
     Item,
@@ -24,9 +22,7 @@ from recal.service.results.pages import (
     Marks,
     Panel,
     Uprights,
-    chart,
     thinned,
-    whole_step,
 )
 
 OUTCOME_COLOURS = {
@@ -39,12 +35,17 @@ OUTCOME_COLOURS = {
     FleetOutcome.TAKEN_OUT: PALE,
     FleetOutcome.CRASHED: "#000000",
 }
+FEW_LABELS = 6.0  # along the axis of a count; chosen: 6 have room beside each other
 HIGHEST = 2.2  # times the 90th percentile: above it the ranking's axis is cut
-FEW_LABELS = 6  # along the axis of a count
 STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 
 
-def ranking_drawing(document: FleetReport) -> Markup | None:
+def whole_step(most: float) -> float | None:
+    """Of an axis of a count up to so many: 1 where a round step might be a part of one."""
+    return 1.0 if most <= FEW_LABELS else None
+
+
+def ranking_panel(document: FleetReport) -> Panel | None:
     """Predicted drift of every unit, the largest first, with what the new table leaves (1
     sigma).
     """
@@ -72,39 +73,35 @@ def ranking_drawing(document: FleetReport) -> Markup | None:
         items.append(Marks(rank_of_step, cut, "s", ORANGE, "a step against its table", size=4.5))
     highest = max([float((nm_h + sigma).max()), *(size for _, size in steps)])
     last = float(rank.max()) + 1.0
-    panel = Panel(
+    return Panel(
         items=items,
-        title="Predicted drift by the change of the table, all units",
+        label=f"Predicted drift of {len(drifts)} units in NM/h, largest first, with sigma",
         x_label="rank",
-        y_label="NM/h",
+        y_label="[NM/h]",
         x_limits=(0.0, last),
+        x_step=whole_step(last),
         y_limits=(0.0, 1.06 * min(top, highest)),
-        x_step=whole_step(last, MOST_ALONG_AXIS),
-        legend="above",
     )
-    label = f"Predicted drift of {len(drifts)} units in NM/h, largest first, with sigma"
-    return chart([panel], label, height=3.2)
 
 
-def coverage_drawing(document: FleetReport) -> Markup | None:
+def coverage_panel(document: FleetReport) -> Panel | None:
     """How many units were seen in each band of temperature."""
     bands = document.coverage
     if not bands:
         return None
     most = float(max(b.units for b in bands))
-    panel = Panel(
+    return Panel(
         items=[Boxes([(b.low_degC + 0.2, b.low_degC + 4.8, 0.0, b.units) for b in bands], GREEN)],
         title="Units seen at a temperature",
         x_label="gyro temperature [°C]",
         y_label="units",
         y_limits=(0.0, 1.08 * most),
-        y_step=whole_step(most, FEW_LABELS),
+        y_step=whole_step(most),
+        label="Number of units with merged data in each 5 degC band of gyro temperature",
     )
-    label = "Number of units with merged data in each 5 degC band of gyro temperature"
-    return chart([panel], label, width=PANEL_WIDTH, height=2.7)
 
 
-def tables_drawing(document: FleetReport) -> Markup | None:
+def tables_panel(document: FleetReport) -> Panel | None:
     """Age and sigma of the tables in the store."""
     tables = [u.table for u in document.units if u.table]
     if not tables:
@@ -120,35 +117,32 @@ def tables_drawing(document: FleetReport) -> Markup | None:
         )
         if mask.any()
     ]
-    panel = Panel(
+    return Panel(
         items=items,
         title="Stored tables: age and sigma",
         x_label="days since its newest data",
         y_label="sigma [deg/h]",
         y_limits=(0.0, 1.1 * float(sigma.max())),
-        legend="above",
+        label=f"Age and sigma of {len(tables)} stored tables",
     )
-    label = f"Age and sigma of {len(tables)} stored tables"
-    return chart([panel], label, width=PANEL_WIDTH, height=2.9)
 
 
-def progress_drawing(timing: CallTiming) -> Markup | None:
+def progress_panel(timing: CallTiming) -> Panel | None:
     """Runs through against time, of this call."""
     curve = timing.curve
     if len(curve) < 2:
         return None
     seconds, runs = thinned(*zip(*curve))
-    panel = Panel(
+    return Panel(
         items=[Line(seconds / 60.0, runs, BLUE)],
         title="Runs through in this call",
         x_label="minutes",
         y_label="runs",
         x_limits=(0.0, float(max(seconds.max() / 60.0, 1e-3))),
         y_limits=(0.0, 1.05 * float(runs.max())),
-        y_step=whole_step(float(runs.max()), FEW_LABELS),
+        y_step=whole_step(float(runs.max())),
+        label="Number of runs that are through against time",
     )
-    label = "Number of runs that are through against time"
-    return chart([panel], label, width=PANEL_WIDTH, height=2.7)
 
 
 def outcome_bar(counts: Mapping[str, int]) -> list[tuple[str, int, float, str]]:

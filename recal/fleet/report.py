@@ -7,13 +7,7 @@ from markupsafe import Markup
 from recal.fleet import figures
 from recal.fleet.document_records import FleetReport, StaleRow, UnitRow
 from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
-from recal.service.priors.forecast_page import (
-    closer_drawing,
-    closer_script,
-    date_words,
-    trend_drawing,
-    trend_strips,
-)
+from recal.service.priors.forecast_page import closer_panel, date_words, trend_panels, trend_strips
 from recal.service.results.pages import decimals_for, page_environment
 
 SHOWN_UNITS = 25  # rows of the ranking before the rest is folded
@@ -78,6 +72,11 @@ def fleet_html(document: FleetReport) -> str:
     ranked = [view for view in units if view.row.drift]
     drifts = [u.drift for u in document.units if u.drift]
     most = document.criteria.surprise_sigmas
+    counts = [
+        figures.coverage_panel(document),
+        figures.tables_panel(document),
+        figures.progress_panel(document.timing),
+    ]
     return (
         page_environment("recal.fleet")
         .get_template("fleet.html.j2")
@@ -94,15 +93,12 @@ def fleet_html(document: FleetReport) -> str:
             surprising=[drift for drift in drifts if drift.surprise_sigmas > most],
             stepped=[view for view in units if view.row.step_words],
             decimals=decimals_for([drift.sigma_after_deg_h for drift in drifts]),
-            ranking=figures.ranking_drawing(document),
-            coverage=figures.coverage_drawing(document),
-            tables=figures.tables_drawing(document),
-            trend=trend_drawing(document.forecast) if document.forecast else None,
-            closer=closer_drawing(document.forecast) if document.forecast else None,
-            script=closer_script(),
+            ranking=figures.ranking_panel(document),
+            counts=[panel for panel in counts if panel],
+            trend=trend_panels(document.forecast) if document.forecast else [],
+            closer=closer_panel(document.forecast) if document.forecast else None,
             trends=trend_strips(document.forecast) if document.forecast else [],
             date_words=date_words,
-            progress=figures.progress_drawing(document.timing),
             name=_name,
         )
     )

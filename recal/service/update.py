@@ -104,8 +104,8 @@ class Update(Result[UpdateDocument]):
 
         Returns
         -------
-        matplotlib.figure.Figure
-            Made without pyplot; `.savefig(path)` writes it.
+        plotly.graph_objects.Figure
+            A notebook shows it; `.write_html(path)` writes it.
         """
         from recal.service.results.plots import figure_of, update_panels
 

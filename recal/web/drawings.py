@@ -1,8 +1,7 @@
-"""Drawings and drawn reports of the page, each made once: tables never change, so their hashes are
+"""Figures and drawn reports of the page, each made once: tables never change, so their hashes are
 the keys.
 """
 
-import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
@@ -12,11 +11,10 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from ins.records import AXES
 from recal.service.inputs.records import ThermalTable
-from recal.service.priors.forecast_page import trend_drawing
+from recal.service.priors.forecast_page import trend_panels
 from recal.service.priors.forecast_records import ForecastReport
 from recal.service.results.pages import (
     DASHED,
@@ -24,15 +22,12 @@ from recal.service.results.pages import (
     GREY,
     NEW,
     OLD,
-    PANEL_WIDTH,
     VERMILLION,
-    Band,
     Item,
     Marks,
     Panel,
-    Uprights,
-    chart,
     drawn_temperatures,
+    panels,
     robust_limits,
 )
 from recal.service.results.pages import Line as Curve
@@ -47,16 +42,16 @@ LINES = {
     "before": (OLD, DASHED),
     "after": (NEW, ""),
 }
-_STYLE_ATTRIBUTE = re.compile(r' style="([^"]*)"')
 
 
 @dataclass(frozen=True)
 class Line:
-    """One table of a drawing under its name (a key of LINES)."""
+    """One table of a figure under its name (a key of LINES), with words for the key."""
 
     name: str
     sha256: str
     table: ThermalTable
+    words: str
 
 
 class Once:
@@ -96,31 +91,27 @@ class Once:
 
 
 class Drawings:
-    """The last drawings, by what they show."""
+    """The last figures, by what they show."""
 
     def __init__(self) -> None:
         self._once = Once(MOST_KEPT).of
 
-    def bias_panels(
-        self, lines: Sequence[Line], against: Sequence[SessionEvidence] = ()
-    ) -> list[Markup]:
+    def bias_panels(self, lines: Sequence[Line], against: Sequence[SessionEvidence] = ()) -> Markup:
         """Bias against temperature of the three gyros, a line for each table, U(k=2) bands but for
         the factory one; against: sessions that contradict the last table, a point with its U each.
         """
         seen = against[-MOST_SESSIONS_DRAWN:]
-        key = ("bias", *((line.name, line.sha256) for line in lines), *(e.run_sha256 for e in seen))
-        panels: list[Markup] = self._once(
-            key, lambda: [_bias_panel(axis, lines, seen) for axis in AXES]
+        shown = ((line.name, line.sha256, line.words) for line in lines)
+        key = ("bias", *shown, *(e.run_sha256 for e in seen))
+        found: Markup = self._once(
+            key, lambda: panels(_bias_panel(axis, lines, seen) for axis in AXES)
         )
-        return panels
+        return found
 
     def trend(self, key: Hashable, document: ForecastReport) -> Markup:
         """The drift of the most urgent units against the limit."""
 
-        def drawn() -> Markup:
-            return without_style_attributes(trend_drawing(document) or Markup(""))
-
-        found: Markup = self._once(("trend", key), drawn)
+        found: Markup = self._once(("trend", key), lambda: panels(trend_panels(document)))
         return found
 
     def page(self, key: Hashable, draw: Callable[[], str]) -> str:
@@ -129,19 +120,7 @@ class Drawings:
         return page
 
 
-def without_style_attributes(svg: Markup) -> Markup:
-    """The drawing with its styles as attributes of their own, which a strict
-    Content-Security-Policy lets stand.
-    """
-
-    def attributes(found: re.Match[str]) -> str:
-        pairs = (part.partition(":") for part in found[1].split(";") if part.strip())
-        return "".join(f' {name.strip()}="{value.strip()}"' for name, _, value in pairs)
-
-    return Markup(_STYLE_ATTRIBUTE.sub(attributes, svg))
-
-
-def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvidence]) -> Markup:
+def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvidence]) -> Panel:
     items: list[Item] = []
     inner, outer, band = [], [], np.zeros(0)
     for line in lines:
@@ -149,40 +128,41 @@ def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvide
         nodes = line.table.temperature_degC[AXES.index(axis)]
         T = drawn_temperatures(nodes)
         bias, sigma = line.table.bias_deg_h(axis, T), line.table.sigma_deg_h(axis, T)
+        low = high = None
         if line.name != "factory":  # a band for it, too, would hide the others
             low, high = bias - 2 * sigma, bias + 2 * sigma
-            items.append(Band(T, low, high, colour, 0.16))
             band = np.concatenate([low, high])
             outer.append(band)
-        items.append(Curve(T, bias, colour, dash=dash))
+        items.append(Curve(T, bias, colour, line.words, dash=dash, low=low, high=high))
         items.append(Marks(nodes, line.table.bias_deg_h(axis, nodes), "s", colour, size=2.8))
         inner.append(bias)
     if against:
-        points, ends = _points(AXES.index(axis), against)
-        items += points
-        outer.append(ends)
+        points = _points(AXES.index(axis), against)
+        items.append(points)
+        outer += points.edges
     # the band of the last table is seen whole: of a flat table nothing else gives the axis a scale
     limits = robust_limits(np.concatenate([*inner, band]), np.concatenate(outer), spans=8.0)
-    panel = Panel(
+    label = (
+        f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
+    )
+    if against:
+        label += f", and {len(against)} session{'s' if len(against) > 1 else ''} against it"
+    return Panel(
         items=items,
         title=f"Gyro {axis}: bias against temperature",
+        label=label,
         x_label="gyro temperature [°C]",
         y_label="bias [deg/h]",
         y_limits=limits,
+        group="tables",
     )
-    names = ", ".join(line.name for line in lines)
-    label = f"Bias of gyro {axis} against temperature: {names} table"
-    if against:
-        label += f", and {len(against)} session{'s' if len(against) > 1 else ''} against it"
-    drawing = chart([panel], label, width=PANEL_WIDTH, height=3.3)
-    return without_style_attributes(drawing)
 
 
-def _points(k: int, sessions: Sequence[SessionEvidence]) -> tuple[list[Item], NDArray]:
-    """Each session's bias of gyro k with U(k=2), and the ends of their bars [deg/h]."""
+def _points(k: int, sessions: Sequence[SessionEvidence]) -> Marks:
+    """Each session's bias of gyro k with U(k=2)."""
     T = np.array([session.temperature_degC[k] for session in sessions])
     bias = np.array([session.bias_deg_h[k] - session.bend_deg_h[k] for session in sessions])
     expanded = 2.0 * np.sqrt([session.covariance[k][k] for session in sessions])
     low, high = bias - expanded, bias + expanded
-    bars = Uprights(T, low, high, VERMILLION, width=1.4)
-    return [bars, Marks(T, bias, "D", VERMILLION, size=5.0)], np.concatenate([low, high])
+    name = "session that contradicts it, U(k=2)"
+    return Marks(T, bias, "D", VERMILLION, name, size=5.0, low=low, high=high)

@@ -11,13 +11,25 @@ from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
 from recal.service.priors.forecast_page import date_words, trend_strips
-from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
+from recal.service.results.pages import (
+    JsonObject,
+    diagnosis_lines,
+    script_texts,
+    stored_update_html,
+)
 from recal.service.store import FullProposal, Revision, TableStore, UnitKey
 from recal.web import health, views
 from recal.web.drawings import Line
 from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
-from recal.web.site import Reading, Site
+from recal.web.site import SCRIPT_PATH, Reading, Site
+
+LINE_WORDS = {
+    "factory": "factory table",
+    "previous": "previous table, U(k=2) band",
+    "active": "active table, U(k=2) band",
+}
+A_DAY = "private, max-age=86400"  # a script under its hash
 
 Sort = Literal[
     "next", "serial", "technology", "changed", "proposals", "contradictions", "age", "drift"
@@ -122,8 +134,7 @@ def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
         "unit.html.j2",
         unit=(history or proposals)[-1].unit,
         active=active,
-        panels=reader.site.drawings.bias_panels(lines, contradictions) if lines else [],
-        lines=lines,
+        drawn=reader.site.drawings.bias_panels(lines, contradictions) if lines else "",
         rows=views.table_rows(active.table) if active else None,
         contradictions=views.contradiction_rows(contradictions, active.table) if active else [],
         history=history[::-1][:MOST_SHOWN],
@@ -134,6 +145,12 @@ def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
             e for e in reader.site.reports.all() if e.document.get("imu_serial") == asked.serial
         ],
     )
+
+
+@router.get(SCRIPT_PATH)
+def figures_script() -> Response:
+    headers = {"cache-control": A_DAY}
+    return Response("\n".join(script_texts()), 200, headers, "text/javascript")
 
 
 @router.get("/forecast")
@@ -148,7 +165,7 @@ def forecast(reader: Reader) -> HTMLResponse:
         trends=trend_strips(document),
         date_words=date_words,
         unit_page=views.forecast_address,
-        drawing=site.drawings.trend(key, document) if document.units else None,
+        drawn=site.drawings.trend(key, document) if document.units else "",
     )
 
 
@@ -157,15 +174,17 @@ def diff(reader: Reader, asked: Unit, before: Number = 1, after: Number = 1) -> 
     with reader.site.tables() as opened:
         old = opened.revision(before, *asked.key)
         new = opened.revision(after, *asked.key)
-    lines = [Line("before", old.sha256, old.table), Line("after", new.sha256, new.table)]
+    lines = [
+        Line(name, of.sha256, of.table, f"revision {of.number}, U(k=2) band")
+        for name, of in (("before", old), ("after", new))
+    ]
     return reader.page(
         "diff.html.j2",
         unit=new.unit,
         before=old,
         after=new,
         change=views.change_rows(old, new),
-        lines=lines,
-        panels=reader.site.drawings.bias_panels(lines),
+        drawn=reader.site.drawings.bias_panels(lines),
         made_from=views.provenance_change(old, new),
     )
 
@@ -199,9 +218,6 @@ def proposal(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
     with reader.site.tables() as opened:
         full = opened.proposal(number, *asked.key)
         base = _base(opened, full)
-    lines = []
-    if base is not None:
-        lines = [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
     return reader.page(
         "proposal.html.j2",
         p=full,
@@ -209,8 +225,7 @@ def proposal(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
         report=full.report,
         base=base,
         change=views.change_rows(base, full) if base else None,
-        lines=lines,
-        panels=reader.site.drawings.bias_panels(lines) if lines else [],
+        drawn=reader.site.drawings.bias_panels(_proposed(base, full)) if base else "",
     )
 
 
@@ -268,7 +283,18 @@ def _lines(history: list[Revision]) -> list[Line]:
     chosen = [("factory", factory)] if factory.sha256 != active.sha256 else []
     if len(history) > 1 and history[-2].sha256 not in (factory.sha256, active.sha256):
         chosen.append(("previous", history[-2]))
-    return [Line(name, r.sha256, r.table) for name, r in [*chosen, ("active", active)]]
+    return [
+        Line(name, r.sha256, r.table, LINE_WORDS[name]) for name, r in [*chosen, ("active", active)]
+    ]
+
+
+def _proposed(base: Revision, full: FullProposal) -> list[Line]:
+    """The table that a proposal was made from, and the proposed one."""
+    now = "table now" if full.state == "open" else f"revision {base.number}"
+    return [
+        Line("before", base.sha256, base.table, f"{now}, U(k=2) band"),
+        Line("after", full.sha256, full.table, "proposed table, U(k=2) band"),
+    ]
 
 
 def _base(opened: TableStore, full: FullProposal) -> Revision | None:

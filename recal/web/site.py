@@ -12,7 +12,7 @@ from fastapi import HTTPException, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from markupsafe import Markup
 
-from recal.service.results.pages import page_environment
+from recal.service.results.pages import page_environment, script_texts
 from recal.service.store import TableStore
 from recal.web import views
 from recal.web.door import SESSION_S, Door
@@ -46,11 +46,7 @@ CLOSED = {  # what is no page: nothing may be loaded from it, and nothing may fr
     "x-frame-options": "DENY",
     "content-security-policy": "default-src 'none'; frame-ancestors 'none'",
 }
-FRAMED = {  # a report that was drawn elsewhere: alone, without scripts, forms or an origin
-    "x-frame-options": "SAMEORIGIN",
-    "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src"
-    " data:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'",
-}
+SCRIPT_PATH = "/figures.js"
 
 
 class Site:
@@ -87,8 +83,8 @@ class Visit:
         self.session = self.site.door.session(self.cookie)
 
     def page(self, template: str, status: int = 200, **context: Any) -> HTMLResponse:
-        """A page under the strict policy: no script, no style but its own, nothing from
-        elsewhere.
+        """A page under the strict policy: no script but that of the figures, no style but its
+        own, nothing from elsewhere.
         """
         shared = {
             "style": _style(),
@@ -97,6 +93,7 @@ class Visit:
             "has_reports": self.site.reports.given,
             "address": views.address,
             "looks": views.STATE_LOOKS,
+            "figures_script": _script_address(),
         }
         page = page_environment("recal", "web/templates").get_template(template)
         text = page.render(**shared, **context)
@@ -118,8 +115,11 @@ class Visit:
         )
 
     def framed(self, text: str) -> HTMLResponse:
-        """A report that was drawn elsewhere."""
-        return HTMLResponse(text, headers=FRAMED)
+        """A report that was drawn elsewhere: alone in a sandbox, without forms or an origin; of
+        scripts only those of this version's figures run.
+        """
+        headers = {"x-frame-options": "SAMEORIGIN", "content-security-policy": _framed_policy()}
+        return HTMLResponse(text, headers=headers)
 
     def download(self, text: str, name: str) -> Response:
         """A document as a file."""
@@ -167,8 +167,34 @@ def _style() -> Markup:
 
 @lru_cache(maxsize=1)
 def _policy() -> str:
-    digest = base64.b64encode(hashlib.sha256(_style().encode()).digest()).decode()
+    style = _source(hashlib.sha256(_style().encode()).digest())
     return (
-        f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; form-action 'self';"
-        " frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+        f"default-src 'none'; script-src 'self'; style-src {style}; img-src data: blob:;"
+        " form-action 'self'; frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
     )
+
+
+@lru_cache(maxsize=1)
+def _framed_policy() -> str:
+    scripts = " ".join(map(_source, _digests()))
+    return (
+        f"sandbox allow-scripts allow-downloads; default-src 'none'; script-src {scripts};"
+        " style-src 'unsafe-inline'; img-src data: blob:; frame-ancestors 'self';"
+        " base-uri 'none'; form-action 'none'"
+    )
+
+
+@lru_cache(maxsize=1)
+def _digests() -> tuple[bytes, ...]:
+    """SHA-256 of each script that shows figures."""
+    return tuple(hashlib.sha256(text.encode()).digest() for text in script_texts())
+
+
+def _script_address() -> str:
+    """Where a page finds the scripts: another place for each version of them."""
+    return f"{SCRIPT_PATH}?{'-'.join(digest[:4].hex() for digest in _digests())}"
+
+
+def _source(digest: bytes) -> str:
+    """As a policy names what it allows."""
+    return f"'sha256-{base64.b64encode(digest).decode()}'"

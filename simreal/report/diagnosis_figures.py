@@ -6,28 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 
-from infield.reports.charts import Band as Area
-from infield.reports.charts import Boxes, Item, Line, Marks, Panel, Texts, chart, text_width
-from infield.reports.figures import (
-    BLACK,
-    BLUE,
-    GREY,
-    PALE,
-    PANEL_WIDTH,
-    SKY,
-    SVG_DPI,
-    VERMILLION,
-    robust_limits,
-    thinned,
-)
+from infield.reports.drawing import Band as Area
+from infield.reports.drawing import Boxes, Cells, Item, Line, Marks, Panel, Texts, rows_height
+from infield.reports.figures import BLACK, BLUE, GREY, PALE, SKY, VERMILLION, robust_limits, thinned
 from simreal.inference.causes import Cause
 from simreal.inference.locate import GapCell
 from simreal.report.diagnosis_curves import Overlay, RunCurve
 
 MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be; odds of 1e13
 SHOWN_NATS = 3.0  # a smaller excess has no number in its cell: odds of 20
+UPRIGHT_PX, SCALE_PX, BANDS_PX = 50, 100, 320  # heights: of turned labels; of the scale; of bands
 MOST_PANELS = 8
 MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there
@@ -61,7 +50,7 @@ class _Square:
         return float(np.sign(self.rho - 1.0) * np.sqrt(np.clip(self.nats, 0.0, MOST_NATS)))
 
 
-def gap_maps(cells: Sequence[GapCell]) -> tuple[Markup, Markup]:
+def gap_maps(cells: Sequence[GapCell]) -> list[Panel]:
     """Band against channel, before and after, each as narrow as a phone: colour is the signed root
     of the nats, numbers are rho where it stands out.
     """
@@ -73,38 +62,37 @@ def gap_maps(cells: Sequence[GapCell]) -> tuple[Markup, Markup]:
         _Square(at, c.nats_after, c.rho_after, c.located_after) for at, c in zip(places, cells)
     ]
     names = [_band_name(b) for b in bands]
-    return (
+    return [
         _gap_map(before, channels, names, "Before"),
         _gap_map(after, channels, names, "With what was found"),
-    )
+    ]
 
 
 def _gap_map(
     squares: Sequence[_Square], channels: Sequence[str], bands: Sequence[str], title: str
-) -> Markup:
-    panel = Panel(
-        items=[_square_box(square) for square in squares] + [_numbers(squares)],
+) -> Panel:
+    rows = [_square_cell(s, channels[s.place[1]], bands[s.place[0]]) for s in squares]
+    return Panel(
+        items=[Cells(rows), _numbers(squares)],
         title=title,
+        label=f"Heat map of the gap by band and channel: {title.lower()}",
         x_limits=(-0.5, len(channels) - 0.5),
         y_limits=(len(bands) - 0.5, -0.5),
         x_ticks=list(enumerate(channels)),
         y_ticks=list(enumerate(bands)),
         upright=True,
         bare=True,
-    )
-    below = max(text_width(channel) for channel in channels) / SVG_DPI
-    return chart(
-        [panel],
-        f"Heat map of the gap by band and channel: {title.lower()}",
-        width=PANEL_WIDTH,
-        height=0.5 + below + 0.27 * len(bands),
+        height=rows_height(len(bands)) + UPRIGHT_PX,
     )
 
 
-def _square_box(square: _Square) -> Boxes:
+def _square_cell(
+    square: _Square, channel: str, band: str
+) -> tuple[float, float, float, float, str, str]:
     y, x = square.place
     half = 0.5 - SQUARE_GAP
-    return Boxes([(x - half, x + half, y - half, y + half)], _shade(square.colour))
+    words = f"{channel}, {band}: ratio {square.rho:.3g}, {square.nats:.3g} nats"
+    return x - half, x + half, y - half, y + half, _shade(square.colour), words
 
 
 def _numbers(squares: Sequence[_Square]) -> Texts:
@@ -113,7 +101,7 @@ def _numbers(squares: Sequence[_Square]) -> Texts:
     for square in squares:
         if square.nats > SHOWN_NATS or square.located:
             dark = abs(square.colour) > DARK * np.sqrt(MOST_NATS)
-            colour = "white" if dark else BLACK
+            colour = "white" if dark else "black"  # on the cell's colour, in the dark as well
             rows.append(
                 (square.place[1], square.place[0], _short(square.rho), colour, square.located)
             )
@@ -128,25 +116,26 @@ def _shade(colour: float) -> str:
     return "#" + "".join(f"{round(float(value)):02x}" for value in mixed)
 
 
-def nats_scale() -> Markup:
+def nats_scale() -> Panel:
     """The colours of both maps with their nats."""
     top = float(np.sqrt(MOST_NATS))
     edges = np.linspace(-top, top, SCALE_STEPS + 1)
-    boxes = [
-        Boxes([(low, high, 0.0, 1.0)], _shade(0.5 * (low + high)), least=1.0)
+    rows = [
+        (low, high, 0.0, 1.0, _shade(0.5 * (low + high)), "")
         for low, high in zip(edges[:-1].tolist(), edges[1:].tolist())
     ]
     ticks = [(float(np.sign(t) * np.sqrt(abs(t))), f"{abs(t):g}") for t in SCALE_NATS]
-    panel = Panel(
-        items=list(boxes),
+    return Panel(
+        items=[Cells(rows)],
+        label="Colours of the maps in nats",
         x_label="nats; left: too quiet, right: too loud",
         x_limits=(-1.02 * top, 1.02 * top),
         y_limits=(0.0, 1.0),
         x_ticks=ticks,
         y_ticks=[],
         bare=True,
+        height=SCALE_PX,
     )
-    return chart([panel], "Colours of the maps in nats", width=PANEL_WIDTH, height=0.65)
 
 
 def _band(cell: GapCell) -> Band:
@@ -193,7 +182,7 @@ def _period(frequency_hz: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def posterior_bars(cause: Cause) -> Markup:
+def posterior_bars(cause: Cause) -> Panel:
     """Probabilities of the answers of one cause; the confounded set in colour."""
     own = cause.effect, cause.target
     held = {own} | {(r.effect, r.target) for r in cause.rivals}
@@ -212,18 +201,15 @@ def posterior_bars(cause: Cause) -> Markup:
     labels = [
         f"{effect} on {target}" if target else "outside the catalogue" for effect, target in rows
     ]
-    panel = Panel(
+    return Panel(
         items=[*items, Texts(said, middle=False)],
+        label=f"Posterior probabilities of the answers for {cause.effect} on {cause.target}",
         x_label="probability",
         x_limits=(0.0, 1.08),
         y_limits=(len(rows) - 0.4, -0.6),
         y_ticks=list(enumerate(labels)),
         grid_y=False,
-    )
-    return chart(
-        [panel],
-        f"Posterior probabilities of the answers for {cause.effect} on {cause.target}",
-        height=0.75 + 0.27 * len(rows),
+        height=rows_height(len(rows)),
     )
 
 
@@ -233,7 +219,7 @@ def _percent(p: float) -> str:
     return "under 1 %" if p < 0.005 else "1 %"
 
 
-def overlay_drawings(overlay: Overlay) -> tuple[Markup, ...]:
+def overlay_panels(overlay: Overlay) -> list[Panel]:
     """Run by run: what was measured and the effect through it, each as narrow as a phone; none
     where there is no run to show.
     """
@@ -242,22 +228,20 @@ def overlay_drawings(overlay: Overlay) -> tuple[Markup, ...]:
     if overlay.unit and curves:
         both = [np.concatenate([c.measured, c.effect]) for c in curves]
         limits = robust_limits(np.concatenate(both))
-    return tuple(_overlay(curve, overlay, limits) for curve in curves)
+    return [_overlay(curve, overlay, limits) for curve in curves]
 
 
-def _overlay(curve: RunCurve, overlay: Overlay, limits: tuple[float, float] | None) -> Markup:
+def _overlay(curve: RunCurve, overlay: Overlay, limits: tuple[float, float] | None) -> Panel:
     held = ", fitted on the other runs" if curve.held_out else ""
     unit = overlay.unit
-    panel = Panel(
+    return Panel(
         items=_curve_items(curve, unit),
         title=f"{_plain(curve.run_id)}{held}",
+        label=f"Residual of {overlay.channel} and the fitted effect, {_plain(curve.run_id)}",
         x_label="time since power-on [min]",
         y_label=f"{overlay.channel} [{unit}]" if unit else "evidence, summed",
         y_limits=limits,
-        legend="below",
     )
-    said = f"Residual of {overlay.channel} and the fitted effect, {_plain(curve.run_id)}"
-    return chart([panel], said, width=PANEL_WIDTH, height=2.9)
 
 
 def _curve_items(curve: RunCurve, unit: str) -> list[Item]:
@@ -278,28 +262,18 @@ def _curve_items(curve: RunCurve, unit: str) -> list[Item]:
     ]
 
 
-def band_drawing(cells: Sequence[GapCell], channels: Sequence[str]) -> Markup | None:
-    """Mean square over expectation per band of one or two channels, before and after: for a noise;
-    None without cells.
+def band_panels(cells: Sequence[GapCell], channels: Sequence[str]) -> list[Panel]:
+    """Mean square over expectation per band of one or two channels, before and after: for a
+    noise.
     """
     known = {cell.channel for cell in cells}
     shown = [c for c in channels if c in known][:MOST_BANDS]
-    if not shown:
-        return None
     rows = [cell for cell in cells if cell.channel in shown]
     bands = _bands(rows)
-    names = [_band_name(band) for band in bands]
-    panels = [_band_panel([c for c in rows if c.channel == name], bands) for name in shown]
-    for panel, name in zip(panels, shown):
-        panel.y_label = f"{name}, ratio"
-    panels[0].legend, panels[-1].upright = "above", True
-    panels[-1].x_ticks = list(enumerate(names))
-    below = max(text_width(name) for name in names) / SVG_DPI
-    said = f"Mean square per band of {', '.join(shown)} before and after"
-    return chart(panels, said, height=0.4 + below + 1.7 * len(shown))
+    return [_band_panel([c for c in rows if c.channel == name], bands, name) for name in shown]
 
 
-def _band_panel(rows: Sequence[GapCell], bands: Sequence[Band]) -> Panel:
+def _band_panel(rows: Sequence[GapCell], bands: Sequence[Band], name: str) -> Panel:
     x = np.array([bands.index(_band(c)) for c in rows], dtype=float)
     spread = 2.0 * np.sqrt(2.0 / np.maximum([c.dof for c in rows], 1.0))
     low, high = np.maximum(1.0 - spread, LEAST_RHO), 1.0 + spread
@@ -316,9 +290,14 @@ def _band_panel(rows: Sequence[GapCell], bands: Sequence[Band]) -> Panel:
             Marks(x, before, "o", VERMILLION, name="before", size=6.0),
             Marks(x, after, "D", BLUE, name="with what was found", size=4.5),
         ],
+        label=f"Mean square per band of {name} before and after",
         x_limits=ends,
         y_limits=limits,
+        y_label=f"{name}, ratio",
         y_log=True,
+        x_ticks=[(k, _band_name(band)) for k, band in enumerate(bands)],
+        upright=True,
+        height=BANDS_PX,
     )
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 
+from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
 from ins.units import MILLIRADIAN
 from simreal.effects.base import SLOW_NAME
@@ -22,10 +22,10 @@ from simreal.predict.document import NIS, PredictedRun, interval_text, share_tex
 from simreal.report.diagnosis_curves import Overlay
 from simreal.report.diagnosis_document import GapReport, p_text
 from simreal.report.diagnosis_figures import (
-    band_drawing,
+    band_panels,
     gap_maps,
     nats_scale,
-    overlay_drawings,
+    overlay_panels,
     posterior_bars,
 )
 
@@ -59,13 +59,13 @@ LOOK_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class CauseShown:
-    """A cause with its drawings. slow: tied to no logged quantity. usual_rivals: what the catalogue
+    """A cause with its figures. slow: tied to no logged quantity. usual_rivals: what the catalogue
     says it is often confused with, beyond the set found here.
     """
 
     cause: Cause
-    bars: Markup
-    drawings: tuple[Markup, ...]
+    bars: Panel
+    panels: list[Panel]
     overlay: Overlay | None
     usual_rivals: tuple[str, ...]
     words: EffectWords | None
@@ -89,7 +89,7 @@ def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ())
         word=GAP_WORDS[document.verdict],
         banner=BANNERS[document.verdict],
         causes=causes,
-        maps=(*gap_maps(document.cells), nats_scale()) if document.cells else (),
+        maps=[*gap_maps(document.cells), nats_scale()] if document.cells else [],
         value=value_text,
         p=p_text,
         title=_title(document),
@@ -201,14 +201,13 @@ def _title(document: GapReport) -> str:
 
 def _shown(document: GapReport, cause: Cause, overlay: Overlay | None) -> CauseShown:
     if overlay is not None:
-        drawings = overlay_drawings(overlay)
+        panels = overlay_panels(overlay)
     else:
-        drawing = band_drawing(document.cells, _channels_of(document, cause))
-        drawings = () if drawing is None else (drawing,)
+        panels = band_panels(document.cells, _channels_of(document, cause))
     return CauseShown(
         cause=cause,
         bars=posterior_bars(cause),
-        drawings=drawings,
+        panels=panels,
         overlay=overlay,
         usual_rivals=_usual_rivals(cause),
         words=words_of(cause.effect),

@@ -4,9 +4,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from markupsafe import Markup
 
-from infield.reports.charts import Boxes, Item, Line, Panel, Uprights, chart
+from infield.reports.drawing import Boxes, Item, Line, Panel, Uprights, rows_height
 from infield.reports.figures import BLUE, PALE, VERMILLION
 from infield.reports.page import render_page
 from simreal.plan.pairs import PairVerdict
@@ -100,7 +99,7 @@ def _banner(best: PlanOfRecordings) -> str:
     return "fair" if any(v.separates for v in verdicts) else "none"
 
 
-def _sizes(best: PlanOfRecordings) -> Markup | None:
+def _sizes(best: PlanOfRecordings) -> Panel | None:
     """Usual size of each effect of each pair in the plan, and the size from which it is told from
     its rival.
     """
@@ -115,7 +114,8 @@ def _sizes(best: PlanOfRecordings) -> Markup | None:
     y = np.arange(len(rows), dtype=float)
     ends = np.array([FLOOR_DELTA, ROOF_DELTA])
     between: list[Item] = [Line(ends, np.full(2, k + 0.5), PALE, width=0.6) for k in y[3::4]]
-    panel = Panel(
+    return Panel(
+        label="Usual size of each effect in the plan, and from which on it is told",
         items=[
             *between,
             Boxes(
@@ -139,14 +139,8 @@ def _sizes(best: PlanOfRecordings) -> Markup | None:
         x_log=True,
         x_ticks=[(value, f"{value:g}") for value in TICKS],
         y_ticks=[
-            (float(k), f"{m.effect}  (rival {other.effect})") for k, (m, other) in zip(y, rows)
+            (float(k), f"{m.effect}\n(rival {other.effect})") for k, (m, other) in zip(y, rows)
         ],
         grid_y=False,
-        legend="above",
-    )
-    return chart(
-        [panel],
-        "Usual size of each effect in the recommended plan, and the size from which it is told from"
-        " its rival",
-        height=1.0 + 0.24 * len(rows),
+        height=rows_height(len(rows), lines=2),
     )

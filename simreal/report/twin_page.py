@@ -1,9 +1,8 @@
 """twin.html: the document of a fit as one page that fetches nothing. Computes nothing."""
 
 import numpy as np
-from markupsafe import Markup
 
-from infield.reports.charts import DOT, Band, Item, Line, Marks, Panel, side_by_side
+from infield.reports.drawing import DOT, Band, Item, Line, Marks, Panel
 from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
 from infield.reports.page import render_page
 from simreal.report.twin_document import PARAMETER_NAMES, FitReport, size_words, would_tell
@@ -28,8 +27,8 @@ def twin_html(document: FitReport) -> str:
         rests=_rests,
         headline=headline(document),
         banner=_banner(document),
-        allan=allan_drawing(document),
-        spectra=side_by_side(spectra_panels(document), "spectrum of data and fitted model"),
+        allan=allan_panels(document),
+        spectra=spectra_panels(document),
     )
 
 
@@ -57,11 +56,6 @@ def _rests(p: Parameter) -> str:
     return f"{p.seconds / 3600.0:.2g} h at rest"
 
 
-def allan_drawing(document: FitReport) -> Markup:
-    """The Allan deviations for a page."""
-    return side_by_side(allan_panels(document), "Allan deviation of data and fitted model")
-
-
 def allan_panels(document: FitReport) -> list[Panel]:
     """Allan deviations: data, model, and the band in which 95 % of such data lie."""
     panels = []
@@ -77,7 +71,7 @@ def allan_panels(document: FitReport) -> list[Panel]:
                 Line(tau, model, BLUE, "model"),
             ]
         items.append(Line(tau, scale * np.asarray(channel.allan), BLACK, "data", width=0.9))
-        panels.append(_panel(channel.channel, items, "averaging time [s]", unit))
+        panels.append(_panel("Allan deviation", channel, items, "averaging time [s]", unit))
     return panels
 
 
@@ -97,13 +91,19 @@ def spectra_panels(document: FitReport) -> list[Panel]:
             items.append(Marks(f[~used], power[~used], "x", VERMILLION, left_out, size=3.0))
         model = scale * np.sqrt(np.asarray(channel.power_model))
         items.append(Line(f, model, BLUE, "model"))
-        panels.append(_panel(channel.channel, items, "frequency [Hz]", f"{unit}/sqrt(Hz)"))
+        panels.append(_panel("Spectrum", channel, items, "frequency [Hz]", f"{unit}/sqrt(Hz)"))
     return panels
 
 
-def _panel(title: str, items: list[Item], x_label: str, unit: str) -> Panel:
+def _panel(what: str, channel: ChannelCurve, items: list[Item], x_label: str, unit: str) -> Panel:
     return Panel(
-        items=items, title=title, x_label=x_label, y_label=f"[{unit}]", x_log=True, y_log=True
+        items=items,
+        title=channel.channel,
+        label=f"{channel.channel}: {what} of data and fitted model",
+        x_label=x_label,
+        y_label=f"[{unit}]",
+        x_log=True,
+        y_log=True,
     )
 
 

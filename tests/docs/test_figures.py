@@ -41,7 +41,7 @@ def test_after_a_turn_the_body_shows_the_bias(figures):
 
 
 def test_a_second_start_parts_what_one_warm_up_does_not(figures):
-    titles = [ax.get_title() for ax in figures.draw_gap().axes]
+    titles = [panel.title for panel in figures.draw_gap()]
     one, both = (float(title.split("start, ")[1].split()[0]) for title in titles)
     assert one > 0.98 and both < 0.5
 

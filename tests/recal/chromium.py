@@ -96,6 +96,13 @@ class Browser:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
+    def until(self, code):
+        """Wait until an expression in the page is true."""
+        end = time.monotonic() + WAIT_S
+        while not self.evaluate(code):
+            assert time.monotonic() < end, f"never true: {code}"
+            self.page.wait_for_timeout(20)
+
     def fill(self, selector, text):
         """Type into a field."""
         self.evaluate(f"document.querySelector({selector!r}).focus()")

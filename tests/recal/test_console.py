@@ -32,6 +32,7 @@ HEAVY = {
     "pandas",
     "pyarrow",
     "matplotlib",
+    "plotly",
     "sqlalchemy",
     "alembic",
     "pydantic",

@@ -12,6 +12,7 @@ from infield.store.table_store import TableStore
 from ins.records import InputError
 from ins.twin_file import read_twin, twin_to_dict
 from recal.cli.app import app
+from tests.drawn import specifications, unscripted
 from tests.infield.azimuth_cases import TWIN, one_power_on, unit
 from trajectories.runs.directory import write_run
 
@@ -76,11 +77,7 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(drawn
     out = drawn_folder / "recal-misalignment"
     assert json.loads((out / "misalignment.json").read_text()) == document
     page = (out / "misalignment.html").read_text()
-    assert (
-        "<svg" in page
-        and "http" not in page.split("</style>")[1].split("<svg")[0]
-        and "Measured" in page
-    )
+    assert specifications(page) and "http" not in unscripted(page) and "Measured" in page
 
 
 def test_the_same_biases_by_heading_are_the_same_answer(folder):

@@ -112,7 +112,7 @@ def test_no_table_needs_to_be_pushed_sideways(browser, served, path, width):
 def test_paper_holds_no_forms_and_no_way_around(browser, served, path):
     browser.size(1000)
     browser.open(served[0] + path)
-    shown = """[...document.querySelectorAll("form, button, .crumbs, main nav, .top a, .button, iframe")]
+    shown = """[...document.querySelectorAll("form, button:not(.key *), .crumbs, main nav, .top a, .button, iframe")]
         .filter(e => e.checkVisibility()).map(e => e.outerHTML.slice(0, 60))"""
     assert browser.evaluate(shown) != []
     browser.call("Emulation.setEmulatedMedia", media="print")
@@ -157,7 +157,8 @@ def test_the_tables_of_the_gyros_stand_in_a_line(browser, served):
 def test_drawings_are_seen(browser, served):
     browser.size(1200)
     browser.open(served[0] + UNIT)
-    drawn = """[...document.querySelectorAll("svg")].map(s => [
+    browser.until("document.querySelectorAll('figure.plot .main-svg .trace').length > 0")
+    drawn = """[...document.querySelectorAll("figure.plot")].map(s => [
         s.getBoundingClientRect().width, s.getBoundingClientRect().height,
         [...s.querySelectorAll("path")].filter(p => getComputedStyle(p).stroke === "rgb(0, 114, 178)").length])"""
     found = browser.evaluate(drawn)

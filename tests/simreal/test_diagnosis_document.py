@@ -36,6 +36,7 @@ from simreal.report.diagnosis_document import (
 )
 from simreal.report.diagnosis_page import diagnosis_html, value_text
 from simreal.twin.write_back import effect_items, twin_with_causes
+from tests.drawn import specifications
 from tests.simreal.diagnosed import diagnosed, trial
 
 # one-minute mean under the twin's angle random walk
@@ -420,9 +421,10 @@ def test_an_effect_on_no_sensor_has_no_user_level(found):
 def test_the_page_draws_each_cause_in_every_run(found):
     document = document_of(found)
     page = diagnosis_html(document, overlays(found))
-    assert page.count("<svg") == 8  # two maps, their colours, bars, four runs
+    assert len(specifications(page)) == 8  # two maps, their colours, bars, four runs
     assert all(v.name in page for v in found.views) and "held-out data (leave one run out)" in page
-    assert page.count("fitted on the other runs</text>") == 4
+    titles = [spec["layout"].get("title", {}).get("text", "") for spec in specifications(page)]
+    assert sum("fitted on the other runs" in title for title in titles) == 4
 
 
 def test_the_page_says_first_what_a_cause_is_and_what_to_do(found):
@@ -448,7 +450,7 @@ def test_a_noise_below_the_declared_is_said_to_be(found):
     document = document_of(replace(found, causes=(quiet,)))
     page = diagnosis_html(document, (None,))
     # maps, their colours, bars, bands
-    assert "that much less than the twin declares" in page and page.count("<svg") == 5
+    assert "that much less than the twin declares" in page and len(specifications(page)) == 5
     assert any("less than declared" in line for line in summary(document))
 
 
@@ -476,7 +478,7 @@ def test_a_refused_page_says_what_was_needed(found):
         seed=0,
     )
     page = diagnosis_html(document)
-    assert "Not looked at" in page and "never rests" in page and "<svg" not in page
+    assert "Not looked at" in page and "never rests" in page and not specifications(page)
 
 
 def test_the_summary_says_it_in_lines(found):

@@ -25,7 +25,7 @@ from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from plotly.graph_objects import Figure
 
 LOOK_STEPS = 5  # that `told` is told of
 OPTIONS = {  # of `recal convert`, by the key of run.json
@@ -61,8 +61,8 @@ class Looked(Result[LookReport]):
 
         Returns
         -------
-        matplotlib.figure.Figure
-            Made without pyplot; `.savefig(path)` writes it.
+        plotly.graph_objects.Figure
+            A notebook shows it; `.write_html(path)` writes it.
 
         Raises
         ------

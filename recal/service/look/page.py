@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-from markupsafe import Markup
-
-from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script
+from infield.reports.drawing import Panel, Span
 from recal.service.look.records import Fit, LookReport, LookVerdict, Use
 from recal.service.results.pages import page_environment
 from simreal.report.twin_document import PARAMETER_NAMES, size_words
-from simreal.report.twin_page import allan_drawing
+from simreal.report.twin_page import allan_panels
 
 LOOK_VERDICTS = {  # word, look, symbol
     LookVerdict.USABLE: ("Usable", "good", "✔"),
@@ -50,17 +48,17 @@ def look_html(document: LookReport) -> str:
             verdict=LOOK_VERDICTS[document.verdict],
             fits=FIT_BADGES,
             uses=USES,
-            drawings=[
-                (figure.title, _zoom(name, figure, document))
-                for name, figure in document.series.items()
+            series=[
+                (panel.label, _shaded(panel, document), CAPTIONS[name])
+                for name, panel in document.series.items()
             ],
-            allan=None if fitted is None else allan_drawing(fitted),
+            allan=None if fitted is None else allan_panels(fitted),
             noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
-            script=zoom_script(),
         )
     )
 
 
-def _zoom(name: str, figure: ZoomFigure, document: LookReport) -> Markup:
-    spans = [(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
-    return zoom_figure(replace(figure, spans=spans), CAPTIONS[name])
+def _shaded(panel: Panel, document: LookReport) -> Panel:
+    """With every second phase shaded."""
+    spans = [Span(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
+    return replace(panel, spans=spans)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from infield.reports.documents.spans import SpanDocument
-from infield.reports.zoom import ZoomFigure
+from infield.reports.drawing import Panel
 from ins.documents import UNWRITTEN
 from ins.records import Phase
 from recal.service.check import RunHolds
@@ -103,5 +103,5 @@ class LookReport:
     uses: Sequence[LogUse]
     noise: Sequence[NoiseNumber]
     convert: str
-    series: Mapping[str, ZoomFigure] = field(metadata=UNWRITTEN)
+    series: Mapping[str, Panel] = field(metadata=UNWRITTEN)
     fitted: FitReport | None = field(metadata=UNWRITTEN)

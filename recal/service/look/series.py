@@ -2,19 +2,21 @@
 value of its rows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.zoom import ZoomCurve, ZoomFigure
+from infield.reports.drawing import Item, Line, Panel
+from infield.reports.figures import BLACK, CURVE_COLOURS
 from ins.records import AXES, GnssLog, ImuSource, Run, TemperatureLog
 from ins.units import DEG
 
 DRAWN_BINS = 1500  # of a curve; chosen: two a pixel of a page 1180 px wide are more than it shows
 
 
-def series_of(run: Run) -> Mapping[str, ZoomFigure]:
+def series_of(run: Run) -> Mapping[str, Panel]:
     """All that a run's streams show over time, by the name of the drawing."""
     found = dict(_imu_series(run.imu))
     if run.temperature is not None:
@@ -23,14 +25,19 @@ def series_of(run: Run) -> Mapping[str, ZoomFigure]:
         found |= _gnss_series(run.gnss)
     if run.odometer is not None:
         rows = _few(run.odometer.time_s.size)
-        speed = ZoomCurve(name="wheel", values=run.odometer.speed_m_s[rows])
-        found["odometer"] = ZoomFigure(
-            title="Wheel speed", unit="m/s", time_s=run.odometer.time_s[rows], curves=(speed,)
-        )
-    return {name: series for name, series in found.items() if series.curves}
+        time_s, speed = run.odometer.time_s[rows], run.odometer.speed_m_s[rows]
+        found["odometer"] = _panel("Wheel speed", "m/s", [Line(time_s, speed, BLACK, "wheel")])
+    return {name: panel for name, panel in found.items() if panel.items}
 
 
-def _imu_series(imu: ImuSource) -> Mapping[str, ZoomFigure]:
+def _panel(title: str, unit: str, lines: Sequence[Item]) -> Panel:
+    """Lines over time; all of a log zoom together."""
+    return Panel(
+        items=list(lines), label=title, x_label="time [s]", y_label=f"[{unit}]", group="log"
+    )
+
+
+def _imu_series(imu: ImuSource) -> Mapping[str, Panel]:
     """Rates and specific force."""
     edges = np.linspace(imu.start_s, imu.end_s, min(DRAWN_BINS, max(imu.rows // 2, 1)) + 1)[1:-1]
     count = np.zeros(edges.size + 1)
@@ -50,17 +57,19 @@ def _imu_series(imu: ImuSource) -> Mapping[str, ZoomFigure]:
     mean = total[held] / count[held, None]
     low, high = low[held], high[held]
 
-    def triad(title: str, unit: str, at: int, scale: float) -> ZoomFigure:
+    def triad(title: str, unit: str, at: int, scale: float) -> Panel:
         curves = tuple(
-            ZoomCurve(
-                name=axis,
-                values=mean[:, at + k] * scale,
+            Line(
+                time_s,
+                mean[:, at + k] * scale,
+                CURVE_COLOURS[k],
+                axis,
                 low=low[:, at + k] * scale,
                 high=high[:, at + k] * scale,
             )
             for k, axis in enumerate(AXES)
         )
-        return ZoomFigure(title=title, unit=unit, time_s=time_s, curves=curves)
+        return _panel(title, unit, curves)
 
     return {
         "rate": triad("Angular rate", "deg/s", 0, 1.0 / DEG),
@@ -68,7 +77,7 @@ def _imu_series(imu: ImuSource) -> Mapping[str, ZoomFigure]:
     }
 
 
-def _temperature_series(log: TemperatureLog) -> ZoomFigure:
+def _temperature_series(log: TemperatureLog) -> Panel:
     """Every thermometer that reads anything, differential readings apart."""
     rows = _few(log.time_s.size)
     columns = {f"gyro {axis}": log.gyro_degC[:, k] for k, axis in enumerate(AXES)}
@@ -78,32 +87,35 @@ def _temperature_series(log: TemperatureLog) -> ZoomFigure:
         columns["block"] = log.block_degC
     if log.ambient_degC is not None:
         columns["ambient"] = log.ambient_degC
-    curves = tuple(
-        ZoomCurve(name=name, values=values[rows])
-        for name, values in columns.items()
-        if np.isfinite(values).any()
+    known = {name: values for name, values in columns.items() if np.isfinite(values).any()}
+    return _lines("Temperatures", "degC", log.time_s[rows], known, rows)
+
+
+def _lines(
+    title: str, unit: str, time_s: NDArray, columns: Mapping[str, NDArray], rows: NDArray
+) -> Panel:
+    """A line for each column, in turn of the colours."""
+    coloured = zip(columns.items(), cycle(CURVE_COLOURS))
+    return _panel(
+        title,
+        unit,
+        [Line(time_s, values[rows], colour, name) for (name, values), colour in coloured],
     )
-    return ZoomFigure(title="Temperatures", unit="degC", time_s=log.time_s[rows], curves=curves)
 
 
-def _gnss_series(log: GnssLog) -> Mapping[str, ZoomFigure]:
+def _gnss_series(log: GnssLog) -> Mapping[str, Panel]:
     """Speed and height of the fixes."""
     rows = _few(log.time_s.size)
     time_s = log.time_s[rows]
-    velocity = log.v_n_m_s[rows]
-    speeds = [
-        ZoomCurve(name=name, values=velocity[:, k])
+    speeds = {
+        name: log.v_n_m_s[:, k]
         for k, name in enumerate(("north", "east", "down"))
-        if np.isfinite(velocity[:, k]).any()
-    ]
-    height = ZoomCurve(name="height", values=log.height_m[rows])
+        if np.isfinite(log.v_n_m_s[:, k]).any()
+    }
+    height = {"height": log.height_m}
     return {
-        "velocity": ZoomFigure(
-            title="Velocity of the fixes", unit="m/s", time_s=time_s, curves=tuple(speeds)
-        ),
-        "height": ZoomFigure(
-            title="Height of the fixes", unit="m", time_s=time_s, curves=(height,)
-        ),
+        "velocity": _lines("Velocity of the fixes", "m/s", time_s, speeds, rows),
+        "height": _lines("Height of the fixes", "m", time_s, height, rows),
     }
 
 

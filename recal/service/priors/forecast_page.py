@@ -6,11 +6,11 @@ from datetime import date
 
 import numpy as np
 from markupsafe import Markup, escape
+from numpy.typing import NDArray
 
-from infield.reports.charts import DASHED, Band, Line, Panel, chart, in_panels
-from infield.reports.figures import BLUE, GREY, PALE, PANEL_WIDTH
+from infield.reports.drawing import DASHED, Band, Item, Line, Panel
+from infield.reports.figures import BLUE, CURVE_COLOURS, GREY, PALE
 from infield.reports.page import render_page
-from infield.reports.zoom import ZoomCurve, ZoomFigure, zoom_figure, zoom_script
 from recal.service.priors.forecast_records import ForecastReport, UnitForecast
 
 NOT_LEARNT = "no priors are approved: recal fleet learn"  # of what a forecast rests on
@@ -49,9 +49,8 @@ def forecast_html(document: ForecastReport) -> str:
     return render_page(
         "forecast.html.j2",
         d=document,
-        drawing=trend_drawing(document),
-        closer=closer_drawing(document),
-        script=closer_script(),
+        trend=trend_panels(document),
+        closer=closer_panel(document),
         trends=trend_strips(document),
         shown=ROWS_SHOWN,
         date_words=date_words,
@@ -60,41 +59,26 @@ def forecast_html(document: ForecastReport) -> str:
     )
 
 
-def trend_drawing(document: ForecastReport) -> Markup | None:
-    """The drift of the most urgent units and the limit, side by side; None without a unit."""
+def trend_panels(document: ForecastReport) -> list[Panel]:
+    """The drift of the most urgent units and the limit, a panel each."""
+    return [_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN]]
+
+
+def closer_panel(document: ForecastReport) -> Panel | None:
+    """The same units over all years of the forecast in one figure; None without a unit."""
     if not document.units:
         return None
-    return in_panels(_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN])
-
-
-def closer_drawing(document: ForecastReport) -> Markup:
-    """The same units over all years of the forecast in one drawing that a reader can zoom; empty
-    without a unit. `closer_script` is needed once on the page.
-    """
-    if not document.units:
-        return Markup()
     units = document.units[:UNITS_DRAWN]
     years = np.array([_year(day) for day in units[0].trend.date_utc])
-    curves = [_curve(unit) for unit in units]
-    limit = np.full(years.size, document.limit_nm_h)
-    figure = ZoomFigure(
-        title="Predicted drift",
-        unit="NM/h",
-        time_s=years,
-        curves=[*curves, ZoomCurve(name="limit", values=limit)],
-        x_name="year",
-    )
-    return zoom_figure(figure, "Lines, medians; bands, to what 5 % exceed.")
+    items: list[Item] = [_curve(unit, years, colour) for unit, colour in zip(units, CURVE_COLOURS)]
+    limit = np.full(2, document.limit_nm_h)
+    items.append(Line(years[[0, -1]], limit, GREY, "limit", dash=DASHED))
+    return Panel(items=items, label="Predicted drift", x_label="year", y_label="[NM/h]")
 
 
-def closer_script() -> Markup:
-    """What makes `closer_drawing` live, for the end of a page."""
-    return zoom_script()
-
-
-def _curve(unit: UnitForecast) -> ZoomCurve:
+def _curve(unit: UnitForecast, years: NDArray, colour: str) -> Line:
     median, high = np.array(unit.trend.median_nm_h), np.array(unit.trend.high_nm_h)
-    return ZoomCurve(name=unit.imu_serial, values=median, low=median, high=high)
+    return Line(years, median, colour, unit.imu_serial, low=median, high=high)
 
 
 def trend_strips(document: ForecastReport) -> list[Markup]:
@@ -124,7 +108,7 @@ def _strip(unit: UnitForecast, limit_nm_h: float) -> Markup:
     )
 
 
-def _panel(unit: UnitForecast, limit_nm_h: float) -> Markup:
+def _panel(unit: UnitForecast, limit_nm_h: float) -> Panel:
     years = np.array([_year(day) for day in unit.trend.date_utc])
     medians = np.array(unit.trend.median_nm_h)
     ends = years[0] + np.array([0.0, STRIP_YEARS])
@@ -133,21 +117,20 @@ def _panel(unit: UnitForecast, limit_nm_h: float) -> Markup:
     median, high = (
         np.minimum(values, DRAWN_AT * top) for values in (medians, unit.trend.high_nm_h)
     )
-    panel = Panel(
+    return Panel(
         items=[
-            Band(years, median, high, PALE, 1.0),
-            Line(years, median, BLUE),
-            Line(ends, np.full(2, limit_nm_h), GREY, width=1.0, dash=DASHED),
+            Band(years, median, high, PALE, 1.0, "to what 5 % exceed"),
+            Line(years, median, BLUE, "median"),
+            Line(ends, np.full(2, limit_nm_h), GREY, "limit", width=1.0, dash=DASHED),
         ],
         title=unit.imu_serial,
+        label=f"Predicted drift of {unit.imu_serial} against the limit",
         x_label="year",
-        y_label="NM/h",
+        y_label="[NM/h]",
         x_limits=(float(ends[0]), float(ends[1])),
         y_limits=(0.0, top),
         x_ticks=[(float(year), str(year)) for year in range(math.ceil(ends[0]), int(ends[1]) + 1)],
     )
-    label = f"Predicted drift of {unit.imu_serial} against the limit"
-    return chart([panel], label, width=PANEL_WIDTH, height=2.6)
 
 
 def _year(day: str) -> float:

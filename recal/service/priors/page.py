@@ -1,10 +1,9 @@
 """priors.html: the priors document as one page that fetches nothing. Computes nothing."""
 
 import numpy as np
-from markupsafe import Markup
 
 from infield.learning.parameters import PriorName
-from infield.reports.charts import Boxes, Line, Marks, Panel, Uprights, chart
+from infield.reports.drawing import Boxes, Line, Marks, Panel, Uprights, rows_height
 from infield.reports.figures import BLUE, GREY
 from infield.reports.page import render_page, significant
 from recal.service.priors.document import PriorsReport, TechnologyPriors
@@ -42,13 +41,13 @@ def priors_html(document: PriorsReport) -> str:
         d=document,
         verdict=PRIORS_VERDICTS[str(document.verdict)],
         words=PARAMETER_WORDS,
-        drawings={t.gyro_technology: _drawing(t) for t in document.technologies},
+        panels_of={t.gyro_technology: _panel(t) for t in document.technologies},
         significant=significant,
         most=MOST_UNITS,
     )
 
 
-def _drawing(priors: TechnologyPriors) -> Markup:
+def _panel(priors: TechnologyPriors) -> Panel:
     """Each parameter over its default: the technology as a bar, units as ticks."""
     parameters = priors.technology.parameters
     rows = {name: float(row) for row, name in enumerate(reversed(list(parameters)))}
@@ -65,7 +64,8 @@ def _drawing(priors: TechnologyPriors) -> Markup:
         ]
     at, level = np.array(means).T
     seen, below = np.array(units).reshape(-1, 2).T
-    panel = Panel(
+    return Panel(
+        label="Learnt parameters over their defaults",
         items=[
             Line(np.ones(2), np.array([-0.6, len(rows) - 0.4]), GREY, width=1.0),
             Boxes(bars, BLUE, name="technology, 95 %"),
@@ -76,6 +76,5 @@ def _drawing(priors: TechnologyPriors) -> Markup:
         y_limits=(-0.6, len(rows) - 0.4),
         x_log=True,
         y_ticks=[(row, SHORT_WORDS[PriorName(name)]) for name, row in rows.items()],
-        legend="above",
+        height=rows_height(len(rows)),
     )
-    return chart([panel], "Learnt parameters over their defaults", height=3.6)

@@ -1,21 +1,19 @@
-"""The drawing tools and the page environment that reports, fleet and web share."""
+"""The figures and the page environment that reports, fleet and web share."""
 
-from infield.reports.charts import (
+from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
+from infield.reports.documents.update_records import MethodDocument, UpdateDocument, update_of
+from infield.reports.drawing import (
     DASHED,
     DOTTED,
-    MOST_ALONG_AXIS,
-    Band,
     Boxes,
     Item,
     Line,
     Marks,
     Panel,
     Uprights,
-    chart,
-    whole_step,
+    panels,
+    script_texts,
 )
-from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
-from infield.reports.documents.update_records import MethodDocument, UpdateDocument, update_of
 from infield.reports.figures import (
     BLUE,
     GREEN,
@@ -24,7 +22,6 @@ from infield.reports.figures import (
     OLD,
     ORANGE,
     PALE,
-    PANEL_WIDTH,
     VERMILLION,
     drawn_temperatures,
     robust_limits,
@@ -44,15 +41,12 @@ __all__ = [
     "DOTTED",
     "GREEN",
     "GREY",
-    "MOST_ALONG_AXIS",
     "NEW",
     "NM_H_PER_DEG_H",
     "OLD",
     "ORANGE",
     "PALE",
-    "PANEL_WIDTH",
     "VERMILLION",
-    "Band",
     "BiasStep",
     "Boxes",
     "Item",
@@ -63,20 +57,20 @@ __all__ = [
     "Panel",
     "UpdateDocument",
     "Uprights",
-    "chart",
     "decimals_for",
     "diagnosis_lines",
     "drawn_temperatures",
     "estimated_of",
     "level_change",
     "page_environment",
+    "panels",
     "robust_limits",
+    "script_texts",
     "sentence",
     "stored_update_html",
     "thinned",
     "update_html",
     "update_of",
-    "whole_step",
 ]
 
 

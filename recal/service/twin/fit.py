@@ -29,8 +29,8 @@ from simreal.twin.fit.fit import fit_twin as fit_runs
 from simreal.twin.fit.result import Parameter
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
+    from plotly.graph_objects import Figure
 
 TWIN_NAME = "twin.json"
 TWIN_FIT_STEPS = 2  # that `told` is told of beside the runs: the fit, the other sensors
@@ -64,8 +64,8 @@ class FittedTwin(Result[FitReport]):
 
         Returns
         -------
-        matplotlib.figure.Figure
-            Made without pyplot; `.savefig(path)` writes it.
+        plotly.graph_objects.Figure
+            A notebook shows it; `.write_html(path)` writes it.
         """
         return figure_of(allan_panels(self.record))
 

@@ -9,16 +9,18 @@ from pathlib import Path
 
 import pytest
 
+from infield.reports.drawing import specification
 from infield.session.disagreement import BiasStep
 from infield.store.rows import UnitKey
 from recal.cli.console import EXIT_CODES
 from recal.cli.fleet import summary as summary_lines
 from recal.fleet.document import MAX_POINTS, Timing, fleet_document, fleet_verdict, plain_reason
 from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBand, UnitReport
-from recal.fleet.figures import progress_drawing
+from recal.fleet.figures import progress_panel
 from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
 from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
+from tests.drawn import column, unscripted
 
 UNITS = 240
 STEP = BiasStep(
@@ -111,7 +113,7 @@ def test_the_first_line_counts_runs_and_units_in_english(document):
 
 
 def test_the_page_is_whole_and_fetches_nothing(document):
-    page = fleet_html(document)
+    page = unscripted(fleet_html(document))
     assert not re.search(r"https?://|<script|<link|@import|src=", page)
     assert "<U1>" not in page and "&lt;U1&gt;" in page
     assert page.count("update.html") == UNITS + 1 and page.count('class="strip"') == UNITS - 1
@@ -129,8 +131,8 @@ def test_a_curve_of_many_runs_is_thinned(document):
         timing.tell(RunOutcome(path="", outcome="committed", seconds=1.0))
     told = timing.document(10.0)
     assert len(told.curve) == MAX_POINTS and told.curve[-1][1] == 3 * MAX_POINTS
-    drawing = str(progress_drawing(told))
-    assert len(re.findall(r"[ML] [\d.]+ [\d.]+", drawing)) < MAX_POINTS + 200
+    (curve,) = specification([progress_panel(told)])["data"]
+    assert column(curve["y"]).size == MAX_POINTS and column(curve["y"])[-1] == 3 * MAX_POINTS
 
 
 def test_verdicts_have_exit_codes_and_go_by_the_best_then_the_worst():
