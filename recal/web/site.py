@@ -91,7 +91,7 @@ class Site:
     def page(
         self, request: Request | None, template: str, status: int = 200, **context: Any
     ) -> HTMLResponse:
-        """A page under the strict policy: no script but that of the figures, no style but its
+        """A page under the strict policy: no script but that of its figures, no style but its
         own, nothing from elsewhere.
         """
         session = None if request is None else self.session(request)
@@ -108,7 +108,8 @@ class Site:
                 **context,
             )
         )
-        return HTMLResponse(text, status, headers={"content-security-policy": _policy()})
+        policy = _policy(drawn="<script src=" in text)
+        return HTMLResponse(text, status, headers={"content-security-policy": policy})
 
     def fault(self, status: int, line: str, request: Request | None = None) -> HTMLResponse:
         """A page that says what is wrong; the store's address is not in it."""
@@ -154,12 +155,14 @@ def _style() -> Markup:
     return Markup(found.get_template("style.css").render() + found.get_template("web.css").render())
 
 
-@lru_cache(maxsize=1)
-def _policy() -> str:
+@lru_cache(maxsize=2)
+def _policy(*, drawn: bool) -> str:
+    """Of a page; `drawn`: with figures, so with the script that draws them and saves pictures."""
     style = _source(hashlib.sha256(_style().encode()).digest())
+    more = "img-src data: blob:; script-src 'self'" if drawn else "img-src data:"
     return (
-        f"default-src 'none'; script-src 'self'; style-src {style}; img-src data: blob:;"
-        " form-action 'self'; frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+        f"default-src 'none'; style-src {style}; {more}; form-action 'self';"
+        " frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
     )
 
 
