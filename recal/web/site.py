@@ -83,7 +83,7 @@ class Visit:
         self.session = self.site.door.session(self.cookie)
 
     def page(self, template: str, status: int = 200, **context: Any) -> HTMLResponse:
-        """A page under the strict policy: no script but that of the figures, no style but its
+        """A page under the strict policy: no script but that of its figures, no style but its
         own, nothing from elsewhere.
         """
         shared = {
@@ -97,7 +97,8 @@ class Visit:
         }
         page = page_environment("recal", "web/templates").get_template(template)
         text = page.render(**shared, **context)
-        headers = {"x-frame-options": "DENY", "content-security-policy": _policy()}
+        policy = _policy(drawn="<script src=" in text)
+        headers = {"x-frame-options": "DENY", "content-security-policy": policy}
         return HTMLResponse(text, status, headers=headers)
 
     def fault(self, status: int, line: str) -> HTMLResponse:
@@ -165,12 +166,14 @@ def _style() -> Markup:
     return Markup(found.get_template("style.css").render() + found.get_template("web.css").render())
 
 
-@lru_cache(maxsize=1)
-def _policy() -> str:
+@lru_cache(maxsize=2)
+def _policy(*, drawn: bool) -> str:
+    """Of a page; `drawn`: with figures, so with the script that draws them and saves pictures."""
     style = _source(hashlib.sha256(_style().encode()).digest())
+    more = "img-src data: blob:; script-src 'self'" if drawn else "img-src data:"
     return (
-        f"default-src 'none'; script-src 'self'; style-src {style}; img-src data: blob:;"
-        " form-action 'self'; frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+        f"default-src 'none'; style-src {style}; {more}; form-action 'self';"
+        " frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
     )
 
 

@@ -16,7 +16,7 @@ from simreal.report.diagnosis_curves import Overlay, RunCurve
 
 MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be; odds of 1e13
 SHOWN_NATS = 3.0  # a smaller excess has no number in its cell: odds of 20
-UPRIGHT_PX, SCALE_PX, BANDS_PX = 50, 100, 320  # heights: of turned labels; of the scale; of bands
+UPRIGHT_PX, SCALE_PX, BANDS_PX = 50, 130, 320  # heights: of turned labels; of the scale; of bands
 MOST_PANELS = 8
 MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 COLUMNS = 3
-NEEDS_EXTRA = "a plot needs plotly: pip install 'strapdown-recal[plot]'"
+PLOT_EXTRA = "a plot needs plotly: pip install 'strapdown-recal[plot]'"
 
 
 def figure_of(panels: Sequence[Panel]) -> "Figure":
@@ -36,7 +36,7 @@ def figure_of(panels: Sequence[Panel]) -> "Figure":
     try:
         from plotly.graph_objects import Figure
     except ImportError:
-        raise InputError(NEEDS_EXTRA) from None
+        raise InputError(PLOT_EXTRA) from None
     return Figure(specification(panels, columns=min(COLUMNS, len(panels))))
 
 
