@@ -21,7 +21,7 @@ from alignment.result import Alignment, BiasPrior, Solution
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S
 from ins.filters import error_model as em
-from ins.filters.kalman import nis_band
+from ins.kalman import nis_band
 from ins.noise import DEFAULT_SIGMA_deg_h, gyro_densities
 from ins.records import ImuSource, Phase, Site, Span, TwinModel
 from ins.units import DEG, DEG_PER_HOUR

@@ -23,7 +23,7 @@ from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
 from alignment.swing import Swing
 from ins.filters import error_model as em
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filters.kalman import nis_band
+from ins.kalman import nis_band
 
 SURE = 3.0  # nats of log-likelihood for each parameter: odds of 20 to 1
 FINENESS = 2  # sizes of a parameter for each doubling
@@ -111,7 +111,7 @@ class LevelFound:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class LevelFit:
     """A filter that has run, and the level that it ran under; rolls: its place walks off."""
 
     filter: ErrorFilter
@@ -120,7 +120,7 @@ class Fitted:
     rolls: bool = False
 
 
-class Run(Protocol):
+class FilterRun(Protocol):
     """A filter over the steps of a pass, from its start."""
 
     def __call__(
@@ -132,7 +132,7 @@ class Run(Protocol):
 
 
 @dataclass(frozen=True)
-class Stretch:
+class SearchInputs:
     """What the search needs of a run: its plan, the level at its epochs (k,) and their times."""
 
     plan: StepPlan
@@ -172,13 +172,13 @@ class Stretch:
 
 
 def fit(
-    run: Run,
-    stretch: Stretch,
+    run: FilterRun,
+    stretch: SearchInputs,
     units: tuple[float, ...] = (1.0,),
     *,
     rough: bool = False,
     near: Scale = QUIET,
-) -> Fitted:
+) -> LevelFit:
     """The filter under the likeliest level.
 
     units: rising scales of the unit's own noise to choose from. Beyond the likeliest, the first
@@ -195,7 +195,7 @@ def fit(
     return fitted
 
 
-def found(fitted: Fitted, run: Run, stretch: Stretch) -> LevelFound:
+def found(fitted: LevelFit, run: FilterRun, stretch: SearchInputs) -> LevelFound:
     """The level that a filter ran under, in numbers."""
     calm = run(stretch.calm(), 1.0)
     flt, parked = fitted.filter, fitted.parked
@@ -223,13 +223,13 @@ def explained(flt: ErrorFilter) -> bool:
 class _Search:
     """Filters over one program under one scale after another, each run once."""
 
-    def __init__(self, run: Run, stretch: Stretch) -> None:
+    def __init__(self, run: FilterRun, stretch: SearchInputs) -> None:
         self._run, self._stretch = run, stretch
         self._values: dict[Scale, float] = {}
         self._quiet: ErrorFilter | None = None
         self.rolls = False
 
-    def under(self, scale: Scale) -> Fitted:
+    def under(self, scale: Scale) -> LevelFit:
         """The filter under a scale, single strays widened, what is beyond the gate left out."""
         plan, parked = self._stretch.plan, self._stretch.constraint(scale)
         ungated = self._ungated(scale)
@@ -237,7 +237,7 @@ class _Search:
         strayed = replace(slower, gate=GATE_SIGMA)
         # what was found to walk off under one noise of the unit may stand under another
         rolls = self.rolls and scale.swing is None and scale.place_walk > 0.0
-        return Fitted(self._run(strayed, scale.unit), strayed, scale, rolls)
+        return LevelFit(self._run(strayed, scale.unit), strayed, scale, rolls)
 
     def plausible(self) -> bool:
         """Whether a quiet level leaves residuals that may still be errors of the solution."""

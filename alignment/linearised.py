@@ -27,13 +27,13 @@ from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior, Solution
 from alignment.swing import Swing
 from ins.attitude import dcm_from_rotation_vector
-from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n_by_lat
 from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
 from ins.records import ImuLog, ImuSource, InputError, NavHistory, NavState, Phase, Site, TwinModel
+from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.verdicts import because
+from ins.verdicts import because, sentence
 
 CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
 MAX_PASSES = 4
@@ -77,14 +77,9 @@ TO_THE_END = Course()
 class NothingStands(InputError):
     """No step of the rest stands still, so that there is nothing to estimate from."""
 
-    TEMPLATE = (
-        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
-        " moves, or the unit is much noisier than its noise model ({source})"
-    )
-
     def __init__(self, rest_s: float, source: str) -> None:
-        super().__init__(self.TEMPLATE.format(rest_s=rest_s, source=source))
         self.reason = because(AlignmentReason.NOTHING_STANDS, rest_s=rest_s, source=source)
+        super().__init__(sentence(self.reason))
 
 
 @dataclass(frozen=True)
@@ -220,14 +215,14 @@ def _laid_out(
     course: Course,
     flown: tuple[NavHistory, _Judged],
     start: Start,
-) -> tuple[FilterPass, level_fit.Stretch]:
+) -> tuple[FilterPass, level_fit.SearchInputs]:
     """A pass of the filter over a solution, and what the search for its level needs."""
     history, judged = flown
     until_s = judged.motion.parked_until_s if course.parked_only else course.until_s
     plan = plan_steps(judged.motion, prior.edges_s, until_s=until_s)
     if not plan.kind.size:
         raise NothingStands(log.rest[1] - log.rest[0], twin.source)
-    stretch = level_fit.Stretch(
+    stretch = level_fit.SearchInputs(
         plan, judged.level, history.time_s, course.hold_heading, declared_sway_m(twin)
     )
     last = FilterPass(
@@ -245,7 +240,7 @@ def _laid_out(
     return last, stretch
 
 
-def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.Run:
+def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.FilterRun:
     """A pass of the filter under any level and any scale of the unit's noise."""
     rolls = np.flatnonzero(last.plan.kind >= ROLLING)
     until = int(rolls[0]) if rolls.size else len(last.plan.kind)

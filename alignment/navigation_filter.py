@@ -439,7 +439,7 @@ class FilterPass:
 
 
 @dataclass(frozen=True)
-class Held:
+class ConstrainedRows:
     """Rows of a program whose variance is the parked vehicle's: of which steps, and of what (a
     field of `ParkedConstraint`); each step has so many of them on end. share: of that variance.
     """
@@ -456,7 +456,7 @@ class LaidDown:
     """A program, and which of its rows are the parked vehicle's noise."""
 
     program: Compiled
-    held: tuple[Held, ...]
+    held: tuple[ConstrainedRows, ...]
 
     def under(self, parked: ParkedConstraint) -> Compiled:
         """The program with the parked vehicle's noise as given."""
@@ -476,7 +476,7 @@ def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
 
 def hold_position(
     program: FilterProgram, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
-) -> tuple[Held, ...]:
+) -> tuple[ConstrainedRows, ...]:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
     the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
     the same but counts the jitter twice.) beside: the first state behind the bins, for a place that
@@ -500,7 +500,7 @@ def hold_position(
         swung = lay(program, parked.swing, still, (em.S.start, em.S.start + 1), beside)
         for part in swung.noise:
             rows_of = slice(part.first_row, part.first_row + part.steps.size)
-            held.append(Held(rows_of, part.steps, "swing_m", share=part.share))
+            held.append(ConstrainedRows(rows_of, part.steps, "swing_m", share=part.share))
     way = np.cumsum(np.where(still[:, None], views.displacement_b_m[:, :2], 0.0), axis=0)
     before = np.where(stops > 0, stops - 1, 0)
     origin = np.where(stops[:, None] > 0, way[before], 0.0)
@@ -516,9 +516,9 @@ def hold_position(
     return tuple(part for part in held if part.steps.size)
 
 
-def _held(program: FilterProgram, steps: NDArray, of: str, *, each: int = 1) -> Held:
+def _held(program: FilterProgram, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
     """The rows that the next call lays down for some steps."""
-    return Held(slice(program.rows, program.rows + each * len(steps)), steps, of, each)
+    return ConstrainedRows(slice(program.rows, program.rows + each * len(steps)), steps, of, each)
 
 
 def _each(value: NDArray | float, views: StepViews) -> NDArray:
@@ -539,7 +539,7 @@ def heading_error_row(
 
 def hold_heading(
     program: FilterProgram, views: StepViews, parked: ParkedConstraint
-) -> tuple[Held, ...]:
+) -> tuple[ConstrainedRows, ...]:
     """Parked-attitude constraint: the computed turn about down since the stop is error plus
     creep.
     """

@@ -1,6 +1,8 @@
-"""Why an alignment is what it is, as codes. Sentences: `infield.reports.words.alignment`."""
+"""Why an alignment is what it is: codes with the templates of their sentences."""
 
 from enum import StrEnum
+
+from ins.verdicts import ReasonCode
 
 
 class AlignmentVerdict(StrEnum):
@@ -16,28 +18,101 @@ class AlignmentVerdict(StrEnum):
 WITH_HEADING = (AlignmentVerdict.ALIGNED, AlignmentVerdict.INCONSISTENT)
 
 
-class AlignmentReason(StrEnum):
+class AlignmentReason(ReasonCode):
     """What was measured and what was needed."""
 
-    LATITUDE_TOO_HIGH = "latitude_too_high"
-    NEVER_RESTS = "never_rests"
-    BEGINS_IN_MOTION = "begins_in_motion"
-    NO_HEADING = "no_heading"
-    TURNS = "turns"
-    TURNS_OR_BIAS = "turns_or_bias"
-    LIKE_MEMS = "like_mems"
-    LEVEL_ALONE = "level_alone"
-    NOTHING_STANDS = "nothing_stands"
-    NOTHING_MEASURED = "nothing_measured"
-    MOVES = "moves"
-    NOISIER = "noisier_than_model"
-    WRONG_LATITUDE = "wrong_latitude"
-    LATITUDE_IN_RADIANS = "latitude_in_radians"
-    LATITUDE_IS_LONGITUDE = "latitude_is_longitude"
-    EXCESS_RESIDUALS = "excess_residuals"
-    NO_TABLE = "no_table"
-    SPEED_AT_REST = "speed_at_rest"
-    DEAD_ODOMETER = "dead_odometer"
+    LATITUDE_TOO_HIGH = (
+        "latitude_too_high",
+        "latitude {latitude_deg:.2f} deg: no gyrocompass alignment above {limit_deg:g} deg",
+    )
+    NEVER_RESTS = (
+        "never_rests",
+        "the log never rests for a minute",
+        "a parked stretch of 5 to 15 min is needed",
+    )
+    BEGINS_IN_MOTION = (
+        "begins_in_motion",
+        "the log begins in motion: no rest to align on before the flight",
+    )
+    NO_HEADING = (
+        "no_heading",
+        "gyro uncertainty {sigma_deg_h:.3g} deg/h against {level_deg_h:.3g} deg/h of level Earth"
+        " rate: heading cannot be found at rest",
+        "give a heading or turn the unit",
+    )
+    TURNS = (
+        "turns",
+        "the gyros read {rate_deg_h:.4g} deg/h at rest, Earth rate is {earth_deg_h:.4g}: the"
+        " vehicle turns, or the unit of the gyros is wrong (deg/s read as rad/s:"
+        " {as_degrees_deg_h:.3g} deg/h in truth)",
+    )
+    TURNS_OR_BIAS = "turns_or_bias", "{turns}, or it is all bias"
+    LIKE_MEMS = (
+        "like_mems",
+        "the gyros are {sigma_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for {technology}:"
+        " another technology or a fault; the level is taken to be as good as that of a mems unit",
+    )
+    LEVEL_ALONE = (
+        "level_alone",
+        "level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the"
+        " {rest_s:.0f} s",
+    )
+    NOTHING_STANDS = (
+        "nothing_stands",
+        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
+        " moves, or the unit is much noisier than its noise model ({source})",
+    )
+    NOTHING_MEASURED = (
+        "nothing_measured",
+        "{dof} measurements leave the heading at {sigma_deg:.2g} deg, {prior_deg:.2g} deg were"
+        " taken to begin with: nothing was found; {used_percent:.0f} % of the parked seconds were"
+        " used",
+    )
+    MOVES = (
+        "moves",
+        "it moves: the rest does not fit even {scale:g} times the noise model ({source})",
+    )
+    NOISIER = (
+        "noisier_than_model",
+        "the unit is noisier than its noise model ({source}): taken {scale:g} times as large",
+    )
+    WRONG_LATITUDE = (
+        "wrong_latitude",
+        "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
+        " deg: wrong position, or a gyro bias beyond its sigma",
+    )
+    LATITUDE_IN_RADIANS = (
+        "latitude_in_radians",
+        "latitude entered {entered_deg:.4f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
+        " deg: that number in radians",
+        "enter it in degrees",
+    )
+    LATITUDE_IS_LONGITUDE = (
+        "latitude_is_longitude",
+        "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
+        " deg, which is the longitude entered: the two are swapped",
+    )
+    EXCESS_RESIDUALS = (
+        "excess_residuals",
+        "the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of"
+        " freedom, band to {limit:.2f}",
+    )
+    NO_TABLE = (
+        "no_table",
+        "no table of {imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h,"
+        " the raw bias of {technology} gyros, and the heading's sigma rests on it",
+        "recal table import TABLE gives the unit's own",
+    )
+    SPEED_AT_REST = (
+        "speed_at_rest",
+        "{witness} says up to {fastest_m_s:.1f} m/s for {moving_s:.0f} s while the inertial"
+        " solution rests: a steady roll taken for rest, or a wrong stream",
+    )
+    DEAD_ODOMETER = (
+        "dead_odometer",
+        "the odometer reads zero while the inertial solution rolls for {rolling_s:.0f} s: a dead"
+        " encoder reads as parked",
+    )
 
 
 LATITUDE_REASONS = (

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import NDArray
 
-from alignment.level_fit import Fitted, LevelFound
+from alignment.level_fit import LevelFit, LevelFound
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import FilterPass, StepPlan
 from alignment.reasons import LATITUDE_REASONS, AlignmentVerdict
@@ -39,7 +39,7 @@ class Solution:
     prior: BiasPrior
     applied_bias_rad_s: NDArray
     clone_s: float
-    fitted: Fitted
+    fitted: LevelFit
     level: LevelFound
     last: FilterPass
 

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.tilt_rate import RATE_WINDOW_S, TiltRate, enough_still
+from ins import kalman
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
-from ins.filters import kalman
 from ins.records import NavHistory
 from ins.units import DEG_PER_HOUR
 

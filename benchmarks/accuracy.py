@@ -18,10 +18,12 @@ from benchmarks.cramer_rao import Sights, Spread, bias_bound
 from benchmarks.navigation_response import navigation_response
 from benchmarks.study import Record, Work, table
 from infield.session.acceptance import judge_estimate
-from infield.session.points import WEAK, observability
+from infield.session.points import observability
 from infield.session.settings import SessionSettings
 from ins.records import Site, Survey, TwinModel
 from ins.units import DEG, MILLIRADIAN
+from ins.verdicts import WEAK_BELOW
+from tests.reference_motions import PARKED_S, reference_motion
 from tests.scenarios.study import (
     DEFAULT_TWIN,
     REFERENCE_TWIN,
@@ -29,7 +31,6 @@ from tests.scenarios.study import (
     estimated,
     simulated_session,
 )
-from trajectories.simulator.motions import PARKED_S, reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
@@ -254,7 +255,7 @@ def misses(cells: list[Record]) -> Iterator[str]:
         label = f"{c['row']}, {c['lat_deg']:g} deg, {WAY_NAMES[c['gnss'], c['hold']]}"
         for k, axis in enumerate(AXES):
             bound = c["bound_deg_h"][k]
-            if c["rms_deg_h"][k] > GOAL * bound and bound < WEAK * c["prior_deg_h"][k]:
+            if c["rms_deg_h"][k] > GOAL * bound and bound < WEAK_BELOW * c["prior_deg_h"][k]:
                 low, rms, high = (c[f"rms{end}_deg_h"][k] / bound for end in ("_low", "", "_high"))
                 yield f"{label}, {axis}: RMS {rms:.2f} of the bound ({low:.2f} to {high:.2f})"
             if c["sigma_deg_h"][k] < BELOW * bound:
@@ -269,7 +270,7 @@ def _cell(c: Record) -> list[str]:
     keys = ("sigma_deg_h", "rms_deg_h", "bound_deg_h")
     mils = [" / ".join(f"{1e3 * c[key][k]:.2f}" for key in keys) for k in range(3)]
     ratio = [rms / bound for rms, bound in zip(c["rms_deg_h"], c["bound_deg_h"])]
-    seen = [k for k in range(3) if c["bound_deg_h"][k] < WEAK * c["prior_deg_h"][k]]
+    seen = [k for k in range(3) if c["bound_deg_h"][k] < WEAK_BELOW * c["prior_deg_h"][k]]
     worst = max((ratio[k] for k in seen), default=float("nan"))
     of = ["yes" if c[key] else "" for key in ("gnss", "hold")]
     flags = [_flag(c, "nees"), _flag(c, "nis"), _verdicts(c)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from infield.session.points import OBSERVED, WEAK
+from ins.verdicts import OBSERVED_BELOW, WEAK_BELOW
 
 CONFIDENCE = 0.95
 GOAL = 1.15  # RMS over bound, issue 3
@@ -97,15 +97,15 @@ def _pooled(cells: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
 
 def expected_verdict(share: float) -> str | None:
     """What bound over prior calls for."""
-    if min(abs(share / OBSERVED - 1), abs(share / WEAK - 1)) < 0.02:
+    if min(abs(share / OBSERVED_BELOW - 1), abs(share / WEAK_BELOW - 1)) < 0.02:
         return None
-    return WORDS[0] if share < OBSERVED else WORDS[1] if share < WEAK else WORDS[2]
+    return WORDS[0] if share < OBSERVED_BELOW else WORDS[1] if share < WEAK_BELOW else WORDS[2]
 
 
 def totals(cells: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Over the axes that the bound calls observable at all, and over the cells."""
     axes = [(c, k) for c in cells for k in range(3)]
-    seen = [(c, k) for c, k in axes if c["bound_deg_h"][k] < WEAK * c["prior_deg_h"][k]]
+    seen = [(c, k) for c, k in axes if c["bound_deg_h"][k] < WEAK_BELOW * c["prior_deg_h"][k]]
     ratio = np.array([c["rms_deg_h"][k] / c["bound_deg_h"][k] for c, k in seen])
     sigma = np.array([c["sigma_deg_h"][k] / c["bound_deg_h"][k] for c, k in axes])
     inside = [c["rms_low_deg_h"][k] <= GOAL * c["bound_deg_h"][k] for c, k in seen]

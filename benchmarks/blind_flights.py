@@ -1,9 +1,5 @@
 """Flights written from the physics alone: no package of the project takes part in their truth.
 
-    python -m benchmarks.blind_flights sound rlg 0 12 > rlg.jsonl     errors over sigma; fog
-    python -m benchmarks.blind_flights hostile rlg 0 80 > hostile.jsonl   faults of ten kinds
-    python -m benchmarks.blind_flights summary rlg.jsonl ...
-
 The IMU's place is a spline in the Earth frame, its attitude a spline of Euler angles; body rates
 and specific force are their exact derivatives, increments the integrals of these (Gauss, two nodes
 a row). Gravity is that of the normal field (J2, J4, J6 and the centrifugal term), turned by a
@@ -13,10 +9,7 @@ Runs are written as `formats.md` section 1 says, and read by the program like an
 """
 
 import json
-import sys
-import tempfile
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -623,70 +616,3 @@ def _write_rows(path: Path, time_s: NDArray, **vectors: NDArray) -> None:
         for axis, column in zip("xyz", rows.T):
             frame[f"{head}_{axis}_{unit}"] = column
     frame.to_parquet(path)
-
-
-# ---- what the program makes of them
-
-
-@dataclass(frozen=True)
-class _Unit:
-    """The true curves of a unit, for `benchmarks.flight_update.scored`."""
-
-    nodes_deg_h: NDArray
-
-    def bias_deg_h(self, axis: str, temperature_degC: NDArray) -> NDArray:
-        return np.interp(temperature_degC, NODES_DEGC, self.nodes_deg_h[:, "xyz".index(axis)])
-
-
-@dataclass(frozen=True)
-class _Recorded:
-    """A run, and its true biases [deg/h] at each second."""
-
-    run: object
-    bias_time_s: NDArray
-    gyro_bias_true_deg_h: NDArray
-
-
-def line_of(seed: int, technology: str, faults: Faults = SOUND) -> dict[str, object]:
-    """A flight's line: written, read, updated, held against its truth."""
-    from benchmarks.flight_update import Drawn, scored
-    from ins.twin_file import default_twin
-    from recal.service.inputs.records import read_run, read_table
-
-    with tempfile.TemporaryDirectory() as name:
-        began = time.process_time()
-        made = write_flight(Path(name), seed, technology, faults)
-        made_s = time.process_time() - began
-        run, table = read_run(made.folder), read_table(made.folder / "table.json")
-        simulated = _Recorded(run, np.arange(float(len(made.bias_deg_h))), made.bias_deg_h)
-        drawn = Drawn(simulated, _Unit(made.nodes_deg_h), table, default_twin(technology))
-        line = dict(scored(seed, drawn))
-    world = made.world
-    return {
-        **line,
-        "technology": technology,
-        "made_s": made_s,
-        "deflection_arcsec": world.deflection_arcsec,
-        "deflection_km": world.deflection_km,
-    }
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run what the head of this module shows."""
-    from benchmarks.flight_update import summary
-
-    kind, *names = arguments
-    if kind == "summary":
-        return summary([Path(name) for name in names])
-    technology, first, end = names
-    for seed in range(int(first), int(end)):
-        if kind == "sound":
-            line = line_of(seed, technology)
-        else:
-            name = list(HOSTILE)[seed % len(HOSTILE)]
-            line = {"hostile": name, **line_of(seed, technology, HOSTILE[name])}
-        print(json.dumps(line), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -69,17 +69,6 @@ def on_top(record: Record) -> bool:
     return cause is not None and answers_to(record["planted"][0], cause["effect"], cause["target"])
 
 
-def oracle_on_top(record: Record) -> bool | None:
-    """Whether the oracle raises an alarm and names the planted effect on its target; None where it
-    was not asked (noise effects, records of earlier commits).
-    """
-    oracle = record.get("oracle")
-    if oracle is None:
-        return None
-    named = answers_to(record["planted"][0], oracle["effect"], oracle["target"])
-    return bool(oracle["alarm"]) and named
-
-
 def in_set(record: Record, *, confounded: bool = False) -> bool:
     """As `on_top`, for a cause or one of its rivals; confounded: what cannot be told from it counts
     as well.
@@ -307,6 +296,4 @@ def answer(question: Question, records: Sequence[Record]) -> Record | None:
     if question.goal is not None:
         met = k / n <= question.goal if question.at_most else k / n >= question.goal
         shown = not low <= question.goal <= high
-    judged = [r for r in own if question.score is on_top and oracle_on_top(r) is not None]
-    oracle = sum(bool(oracle_on_top(r)) for r in judged), sum(map(on_top, judged)), len(judged)
-    return {"k": k, "n": n, "met": met, "shown": shown, "oracle": oracle if judged else None}
+    return {"k": k, "n": n, "met": met, "shown": shown}

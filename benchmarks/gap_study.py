@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks import gap_scores as scores
-from benchmarks.gap_oracle import oracle_of
 from benchmarks.gap_shrink import true_shrink
 from benchmarks.gap_size import scaled, views_of
 from benchmarks.gap_trials.other_forms import OTHER_FORMS
@@ -123,10 +122,7 @@ def record_of(name: str, seed: int) -> Record:
         "cpu_s": round(time.process_time() - start, 2),
         "wall_s": round(time.perf_counter() - wall, 2),
     }
-    answers = {**record, **spent, **said(found), **_against_truth(trial, found)}
-    if cell.wanted and effects is None and len(reached) == 1:
-        answers["oracle"] = oracle_of(trial, reached[0], found.attribution, alpha=cell.alpha)
-    return answers
+    return {**record, **spent, **said(found), **_against_truth(trial, found)}
 
 
 def said(found: Diagnosis) -> Record:
@@ -235,7 +231,7 @@ def run(
     return "\n".join(parts)
 
 
-ANSWERS = ("trials", "question", "share (95 %)", "oracle; diagnosis on the same", "goal", "")
+ANSWERS = ("trials", "question", "share (95 %)", "goal", "")
 
 
 def _answer(question: scores.Question, records: Sequence[Record]) -> tuple[str, ...] | None:
@@ -243,13 +239,12 @@ def _answer(question: scores.Question, records: Sequence[Record]) -> tuple[str, 
     found = scores.answer(question, records)
     if found is None:
         return None
-    oracle = "{}; {} of {}".format(*found["oracle"]) if found["oracle"] else ""
     goal, status = "-", ""
     if question.goal is not None:
         goal = f"{'at most' if question.at_most else 'at least'} {100 * question.goal:.0f} %"
         status = STATUS[found["met"], found["shown"]]
     said = share(found["k"], found["n"])
-    return CELLS[question.cell].title, question.words, said, oracle, goal, status
+    return CELLS[question.cell].title, question.words, said, goal, status
 
 
 # met, and whether the whole interval lies on one side of the goal

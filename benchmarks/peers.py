@@ -27,11 +27,11 @@ from ins.attitude import (
     euler_from_dcm,
     rotation_vector_from_dcm,
 )
-from ins.compensation import compensate
 from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.records import ImuLog, NavState, Site
+from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from benchmarks.study import Record, Work, rms, table
 from infield.aided.flight import AidedResult, Aiding
 from infield.replay.free_inertial import TableChoice, replay
-from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.filters.aided_filter import level_sigmas
 from ins.records import InputError, Run
 from ins.twin_file import default_twin
 from ins.units import DEG
+from ins.verdicts import sentences
 from trajectories.readers.containers import dataflash
 from trajectories.readers.conversion import Conversion, convert_log
 from trajectories.readers.formats import ardupilot_mat

@@ -24,7 +24,6 @@ from benchmarks import free_inertial
 from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge, posterior
 from benchmarks.free_inertial import Flown, Hour, Sortie
-from infield.reports.words.sentences import sentences
 from infield.session.bins import BIN_FLOOR_DEG_H
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import measurement_information
@@ -35,7 +34,8 @@ from infield.table.prior import smooth_kernel
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, AccelNoise, GyroNoise, Site, TwinModel, VehicleNoise
 from ins.units import DEG
-from trajectories.simulator.motions import reference_motion
+from ins.verdicts import sentences
+from tests.reference_motions import reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history

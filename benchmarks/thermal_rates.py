@@ -1,7 +1,7 @@
 """Measured rates of requirements R4 and R15 to R18: thermometers, outliers, steps, hysteresis.
 
 Sessions of R16 and R17 are drawn from the posteriors of twelve runs of the whole pipeline
-(`benchmarks.thermal_sessions`).
+(`tests.scenarios.thermal_sessions`).
 """
 
 from collections.abc import Iterator
@@ -9,9 +9,9 @@ from itertools import chain
 
 import numpy as np
 
-from benchmarks import thermal_faults as faults
-from benchmarks import thermal_merge as merge
 from benchmarks.study import Work, interval_95, table
+from tests.scenarios import thermal_faults as faults
+from tests.scenarios import thermal_merge as merge
 
 HEAD = ("requirement", "what", "runs", "rate", "95 % interval", "needed")
 Row = tuple[str, ...]

@@ -9,6 +9,8 @@ from math import pi
 DEG = pi / 180.0  # [rad], 0.0174533
 ARCSEC = DEG / 3600.0  # [rad]
 MILLIRADIAN = 1e-3  # [rad]
+MILLISECOND = 1e-3  # [s]
+MINUTE = 60.0  # [s]
 HOUR = 3600.0  # [s], 60 minutes of 60
 DEG_PER_HOUR = DEG / HOUR  # [rad/s]
 DEG_PER_SQRT_HOUR = DEG / 60.0  # angle random walk [rad/sqrt(s)]

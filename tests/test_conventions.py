@@ -8,8 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 from ins import attitude, earth
-from ins.compensation import compensate
 from ins.records import ImuLog, NavState, Site
+from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 

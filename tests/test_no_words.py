@@ -1,6 +1,6 @@
 """Nothing in the product decides by the wording of a message or by a verdict written as text.
 
-What is looked for, by syntax tree, in every module of the product but `infield/reports/words`:
+What is looked for, by syntax tree, in every module of the product:
 
 1. The text of a message: `str(error)` of a name bound by `except`, `reason`, `reasons`, `note`,
    `notes`, `advice`, `why`, `sentence` as attribute or key, `fault.text`, `x.words()`; and a name
@@ -35,12 +35,7 @@ ALLOWED = {}
 
 @cache
 def modules():
-    return [
-        path
-        for package in PACKAGES
-        for path in sorted((ROOT / package).rglob("*.py"))
-        if "words" not in path.parent.parts
-    ]
+    return [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
 
 def name_of(node):

@@ -9,7 +9,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Cause
+from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Disturbance
 from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 from ins.robust import white_sigma
 
@@ -151,7 +151,7 @@ def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDAr
         end, way, rolled = _excursion(t, v, k, base, limit, sigma)
         if way > PUSHED_M and not rolled:
             pushed.append(min(end, len(t) - 1))
-        name = Cause.PUSH if pushed and pushed[-1] == end else "motion"
+        name = Disturbance.PUSH if pushed and pushed[-1] == end else "motion"
         kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
         cause[max(k - 2, 0) : end] = "" if rolled else name
         if not rolled:

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.excursions import ROLLED_M
-from alignment.motion.kinds import Cause
-from alignment.motion.seconds import LogSeconds, Seconds, judged
-from ins.compensation import corrected
+from alignment.motion.kinds import Disturbance
+from alignment.motion.seconds import LogSeconds, QuietSeconds, judged
 from ins.records import ImuLog, ImuSource
 from ins.robust import robust_sigma, robust_sigmas, runs_of_true
+from ins.strapdown.compensation import corrected
 from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side
@@ -63,7 +63,7 @@ class ImuFault:
 
     start_s: float
     end_s: float
-    reason: Cause | None
+    reason: Disturbance | None
     velocity_sigma_m_s: float
     turn_sigma_rad: float
 
@@ -130,7 +130,7 @@ def _edited(imu: ImuLog, edits: Sequence[_Edit]) -> ImuLog:
 
 
 def _judge(
-    seconds: Seconds, group: tuple[int, int], jump: _Jump, quiet: _Jump, *, stays: bool
+    seconds: QuietSeconds, group: tuple[int, int], jump: _Jump, quiet: _Jump, *, stays: bool
 ) -> tuple[ImuFault, _Edit]:
     """What one transient was, and the rates that take out what the bad axes left."""
     a, b = group
@@ -144,20 +144,20 @@ def _judge(
     bad[5] |= turned is False or (alone and _unfelt(seconds, a, b, jump))
     edit = _edit_of(seconds, (a, b) if short else _lost_rows(seconds, a, b), jump, bad)
     if lost:
-        reason: Cause | None = Cause.DROPOUT
+        reason: Disturbance | None = Disturbance.DROPOUT
     elif stuck:
-        reason = Cause.CLIPPING
+        reason = Disturbance.CLIPPING
     else:
-        reason = Cause.SHOCK if bad.any() else None
+        reason = Disturbance.SHOCK if bad.any() else None
     fault = _fault(seconds, a, b, reason, jump, quiet)
     if turned is None and alone and not bad[5]:  # the vertical gyro turned, no other sensor felt it
         fault = replace(
-            fault, reason=reason or Cause.SHOCK, turn_sigma_rad=abs(float(jump.value[5]))
+            fault, reason=reason or Disturbance.SHOCK, turn_sigma_rad=abs(float(jump.value[5]))
         )
     return fault, edit
 
 
-def _unfelt(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool:
+def _unfelt(seconds: QuietSeconds, a: int, b: int, jump: _Jump) -> bool:
     """Whether a turn of a few rows that the vertical gyro alone read would have been felt by the
     others, about any axis that a vehicle turns about. A longer one is a turntable's.
     """
@@ -170,7 +170,7 @@ def _unfelt(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool:
     return bool(gyro < NEAREST_AXIS_RAD * peak and force * row_s < NEAREST_AXIS_M * peak)
 
 
-def _edit_of(seconds: Seconds, rows: tuple[int, int], jump: _Jump, bad: NDArray) -> _Edit:
+def _edit_of(seconds: QuietSeconds, rows: tuple[int, int], jump: _Jump, bad: NDArray) -> _Edit:
     """The rates of the seconds [a, b) that take the jump of the bad axes out of their sum."""
     a, b = rows
     total = seconds.integral[b - 1] - (seconds.integral[a - 1] if a else 0.0)
@@ -179,7 +179,7 @@ def _edit_of(seconds: Seconds, rows: tuple[int, int], jump: _Jump, bad: NDArray)
     return _Edit(float(seconds.start_s[a]), float(seconds.end_s[b - 1]), rate)
 
 
-def _lost_rows(seconds: Seconds, a: int, b: int) -> tuple[int, int]:
+def _lost_rows(seconds: QuietSeconds, a: int, b: int) -> tuple[int, int]:
     """First of the seconds [a, b) that lost rows, and the one after the last; [a, b) itself where
     none did.
     """
@@ -187,7 +187,9 @@ def _lost_rows(seconds: Seconds, a: int, b: int) -> tuple[int, int]:
     return (int(lost[0]), int(lost[-1]) + 1) if lost.size else (a, b)
 
 
-def _lost_in_a_shake(seconds: Seconds, group: tuple[int, int], jump: _Jump, quiet: _Jump) -> bool:
+def _lost_in_a_shake(
+    seconds: QuietSeconds, group: tuple[int, int], jump: _Jump, quiet: _Jump
+) -> bool:
     """Whether the vehicle only shook before and after rows were lost, so that the velocity that
     stays is what the row that stands for them left.
     """
@@ -215,13 +217,13 @@ def _groups(touched: NDArray) -> list[tuple[int, int]]:
     return runs_of_true(near)
 
 
-def _line(seconds: Seconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]:
+def _line(seconds: QuietSeconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]:
     """Value at a time and slope of the line through the integrals of some seconds, both (6,)."""
     values, slopes = _lines(seconds, rows[None], np.array([at]))
     return values[0], slopes[0]
 
 
-def _lines(seconds: Seconds, rows: NDArray, at: NDArray) -> tuple[NDArray, NDArray]:
+def _lines(seconds: QuietSeconds, rows: NDArray, at: NDArray) -> tuple[NDArray, NDArray]:
     """`_line` of several stretches rows (m, n) of as many seconds: values and slopes (m, 6)."""
     centre = seconds.end_s[rows].mean(axis=1)
     s = seconds.end_s[rows] - centre[:, None]
@@ -230,7 +232,7 @@ def _lines(seconds: Seconds, rows: NDArray, at: NDArray) -> tuple[NDArray, NDArr
     return integral.mean(axis=1) + slope * (at - centre)[:, None], slope
 
 
-def _beside(seconds: Seconds, a: int, b: int, window: int) -> tuple[NDArray, NDArray] | None:
+def _beside(seconds: QuietSeconds, a: int, b: int, window: int) -> tuple[NDArray, NDArray] | None:
     """Quiet seconds next to [a, b): before and after, up to the next touched one; None where there
     are too few.
     """
@@ -247,7 +249,7 @@ def _beside(seconds: Seconds, a: int, b: int, window: int) -> tuple[NDArray, NDA
     return None if min(len(before), len(after)) < FEWEST else (before, after)
 
 
-def _jump(seconds: Seconds, a: int, b: int) -> _Jump | None:
+def _jump(seconds: QuietSeconds, a: int, b: int) -> _Jump | None:
     beside = _beside(seconds, a, b, WINDOW)
     if beside is None:
         return None
@@ -256,7 +258,7 @@ def _jump(seconds: Seconds, a: int, b: int) -> _Jump | None:
     return _Jump(v1 - v0, s1 - s0)
 
 
-def _quiet_jumps(seconds: Seconds) -> _Jump | None:
+def _quiet_jumps(seconds: QuietSeconds) -> _Jump | None:
     """Spreads of the jumps across stretches where nothing happens; None for a log too short to
     tell.
     """
@@ -300,7 +302,11 @@ def _tilted(jump: _Jump) -> NDArray:
 
 
 def _returns(
-    seconds: Seconds, groups: list[tuple[int, int]], jumps: list[_Jump | None], k: int, quiet: _Jump
+    seconds: QuietSeconds,
+    groups: list[tuple[int, int]],
+    jumps: list[_Jump | None],
+    k: int,
+    quiet: _Jump,
 ) -> int | None:
     """The group with which the velocity of group k is back at rest (k itself: it never left); None:
     it stays.
@@ -320,7 +326,7 @@ def _returns(
     return None
 
 
-def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
+def _turned(seconds: QuietSeconds, a: int, b: int, jump: _Jump) -> bool | None:
     """Did the vehicle turn with its vertical gyro? The level Earth rate, in body axes, tells; None:
     it cannot.
     """
@@ -344,7 +350,7 @@ def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
 
 
 def _fault(
-    seconds: Seconds, a: int, b: int, reason: Cause | None, jump: _Jump, quiet: _Jump
+    seconds: QuietSeconds, a: int, b: int, reason: Disturbance | None, jump: _Jump, quiet: _Jump
 ) -> ImuFault:
     unknown = 0.5 * (b - a) * float(np.max(np.abs(jump.slope[:2]))) if reason else 0.0
     turn = float(max(np.max(quiet.value[3:]), SHOCK_TURN_RAD))

@@ -19,7 +19,7 @@ class Kind(IntEnum):
     UNKNOWN = 4
 
 
-class Cause(StrEnum):
+class Disturbance(StrEnum):
     """Why an epoch of a standing vehicle is left out."""
 
     MOTION = "motion"
@@ -51,7 +51,7 @@ class Says(IntEnum):
 
 
 @dataclass(frozen=True)
-class Evidence:
+class WitnessEvidence:
     """What one witness says of each epoch (k,), as codes of `Says`.
 
     seen (k,): a speed [m/s], of the inertial rows a rate of turn [rad/s]; NaN where it sees

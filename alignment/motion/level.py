@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.excursions import PUSHED_M
-from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Cause
+from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Disturbance
 from alignment.motion.stillness import (
     NEW_PLACE_RAD,
     PUSH_TURN_RAD,
@@ -38,7 +38,7 @@ CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 FASTEST_SWAY_M_S, LONGEST_SWAY_M = 0.25, 2.0
 SMALLEST_YAW_RAD = 0.05 * ARCSEC
 # of a standing vehicle: its noise has a level, and the gyros saw its turns
-ABSORBED = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.GUST)
+ABSORBED = (Disturbance.MOTION, Disturbance.BUMP, Disturbance.LOADING, Disturbance.GUST)
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,6 @@ class ParkedLevel:
 
     place_m: NDArray
     yaw_rad: NDArray
-
-    @property
-    def quiet_place_m(self) -> float:
-        """The level of its quiet stretches."""
-        return float(np.min(self.place_m)) if self.place_m.size else 0.0
 
 
 def standing(history: NavHistory, motion: Motion) -> Motion:
@@ -67,7 +62,7 @@ def standing(history: NavHistory, motion: Motion) -> Motion:
         stays = _stays(history, a, b)
         if (motion.jolt_rad[a:b] >= NEW_PLACE_RAD).any() and not stays:
             continue
-        absorbed = np.isin(cause[a:b], (*ABSORBED, Cause.PUSH) if stays else ABSORBED)
+        absorbed = np.isin(cause[a:b], (*ABSORBED, Disturbance.PUSH) if stays else ABSORBED)
         absorbed &= apart[a:b]
         kind[a:b][absorbed], cause[a:b][absorbed] = STILL, ""
     return replace(motion, kind=kind, cause=cause)
@@ -76,7 +71,7 @@ def standing(history: NavHistory, motion: Motion) -> Motion:
 def believed(motion: Motion, rest_end_s: float) -> Motion:
     """The motion with rolling and pushes before the end of the rest taken for rest."""
     kind, cause = motion.kind.copy(), motion.cause.copy()
-    moved = (kind == ROLLING) | np.isin(cause, (*ABSORBED, Cause.PUSH))
+    moved = (kind == ROLLING) | np.isin(cause, (*ABSORBED, Disturbance.PUSH))
     moved &= motion.time_s <= rest_end_s
     kind[moved], cause[moved] = STILL, ""
     return replace(motion, kind=kind, cause=cause)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import QUIET_S
-from alignment.motion.kinds import DISTURBED, STILL, Cause
-from alignment.motion.seconds import LogSeconds, Seconds, judged
+from alignment.motion.kinds import DISTURBED, STILL, Disturbance
+from alignment.motion.seconds import LogSeconds, QuietSeconds, judged
 from alignment.motion.stillness import Motion
 from ins.robust import robust_scatter
 
@@ -48,7 +48,7 @@ class ParkedSeconds:
     def motion(self) -> Motion:
         """The stretch as the epochs of a motion, bumps DISTURBED."""
         kind = np.where(np.append(True, self.still), STILL, DISTURBED)
-        cause = np.where(kind == DISTURBED, Cause.BUMP, "").astype(object)
+        cause = np.where(kind == DISTURBED, Disturbance.BUMP, "").astype(object)
         return Motion(
             np.append(self.start_s[0], self.end_s), kind, np.zeros(kind.size), float("nan"), cause
         )
@@ -103,7 +103,7 @@ def _first_place(
         return None, float("nan")
     sums, still = part.sums, ~seconds.touched
     moved, last, again_s = "", still.size, float("nan")
-    for a, b in _runs(~still, seconds):
+    for a, b in _runs(~still):
         turn, tilt = _change(sums, seconds, a, b)
         if max(turn, tilt) > NEW_PLACE_RAD:
             moved = (
@@ -123,7 +123,7 @@ def _first_place(
     )
 
 
-def _runs(touched: NDArray, seconds: Seconds) -> list[tuple[int, int]]:
+def _runs(touched: NDArray) -> list[tuple[int, int]]:
     """[first, behind last) of the disturbances, those a few seconds apart taken as one."""
     runs: list[tuple[int, int]] = []
     for k in np.flatnonzero(touched):
@@ -134,7 +134,7 @@ def _runs(touched: NDArray, seconds: Seconds) -> list[tuple[int, int]]:
     return runs
 
 
-def _change(sums: NDArray, seconds: Seconds, a: int, b: int) -> tuple[float, float]:
+def _change(sums: NDArray, seconds: QuietSeconds, a: int, b: int) -> tuple[float, float]:
     """How far a disturbance turned the unit, by its gyros, and tilted it, by gravity before and
     after [rad].
     """

@@ -83,8 +83,8 @@ class LogSeconds:
         return self.where((self.start_s >= start_s - edge) & (self.end_s <= end_s + 1e-6))
 
     def corrected(self, correct: Callable[[ImuLog], ImuLog]) -> "LogSeconds":
-        """The seconds with their sums compensated as rows are (`ins.compensation`): what a bias
-        changes within a second is below 1e-9 of it.
+        """The seconds with their sums compensated as rows are (`ins.strapdown.compensation`):
+        what a bias changes within a second is below 1e-9 of it.
         """
         if self.end_s.size < 2:
             return self
@@ -237,7 +237,7 @@ def _three_on_end(same: NDArray, first: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class Seconds:
+class QuietSeconds:
     """Seconds (m) of a stretch against its own quiet level; columns as in `LogSeconds`.
 
     start_s, end_s (m,); mean (m, 6): specific force and rate; integral (m, 6): running sums less
@@ -279,7 +279,7 @@ class Seconds:
         return np.asarray((sudden & self.channels).any(axis=1) | self.lost | self.stuck)
 
 
-def judged(part: LogSeconds) -> Seconds | None:
+def judged(part: LogSeconds) -> QuietSeconds | None:
     """A stretch against its own quiet level; None where it is shorter than a minute."""
     if part.end_s.size < SHORTEST_JUDGED:
         return None
@@ -293,7 +293,7 @@ def judged(part: LogSeconds) -> Seconds | None:
     most, least = part.high.max(axis=0), part.low.min(axis=0)
     stuck = part.at_high & (part.high >= most - SAME * np.abs(most))
     stuck |= part.at_low & (part.low <= least + SAME * np.abs(least))
-    return Seconds(
+    return QuietSeconds(
         start_s=part.start_s,
         end_s=part.end_s,
         mean=mean,

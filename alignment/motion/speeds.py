@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where, first_rest, steady_seconds
-from alignment.motion.kinds import ROLLING, STILL, Evidence, Says, Witness
+from alignment.motion.kinds import ROLLING, STILL, Says, Witness, WitnessEvidence
 from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.motion.stillness import Motion
 from alignment.reasons import AlignmentReason
@@ -94,7 +94,7 @@ def steady_roll(run: Run) -> Reason | None:
     return None
 
 
-def gnss_evidence(gnss: GnssLog | None, end_s: NDArray) -> Evidence:
+def gnss_evidence(gnss: GnssLog | None, end_s: NDArray) -> WitnessEvidence:
     """What a receiver's velocities, else its positions, say of the epochs that end at these times
     (k,).
     """
@@ -108,7 +108,7 @@ def gnss_evidence(gnss: GnssLog | None, end_s: NDArray) -> Evidence:
     return _by_speed(Witness.GNSS, (gnss.time_s[seen], speed), slow_m_s(gnss, seen), end_s)
 
 
-def wheel_evidence(odometer: OdometerLog | None, end_s: NDArray) -> Evidence:
+def wheel_evidence(odometer: OdometerLog | None, end_s: NDArray) -> WitnessEvidence:
     """What the wheels say of the epochs that end at these times (k,)."""
     if odometer is None or odometer.time_s.size < FEWEST_ROWS:
         return _silent(Witness.WHEELS, end_s)
@@ -123,13 +123,15 @@ def slow_m_s(gnss: GnssLog, seen: NDArray) -> float:
     return max(SLOW_M_S, min(4.0 * sigma, LOOSE_M_S) if np.isfinite(sigma) else 0.0)
 
 
-def _silent(witness: Witness, end_s: NDArray) -> Evidence:
-    return Evidence(witness, np.full(end_s.size, Says.SILENT), np.full(end_s.size, np.nan), 1.0)
+def _silent(witness: Witness, end_s: NDArray) -> WitnessEvidence:
+    return WitnessEvidence(
+        witness, np.full(end_s.size, Says.SILENT), np.full(end_s.size, np.nan), 1.0
+    )
 
 
 def _by_speed(
     witness: Witness, logged: tuple[NDArray, NDArray], allowed_m_s: float, end_s: NDArray
-) -> Evidence:
+) -> WitnessEvidence:
     """Epochs by the speed (n,) logged nearest to each: beyond what is allowed for LASTING_S it is
     movement, for less nobody knows; silent in gaps of the log.
     """
@@ -142,7 +144,7 @@ def _by_speed(
     for a, b in runs_of_true(seen > allowed_m_s):
         if end_s[b - 1] - end_s[a] >= LASTING_S - 1.0:
             says[a:b] = Says.MOVES
-    return Evidence(witness, says, seen, allowed_m_s)
+    return WitnessEvidence(witness, says, seen, allowed_m_s)
 
 
 def _way_speed(gnss: GnssLog) -> tuple[NDArray, NDArray]:

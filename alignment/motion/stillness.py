@@ -23,7 +23,15 @@ from alignment.motion.excursions import (
     velocity_noise,
 )
 from alignment.motion.imu_faults import ImuFault
-from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL, Cause, Evidence, Witness
+from alignment.motion.kinds import (
+    AIRBORNE,
+    DISTURBED,
+    ROLLING,
+    STILL,
+    Disturbance,
+    Witness,
+    WitnessEvidence,
+)
 from alignment.motion.shake import JOLT_RAD, Shaking, find_shaking
 from ins.records import AIRBORNE_PHASES, ImuSource, NavHistory, Phase, Span
 from ins.robust import robust_sigma, runs_of_true
@@ -68,7 +76,7 @@ class Motion:
     turn_jump_rad: NDArray | None = None
     shaking: Shaking | None = None
     turn_rad: NDArray | None = None
-    evidence: tuple[Evidence, ...] = ()
+    evidence: tuple[WitnessEvidence, ...] = ()
 
     @property
     def parked_until_s(self) -> float:
@@ -78,7 +86,7 @@ class Motion:
         rolls = np.flatnonzero(self.kind >= ROLLING)
         return float(self.time_s[max(rolls[0] - 1, 0)] if rolls.size else self.time_s[-1])
 
-    def of(self, witness: Witness) -> Evidence:
+    def of(self, witness: Witness) -> WitnessEvidence:
         """What one witness said of each epoch."""
         return next(found for found in self.evidence if found.witness is witness)
 
@@ -103,7 +111,7 @@ class Motion:
             Span(
                 start_s=span.start_s,
                 end_s=span.end_s,
-                reason=", ".join(dict.fromkeys(self.cause[a:b])) or Cause.MOTION,
+                reason=", ".join(dict.fromkeys(self.cause[a:b])) or Disturbance.MOTION,
             )
             for span, (a, b) in zip(self.spans(DISTURBED, ""), runs_of_true(self.kind == DISTURBED))
         )
@@ -171,9 +179,9 @@ def classify(
     if shaking is not None:
         apart = ~near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
         for name, seen in (
-            (Cause.BUMP, shaking.bump),
-            (Cause.LOADING, shaking.loading),
-            (Cause.GUST, shaking.gust & ~shaking.bump),
+            (Disturbance.BUMP, shaking.bump),
+            (Disturbance.LOADING, shaking.loading),
+            (Disturbance.GUST, shaking.gust & ~shaking.bump),
         ):
             standing = seen & (kind <= DISTURBED)
             for a, b in runs_of_true(standing):
@@ -205,14 +213,16 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     felt = _felt(history, kind == STILL)
     ends = []
     for a, b in runs_of_true(
-        (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != Cause.PUSH)
+        (np.abs(turn) > PIVOT_RAD_S * np.gradient(t))
+        & (kind <= DISTURBED)
+        & (cause != Disturbance.PUSH)
     ):
         beside = slice(*np.searchsorted(t, [t[a] - ROLL_EDGE_S, t[b - 1] + ROLL_EDGE_S]))
         if abs(turn[a:b].sum()) < PUSH_TURN_RAD and (kind[beside] <= DISTURBED).all():
             seen = np.zeros(len(t), bool)
             seen[a:b] = True
-            kind[seen], cause[seen] = DISTURBED, Cause.PUSH
-            exclude(t, kind, cause, seen, Cause.PUSH)
+            kind[seen], cause[seen] = DISTURBED, Disturbance.PUSH
+            exclude(t, kind, cause, seen, Disturbance.PUSH)
             ends.append(b - 1)
         else:
             kind[a:b] = ROLLING

@@ -1,7 +1,8 @@
 """One motion of a run: what every witness says of each second, and the rule that joins them.
 
 The witnesses: the inertial rows (steady or turning), navigation (`stillness.classify`), a
-receiver, the wheels, the declared phases. Each returns `Evidence` over the same epochs. The rule:
+receiver, the wheels, the declared phases. Each returns `WitnessEvidence` over the same epochs. The
+rule:
 
 1. A receiver or wheels that move for LASTING_S beyond their noise move the vehicle, however quiet
    the inertial sensors are: a steady roll looks like rest to them.
@@ -28,9 +29,9 @@ from alignment.motion.kinds import (
     ROLLING,
     STILL,
     UNKNOWN,
-    Evidence,
     Says,
     Witness,
+    WitnessEvidence,
 )
 from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.motion.speeds import (
@@ -95,15 +96,15 @@ def steady_epochs(history: NavHistory, motion: Motion) -> NDArray:
     return steady
 
 
-def navigation_evidence(history: NavHistory, motion: Motion, steady: NDArray) -> Evidence:
+def navigation_evidence(history: NavHistory, motion: Motion, steady: NDArray) -> WitnessEvidence:
     """What a solution's own excursions say; nothing after take-off while it is steady and slow."""
     speed = np.linalg.norm(history.v_n_m_s[:, :2], axis=1)
     says = np.where(motion.kind >= ROLLING, Says.MOVES, Says.STANDS)
     says[(motion.kind == AIRBORNE) & steady & (speed < DRIFT_BELOW_M_S)] = Says.SILENT
-    return Evidence(Witness.NAVIGATION, says, speed, STOP_SPEED_M_S)
+    return WitnessEvidence(Witness.NAVIGATION, says, speed, STOP_SPEED_M_S)
 
 
-def row_evidence(log: LogSeconds, end_s: NDArray) -> Evidence:
+def row_evidence(log: LogSeconds, end_s: NDArray) -> WitnessEvidence:
     """Whether force and rate are steady, or the vehicle turns, in the second that holds the middle
     of each epoch (k,).
     """
@@ -113,7 +114,7 @@ def row_evidence(log: LogSeconds, end_s: NDArray) -> Evidence:
     turn = np.linalg.norm(log.mean[:, 3:], axis=1)
     says = np.where(steady_seconds(log), Says.STANDS, Says.SILENT)
     says[turn > TURN_RAD_S] = Says.MOVES
-    return Evidence(
+    return WitnessEvidence(
         Witness.ROWS,
         np.where(inside, says[at], Says.SILENT),
         np.where(inside, turn[at], np.nan),
@@ -121,17 +122,17 @@ def row_evidence(log: LogSeconds, end_s: NDArray) -> Evidence:
     )
 
 
-def phase_evidence(phases: tuple[Phase, ...], end_s: NDArray) -> Evidence:
+def phase_evidence(phases: tuple[Phase, ...], end_s: NDArray) -> WitnessEvidence:
     """What the declared phases call each epoch (k,): parked stands, airborne moves."""
     says = np.full(end_s.size, Says.SILENT)
     for named, word in ((PARKED_PHASES, Says.STANDS), (AIRBORNE_PHASES, Says.MOVES)):
         for phase in phases:
             if phase.phase in named:
                 says[(end_s > phase.start_s) & (end_s <= phase.end_s)] = word
-    return Evidence(Witness.PHASES, says, np.full(end_s.size, np.nan), 1.0)
+    return WitnessEvidence(Witness.PHASES, says, np.full(end_s.size, np.nan), 1.0)
 
 
-def without_dead(wheels: Evidence, end_s: NDArray, motion: Motion) -> Evidence:
+def without_dead(wheels: WitnessEvidence, end_s: NDArray, motion: Motion) -> WitnessEvidence:
     """The wheels' words; none where they read zero while the vehicle rolls for LASTING_S."""
     rolls = (motion.at(end_s).kind == ROLLING) & np.isfinite(wheels.seen)
     if np.count_nonzero(rolls) < LASTING_S or np.median(wheels.seen[rolls]) > DEAD_M_S:
@@ -143,7 +144,7 @@ def joined_kinds(
     gnss_log: GnssLog | None,
     t: NDArray,
     kind: NDArray,
-    seen: dict[Witness, Evidence],
+    seen: dict[Witness, WitnessEvidence],
     steady: NDArray,
 ) -> NDArray:
     """The rule of this module, epoch by epoch (k,).
@@ -168,7 +169,7 @@ def joined_kinds(
     return found
 
 
-def _drifts(seen: dict[Witness, Evidence], kind: NDArray, steady: NDArray) -> NDArray:
+def _drifts(seen: dict[Witness, WitnessEvidence], kind: NDArray, steady: NDArray) -> NDArray:
     """Epochs (k,) that roll for navigation alone, at a steady speed that a receiver or the wheels
     would see, and do not.
     """

@@ -29,7 +29,7 @@ CURVED = 1.0 / 3.0
 
 
 @dataclass(frozen=True)
-class Turn:
+class HeadingChange:
     """heading_rad: of the later stand less that of the earlier, in [-pi, pi); closure_rad: how far
     down was missed.
     """
@@ -59,7 +59,7 @@ def turn_between(
     *,
     log: LogSeconds,
     sigma_scale: float,
-) -> Turn:
+) -> HeadingChange:
     """The turn from one stand to the next one of the log; `log`: its seconds."""
     t0, t1 = float(before.end_s[-1]), float(after.start_s[0])
     w0, w1 = before.means(t0 - BESIDE_S, t0)[0][3:], after.means(t1, t1 + BESIDE_S)[0][3:]
@@ -83,7 +83,7 @@ def turn_between(
         + closure**2
         + _lost(log, t0, t1) ** 2
     )
-    return Turn(float(wrap_pi(heading)), float(min(sigma, np.pi)), closure)
+    return HeadingChange(float(wrap_pi(heading)), float(min(sigma, np.pi)), closure)
 
 
 def _lost(log: LogSeconds, start_s: float, end_s: float) -> float:

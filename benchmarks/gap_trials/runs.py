@@ -14,7 +14,7 @@ from benchmarks.gap_trials.seen import Seen
 from ins.records import AXES, InputError, Run, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.simulator.motions import Motion, lay
+from trajectories.simulator.motions import SimulatedMotion, lay
 from trajectories.simulator.segments import Park, Segment, Stop, Straight, Turn
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, simulate_run
@@ -138,7 +138,7 @@ def taxi_segments(rng: np.random.Generator) -> list[Segment]:
     return segments
 
 
-def whole_motion(taxi: list[Segment], parked_s: float) -> Motion:
+def whole_motion(taxi: list[Segment], parked_s: float) -> SimulatedMotion:
     """Parking and taxi; a last stop is drawn out to a run length whose Fourier transform is quick
     (a few seconds).
     """

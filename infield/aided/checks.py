@@ -4,13 +4,12 @@ the way of the positions, a site elsewhere, a unit that looks sideways.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.aided.reasons import AidedNote
+from infield.aided.reasons import AidedNote, Widened
 from infield.aided.start import SOON_S
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
@@ -63,12 +62,6 @@ def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[Reason, ...]]:
         speed_m_s=float(np.median(speed[rows])),
     )
     return replace(fixes, r_e_m=r_e + hole, v_n_m_s=fixes.v_n_m_s + hole), (note,)
-
-
-class Widened(StrEnum):
-    """Whose sigmas are widened where positions and velocities contradict each other."""
-
-    POSITION, VELOCITY, BOTH = "position", "velocity", "both"
 
 
 @dataclass(frozen=True, kw_only=True)

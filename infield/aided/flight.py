@@ -20,7 +20,7 @@ from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
 from infield.aided.antenna import Fitted, SeenAntenna, fit_model
-from infield.aided.checks import Widened, contradicted, mounting_note, site_note, without_repeats
+from infield.aided.checks import contradicted, mounting_note, site_note, without_repeats
 from infield.aided.flights import Beginning, Flights, Given, options_of
 from infield.aided.grade import Weak, graded
 from infield.aided.headings import HeadingOpen, Sky
@@ -42,11 +42,19 @@ from infield.aided.noise import (
     flown,
 )
 from infield.aided.open_heading import fly_open
-from infield.aided.reasons import AidedGrade, AidedNote, AidedReason, AidedVerdict, StartMethod
+from infield.aided.reasons import (
+    AidedGrade,
+    AidedNote,
+    AidedReason,
+    AidedVerdict,
+    StartMethod,
+    WheelsFound,
+    Widened,
+)
 from infield.aided.smoothing import smooth_all_headings, smooth_flight
 from infield.aided.start import FoundStart
 from infield.aided.taken import antenna_notes, fixes_note, noise_notes, unbelieved
-from infield.aided.wheels import Mounting, WheelsFound, seen_wheels
+from infield.aided.wheels import Mounting, seen_wheels
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
 from ins.noise import (
@@ -414,6 +422,7 @@ def _on_wheels(
         AidedNote.WHEELS_TAKEN,
         side_m_s=seen.slip_m_s[0],
         up_m_s=seen.slip_m_s[1],
+        odometer=bool(np.isfinite(seen.scale)),
         scale=seen.scale,
         mounted=seen.mounting,
         used=history.rolled[0],

@@ -1,9 +1,10 @@
-"""Why an aided solution is what it is, and what it took from the log, as codes.
-
-Sentences: `infield.reports.words.aided`.
+"""Why an aided solution is what it is, and what it took from the log: codes with the
+templates of their sentences.
 """
 
 from enum import StrEnum
+
+from ins.verdicts import ReasonCode
 
 
 class AidedVerdict(StrEnum):
@@ -22,16 +23,16 @@ class AidedGrade(StrEnum):
     INCONSISTENT = "inconsistent"
 
 
-class AidedWeakness(StrEnum):
+class AidedWeakness(ReasonCode):
     """Why a stretch of a solution is degraded."""
 
-    START = "wide_start"
-    HEADING = "heading_wide"
-    OUTAGE = "outage"
-    REJECTED = "fixes_rejected"
-    LEAP = "positions_leap"
-    BEGUN_ANEW = "begun_anew"
-    RECEIVER = "receiver_unsure"
+    START = "wide_start", "the position is not yet known"
+    HEADING = "heading_wide", "the heading is known to no better than 5 deg"
+    OUTAGE = "outage", "no fixes: dead reckoning"
+    REJECTED = "fixes_rejected", "fixes rejected one after the other"
+    LEAP = "positions_leap", "the positions leapt while the velocities fitted"
+    BEGUN_ANEW = "begun_anew", "all fixes rejected for long, begun anew"
+    RECEIVER = "receiver_unsure", "the receiver itself gives wide sigmas to its positions"
 
 
 class StartMethod(StrEnum):
@@ -46,32 +47,165 @@ class StartMethod(StrEnum):
     ALL_HEADINGS = "all headings"
 
 
-class AidedReason(StrEnum):
+class WheelsFound(ReasonCode):
+    """What a log says of its vehicle; all but ROLLS: why wheels are not taken."""
+
+    ROLLS = "rolls", "it rolls"
+    BANKS = "banks", "the vehicle banks as it turns"
+    SLIPS = "slips", "its velocity is not along one axis of the unit"
+    TOO_SHORT = "too_short", "it rolls for less than a minute with a heading that is known"
+    TOO_STRAIGHT = "too_straight", "it turns by less than 90 deg"
+    CONTRADICTED = "contradicted", "held by its wheels it contradicts the fixes"
+
+
+class Widened(ReasonCode):
+    """Whose sigmas are widened where positions and velocities contradict each other."""
+
+    POSITION = "position", "positions"
+    VELOCITY = "velocity", "velocities"
+    BOTH = "both", "positions and velocities"
+
+
+class NoiseFactor(ReasonCode):
+    """What a factor on the declared noise is of."""
+
+    WHITE = "white", "white noise of the gyros"
+    WALK = "walk", "walks of the gyros' biases"
+    ACCEL_WHITE = "accel_white", "white noise of the accelerometers"
+    ACCEL_WALK = "accel_walk", "walks of the accelerometers' biases"
+    POSITION = "position", "satellite position"
+    VELOCITY = "velocity", "satellite velocity"
+
+
+class AidedPart(ReasonCode):
+    """Parts of a note, of which there may be several or none."""
+
+    OLDER = "older", "{what} are {lag_s:ms .0f} +- {sigma_s:ms .0f} ms {late:older|younger}"
+    TIMES = "times", "{factor} {times:factor} times"
+    NOISE_AS_DECLARED = "noise_as_declared", "noise as declared"
+    NOISE_LARGER = "noise_larger", "taken {sizes:, |} as large"
+    STIRRED = (
+        "stirred",
+        "biases of the accelerometers that move with the shaking, by {stirred:factor} m/s^2 where"
+        " it changes by 1 m/s^2",
+    )
+    SLOW = (
+        "slow",
+        "a slow error of the positions of {level_m:.2g} m level, {down_m:.2g} m down over"
+        " {time_s:.0f} s",
+    )
+    SLOW_OTHER = (
+        "slow_other",
+        "one of {level_m:.2g} m level, {down_m:.2g} m down of {fixes} of {of} fixes, which are of"
+        " another type",
+    )
+    SLOW_VELOCITY = (
+        "slow_velocity",
+        "a slow error of the velocities of {sigma_m_s:.2g} m/s over {time_s:.2g} s",
+    )
+
+
+class AidedReason(ReasonCode):
     """Why nothing was flown, or what speaks against the solution."""
 
-    NO_FIXES = "no_fixes"
-    FEW_FIXES = "few_fixes"
-    NO_VELOCITY_CHANGE = "no_velocity_change"
-    HEADING_UNSURE = "heading_unsure"
-    HEADINGS_DIFFER = "headings_differ"
-    NIS_HIGH = "nis_high"
-    MANY_REJECTED = "many_rejected"
-    NOISE_UNBELIEVED = "noise_unbelieved"
-    RECEIVER_CONTRADICTS = "receiver_contradicts"
+    NO_FIXES = "no_fixes", "no satellite fixes in the run"
+    FEW_FIXES = "few_fixes", "{count} satellite fixes within the imu log, needed {needed}"
+    NO_VELOCITY_CHANGE = (
+        "no_velocity_change",
+        "the satellite velocity never changes by {needed_m_s:g} m/s within {longest_s:g} s:"
+        " heading cannot be found (a constant velocity does not show it)",
+    )
+    HEADING_UNSURE = (
+        "heading_unsure",
+        "heading from the satellite velocities is at best good to {best_rad:deg .2g} deg, needed"
+        " {limit_rad:deg g} deg within {longest_s:g} s of log: too little manoeuvring",
+    )
+    HEADINGS_DIFFER = (
+        "headings_differ",
+        "two headings explain the first {longest_s:g} s of fixes, or a longer stretch says another"
+        " than a shorter one: the vehicle manoeuvres too little, or its fixes are not of this log",
+    )
+    NIS_HIGH = "nis_high", "satellite {kind}: {excess}"
+    MANY_REJECTED = (
+        "many_rejected",
+        "{rejected} of {seen} satellite {kind:plural} rejected, needed at most {most:.0%}",
+    )
+    NOISE_UNBELIEVED = (
+        "noise_unbelieved",
+        "{factor} would have to be {value:factor} times as large, needed less than {most:g}"
+        " ({technology}): axes, signs, scale factor or units of the sensors?",
+    )
+    RECEIVER_CONTRADICTS = (
+        "receiver_contradicts",
+        "velocities of {count} of {seen} fixes are not the way of their positions ({components},"
+        " up to {sigmas:.1f} sigmas), and neither can be told right",
+    )
 
 
-class AidedNote(StrEnum):
+class AidedNote(ReasonCode):
     """What was taken from the log beyond what was declared, and what it contradicts."""
 
-    HEADING_OPEN = "heading_open"
-    WHEELS_TAKEN = "wheels_taken"
-    NO_WHEELS = "no_wheels"
-    USUAL_MOTION = "usual_motion"
-    REPEATED_FIXES = "repeated_fixes"
-    FIXES_WIDENED = "fixes_widened"
-    FIXES_SAY = "fixes_say"
-    SITE_ELSEWHERE = "site_elsewhere"
-    OFF_THE_TRACK = "off_the_track"
-    LEVER_ARM_TAKEN = "lever_arm_taken"
-    DELAY_TAKEN = "delay_taken"
-    NOISE_TAKEN = "noise_taken"
+    HEADING_OPEN = (
+        "heading_open",
+        "{reason}. The solution is that of flights from headings all round, weighed by what they"
+        " explain: its heading is worth what its sigma says",
+    )
+    WHEELS_TAKEN = (
+        "wheels_taken",
+        "held by its wheels: it goes where it points to {side_m_s:.2g} m/s sideways and"
+        " {up_m_s:.2g} m/s up (RMS), {mounted.yaw_rad:deg +.1f} +- {mounted.sigma_rad[0]:deg .1g}"
+        " deg to the right of body x and {mounted.pitch_rad:deg +.1f} +- {mounted.sigma_rad[1]:deg"
+        " .1g} deg above it{odometer:; its odometer's scale is {scale:.4f}|}; {used} seconds used,"
+        " {rejected} rejected",
+    )
+    NO_WHEELS = "no_wheels", "not held by wheels: {why}"
+    USUAL_MOTION = (
+        "usual_motion",
+        "without fixes for {without_s:g} s and longer it is taken to go as with them: up to"
+        " {level_m_s:.2g} m/s level and {down_m_s:.2g} m/s up or down (1 sigma), for {lasts_s:.0f}"
+        " s at a time",
+    )
+    REPEATED_FIXES = (
+        "repeated_fixes",
+        "{count} fixes from {first_s:.1f} to {last_s:.1f} s are left out: their position is that"
+        " of the fix before, to the last digit, at {speed_m_s:.1f} m/s (a receiver that is stuck,"
+        " or a log that repeats it)",
+    )
+    FIXES_WIDENED = (
+        "fixes_widened",
+        "{count} fixes from {first_s:.1f} to {last_s:.1f} s have velocities that are not the way"
+        " of their positions ({components}, up to {sigmas:.1f} sigmas): their {whose} are taken"
+        " for as far off as that (1 sigma)",
+    )
+    FIXES_SAY = (
+        "fixes_say",
+        "sigmas of the fixes (median): positions declared {declared_m:.2g} m,"
+        " {position_stands:taken so|the innovations say {said_m:.2g} m}; velocities declared"
+        " {declared_m_s:.2g} m/s, {velocity_stands:taken so|the innovations say {said_m_s:.2g}"
+        " m/s}",
+    )
+    SITE_ELSEWHERE = (
+        "site_elsewhere",
+        "the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes by"
+        " the fixes",
+    )
+    OFF_THE_TRACK = (
+        "off_the_track",
+        "body x points {mean_rad:deg +.0f} deg off the track (median; half of the rows within"
+        " {spread_rad:deg .1f} deg): where that is no crab, the unit is mounted turned, and roll,"
+        " pitch and heading are its own",
+    )
+    LEVER_ARM_TAKEN = (
+        "lever_arm_taken",
+        "the fixes are not of an antenna at the lever arm ({declared_m[0]:g}, {declared_m[1]:g},"
+        " {declared_m[2]:g}) m of run.json: taken ({lever_arm_m[0]:.2f} +- {sigma_m[0]:.2f},"
+        " {lever_arm_m[1]:.2f} +- {sigma_m[1]:.2f}, {lever_arm_m[2]:.2f} +- {sigma_m[2]:.2f}) m,"
+        " which the fixes show ({gain_nats:.0f} nats); its sigma is in the solution's",
+    )
+    DELAY_TAKEN = "delay_taken", "{late:, |} than their time: taken so ({gain_nats:.0f} nats)"
+    NOISE_TAKEN = (
+        "noise_taken",
+        "the innovations {larger:exceed|fall short of} the noise model ({source}): {parts:,"
+        " |}{scatters_less: (positions scatter by {scatter:.2g} of what is declared; the rest is"
+        " taken for a slow error)|}{capped: (the largest that is tried)|}; NIS is no test then",
+    )

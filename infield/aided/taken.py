@@ -2,6 +2,7 @@
 believed.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from infield.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.aided.flights import Flights
-from infield.aided.noise import SENSOR_PARTS, TOO_WIDE, NoiseScales, believed
-from infield.aided.reasons import AidedNote, AidedReason
+from infield.aided.noise import SHOWS_LESS, TOO_WIDE, NoiseScales, believed
+from infield.aided.reasons import AidedNote, AidedPart, AidedReason, NoiseFactor
 from ins.filters.aided_records import AidedHistory, Antenna, Fixes
 from ins.records import FixType
 from ins.robust import chi2
@@ -83,9 +84,15 @@ def antenna_notes(seen: SeenAntenna, declared: Antenna) -> tuple[Reason, ...]:
         of_velocities = ("velocities", now.velocity_delay_s, sigma[4])
         least_s = max(APART_SIGMAS * float(np.hypot(*sigma[3:])), LEAST_APART_S)
         if abs(now.delay_s - now.velocity_delay_s) > least_s:
-            late = [of_positions, of_velocities]
+            lags = [of_positions, of_velocities]
         else:
-            late = [("fixes", now.delay_s, sigma[3])]
+            lags = [("fixes", now.delay_s, sigma[3])]
+        late = tuple(
+            because(
+                AidedPart.OLDER, what=what, lag_s=abs(lag_s), sigma_s=sigma_s, late=bool(lag_s > 0)
+            )
+            for what, lag_s, sigma_s in lags
+        )
         notes.append(because(AidedNote.DELAY_TAKEN, late=late, gain_nats=seen.gain_nats))
     return tuple(notes)
 
@@ -98,37 +105,71 @@ def noise_notes(
     """
     if not scales.fitted:
         return ()
-    slow = slow_other = slow_velocity = None
-    level_m, down_m, velocity_m_s = flights.declared_m
-    if scales.slow:
-        slow = _slow(scales.slow, level_m, down_m)
-        slow |= {"time_s": scales.slow_s, "scatter": flights.scatter(history)}
-    if scales.slow_other:
-        other = flights.fixes.other_type
-        slow_other = _slow(scales.slow_other, *flights.declared_other_m)
-        slow_other |= {"fixes": int(other.sum()), "of": int(other.size)}
-    if scales.slow_velocity:
-        slow_velocity = {
-            "sigma_m_s": scales.slow_velocity * velocity_m_s,
-            "time_s": scales.slow_velocity_s,
-        }
-    factors = {name: getattr(scales, name) for name in (*SENSOR_PARTS, "position", "velocity")}
+    factors = {factor: getattr(scales, factor) for factor in NoiseFactor}
+    scatter = flights.scatter(history) if scales.slow else float("nan")
+    scatters_less = bool(scatter <= SHOWS_LESS)
+    added = scales.stirred or scales.slow_other or scales.slow_velocity
+    larger = bool(added or max(factors.values()) > 1.0)
+    as_declared = scales.slow and not scatters_less
     note = because(
         AidedNote.NOISE_TAKEN,
-        factors=factors,
-        stirred=scales.stirred,
-        slow=slow,
-        slow_other=slow_other,
-        slow_velocity=slow_velocity,
-        capped=bool(scales.capped),
+        larger=bool(larger or as_declared),
         source=source,
+        parts=(_factors(factors), *_added(scales, flights)),
+        scatters_less=scatters_less,
+        scatter=scatter,
+        capped=bool(scales.capped),
     )
     return (note,)
 
 
-def _slow(factor: float, level_m: float, down_m: float) -> dict[str, float]:
-    """Sizes of a slow error."""
-    return {"level_m": factor * level_m, "down_m": factor * down_m}
+def _factors(factors: Mapping[NoiseFactor, float]) -> Reason:
+    """What was taken larger or smaller than declared, as far as two digits show it."""
+    sizes = tuple(
+        because(AidedPart.TIMES, factor=factor, times=times)
+        for factor, times in factors.items()
+        if not 0.995 <= times < 1.05
+    )
+    if not sizes:
+        return because(AidedPart.NOISE_AS_DECLARED)
+    return because(AidedPart.NOISE_LARGER, sizes=sizes)
+
+
+def _added(scales: NoiseScales, flights: Flights) -> list[Reason]:
+    """Noise that was not declared at all."""
+    parts = []
+    level_m, down_m, velocity_m_s = flights.declared_m
+    if scales.stirred:
+        parts.append(because(AidedPart.STIRRED, stirred=scales.stirred))
+    if scales.slow:
+        parts.append(
+            because(
+                AidedPart.SLOW,
+                level_m=scales.slow * level_m,
+                down_m=scales.slow * down_m,
+                time_s=scales.slow_s,
+            )
+        )
+    if scales.slow_other:
+        other, (level_m, down_m) = flights.fixes.other_type, flights.declared_other_m
+        parts.append(
+            because(
+                AidedPart.SLOW_OTHER,
+                level_m=scales.slow_other * level_m,
+                down_m=scales.slow_other * down_m,
+                fixes=int(other.sum()),
+                of=int(other.size),
+            )
+        )
+    if scales.slow_velocity:
+        parts.append(
+            because(
+                AidedPart.SLOW_VELOCITY,
+                sigma_m_s=scales.slow_velocity * velocity_m_s,
+                time_s=scales.slow_velocity_s,
+            )
+        )
+    return parts
 
 
 def fixes_note(scales: NoiseScales, fixes: Fixes) -> tuple[Reason, ...]:
@@ -144,8 +185,10 @@ def fixes_note(scales: NoiseScales, fixes: Fixes) -> tuple[Reason, ...]:
         AidedNote.FIXES_SAY,
         declared_m=declared_m,
         said_m=scales.position * declared_m,
+        position_stands=scales.position == 1.0,
         declared_m_s=declared_m_s,
         said_m_s=scales.velocity * declared_m_s,
+        velocity_stands=scales.velocity == 1.0,
     )
     return (note,)
 
@@ -155,7 +198,7 @@ def unbelieved(scales: NoiseScales, technology: str) -> tuple[Reason, ...]:
     return tuple(
         because(
             AidedReason.NOISE_UNBELIEVED,
-            factor=name,
+            factor=NoiseFactor(name),
             value=getattr(scales, name),
             most=believed(name, technology),
             technology=technology,

@@ -36,7 +36,6 @@ class Match:
 
     C_nb: NDArray
     covariance: NDArray
-    residual_m_s: float
     pairs: int
     rate_b: NDArray
 
@@ -142,7 +141,6 @@ def match_velocity(
     return Match(
         C_nb=C @ pairs.C_b0b,
         covariance=variance * np.linalg.inv(information) + turned,
-        residual_m_s=float(np.sqrt(np.mean(left**2))),
         pairs=len(left),
         rate_b=pairs.rate_b,
     )

@@ -12,12 +12,12 @@ to be honest for.
 """
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
+from infield.aided.reasons import WheelsFound
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import gravity_magnitude
 from ins.filters.aided_records import AidedHistory, Wheels
@@ -45,17 +45,6 @@ ALMOST_STRAIGHT_RAD_S = 3.0 * DEG
 MOUNTED_BLOCK_S = 64.0  # chosen: a heading that wanders for a minute; a drive has 5 of them or more
 SLIP_SIGMAS = 4.0  # beyond it a wheel slips: 6e-5 of Gaussian errors lie there
 WHEEL_SIGMA_M_S = 0.03  # chosen: no wheel is better than a receiver's velocity, 0.03 m/s
-
-
-class WheelsFound(StrEnum):
-    """What a log says of its vehicle; all but ROLLS: why wheels are not taken."""
-
-    ROLLS = "rolls"
-    BANKS = "banks"
-    SLIPS = "slips"
-    TOO_SHORT = "too_short"
-    TOO_STRAIGHT = "too_straight"
-    CONTRADICTED = "contradicted"
 
 
 @dataclass(frozen=True, kw_only=True)

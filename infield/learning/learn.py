@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from infield.learning.draws import Draws, draw
 from infield.learning.hierarchy import Normal, Said, said_by, solve
 from infield.learning.kept import KeptUnit
-from infield.learning.likelihood import Evidence, FleetLikelihood
+from infield.learning.likelihood import FleetEvidence, FleetLikelihood
 from infield.learning.parameters import (
     OF_POINTS,
     TYPE_SPREAD,
@@ -71,24 +71,22 @@ Parameters = Mapping[PriorName, Learnt]
 
 
 @dataclass(frozen=True)
-class Check:
+class DrawCheck:
     """How well the posterior was drawn: asked `draws` times, for `effective` equal draws; used: the
-    intervals are those of the draws; largest_change: of an end of an interval against that of the
-    curvature, in sigmas.
+    intervals are those of the draws.
     """
 
     draws: int
     effective: float
     used: bool
-    largest_change: float
 
 
 @dataclass(frozen=True)
 class LearntFleet:
     """What the sessions of one technology say.
 
-    evidence: at the technology's values; defaults: the same at the defaults; laplace: of the
-    technology, the order of OF_POINTS. draws: of its posterior. settled: the search ended within
+    evidence: at the technology's values; defaults: the same at the defaults; draws: of the
+    technology's posterior, in the order of OF_POINTS. settled: the search ended within
     its tolerance.
     """
 
@@ -97,11 +95,10 @@ class LearntFleet:
     parameters: Parameters
     types: Mapping[str, Parameters]
     of_units: Sequence[Parameters]
-    evidence: Evidence
-    defaults: Evidence
-    laplace: Normal
+    evidence: FleetEvidence
+    defaults: FleetEvidence
     draws: Draws
-    check: Check
+    check: DrawCheck
     settled: bool
 
     @property
@@ -116,7 +113,7 @@ def learn(units: Sequence[KeptUnit], *, seed: int = 0) -> LearntFleet:
     likelihood, prior = FleetLikelihood(units), hyperprior_of(technology)
     found = _largest(likelihood, prior)
     laplace, draws = _drawn(likelihood, prior, found, np.random.default_rng(seed))
-    check = _check(laplace, draws)
+    check = _check(draws)
     about = found.theta
     information = np.diag(prior.sigma**-2.0)
     tree = solve(
@@ -145,7 +142,6 @@ def learn(units: Sequence[KeptUnit], *, seed: int = 0) -> LearntFleet:
         of_units=[child(normal, len(unit.sessions)) for normal, unit in zip(tree.units, units)],
         evidence=likelihood(logs_of({name: values[name].value for name in OF_POINTS})),
         defaults=likelihood(prior.mean),
-        laplace=laplace,
         draws=draws,
         check=check,
         settled=found.settled,
@@ -283,14 +279,9 @@ def _drawn(
     return laplace, draw(log_posterior, found.theta, laplace.covariance, prior.sigma, rng)
 
 
-def _check(laplace: Normal, draws: Draws) -> Check:
+def _check(draws: Draws) -> DrawCheck:
     """Used as long as the draws say more than the curvature would."""
-    p = len(laplace.mean)
-    ends = np.array([draws.quantiles(k, (0.025, 0.975)) for k in range(p)])
-    normal = laplace.mean[:, None] + np.outer(laplace.sigma, [-TWO_SIDED_95, TWO_SIDED_95])
-    change = float(np.max(np.abs(ends - normal) / laplace.sigma[:, None]))
-    used = draws.effective >= FEWEST_EFFECTIVE
-    return Check(draws.asked, draws.effective, used, change)
+    return DrawCheck(draws.asked, draws.effective, used=draws.effective >= FEWEST_EFFECTIVE)
 
 
 def _of_technology(draws: Draws, laplace: Normal, used: bool, spread: float) -> list[_Marginal]:

@@ -36,7 +36,7 @@ KEPT_PROBABILITY = 0.98  # of those kept together: the log likelihood of a unit 
 
 
 @dataclass(frozen=True)
-class Evidence:
+class FleetEvidence:
     """log_likelihood (u,): of each unit's sessions. nis, dof (u, s): squared normalised innovation
     of each session before it was merged, outliers not allowed for, and its degrees of freedom (0:
     no session there); outlier (u, s): probability that it is one. mean (u, n), covariance (u, n,
@@ -185,7 +185,7 @@ class FleetLikelihood:
             return np.full(len(self.units), -np.inf)
         return self._summed(state.log_likelihood, self._levels[-1].unit)
 
-    def __call__(self, theta: NDArray) -> Evidence:
+    def __call__(self, theta: NDArray) -> FleetEvidence:
         """The evidence at logarithms of the parameters, (p,) for all units or (u, p)."""
         levels = self._likely(theta).levels(self._sessions)
         model = _Model(self._nodes, theta, self._shift)
@@ -205,7 +205,7 @@ class FleetLikelihood:
         spread = state.P + apart[:, :, None] * apart[:, None, :]
         flat = self._weighed(w, spread.reshape(unit.size, -1), unit)
         sessions = (len(self._sessions), len(self.units))
-        return Evidence(
+        return FleetEvidence(
             self._summed(state.log_likelihood, unit),
             np.array(nis).reshape(sessions).T,
             np.array([s.points for s in self._sessions]).reshape(sessions).T,

@@ -14,7 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.misalignment.azimuth_runs import Stop, coarse_headings, excess_rad_s, level_columns
+from infield.misalignment.azimuth_runs import (
+    AzimuthStop,
+    coarse_headings,
+    excess_rad_s,
+    level_columns,
+)
 from infield.misalignment.harmonic_fit import azimuth_columns, fit_azimuths, level_rate_deg_h
 from infield.misalignment.reasons import MisalignmentNote
 from infield.session.settings import SessionSettings
@@ -65,7 +70,7 @@ class StopBiases:
 
 def stop_biases(
     runs: Sequence[Run],
-    stops: Sequence[Stop],
+    stops: Sequence[AzimuthStop],
     table: ThermalTable,
     twin: TwinModel,
     known: KnownAzimuths | None,
@@ -102,7 +107,7 @@ def stop_biases(
 
 
 def _azimuth_and_level(
-    stops: Sequence[Stop], heading: NDArray, of_azimuth: NDArray, site: Site, twin: TwinModel
+    stops: Sequence[AzimuthStop], heading: NDArray, of_azimuth: NDArray, site: Site, twin: TwinModel
 ) -> NDArray:
     """Covariance (3m, 3m) that errors of azimuth, (m, m) [rad^2], and of level make."""
     rate = level_rate_deg_h(site.lat_rad)
@@ -111,7 +116,7 @@ def _azimuth_and_level(
 
 
 def _table_rows(
-    runs: Sequence[Run], stops: Sequence[Stop], table: ThermalTable
+    runs: Sequence[Run], stops: Sequence[AzimuthStop], table: ThermalTable
 ) -> tuple[NDArray, NDArray, NDArray, list[Reason]]:
     """Rows (3m, n) of the table at the stops, which of them (m, 3) have a temperature, the
     temperatures, and notes.
@@ -152,7 +157,7 @@ def _untied(covariance: NDArray, table: ThermalTable, tied: NDArray) -> None:
         covariance[3 * j + k, 3 * j + k] += UNTIED_SHARE * spread
 
 
-def _session_terms(runs: Sequence[Run], stops: Sequence[Stop], twin: TwinModel) -> NDArray:
+def _session_terms(runs: Sequence[Run], stops: Sequence[AzimuthStop], twin: TwinModel) -> NDArray:
     """Noise of the stops (3m, 3m) [(deg/h)^2]: correlated within a run, not between runs."""
     out = np.zeros((3 * len(stops), 3 * len(stops)))
     for index, run in enumerate(runs):
@@ -175,13 +180,13 @@ def _session_terms(runs: Sequence[Run], stops: Sequence[Stop], twin: TwinModel) 
     return out
 
 
-def _membership(stops: Sequence[Stop]) -> NDArray:
+def _membership(stops: Sequence[AzimuthStop]) -> NDArray:
     """(m, runs): 1 where a stop belongs to a run."""
     number = np.unique([s.run for s in stops], return_inverse=True)[1]
     return np.eye(number.max() + 1)[number]
 
 
-def _turn_covariance(runs: Sequence[Run], stops: Sequence[Stop]) -> NDArray:
+def _turn_covariance(runs: Sequence[Run], stops: Sequence[AzimuthStop]) -> NDArray:
     """Of headings followed by the vertical gyro since the first stop of a run, (m, m) [rad^2]:
     scale factor and drift.
     """
@@ -199,7 +204,7 @@ def scale_sigma(run: Run) -> float:
 
 
 def _level_covariance(
-    stops: Sequence[Stop], heading: NDArray, site: Site, twin: TwinModel
+    stops: Sequence[AzimuthStop], heading: NDArray, site: Site, twin: TwinModel
 ) -> NDArray:
     """What accelerometer biases make of the biases through the level (3m, 3m): turn-on by run, the
     rest by stop.
@@ -221,7 +226,7 @@ def _level_covariance(
 
 
 def _found_headings(
-    stops: Sequence[Stop],
+    stops: Sequence[AzimuthStop],
     site: Site,
     covariance: NDArray,
     table_deg_h: NDArray,

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.misalignment.azimuth_runs import Stop
+from infield.misalignment.azimuth_runs import AzimuthStop
 from infield.table.least_squares import fit_correlated
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, Site
@@ -48,7 +48,7 @@ class LevelOffsets:
 
 
 def level_offsets(
-    stops: Sequence[Stop], heading_rad: NDArray, accel: AccelNoise, site: Site
+    stops: Sequence[AzimuthStop], heading_rad: NDArray, accel: AccelNoise, site: Site
 ) -> LevelOffsets | None:
     """Least squares over all stops; None where their headings do not tell offset from tilt.
     `accel`: noise of the unit, its nominal bias being off the stops' means already; it is added

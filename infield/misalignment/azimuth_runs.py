@@ -25,11 +25,11 @@ from infield.misalignment.reasons import StopReason
 from infield.misalignment.settings import SHORTEST_STOP_S
 from infield.session.log import compensated_imu, compensated_seconds, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
-from ins.compensation import compensate
 from ins.earth import gravity_magnitude, omega_ie_n
 from ins.noise import gyro_densities
 from ins.records import ImuLog, NavHistory, NavState, Run, TwinModel
 from ins.robust import robust_sigmas, runs_of_true
+from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
 from ins.verdicts import Reason, because
@@ -44,7 +44,7 @@ MAX_CREEP_RAD = 0.1 * DEG
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stop:
+class AzimuthStop:
     """One stretch at rest.
 
     run: index of the run in the list; used_s: seconds that the means are over (disturbed ones are
@@ -65,7 +65,7 @@ class Stop:
 
 def find_stops(
     run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float = SHORTEST_STOP_S
-) -> tuple[list[Stop], list[Reason]]:
+) -> tuple[list[AzimuthStop], list[Reason]]:
     """Stops of at least `shortest_s` in a run, in order, and what was left out and why."""
     imu = compensated_imu(run, None, None, twin).between(-np.inf, session_end(run))
     rests: list[_Rest] = []
@@ -92,14 +92,14 @@ def find_stops(
         left_out.append(
             because(StopReason.NO_STRETCH, run_id=run.header.run_id, needed_s=shortest_s)
         )
-    stops: list[Stop] = []
+    stops: list[AzimuthStop] = []
     for k, rest in enumerate(rests):
         turn, variance = (stops[-1].turn_rad, stops[-1].turn_variance_rad2) if k else (0.0, 0.0)
         if k:
             step, spread = _turned(imu, rests[k - 1], rest, run, twin)
             turn, variance = turn + step, variance + spread
         stops.append(
-            Stop(
+            AzimuthStop(
                 run=index,
                 start_s=rest.start_s,
                 end_s=rest.end_s,
@@ -242,7 +242,9 @@ def earth_rate_b(f_m_s2: NDArray, heading_rad: float, lat_rad: float) -> NDArray
     return dcm_from_euler(roll, pitch, heading_rad).T @ omega_ie_n(lat_rad)
 
 
-def level_columns(stop: Stop, heading_rad: float, lat_rad: float, height_m: float) -> NDArray:
+def level_columns(
+    stop: AzimuthStop, heading_rad: float, lat_rad: float, height_m: float
+) -> NDArray:
     """What an x and a y accelerometer bias do to the excess rates of a stop, (3, 2) [rad/s per
     m/s^2].
     """
@@ -257,7 +259,7 @@ def level_columns(stop: Stop, heading_rad: float, lat_rad: float, height_m: floa
     return np.stack(columns, axis=1)
 
 
-def coarse_headings(stops: Sequence[Stop], bias_rad_s: NDArray) -> NDArray:
+def coarse_headings(stops: Sequence[AzimuthStop], bias_rad_s: NDArray) -> NDArray:
     """Heading (m,) of each stop where gyros less the bias (3,) see north [rad]."""
     out = []
     for stop in stops:
@@ -268,7 +270,7 @@ def coarse_headings(stops: Sequence[Stop], bias_rad_s: NDArray) -> NDArray:
     return np.array(out)
 
 
-def excess_rad_s(stops: Sequence[Stop], heading_rad: NDArray, lat_rad: float) -> NDArray:
+def excess_rad_s(stops: Sequence[AzimuthStop], heading_rad: NDArray, lat_rad: float) -> NDArray:
     """What the gyros read beyond Earth rate, (m, 3) [rad/s]."""
     return np.stack(
         [s.gyro_rad_s - earth_rate_b(s.f_m_s2, H, lat_rad) for s, H in zip(stops, heading_rad)]
@@ -276,7 +278,7 @@ def excess_rad_s(stops: Sequence[Stop], heading_rad: NDArray, lat_rad: float) ->
 
 
 def heading_disagreement(
-    stops: Sequence[Stop], heading_rad: NDArray, lat_rad: float
+    stops: Sequence[AzimuthStop], heading_rad: NDArray, lat_rad: float
 ) -> tuple[int, float]:
     """The stop whose given heading is farthest from what its gyros say, and by how much [rad].
 

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from infield.misalignment.geometry import Geometry, azimuth_geometry
-from infield.misalignment.harmonic_fit import (
-    COUPLINGS,
-    OWN_AXIS,
-    AzimuthFit,
-    azimuth_columns,
-    fit_azimuths,
-)
+from infield.misalignment.harmonic_fit import COUPLINGS, AzimuthFit, azimuth_columns, fit_azimuths
 from infield.misalignment.reasons import MisalignmentNote, MisalignmentReason, MisalignmentVerdict
 from infield.misalignment.settings import AzimuthSettings
 from ins.records import AXES
@@ -34,7 +28,7 @@ NOT_AT_ONE_ATTITUDE = ("xz", "yz", "z own axis")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coupling:
+class CouplingEstimate:
     """One coefficient with its sigma [rad] and what that is worth beside the prior."""
 
     name: str
@@ -48,18 +42,16 @@ class Misalignment:
     """The judged result. fit and couplings are None and empty where the azimuths do not carry an
     answer.
 
-    couplings: xy, yx, zx, zy, and "xy+yx", the gyros' own non-orthogonality, which needs no north;
-    own_axis: x and y, the scale-like terms that belong to the same harmonics.
+    couplings: xy, yx, zx, zy, and "xy+yx", the gyros' own non-orthogonality, which needs no north.
     """
 
     verdict: MisalignmentVerdict
     reasons: tuple[Reason, ...]
     geometry: Geometry
     fit: AzimuthFit | None = None
-    couplings: tuple[Coupling, ...] = ()
-    own_axis: tuple[Coupling, ...] = ()
+    couplings: tuple[CouplingEstimate, ...] = ()
 
-    def coupling(self, name: str) -> Coupling:
+    def coupling(self, name: str) -> CouplingEstimate:
         return next(c for c in self.couplings if c.name == name)
 
 
@@ -94,7 +86,6 @@ def measure_misalignment(
     found = [_judged(name, *fit.entry(*place), prior) for name, place in COUPLINGS.items()]
     both = _weights(xy=1.0, yx=1.0)
     found.append(_judged("xy+yx", *fit.combination(both), np.sqrt(2.0) * prior))
-    own = tuple(_judged(name, *fit.entry(*place), prior) for name, place in OWN_AXIS.items())
     reasons: tuple[Reason, ...] = ()
     verdict = MisalignmentVerdict.MEASURED
     if all(c.verdict is Observability.NOT_OBSERVABLE for c in found):
@@ -110,12 +101,7 @@ def measure_misalignment(
     elif fit.chi2 > fit.band:
         verdict, reasons = MisalignmentVerdict.INCONSISTENT, (_disagreement(fit),)
     return Misalignment(
-        verdict=verdict,
-        reasons=reasons,
-        geometry=geometry,
-        fit=fit,
-        couplings=tuple(found),
-        own_axis=own,
+        verdict=verdict, reasons=reasons, geometry=geometry, fit=fit, couplings=tuple(found)
     )
 
 
@@ -159,7 +145,7 @@ def with_heading_errors(
             because(
                 MisalignmentNote.HEADINGS_TURNED,
                 turned_rad=turned,
-                allowed_rad=allowed,
+                times=abs(turned / allowed),
                 prior_mrad=settings.prior_mrad,
             )
         )
@@ -175,10 +161,10 @@ def _weights(**of_coupling: float) -> NDArray:
     return weights
 
 
-def _judged(name: str, value: float, sigma: float, prior: float) -> Coupling:
+def _judged(name: str, value: float, sigma: float, prior: float) -> CouplingEstimate:
     """The verdict by what the sigma is after the measurement over what it was before."""
     ratio = 1.0 / np.sqrt(1.0 + (prior / sigma) ** 2)
-    return Coupling(
+    return CouplingEstimate(
         name=name, value_rad=value, sigma_rad=sigma, verdict=Observability.of(float(ratio))
     )
 

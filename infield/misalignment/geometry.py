@@ -49,7 +49,14 @@ def azimuth_geometry(heading_rad: ArrayLike, *, max_off_deg: float = MAX_OFF_DEG
     )
     reasons = []
     if missing:
-        reasons.append(because(MisalignmentReason.AZIMUTHS_MISSING, missing_deg=missing, rank=rank))
+        reasons.append(
+            because(
+                MisalignmentReason.AZIMUTHS_MISSING,
+                found=4 - len(missing),
+                missing_deg=missing,
+                rank=rank,
+            )
+        )
     elif off > max_off_deg + ROUNDING_DEG:
         reasons.append(
             because(

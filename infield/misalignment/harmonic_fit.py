@@ -4,8 +4,8 @@ with redundancy::
     k_i(H) = k'_i + w_N [a_i cosH + b_i sinH],   w_N = Omega cosL,  H: heading, clockwise from north
 
 k_i is what gyro i reads beyond the Earth rate that an ideal gyro would see there. At rest and
-level, body axes x forward, y right, z down, the sensor model of `ins.compensation` (entry ij:
-sensitivity of gyro i to rate about j) makes::
+level, body axes x forward, y right, z down, the sensor model of `ins.strapdown.compensation`
+(entry ij: sensitivity of gyro i to rate about j) makes::
 
     x: a = s_x, b = -M_xy      y: a = M_yx, b = -s_y      z: a = M_zx, b = -M_zy
 

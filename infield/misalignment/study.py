@@ -19,15 +19,15 @@ from infield.misalignment.azimuth_biases import (
     stop_biases,
 )
 from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
-from infield.misalignment.azimuth_runs import Stop, find_stops, heading_disagreement
+from infield.misalignment.azimuth_runs import AzimuthStop, find_stops, heading_disagreement
 from infield.misalignment.couplings import Misalignment, measure_misalignment, with_heading_errors
 from infield.misalignment.geometry import azimuth_geometry
 from infield.misalignment.harmonic_fit import azimuth_columns, level_rate_deg_h
 from infield.misalignment.reasons import Azimuths, MisalignmentReason, MisalignmentVerdict, Unseen
 from infield.misalignment.settings import AzimuthSettings
 from infield.table.thermal_table import ThermalTable
-from ins.compensation import OFF_DIAGONAL
 from ins.records import AXES, InputError, Run, TwinModel
+from ins.strapdown.compensation import OFF_DIAGONAL
 from ins.units import DEG, MILLIRADIAN
 from ins.verdicts import Observability, Reason, because
 
@@ -62,7 +62,7 @@ class AzimuthStudy:
     covariance: NDArray
     temperature_degC: NDArray | None = None
     runs: tuple[Run, ...] = ()
-    stops: tuple[Stop, ...] = ()
+    stops: tuple[AzimuthStop, ...] = ()
     notes: tuple[Reason, ...] = ()
     levels: LevelOffsets | None = None
     why_no_levels: Reason | None = None
@@ -167,7 +167,7 @@ class _Runs:
     """The inputs of `study_runs`, to judge and to fill a study with."""
 
     runs: Sequence[Run]
-    stops: list[Stop]
+    stops: list[AzimuthStop]
     table: ThermalTable
     twin: TwinModel
     known: KnownAzimuths | None
@@ -216,7 +216,7 @@ class _Runs:
             stop=j + 1,
             run_id=self.runs[self.stops[j].run].header.run_id,
             given_rad=given[j],
-            seen_rad=given[j] - off,
+            seen_rad=np.mod(given[j] - off, 2.0 * np.pi),
         )
         return [contradicted]
 
@@ -314,7 +314,9 @@ def study_table(
         lat_rad=lat_rad,
         twin=twin,
         settings=settings,
-        azimuths=because(Azimuths.OF_TABLE, sigma_heading_rad=sigma_heading_rad),
+        azimuths=because(
+            Azimuths.OF_TABLE, exact=sigma_heading_rad == 0.0, sigma_heading_rad=sigma_heading_rad
+        ),
         why_no_levels=because(Unseen.NO_ACCELEROMETERS),
         result=result,
         heading_rad=heading_rad,

@@ -26,7 +26,7 @@ from infield.aided.reasons import AidedVerdict
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
 from infield.replay.reasons import Damping, ReplayNote, ReplayReason, ReplayVerdict
-from infield.replay.stops import Stop, StopSpeed, find_stops, stop_speed
+from infield.replay.stops import StopInterval, StopSpeed, find_stops, stop_speed
 from infield.session.bins import SessionBins, make_bins
 from infield.session.log import (
     alignment_end,
@@ -344,7 +344,7 @@ def _scored(
     twin: TwinModel,
     span: Where,
     parked_s: float,
-    stops: Sequence[Stop],
+    stops: Sequence[StopInterval],
     reference: ReferenceLog | None,
 ) -> TableReplay:
     """The flight with its measures."""

@@ -1,9 +1,10 @@
-"""Why a replay is what it is, and what a reader must know of it, as codes.
-
-Sentences: `infield.reports.words.replay`.
+"""Why a replay is what it is, and what a reader must know of it: codes with the templates of
+their sentences.
 """
 
 from enum import StrEnum
+
+from ins.verdicts import ReasonCode
 
 
 class ReplayVerdict(StrEnum):
@@ -16,38 +17,74 @@ class ReplayVerdict(StrEnum):
     INCONSISTENT = "inconsistent"
 
 
-class ReplayReason(StrEnum):
+class ReplayReason(ReasonCode):
     """Why nothing was flown, or what contradicts the log."""
 
-    NEVER_RESTS = "never_rests"
-    LOG_ENDS = "log_ends_after_alignment"
-    BY_AIDED = "aided_by_gnss"
+    NEVER_RESTS = (
+        "never_rests",
+        "the log never rests for a minute",
+        "a parked alignment of 5 to 15 min is needed",
+    )
+    LOG_ENDS = (
+        "log_ends_after_alignment",
+        "the log ends {left_s:.0f} s after its alignment, {needed_s:.0f} s of navigation are"
+        " needed",
+    )
+    BY_AIDED = "aided_by_gnss", "aided by GNSS: {reason}"
 
 
-class ReplayNote(StrEnum):
+class ReplayNote(ReasonCode):
     """What holds beside any verdict."""
 
-    LOG_FAULT = "log_fault"
-    NO_TEMPERATURE = "no_gyro_temperature"
-    TEMPERATURE_TOO_SHORT = "gyro_temperature_too_short"
-    THERMOMETER_FAULT = "thermometer_fault"
-    MEAN_STANDS_IN = "mean_stands_in_for_thermometer"
-    NO_FREE_INERTIAL = "no_free_inertial_flight"
-    EXTRAPOLATED = "drift_extrapolated"
-    BEYOND_NODES = "beyond_the_tables_nodes"
+    LOG_FAULT = "log_fault", "{start_s:g} to {end_s:g} s: {fault}"
+    NO_TEMPERATURE = (
+        "no_gyro_temperature",
+        "no gyro temperature in the run: no table can be applied, flown with the raw gyro output",
+    )
+    TEMPERATURE_TOO_SHORT = (
+        "gyro_temperature_too_short",
+        "{shortage}: no table can be applied, flown with the raw gyro output",
+    )
+    THERMOMETER_FAULT = "thermometer_fault", "{fault}"
+    MEAN_STANDS_IN = (
+        "mean_stands_in_for_thermometer",
+        "gyro {axis}: no thermometer of its own, the others' mean stands in",
+    )
+    NO_FREE_INERTIAL = "no_free_inertial_flight", "no free-inertial flight: {reason}"
+    EXTRAPOLATED = (
+        "drift_extrapolated",
+        "parked for {parked_s:min .0f} min of navigation: NM/h is extrapolated",
+    )
+    BEYOND_NODES = (
+        "beyond_the_tables_nodes",
+        "gyro {axis}: {low_degC:.1f} to {high_degC:.1f} degC, beyond the table's nodes: end value"
+        " held",
+    )
 
 
-class SchulerReason(StrEnum):
+class SchulerReason(ReasonCode):
     """Why no Schuler period was fitted."""
 
-    PARKED_TOO_SHORT = "parked_too_short"
-    NO_SWING = "no_swing"
-    SMALL_SWING = "swing_too_small"
-    UNSURE = "period_too_unsure"
+    PARKED_TOO_SHORT = (
+        "parked_too_short",
+        "parked for {parked_s:min .0f} min of navigation, needed {needed_s:min .0f} min (three"
+        " quarters of a period)",
+    )
+    NO_SWING = "no_swing", "no swing: the fit runs to the end of 30 to 240 min"
+    SMALL_SWING = (
+        "swing_too_small",
+        "swing of {amplitude_m_s:.2g} m/s, {left_m_s:.2g} m/s are left of the fit: too small to"
+        " time",
+    )
+    UNSURE = (
+        "period_too_unsure",
+        "period good to {sigma_s:min .0f} min only, needed {needed_s:min .0f} min:",
+        "a longer record is needed",
+    )
 
 
-class Damping(StrEnum):
+class Damping(ReasonCode):
     """What the height is damped to."""
 
-    SITE = "site_height"
-    GNSS = "gnss_height"
+    SITE = "site_height", "damped to the height of the site (no GNSS height in the run)"
+    GNSS = "gnss_height", "damped to the GNSS height"

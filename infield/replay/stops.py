@@ -19,7 +19,7 @@ from ins.records import NavHistory
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopInterval:
     """Start and end [s] of a stop, and by whose word; ROWS: no receiver and no odometer covers
     it.
     """
@@ -46,14 +46,16 @@ class StopSpeed:
         return self.median_m_s > REALIGN_M_S
 
 
-def find_stops(motion: Motion, steady: NDArray) -> tuple[Stop, ...]:
+def find_stops(motion: Motion, steady: NDArray) -> tuple[StopInterval, ...]:
     """Where the vehicle stands again after it first rolled, for at least eight seconds.
 
     motion: of the run, joined from all witnesses; steady (k,): epochs in which the computed
     velocity stays where it is, so that all of it is error.
     """
     found = motion.stands(STOP_WINDOW_S, after_s=motion.parked_until_s, where=steady)
-    return tuple(Stop(s.start_s, s.end_s, _seen_by(motion, s.start_s, s.end_s)) for s in found)
+    return tuple(
+        StopInterval(s.start_s, s.end_s, _seen_by(motion, s.start_s, s.end_s)) for s in found
+    )
 
 
 def _seen_by(motion: Motion, start_s: float, end_s: float) -> Witness:
@@ -65,7 +67,7 @@ def _seen_by(motion: Motion, start_s: float, end_s: float) -> Witness:
     return Witness.ROWS
 
 
-def stop_speed(history: NavHistory, stop: Stop) -> StopSpeed:
+def stop_speed(history: NavHistory, stop: StopInterval) -> StopSpeed:
     rows = (history.time_s >= stop.start_s) & (history.time_s <= stop.end_s)
     speed = np.linalg.norm(history.v_n_m_s[rows, :2], axis=1)
     return StopSpeed(

@@ -24,8 +24,8 @@ from infield.reports.figures import (
     PANEL_WIDTH,
     SVG_DPI,
 )
-from infield.reports.words.sentences import LARGEST_PLAIN
 from ins.robust import runs_of_true
+from ins.verdicts import LARGEST_PLAIN
 
 EDGE_COLOUR, GRID_COLOUR = "#8C959F", "#E3E8ED"
 TITLE_PT = 10.0

@@ -22,7 +22,7 @@ from infield.reports.charts import (
 from infield.reports.documents.fog import AxisDocument, CurveDocument, FogDocument
 from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.page import render_page
-from infield.thermal.fog.model import HeldOut, curve_from
+from infield.thermal.fog.model import HeldOutResidual, curve_from
 from infield.thermal.reasons import ThermalVerdict
 from ins.documents import plain
 from ins.records import AXES
@@ -112,7 +112,7 @@ def coefficient_drawing(axis: str, fitted: AxisDocument) -> Markup:
     return side_by_side(panels, "coefficient over temperature")
 
 
-def _check_drawing(found: HeldOut) -> Markup:
+def _check_drawing(found: HeldOutResidual) -> Markup:
     """Gyro output of a held-out ramp before and after, each less its mean."""
     clouds: dict[str, list[Item]] = {}
     for k, axis in enumerate(AXES):

@@ -20,11 +20,10 @@ from infield.reports.charts import (
 from infield.reports.documents.misalignment import CouplingDocument, MisalignmentDocument
 from infield.reports.figures import BLACK, BLUE, GREY, VERMILLION
 from infield.reports.page import number, render_page
-from infield.reports.words.significance import measured_words
 from ins.documents import plain
 from ins.records import AXES
 from ins.units import ARCSEC, DEG
-from ins.verdicts import Observability
+from ins.verdicts import Observability, measured_words
 
 BANNERS = {
     MisalignmentVerdict.MEASURED: "good",

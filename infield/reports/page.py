@@ -10,7 +10,7 @@ import math
 from functools import lru_cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from infield.reports.issuer import issuer
@@ -20,9 +20,11 @@ NOT_AVAILABLE = "n/a"
 MINUS = "\u2212"
 
 
-def render_page(template: str, **context: Any) -> str:
-    """The page; every text in the context is escaped, drawings excepted (they are Markup)."""
-    return _environment().get_template(template).render(**context)
+def render_page(template: str, package: str = "", **context: Any) -> str:
+    """The page; every text in the context is escaped, drawings excepted (they are Markup). package:
+    of a template that is not shared.
+    """
+    return page_environment(package).get_template(template).render(**context)
 
 
 def number(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
@@ -78,8 +80,14 @@ def _visible_text(value: Any) -> Any:
     return "\n".join(map(visible, value.split("\n")))
 
 
-@lru_cache(maxsize=1)
-def _environment() -> Environment:
+@lru_cache(maxsize=8)
+def page_environment(package: str = "", folder: str = "templates") -> Environment:
+    """The shared templates with their filters; of a package its own templates before those."""
+    if package:
+        shared = page_environment()
+        assert shared.loader is not None
+        own = PackageLoader(package, folder)
+        return shared.overlay(loader=ChoiceLoader([own, shared.loader]))
     found = Environment(
         loader=PackageLoader("infield.reports", "templates"),
         autoescape=True,

@@ -32,9 +32,8 @@ from infield.reports.documents.update_records import (
 )
 from infield.reports.page import decimals_for, number, render_page
 from infield.reports.table_known import TableKnown, table_known
-from infield.reports.words.session import VARIANCE_SOURCES
 from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script, zoomed
-from infield.session.reasons import HeadingSource
+from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, TableDocument
@@ -440,7 +439,7 @@ def _variance(document: UpdateDocument) -> VarianceView | None:
         return None
     of_mean = {v.axis: v for v in document.variance_shares if v.temperature_degC is None}
     sources = _shown_sources(document.variance_shares)
-    known: Mapping[str, str] = {source.value: words for source, words in VARIANCE_SOURCES.items()}
+    known = {source.value: source.template for source in VarianceSource}
     rows = []
     for source, colour in zip(sources, cycle(SOURCE_COLOURS)):
         words = known.get(source, source.replace("_", " "))

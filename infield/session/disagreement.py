@@ -69,7 +69,7 @@ class SessionEvidence:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class BiasStep:
     """The unit against its table on one axis: size [deg/h] with sigma, the sessions that agree,
     since when.
     """
@@ -83,10 +83,18 @@ class Step:
 
     @property
     def reason(self) -> Reason:
-        return because(SessionReason.TABLE_DISAGREES, **vars(self))
+        return because(
+            SessionReason.TABLE_DISAGREES,
+            axis=self.axis,
+            shift_deg_h=self.shift_deg_h,
+            sigma_deg_h=self.sigma_deg_h,
+            since_utc=self.since_utc,
+            count=len(self.run_ids),
+            run_ids=self.run_ids,
+        )
 
 
-def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tuple[Step, ...]:
+def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tuple[BiasStep, ...]:
     """Axes on which the newest session and at least one more agree with each other and not with the
     table.
 
@@ -113,7 +121,7 @@ def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tupl
         agreeing = [e for e, yes in zip(ordered, same) if yes]
         weight = 1.0 / own[same]
         steps.append(
-            Step(
+            BiasStep(
                 axis=axis,
                 shift_deg_h=float(weight @ d[same] / weight.sum()),
                 sigma_deg_h=float(weight.sum() ** -0.5),
@@ -125,7 +133,7 @@ def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tupl
     return tuple(steps)
 
 
-def widened_for(table: ThermalTable, steps: Sequence[Step]) -> ThermalTable:
+def widened_for(table: ThermalTable, steps: Sequence[BiasStep]) -> ThermalTable:
     """The table with the common shift of each stepped axis made as uncertain as the step is large;
     values stay.
     """

@@ -12,13 +12,13 @@ from alignment.motion.kinds import UNKNOWN
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.stillness import Motion
 from alignment.motion.sway import Sway
-from alignment.motion.turn_between import Turn
+from alignment.motion.turn_between import HeadingChange
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
 from infield.session.reasons import Nuisance, VarianceSource
 from infield.table.merge import UNOBSERVED, MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
-from ins.verdicts import LeftOut
+from ins.verdicts import LeftOut, Reason, because
 
 # of what a session took from its prior in any direction, after two estimates of it were averaged;
 # chosen: of 0.2, 0.5 and 0.8, 24 ring-laser flights were off by 0.95, 0.97 and 0.98 of their sigmas
@@ -72,7 +72,7 @@ class ParkedEvidence:
     rate_deg_h: NDArray
     used_s: NDArray
     earth: SessionEarth
-    turns: tuple[Turn, ...]
+    turns: tuple[HeadingChange, ...]
     left_out: tuple[LeftOut, ...]
     shape_dof: int
     shape_nis: float
@@ -128,6 +128,21 @@ class Found:
     sigma: NDArray | None
     prior: NDArray
     gain_nats: float
+
+    @property
+    def reason(self) -> Reason:
+        """What the taxi showed of it; of a cross wind its direction, size and sigma along it."""
+        if self.nuisance is not Nuisance.CROSS_WIND or self.sigma is None:
+            return because(self.nuisance, value=self.value, sigma=self.sigma, prior=self.prior)
+        towards_rad = float(np.arctan2(self.value[1], self.value[0]))
+        along = np.array([np.cos(towards_rad), np.sin(towards_rad)])
+        return because(
+            Nuisance.CROSS_WIND,
+            towards_rad=towards_rad % (2.0 * np.pi),
+            size_rad=float(np.linalg.norm(self.value)),
+            sigma_rad=float(np.linalg.norm(along * self.sigma)),
+            prior=self.prior,
+        )
 
 
 # crabs whose level is fitted to the lateral way

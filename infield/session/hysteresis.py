@@ -36,6 +36,7 @@ from infield.session.reasons import ThermalAction, ThermalKind
 from infield.table.thermal_table import ThermalTable
 from ins.noise import DEFAULT_SIGMA_deg_h
 from ins.records import AXES
+from ins.verdicts import Reason, because
 
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this
 # |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
@@ -95,6 +96,19 @@ class ThermalTerm:
     @property
     def found(self) -> bool:
         return self.action in ACTED_ON
+
+    @property
+    def reason(self) -> Reason:
+        """What was found, and what was done about it; of a sense the whole split is said."""
+        times = 1.0 if self.kind is ThermalKind.RATE else 2.0
+        return because(
+            self.action,
+            axis=self.axis,
+            kind=self.kind,
+            value=times * self.value,
+            sigma=times * self.sigma,
+            sigmas=abs(self.z),
+        )
 
 
 @dataclass(frozen=True)
@@ -223,12 +237,6 @@ def find_terms(
             ThermalTerm(axis=axis, kind=kind, value=value, sigma=sigma[kind], action=action)
         )
     return tuple(found)
-
-
-def _not_tested(axis: str) -> ThermalTerm:
-    return ThermalTerm(
-        axis=axis, kind=ThermalKind.RATE, value=0.0, sigma=0.0, action=ThermalAction.NOT_TESTED
-    )
 
 
 def _action(kind: ThermalKind) -> ThermalAction:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from infield.session.acceptance import judge_merge
 from infield.session.bins import rebinned
-from infield.session.disagreement import Step, utc, widened_for
+from infield.session.disagreement import BiasStep, utc, widened_for
 from infield.session.flown.worth import LEAST_FLIGHTS, FlightTerm
 from infield.session.hysteresis import (
     VAGUE_TERM,
@@ -33,7 +33,7 @@ from infield.session.points import measurement_information
 from infield.session.reasons import ThermalAction, ThermalKind, WrongFact
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
-from infield.session.wrong_facts import Learnt, suspicions, without_lag
+from infield.session.wrong_facts import SessionInformation, suspicions, without_lag
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.noise import DEFAULT_SIGMA_deg_h
@@ -46,7 +46,7 @@ class Walk:
     """How a unit's table goes on from run to run: it ages, and steps that are followed widen it."""
 
     ageing: AgeingModel = field(default_factory=AgeingModel)
-    steps: tuple[Step, ...] = ()
+    steps: tuple[BiasStep, ...] = ()
 
     def until(self, table: ThermalTable, run: Run, before: Run | None) -> ThermalTable:
         """The table at the start of a run. before: the last run that it holds, None: it is as it
@@ -212,7 +212,7 @@ def _merged_again(
         merged = merge_posterior(current, data.bins.H, m0, C, m1, P1, held_axes=held)
         estimate = session.estimate
         assert estimate is not None
-        suspected = suspicions(estimate, Learnt(C, m1 - m0, P1))
+        suspected = suspicions(estimate, SessionInformation(C, m1 - m0, P1))
         verdict = judge_merge(merged, estimate, suspected)
         again.append(replace(session, merged=merged, verdict=verdict))
         current = merged.table

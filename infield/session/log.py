@@ -13,7 +13,6 @@ from alignment.motion.stillness import ALIGNMENT_S
 from infield.table.temperature_model import TemperatureModel
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
-from ins.compensation import compensate, corrected
 from ins.records import (
     AIRBORNE_PHASES,
     PARKED_PHASES,
@@ -23,6 +22,7 @@ from ins.records import (
     Run,
     TwinModel,
 )
+from ins.strapdown.compensation import compensate, corrected
 from ins.units import DEG_PER_HOUR, MICRO_G
 
 

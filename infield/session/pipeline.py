@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from alignment.reasons import AlignmentVerdict
-from infield.session.disagreement import SessionEvidence, Step, find_steps, utc
+from infield.session.disagreement import BiasStep, SessionEvidence, find_steps, utc
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.marks import UnitMarks
 from infield.session.joint_update import Walk, find_flight_terms, with_thermal_terms
@@ -79,7 +79,7 @@ def update_calibration(
     ageing = ageing or AgeingModel()
     _check_unit(runs, table, twin)
 
-    def take(steps: tuple[Step, ...], wider: SessionSettings) -> _Taken:
+    def take(steps: tuple[BiasStep, ...], wider: SessionSettings) -> _Taken:
         return _take(runs, table, twin, wider, Walk(ageing=ageing, steps=steps), history)
 
     taken = take((), settings)
@@ -235,7 +235,7 @@ def _overall(sessions: Sequence[SessionResult]) -> tuple[Outcome, tuple[Reason, 
 
 
 def _with_provenance(
-    taken: _Taken, before: ThermalTable, parent_sha256: str | None, steps: Sequence[Step]
+    taken: _Taken, before: ThermalTable, parent_sha256: str | None, steps: Sequence[BiasStep]
 ) -> ThermalTable:
     old = [dict(r) if isinstance(r, dict) else r for r in before.provenance.get("runs", [])]
     new = [{"run_id": run.header.run_id, "sha256": run.sha256} for run in taken.merged_runs]

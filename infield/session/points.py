@@ -18,13 +18,12 @@ from infield.session.reasons import Advice
 from infield.table.merge import SessionPoints
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Run
-from ins.verdicts import Observability, Reason, because
+from ins.verdicts import WEAK_BELOW, Observability, Reason, because
 
 # prior of the points: this many times the table's sigma, so that they are the session's own
 VAGUE_POINT = 100.0
-OBSERVED, WEAK = 0.5, 0.9  # sigma_after / sigma_before, formats.md section 5
 # of a heading sigma to its prior: above it the session did not show the heading
-UNSEEN_SIGMA = WEAK
+UNSEEN_SIGMA = WEAK_BELOW
 
 
 @dataclass(frozen=True)
@@ -137,18 +136,13 @@ def observability(
     moving["z"] = Advice.FLY_TURNS if flown else on_ground
     found = []
     for axis, b, a in zip(AXES, before, after):
-        verdict = _verdict(a / b)
+        verdict = Observability.of(a / b)
         advice = None
         if axis in unusable:
             verdict = Observability.NOT_OBSERVABLE
             advice = because(Advice.MEND_THERMOMETER, axis=axis, fault=unusable[axis])
         elif verdict is not Observability.OBSERVED:
-            advice = because(Advice.PARK_FROM_COLD if estimate.parked is not None else moving[axis])
+            code = moving[axis] if estimate.parked is None else Advice.PARK_FROM_COLD
+            advice = because(code)
         found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
-
-
-def _verdict(ratio: float) -> Observability:
-    if ratio < OBSERVED:
-        return Observability.OBSERVED
-    return Observability.WEAK if ratio < WEAK else Observability.NOT_OBSERVABLE

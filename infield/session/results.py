@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from infield.session.acceptance import Verdict
-from infield.session.disagreement import SessionEvidence, Step
+from infield.session.disagreement import BiasStep, SessionEvidence
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.worth import FlightEvidence, FlightTerm
 from infield.session.hysteresis import ThermalTerm
@@ -61,7 +61,7 @@ class UpdateResult:
     ageing: AgeingModel
     merged_runs: tuple[Run, ...] = field(default_factory=tuple)
     terms: tuple[ThermalTerm, ...] = ()
-    steps: tuple[Step, ...] = ()
+    steps: tuple[BiasStep, ...] = ()
     step_accepted: bool = False
     evidence: tuple[SessionEvidence, ...] = ()
     flight_terms: tuple[FlightTerm, ...] = ()

@@ -103,7 +103,7 @@ class Suspicion:
 
 
 @dataclass(frozen=True)
-class Learnt:
+class SessionInformation:
     """What a session learnt of its bins' biases beyond the table: prior (3N, 3N), posterior mean
     (3N,) and covariance (3N, 3N) [deg/h].
     """
@@ -127,14 +127,14 @@ class Learnt:
         nis = float(np.sum(left**2 / shares[seen]))
         return nis <= float(chi2.ppf(CONFIDENCE, np.count_nonzero(seen)))
 
-    def widened(self, doubt: NDArray) -> "Learnt":
+    def widened(self, doubt: NDArray) -> "SessionInformation":
         """The same measurements under a prior that is wider by `doubt` (3N, 3N)."""
         before = np.linalg.inv(self.prior)
         after = np.linalg.inv(self.covariance)
         prior = self.prior + doubt
         covariance = np.linalg.inv(after - before + np.linalg.inv(prior))
         covariance = 0.5 * (covariance + covariance.T)
-        return Learnt(prior, covariance @ (after @ self.mean), covariance)
+        return SessionInformation(prior, covariance @ (after @ self.mean), covariance)
 
 
 @dataclass(frozen=True)
@@ -147,12 +147,14 @@ class _Pattern:
     bias_deg_h: NDArray
 
 
-def learnt_of(estimate: SessionEstimate) -> Learnt:
+def learnt_of(estimate: SessionEstimate) -> SessionInformation:
     """What a session's estimate says of its bins."""
-    return Learnt(estimate.bins.prior, estimate.mean_deg_h, estimate.covariance)
+    return SessionInformation(estimate.bins.prior, estimate.mean_deg_h, estimate.covariance)
 
 
-def suspicions(estimate: SessionEstimate, learnt: Learnt | None = None) -> tuple[Suspicion, ...]:
+def suspicions(
+    estimate: SessionEstimate, learnt: SessionInformation | None = None
+) -> tuple[Suspicion, ...]:
     """The wrong facts that a navigated session resembles beyond chance, the clearest first.
 
     learnt: of the same bins where more is known of them than the estimate did (a rate term).
@@ -304,8 +306,8 @@ def without_lag(estimate: SessionEstimate, doubted: Sequence[Suspicion]) -> Sess
 
 def _beyond_chance(
     patterns: Sequence[_Pattern],
-    learnt: Learnt,
-    on_trial: Learnt,
+    learnt: SessionInformation,
+    on_trial: SessionInformation,
     widened_share: float = WIDENED_SHARE,
 ) -> list[Suspicion]:
     """Those of one kind of patterns that more than the share of sound sessions resemble.
@@ -329,7 +331,7 @@ def _beyond_chance(
     ]
 
 
-def _sizes(S: NDArray, learnt: Learnt) -> tuple[NDArray, NDArray]:
+def _sizes(S: NDArray, learnt: SessionInformation) -> tuple[NDArray, NDArray]:
     """Size and sigma (K,) of patterns (K, 3N), each alone; sigma is inf where nothing shows."""
     g, M = learnt.evidence()
     information = np.einsum("ki,ij,kj->k", S, M, S)

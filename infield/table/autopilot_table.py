@@ -32,7 +32,7 @@ TITLES = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitDocument:
+class CubicFitDocument:
     """How far a cubic is from the table on one gyro."""
 
     max_error_deg_h: float
@@ -53,7 +53,7 @@ class CubicDocument:
     reference_degC: float
     limit_sigmas: float
     rounding_deg_h: float
-    fit: Mapping[str, FitDocument]
+    fit: Mapping[str, CubicFitDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class CubicExport:
     def fit_document(self) -> CubicDocument:
         """For --json."""
         c = self.cubic
-        names = [f.name for f in fields(FitDocument)]
+        names = [f.name for f in fields(CubicFitDocument)]
         return CubicDocument(
             autopilot=c.autopilot,
             imu=c.number,
@@ -80,7 +80,7 @@ class CubicExport:
             limit_sigmas=self.limit_sigmas,
             rounding_deg_h=self.rounding_deg_h,
             fit={
-                fit.axis: FitDocument(**{name: getattr(fit, name) for name in names})
+                fit.axis: CubicFitDocument(**{name: getattr(fit, name) for name in names})
                 for fit in self.fits
             },
         )

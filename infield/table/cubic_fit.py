@@ -125,8 +125,8 @@ def valid_range(table: ThermalTable) -> tuple[float, float]:
     worse = np.max(
         [
             [
-                _ratio(table, axis, table.basis(axis, middle)),
-                _ratio(table, axis, np.diff(table.basis(axis, T), axis=0)),
+                _ratio(table, table.basis(axis, middle)),
+                _ratio(table, np.diff(table.basis(axis, T), axis=0)),
             ]
             for axis in AXES
         ],
@@ -143,7 +143,7 @@ def valid_range(table: ThermalTable) -> tuple[float, float]:
     )
 
 
-def _ratio(table: ThermalTable, axis: str, rows: NDArray) -> NDArray:
+def _ratio(table: ThermalTable, rows: NDArray) -> NDArray:
     """Sigma of what some rows give over nearly the smallest of them (a slope across one node is the
     mean of two).
     """

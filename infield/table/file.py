@@ -164,11 +164,6 @@ def read_table_dict(path: Path) -> TableDocument:
     return checked_table(read_json_object(Path(path)), name=str(path))
 
 
-def read_table(path: Path) -> ThermalTable:
-    """The table in a JSON file. InputError names file and key."""
-    return table_from_dict(read_table_dict(path), name=str(path))
-
-
 def json_text(table: TableDocument) -> str:
     """A table's JSON for people and files: lists of numbers on one line."""
     text = json.dumps(_floats(table), indent=1)

@@ -72,7 +72,7 @@ def scaled(A: NDArray) -> tuple[NDArray, NDArray]:
 
 
 @dataclass(frozen=True)
-class Solution:
+class LeastSquares:
     """Parameters x (p,) with covariance (p, p). log_evidence: of the rows, less the constant that
     the prior's own normalisation and the number of rows give.
     """
@@ -100,7 +100,7 @@ class NormalEquations:
         """Those of some columns (k,) alone."""
         return NormalEquations(self.A[np.ix_(columns, columns)], self.b[columns], self.c, self.rows)
 
-    def solve(self, precision: NDArray | None = None) -> Solution:
+    def solve(self, precision: NDArray | None = None) -> LeastSquares:
         """With a prior N(0, precision^-1), precision (p, p), improper where it is singular; None:
         with none.
 
@@ -109,7 +109,7 @@ class NormalEquations:
         known = np.zeros_like(self.A) if precision is None else precision
         each = solve_each(self.A[None], self.b[None], known)
         x, P, log_det = (values[0] for values in each)
-        return Solution(x, P, 0.5 * (float(self.b @ x) - self.c - float(log_det)))
+        return LeastSquares(x, P, 0.5 * (float(self.b @ x) - self.c - float(log_det)))
 
     def misfit(self, x: NDArray) -> float:
         """(y - X x)' M (y - X x)."""

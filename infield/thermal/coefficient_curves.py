@@ -29,7 +29,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.sparse import csr_array, hstack
 
-from infield.table.least_squares import NormalEquations, Solution
+from infield.table.least_squares import LeastSquares, NormalEquations
 from infield.thermal.blocks import AxisBlocks
 
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
@@ -182,7 +182,7 @@ def _averaged(
     def normal_at(steps: tuple[int, ...]) -> NormalEquations:
         return reduced_at(steps).normal(X)
 
-    def solve(at: tuple[int, ...]) -> Solution:
+    def solve(at: tuple[int, ...]) -> LeastSquares:
         weights = [(scale * 10.0 ** PENALTY_STEPS[k]) ** -2.0 for k in at[:count]]
         normal = normal_at(at[count:])
         found = _solve(normal, sizes, penalties, weights)
@@ -316,7 +316,7 @@ def _solve(
     sizes: tuple[int, ...],
     penalties: Sequence[NDArray | None],
     weights: list[float],
-) -> Solution:
+) -> LeastSquares:
     """Bayesian regression with precision weight x penalty (improper in its null space)."""
     precision, start, rank_terms = np.zeros_like(normal.A), 0, 0.0
     for size, penalty, weight in zip(sizes, penalties, weights):
@@ -330,11 +330,11 @@ def _solve(
 
 
 def _weighed(
-    solve: Callable[[tuple[int, ...]], Solution],
+    solve: Callable[[tuple[int, ...]], LeastSquares],
     start: tuple[int, ...],
     count: Sequence[int],
     averaged: int,
-) -> tuple[tuple[int, ...], NDArray, list[Solution]]:
+) -> tuple[tuple[int, ...], NDArray, list[LeastSquares]]:
     """The best steps, of so many each, and around them in the first `averaged` the shares of the
     evidence with their solutions; the others are sizes, which may be 0 at once.
 
@@ -342,7 +342,7 @@ def _weighed(
     then 15 % too short.
     """
     at = start
-    tried: dict[tuple[int, ...], Solution] = {at: solve(at)}
+    tried: dict[tuple[int, ...], LeastSquares] = {at: solve(at)}
 
     def neighbours(at: tuple[int, ...], which: Sequence[int]) -> list[tuple[int, ...]]:
         near = []

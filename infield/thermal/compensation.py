@@ -16,8 +16,8 @@ from infield.thermal.gradient_runs import gradient_lines
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermometer.causal_rate import causal_rates, time_constant_s
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature
-from ins.compensation import compensate, corrected
 from ins.records import ImuLog, ImuSource, Run, TemperatureLog
+from ins.strapdown.compensation import compensate, corrected
 from ins.units import DEG_PER_HOUR
 
 PARTS = ("all", "rates")

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.compensation import compensate, corrected
 from ins.records import ImuLog, Run, TwinModel
+from ins.strapdown.compensation import compensate, corrected
 from ins.units import DEG_PER_HOUR
 
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from infield.thermal.ramp_runs import RampRun
-from infield.thermal.reasons import Moves, ThermalNote, ThermalReason, ThermalVerdict
+from infield.thermal.reasons import BiasDriver, ThermalNote, ThermalReason, ThermalVerdict
 from ins.records import AXES, InputError, TwinModel
 from ins.verdicts import Reason, because
 
@@ -24,7 +24,7 @@ TOLD = 60  # characters of what a document holds in the place of what is needed
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study:
+class ThermalStudy:
     """refused: why nothing could be fitted; inconsistent: what contradicts what was fitted; both
     empty where a model came of the runs.
     """
@@ -46,7 +46,7 @@ class Study:
         return (*self.refused, *self.inconsistent)
 
 
-class Fitted(Protocol):
+class FittedGyro(Protocol):
     """One gyro's fit; scatter: chi2 of its residual per degree of freedom."""
 
     @property
@@ -61,16 +61,16 @@ def levels_differ(runs: Sequence[RampRun]) -> bool:
     return bool(len(levels) > 1 and np.ptp(levels, axis=0).max() > SAME_LEVEL_RAD)
 
 
-def moving_base(run: RampRun, **role: str) -> tuple[Reason, ...]:
-    """Why a run that turns cannot be used; empty where it rests."""
+def moving_base(run: RampRun, name: str = "run") -> tuple[Reason, ...]:
+    """Why a run that turns cannot be used; empty where it rests. name: with its role."""
     if run.turned_rad <= TURNED_RAD:
         return ()
     why = because(
         ThermalReason.MOVING_BASE,
+        run=name,
         run_id=run.run_id,
         turned_rad=run.turned_rad,
         needed_rad=TURNED_RAD,
-        **role,
     )
     return (why,)
 
@@ -82,7 +82,7 @@ def with_thermometer(runs: Sequence[RampRun]) -> tuple[list[int], list[Reason]]:
     return usable, [because(ThermalNote.NO_THERMOMETER, axis=axis) for axis in left_out]
 
 
-def widened(axes: Iterable[Fitted]) -> list[Reason]:
+def widened(axes: Iterable[FittedGyro]) -> list[Reason]:
     """A note for each gyro whose sigmas were widened by much."""
     return [
         because(ThermalNote.SIGMAS_WIDENED, axis=a.axis, times=float(np.sqrt(a.scatter)))
@@ -91,7 +91,7 @@ def widened(axes: Iterable[Fitted]) -> list[Reason]:
     ]
 
 
-def contradicted(axes: Iterable[Fitted], moves: Moves) -> tuple[Reason, ...]:
+def contradicted(axes: Iterable[FittedGyro], moves: BiasDriver) -> tuple[Reason, ...]:
     """Gyros whose residual says that something else than the model moves the bias."""
     return tuple(
         because(

@@ -1,32 +1,38 @@
-"""What is wrong with thermometers, as codes; sentences: `infield.reports.words.thermometer`."""
-
-from collections.abc import Callable, Mapping
-from enum import StrEnum
-from typing import ClassVar
+"""What is wrong with thermometers: codes with the templates of their sentences."""
 
 from ins.records import InputError
-from ins.verdicts import Reason
+from ins.verdicts import Reason, ReasonCode, sentence
 
 
-class ThermometerReason(StrEnum):
+class ThermometerReason(ReasonCode):
     """What follows from a fault, or why no gyro has a temperature."""
 
-    NONE_LOGGED = "none_logged"
-    TOO_FEW_ROWS = "too_few_rows"
-    ALL_STUCK = "all_stuck"
-    NONE_USABLE = "none_usable"
-    OF_ANOTHER = "of_another"
-    COARSE = "coarse"
-    CONSTANT = "constant"
-    HOLE = "hole"
-    AXIS_LEFT_OUT = "axis_left_out"
-    READINGS_LEFT_OUT = "readings_left_out"
-
-
-def _too_few_rows(*, rows: int, span_s: float, needed_rows: int, needed_s: float) -> str:
-    return (
-        f"gyro temperature: {rows} row{'s' if rows > 1 else ''} over {span_s:g} s, needed at least"
-        f" {needed_rows} rows over {needed_s:.0f} s"
+    NONE_LOGGED = (
+        "none_logged",
+        "no gyro temperature in the run: a bias without its temperature has no place in the table",
+    )
+    TOO_FEW_ROWS = (
+        "too_few_rows",
+        "gyro temperature: {rows} {rows:row|rows} over {span_s:g} s, needed at least {needed_rows}"
+        " rows over {needed_s:.0f} s",
+    )
+    ALL_STUCK = (
+        "all_stuck",
+        "all gyro thermometers are stuck (a constant temperature is accepted by"
+        ' "accepted_constant_temperature": true in run.json)',
+    )
+    NONE_USABLE = "none_usable", "no gyro thermometer can be used"
+    OF_ANOTHER = "of_another", "{column}: {fault}"
+    COARSE = "coarse", "thermometer {column}: {fault}; its sigma is wider"
+    CONSTANT = (
+        "constant",
+        "thermometer {column}: {fault}; a step of 1 degC could hide in it, and is in its sigma",
+    )
+    HOLE = "hole", "thermometer {column}: {fault}; nothing is learnt there beyond two minutes"
+    AXIS_LEFT_OUT = "axis_left_out", "thermometer {column}: {fault}; the axis is left out"
+    READINGS_LEFT_OUT = (
+        "readings_left_out",
+        "thermometer {column}: {fault}; these readings are left out",
     )
 
 
@@ -38,24 +44,9 @@ class NoTemperature(InputError):
     run_id : str
         The run.
     reason : Reason
-        One of those with a template here.
+        Why it has none.
     """
 
-    TEMPLATES: ClassVar[Mapping[StrEnum, str | Callable[..., str]]] = {
-        ThermometerReason.NONE_LOGGED: (
-            "no gyro temperature in the run: a bias without its temperature has no place in the"
-            " table"
-        ),
-        ThermometerReason.TOO_FEW_ROWS: _too_few_rows,
-        ThermometerReason.ALL_STUCK: (
-            "all gyro thermometers are stuck (a constant temperature is accepted by"
-            ' "accepted_constant_temperature": true in run.json)'
-        ),
-        ThermometerReason.NONE_USABLE: "no gyro thermometer can be used",
-    }
-
     def __init__(self, run_id: str, reason: Reason) -> None:
-        template = self.TEMPLATES[reason.code]
-        told = template if isinstance(template, str) else template(**reason.values)
-        super().__init__(f"{run_id}: {told}")
+        super().__init__(f"{run_id}: {sentence(reason)}")
         self.reason = reason

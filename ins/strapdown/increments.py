@@ -1,5 +1,4 @@
-"""Rates to increments, and what integrating within one interval owes to the motion: coning,
-sculling, scrolling.
+"""What integrating within one interval owes to the motion: coning and sculling.
 
 Rows of a rate log are taken as the mean over the interval that ends at `time_s`. A log of
 instantaneous samples is thereby tagged half an interval too early (what is computed for time_s
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.attitude import dcm_from_rotation_vector
-from ins.records import ImuLog, InputError, frozen_array
+from ins.records import ImuLog
 
 # of an interval to the one before: above it a gap; one lost row makes 2, jitter 2.5
 # (tests/ins/test_strapdown_kernel.py holds it to that of the loop)
@@ -27,41 +26,6 @@ MAX_INTERVAL_RATIO = 2.5
 # of a step; stamps in microseconds that are whole multiples of 20 ms, but for their last 3 digits
 SAME_STEP = 1e-6
 SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
-
-
-def increments_from_rates(
-    time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike
-) -> ImuLog:
-    """A rate log as increments: each row times the interval since the row before.
-
-    Parameters
-    ----------
-    time_s : array_like, shape (n,)
-        Two rows or more, strictly increasing. The first interval is taken as the median one.
-    gyro_rad_s, accel_m_s2 : array_like, shape (n, 3)
-        Angular rate and specific force in body axes, each the mean over the interval that ends at
-        its time.
-
-    Returns
-    -------
-    imu : ImuLog
-        With source "rates".
-
-    Raises
-    ------
-    InputError
-        Shapes that do not fit, fewer than two rows, times that do not increase.
-    """
-    t = frozen_array(time_s, (None,), "time_s")
-    gyro = frozen_array(gyro_rad_s, (t.size, 3), "gyro_rad_s")
-    accel = frozen_array(accel_m_s2, (t.size, 3), "accel_m_s2")
-    dt = np.diff(t)
-    if t.size < 2 or not np.all(dt > 0):
-        raise InputError("time_s: needs at least two rows, strictly increasing")
-    dt = np.concatenate([[np.median(dt)], dt])
-    return ImuLog(
-        time_s=t, dt_s=dt, dtheta_rad=gyro * dt[:, None], dv_m_s=accel * dt[:, None], source="rates"
-    )
 
 
 def coning(imu: ImuLog) -> NDArray:
@@ -82,7 +46,7 @@ def coning(imu: ImuLog) -> NDArray:
     T^2 / (6 Tp (T + Tp)) dtheta_p x dtheta: a twelfth of the cross product at equal intervals.
     Neglected: what a rate that is not linear in time over two intervals adds.
     """
-    return _slope_weight(imu.dt_s)[:, None] * np.cross(_before(imu.dtheta_rad), imu.dtheta_rad)
+    return _slope_weight(imu.dt_s)[:, None] * np.cross(rows_before(imu.dtheta_rad), imu.dtheta_rad)
 
 
 def sculling(imu: ImuLog) -> NDArray:
@@ -103,8 +67,8 @@ def sculling(imu: ImuLog) -> NDArray:
     -----
     T^2 / (6 Tp (T + Tp)) (dtheta_p x dv + dv_p x dtheta).
     """
-    cross = np.cross(_before(imu.dtheta_rad), imu.dv_m_s) + np.cross(
-        _before(imu.dv_m_s), imu.dtheta_rad
+    cross = np.cross(rows_before(imu.dtheta_rad), imu.dv_m_s) + np.cross(
+        rows_before(imu.dv_m_s), imu.dtheta_rad
     )
     return _slope_weight(imu.dt_s)[:, None] * cross
 
@@ -151,32 +115,17 @@ def velocity_increments(imu: ImuLog) -> NDArray:
     return imu.dv_m_s + k1 * turn + k2 * np.cross(imu.dtheta_rad, turn) + sculling(imu)
 
 
-def scrolling(imu: ImuLog) -> NDArray:
-    """Position that each interval gains beyond the trapezoid of velocity, over its length.
+def rows_before(rows: NDArray) -> NDArray:
+    """Each row's predecessor; the first is its own.
 
     Parameters
     ----------
-    imu : ImuLog
-        n rows.
+    rows : (n, ...) array
 
     Returns
     -------
-    scroll_m_s : ndarray, shape (n, 3)
-        Times the interval T: metres, in the body frame of the interval's start.
-
-    Notes
-    -----
-    -(slope T^2 + dtheta x dv) / 12: the end correction of the trapezoid, with the slope of specific
-    force as seen from inertial space.
+    before : (n, ...) array
     """
-    ratio = _interval_ratio(imu.dt_s)
-    weight = np.where(ratio <= MAX_INTERVAL_RATIO, 2 * ratio / (1 + ratio), 0.0)[:, None]
-    slope = weight * (imu.dv_m_s - ratio[:, None] * _before(imu.dv_m_s))
-    return -(slope + np.cross(imu.dtheta_rad, imu.dv_m_s)) / 12
-
-
-def _before(rows: NDArray) -> NDArray:
-    """Each row's predecessor; the first is its own."""
     return np.concatenate([rows[:1], rows[:-1]])
 
 

@@ -1,6 +1,7 @@
-"""The command line: a name and a line each; the module of a command is loaded when it is called.
+"""The command line: the names of the commands; what a command needs is loaded when it is called.
 
-`recal --help` is to take 0.3 s: it loads no command and writes plain text (rich takes 0.3 s).
+`recal --help` is to take 0.3 s: it makes no command of a verb, loads no library of the verbs, and
+writes plain text (rich takes 0.3 s).
 """
 
 import importlib
@@ -13,59 +14,21 @@ from typer.core import TyperGroup
 
 from recal.cli.console import Command, print_lines
 
-COMMANDS = {  # the first paragraph of each command's help
-    "demo": (
-        "Simulate three sessions of one aged unit, recalibrate its table from them, and report."
-    ),
-    "simulate": (
-        "Simulate one power-on session from a scenario and write it as a run with its reference."
-    ),
-    "look": (
-        "Say what a log of any known format holds, how its sensors behave, and what it can be "
-        "used for, each use with the next command. Exit code 0, 3 where something is wrong, 4 "
-        "where it is fit for"
-        " nothing."
-    ),
-    "convert": (
-        "Convert a flight log of a known format, or by a column map, to a run; list all "
-        "that was dropped or repaired."
-    ),
-    "check": (
-        "Read a run, and say what it holds, what is wrong and where. Exit code 0, or 3 where "
-        "something is wrong."
-    ),
-    "align": "Find roll, pitch and heading of a parked unit with their sigmas, and the phases "
-    "of the run.",
-    "replay": (
-        "Fly the log again with the stored table and with the one before it: drift in "
-        "NM/h, old and new."
-    ),
-    "update": (
-        "Measure the gyro biases in runs of a unit, merge them into its stored table, and report."
-    ),
-    "misalignment": (
-        "Measure how much of each level axis a gyro feels, in arcsec with sigma, from stops on "
-        "four azimuths 90 deg apart."
-    ),
-    "plan": (
-        "Say which recordings would separate rival effects, and from which size on each effect "
-        "is seen and told from its rival."
-    ),
-    "diagnose": (
-        "Say where simulator and logs disagree, which effect causes it, and how far the gap "
-        "shrinks with that effect."
-    ),
-    "serve": (
-        "Review a store in a browser: see tables, proposed updates and reports; approve, reject"
-        " or roll back."
-    ),
-}
-GROUPS = {  # what each group of commands says of itself
-    "table": "List, compare, import and export the stored thermal tables.",
-    "thermal": "Fit thermal coefficients to chamber runs.",
-    "fleet": "Recalibrate many units at once, and forecast their drift.",
-    "twin": "Fit the noise model of a unit to its own logs, and check it.",
-}
+COMMANDS = (
+    "demo",
+    "simulate",
+    "look",
+    "convert",
+    "check",
+    "align",
+    "replay",
+    "update",
+    "misalignment",
+    "plan",
+    "diagnose",
+    "serve",
+)
+GROUPS = ("table", "thermal", "fleet", "twin")
 MODULES = {
     "look": "recal.cli.logs.look",
     "table": "recal.cli.table.commands",
@@ -121,6 +84,13 @@ def _module(name: str) -> Any:
     return importlib.import_module(MODULES.get(name, f"recal.cli.{name}"))
 
 
+def _line_of(name: str) -> str:
+    """What a command, or a group of them, says of itself first."""
+    module = _module(name)
+    text = module.app.info.help if name in GROUPS else module.command.__doc__
+    return " ".join(text.split("\n\n")[0].split())
+
+
 class Program(TyperGroup):
     """`recal`: its commands are loaded one by one."""
 
@@ -133,9 +103,9 @@ class Program(TyperGroup):
         return list(self.commands)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Names and their lines, without loading what they stand for."""
+        """Names and their lines, without making the commands."""
         with formatter.section("Commands"):
-            formatter.write_dl(list({**COMMANDS, **GROUPS}.items()))
+            formatter.write_dl([(name, _line_of(name)) for name in self.commands])
 
 
 app = typer.Typer(

@@ -8,17 +8,22 @@ import errno
 import os
 import sys
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperCommand
 
 from ins.documents import to_json
 from ins.user_input import one_line, visible
-from recal.cli.terminal.help import FOLDER, help_records, usage_words
+from recal.cli.terminal.help import help_records, usage_words
+from recal.cli.terminal.progress import Progress
 from recal.cli.terminal.user_config import read_user_config
 from recal.service.results.issuer import name_issuer
+
+if TYPE_CHECKING:
+    from recal.service.results.result import Result
 
 DONE_EXIT, FAILED_EXIT, USAGE_EXIT, BAD_INPUT_EXIT, REFUSED_EXIT, INCONSISTENT_EXIT = (
     0,
@@ -46,90 +51,7 @@ EXIT_CODES = {
 }
 DEFAULT_STORE = "sqlite:///recal.db"
 
-JsonFlag = Annotated[
-    bool, typer.Option("--json", help="Print the result as one JSON document, not in words.")
-]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")]
-Verbose = Annotated[
-    bool, typer.Option("-v", "--verbose", help="Print the whole result on standard error, too.")
-]
-SEED_HELP = "Seed of the random generator."
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help=SEED_HELP)]
-NoSeed = Annotated[
-    int | None,
-    typer.Option("--seed", hidden=True, help="Accepted; this command draws no random numbers."),
-]
-OPTIONAL_VALUE = {"--retry": "3"}
-AnyClock = Annotated[
-    bool,
-    typer.Option(
-        "--any-clock",
-        help="Write although this computer's clock is behind the unit's newest revision.",
-    ),
-]
-NewUnit = Annotated[
-    bool,
-    typer.Option(
-        "--new-unit",
-        help="A unit without a table in the store begins with the default of its technology.",
-    ),
-]
-NewStore = Annotated[
-    bool, typer.Option("--new-store", help="Make the store if it is not there yet.")
-]
-PriorsChoice = Annotated[
-    str,
-    typer.Option(
-        "--priors",
-        metavar="CHOICE",
-        help="Where learnt ageing and turn-on come from: approved (those approved in the store),"
-        " default (none), or a priors.json of recal fleet learn.",
-    ),
-]
-StoreUrl = Annotated[
-    str,
-    typer.Option(
-        "--store",
-        metavar="URL",
-        envvar="RECAL_STORE",
-        help="The store of tables, as an SQLAlchemy URL. Default: RECAL_STORE, else the store of"
-        f" your config.toml, else {DEFAULT_STORE}.",
-    ),
-]
-ThermalModelPath = Annotated[
-    Path | None,
-    typer.Option(
-        "--thermal-model",
-        help="A fitted thermal_rlg.json or thermal_fog.json. What it says of temperature rates and"
-        " gradients is taken out of the log first. Default: none.",
-    ),
-]
-
-
-def folder_option(default: str) -> Any:
-    """-o, with the folder that is written to without it."""
-    said = f"The folder to write to, made if need be. Default: {default}."
-    return typer.Option("-o", "--output", metavar="FOLDER", help=said)
-
-
-OutputPath = Annotated[Path | None, folder_option(FOLDER)]
-Force = Annotated[
-    bool,
-    typer.Option(
-        "--force",
-        help="Write over what exists. Default: only over an earlier output of this command.",
-    ),
-]
-TwinPath = Annotated[
-    Path | None,
-    typer.Option(
-        "--twin",
-        metavar="FILE",
-        help="Twin file with the noise model of the unit; an update takes the effects that it lists"
-        " out of the log. Default: the unit's record in the store, else the defaults of its"
-        " technology.",
-    ),
-]
+OPTIONAL_VALUE = {"--retry": "3"}  # of an option that no number follows
 
 
 class Command(TyperCommand):
@@ -245,6 +167,39 @@ def answer(
         print_lines(lines)
         if report is not None:
             print(f"report: {linked(report)}")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How a command says what it does and what came out: in words, as JSON, or not at all."""
+
+    as_json: bool
+    quiet: bool
+    verbose: bool
+
+    def progress(self, title: str, steps: int | None, *, compiles: bool = True) -> Progress:
+        """A bar on a terminal, told of each step."""
+        return Progress(title, quiet=self.quiet, steps=steps, compiles=compiles)
+
+    def say(self, line: str) -> None:
+        """A line that is no part of the result."""
+        say(line, quiet=self.quiet)
+
+    def answer(self, result: object, lines: Iterable[str], report: Path | None = None) -> None:
+        """The result, once, and where its report is."""
+        answer(
+            result,
+            lines,
+            as_json=self.as_json,
+            quiet=self.quiet,
+            verbose=self.verbose,
+            report=report,
+        )
+
+    def end(self, found: "Result[Any]", report: Path | None = None) -> None:
+        """The result of a verb, and the exit code of its verdict."""
+        self.answer(found.document, found.lines(verbose=self.verbose), report)
+        finish(found.verdict)
 
 
 def print_lines(lines: Iterable[str]) -> None:

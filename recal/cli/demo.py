@@ -1,43 +1,24 @@
 """`recal demo`: the main job on an embedded default."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from recal.cli.console import Force, JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
+from recal.cli.console import finish
+from recal.cli.terminal.options import SEED
+from recal.cli.terminal.verbs import made_from
 
 DEFAULT_SEED = 42
 DEMO_STEPS = 4  # three sessions, one update
 
 
-def command(
-    output: OutputPath = None,
-    force: Force = False,
-    seed: Seed = DEFAULT_SEED,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    rate_hz: Annotated[
-        float, typer.Option("--rate-hz", help="IMU rate of the simulated runs [Hz].")
-    ] = 50.0,
-    verbose: Verbose = False,
-) -> None:
+@made_from("recal.service.demo", "demo", SEED)
+def command(shown, /, output, force, *, rate_hz: float = 50.0, seed=DEFAULT_SEED) -> None:
     """Simulate three sessions of one aged unit, recalibrate its table from them, and report.
 
     Example: recal demo -o recal-demo
     """
-    from recal.cli.terminal.progress import Progress
     from recal.service.demo import demo
 
-    chosen = DEFAULT_SEED if seed is None else seed
-    with Progress("simulating", quiet=quiet, steps=DEMO_STEPS) as told:
-        shown = demo(output, seed=chosen, rate_hz=rate_hz, force=force, told=told)
-    answer(
-        shown.document,
-        shown.lines(),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=Path(shown.record.report),
-    )
-    finish(shown.verdict)
+    with shown.progress("simulating", DEMO_STEPS) as told:
+        found = demo(output, seed=seed, rate_hz=rate_hz, force=force, told=told)
+    shown.answer(found.document, found.lines(), Path(found.record.report))
+    finish(found.verdict)

@@ -1,34 +1,15 @@
 """`recal fleet`: many runs of many units in one call."""
 
 import os
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ins.user_input import one_line
-from recal.cli.console import (
-    DEFAULT_STORE,
-    Command,
-    Force,
-    JsonFlag,
-    NewStore,
-    NewUnit,
-    NoSeed,
-    OutputPath,
-    PriorsChoice,
-    Quiet,
-    Seed,
-    StoreUrl,
-    Verbose,
-    answer,
-    finish,
-    folder_option,
-    login_name,
-    say,
-)
-from recal.cli.terminal.help import ADVANCED, OUTPUT
+from recal.cli.console import Command, Shown, finish, login_name
+from recal.cli.terminal.options import SEED, folder_option
+from recal.cli.terminal.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.fleet.document_records import FleetReport
@@ -46,26 +27,18 @@ app = typer.Typer(
 )
 
 
-class Pages(StrEnum):
-    """Which runs get a page of their own."""
-
-    last = "last"
-    all = "all"
-    none = "none"
-
-
 @app.callback()
 def fleet() -> None:
     """Recalibrate many units at once, and forecast their drift."""
 
 
 @app.command("update", cls=Command)
+@made_from("recal.fleet.records", "FleetRequest", cluster="URL")
 def update(
-    source: Annotated[
-        Path,
-        typer.Argument(help="A folder, searched for runs, or a manifest (.csv, .jsonl, .toml)."),
-    ],
-    store: StoreUrl = DEFAULT_STORE,
+    shown,
+    source,
+    /,
+    store,
     commit: Annotated[
         bool,
         typer.Option(
@@ -73,66 +46,19 @@ def update(
             help="Merge into the tables, or keep proposals in the store for review.",
         ),
     ] = False,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Store nothing, no proposals either.")
-    ] = False,
-    joint: Annotated[
-        bool, typer.Option("--joint", help="With --commit: take all runs of a unit as one update.")
-    ] = False,
-    known_only: Annotated[
-        bool,
-        typer.Option(
-            "--known-only", help="Refuse runs of units without a stored table; with --dry-run too."
-        ),
-    ] = False,
-    new_unit: NewUnit = False,
-    new_store: NewStore = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers",
-            min=1,
-            rich_help_panel=ADVANCED,
-            help="Processes on this machine. Default: one a core.",
-        ),
-    ] = None,
-    cluster: Annotated[
-        str,
-        typer.Option(
-            "--cluster",
-            metavar="URL",
-            rich_help_panel=ADVANCED,
-            help="Work on the cluster of this Dask scheduler, such as tcp://host:8786.",
-        ),
-    ] = "",
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config",
-            help="Settings (TOML) with the sections session, flight and ageing. Default: none.",
-        ),
-    ] = None,
-    pages: Annotated[
-        Pages,
-        typer.Option(
-            "--pages",
-            rich_help_panel=OUTPUT,
-            help="Which runs get a page: a unit's last of each outcome, all, or none.",
-        ),
-    ] = Pages.last,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            "--by",
-            help="Who proposes. Default: the operator of your config.toml, else your login name.",
-        ),
-    ] = None,
-    note: Annotated[str, typer.Option("--note", help="A note kept with the proposals.")] = "",
-    output: OutputPath = None,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    dry_run: bool = False,
+    *,
+    joint,
+    known_only,
+    new_unit,
+    new_store,
+    workers: int | None = None,
+    cluster,
+    config,
+    pages,
+    by: str | None = None,
+    note,
+    output,
 ) -> None:
     """Recalibrate every unit from its runs in time order, units side by side; stopped, the same
     call goes on.
@@ -141,6 +67,15 @@ def update(
 
     On a cluster: recal fleet update runs.csv --store postgresql://host/recal --cluster
     tcp://host:8786 --commit
+
+    Parameters
+    ----------
+    dry_run
+        Store nothing, no proposals either.
+    workers : int in [1, ]
+        Processes on this machine. Default: one a core.
+    by
+        Who proposes. Default: the operator of your config.toml, else your login name.
     """
     if dry_run and commit:
         raise typer.BadParameter(
@@ -170,57 +105,36 @@ def update(
         workers=workers or cores(),
         cluster=cluster,
         config=config,
-        pages=pages.value,
+        pages=pages,
         by=login_name() if by is None else by,
         note=note,
     )
-    with _Bar(quiet=quiet) as bar:
+    with _Bar(quiet=shown.quiet) as bar:
         try:
             document = update_fleet(request, bar.watcher())
         except KeyboardInterrupt:
-            say(
-                f"stopped after {bar.done} of {bar.total} runs; the same command goes on",
-                quiet=quiet,
-            )
+            shown.say(f"stopped after {bar.done} of {bar.total} runs; the same command goes on")
             raise
-    answer(
-        document,
-        summary(document, verbose=verbose),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=request.output / "fleet.html",
-    )
+    lines = summary(document, verbose=shown.verbose)
+    shown.answer(document, lines, request.output / "fleet.html")
     finish(document.verdict)
 
 
 @app.command(cls=Command)
+@made_from("recal.service.priors.learn", "LearnRequest", folder_option(LEARN_FOLDER), SEED)
 def learn(
-    store: StoreUrl = DEFAULT_STORE,
-    technology: Annotated[
-        str | None,
-        typer.Option("--technology", help="Only units of rlg, fog or mems. Default: all."),
-    ] = None,
-    serial: Annotated[
-        str | None, typer.Option("--serial", help="Only the unit of this serial. Default: all.")
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Store nothing, only write the report.")
-    ] = False,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            "--by",
-            help="Who learns. Default: the operator of your config.toml, else your login name.",
-        ),
-    ] = None,
-    note: Annotated[str, typer.Option("--note", help="A note kept with the priors.")] = "",
-    output: Annotated[Path | None, folder_option(LEARN_FOLDER)] = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: Seed = 0,
+    shown,
+    /,
+    store,
+    *,
+    technology,
+    serial,
+    dry_run: bool = False,
+    by: str | None = None,
+    note: str = "",
+    output,
+    force,
+    seed=0,
 ) -> None:
     """Learn turn-on, flicker, ageing and outliers of a fleet's units from the sessions that its
     store keeps.
@@ -228,8 +142,16 @@ def learn(
     Example: recal fleet learn --store sqlite:///recal.db
 
     They are kept for approval (recal fleet approve); recal update goes by approved ones.
+
+    Parameters
+    ----------
+    dry_run
+        Store nothing, only write the report.
+    by
+        Who learns. Default: the operator of your config.toml, else your login name.
+    note
+        A note kept with the priors.
     """
-    from recal.cli.terminal.progress import Progress
     from recal.service.priors.learn import LEARN_STEPS, LearnRequest, learn_priors
     from recal.service.results.overwrite import need_free_report
 
@@ -238,50 +160,31 @@ def learn(
     need_free_report(folder, "priors.json", "recal.priors/1", ("priors.html",), force=force)
     keep = None if dry_run else (login_name() if by is None else by, note)
     request = LearnRequest(
-        store_url=store,
-        technology=technology,
-        serial=serial,
-        keep=keep,
-        output=output,
-        seed=seed or 0,
+        store_url=store, technology=technology, serial=serial, keep=keep, output=output, seed=seed
     )
-    with Progress("learning", quiet=quiet, steps=LEARN_STEPS, compiles=False) as told:
+    with shown.progress("learning", LEARN_STEPS, compiles=False) as told:
         result = learn_priors(request, told)
-    answer(
-        result.document,
-        result.lines(verbose=verbose),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=folder / "priors.html",
-    )
-    finish(result.verdict)
+    shown.end(result, folder / "priors.html")
 
 
 @app.command(cls=Command)
+@made_from("recal.service.priors.forecast", "ForecastRequest", folder_option(FORECAST_FOLDER))
 def forecast(
-    store: StoreUrl = DEFAULT_STORE,
-    limit: Annotated[
-        float, typer.Option("--limit", min=0.01, help="The limit of the drift in NM/h.")
-    ] = 0.8,
-    technology: Annotated[
-        str | None,
-        typer.Option("--technology", help="Only units of rlg, fog or mems. Default: all."),
-    ] = None,
-    priors: PriorsChoice = "approved",
-    output: Annotated[Path | None, folder_option(FORECAST_FOLDER)] = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown,
+    /,
+    store,
+    *,
+    limit: Annotated[float, typer.Option(min=0.01, help="The limit of the drift in NM/h.")] = 0.8,
+    technology,
+    priors,
+    output,
+    force,
 ) -> None:
     """Say when the free-inertial drift of each unit will pass a limit, the most urgent first, and
     which session would put that off.
 
     Example: recal fleet forecast --store sqlite:///recal.db --limit 0.8
     """
-    from recal.cli.terminal.progress import Progress
     from recal.service.priors.forecast import ForecastRequest, forecast_steps
     from recal.service.priors.forecast import forecast as forecast_units
     from recal.service.results.overwrite import need_free_report
@@ -292,28 +195,14 @@ def forecast(
     request = ForecastRequest(
         store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
     )
-    steps = forecast_steps(request)
-    with Progress("forecasting", quiet=quiet, steps=steps, compiles=False) as told:
+    with shown.progress("forecasting", forecast_steps(request), compiles=False) as told:
         result = forecast_units(request, told)
-    answer(
-        result.document,
-        result.lines(verbose=verbose),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=folder / "forecast.html",
-    )
-    finish(result.verdict)
+    shown.end(result, folder / "forecast.html")
 
 
 @app.command("priors", cls=Command)
-def priors_list(
-    store: StoreUrl = DEFAULT_STORE,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@made_from()
+def priors_list(shown, /, store) -> None:
     """List the learnt priors of a store, their state and who decided, oldest first.
 
     Example: recal fleet priors --store sqlite:///recal.db
@@ -321,62 +210,35 @@ def priors_list(
     from recal.service.priors.records import listed_priors
 
     listed = listed_priors(store)
-    answer(listed.document, listed.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
-
-
-PriorsNumber = Annotated[int, typer.Argument(help="The number of the priors.")]
-Decider = Annotated[str, typer.Option("--by", help="The name of who decides.")]
-Why = Annotated[str, typer.Option("--reason", help="Why, kept with the decision.")]
-OfTechnology = Annotated[
-    str, typer.Option("--technology", help="The technology: rlg, fog or mems.")
-]
+    shown.answer(listed.document, listed.lines())
 
 
 @app.command(cls=Command)
-def approve(
-    number: PriorsNumber,
-    by: Decider,
-    reason: Why,
-    technology: OfTechnology = "rlg",
-    store: StoreUrl = DEFAULT_STORE,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@made_from("recal.service.priors.records", "decide")
+def approve(shown, number, /, by, reason, *, technology="rlg", store) -> None:
     """Put learnt priors to use; older ones may be approved again.
 
     Example: recal fleet approve 1 --by "K. Reviewer" --reason "240 sessions, innovation 1.00"
     """
-    decided = _decided(store, (technology, number, "approved"), (by, reason))
-    answer(decided.document, decided.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
+    _decide(shown, store, (technology, number, "approved"), (by, reason))
 
 
 @app.command(cls=Command)
-def reject(
-    number: PriorsNumber,
-    by: Decider,
-    reason: Why,
-    technology: OfTechnology = "rlg",
-    store: StoreUrl = DEFAULT_STORE,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@made_from("recal.service.priors.records", "decide")
+def reject(shown, number, /, by, reason, *, technology="rlg", store) -> None:
     """Reject learnt priors, for good.
 
     Example: recal fleet reject 2 --by "K. Reviewer" --reason "one aircraft was in the hangar"
     """
-    decided = _decided(store, (technology, number, "rejected"), (by, reason))
-    answer(decided.document, decided.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
+    _decide(shown, store, (technology, number, "rejected"), (by, reason))
 
 
-def _decided(store: str, about: tuple[str, int, str], signed: tuple[str, str]) -> Any:
+def _decide(shown: Shown, store: str, about: tuple[str, int, str], signed: tuple[str, str]) -> None:
     from recal.service.priors.records import decide
 
     require_technology(about[0])
-    return decide(store, *about, by=signed[0], reason=signed[1])
+    decided = decide(store, *about, by=signed[0], reason=signed[1])
+    shown.answer(decided.document, decided.lines())
 
 
 def require_technology(name: str | None) -> None:

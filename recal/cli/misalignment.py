@@ -5,136 +5,41 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import (
-    DEFAULT_STORE,
-    Force,
-    JsonFlag,
-    NoSeed,
-    OutputPath,
-    Quiet,
-    StoreUrl,
-    TwinPath,
-    Verbose,
-    answer,
-    finish,
-)
-from recal.cli.terminal.help import INPUT, OUTPUT
+from recal.cli.terminal.help import INPUT
+from recal.cli.terminal.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.misalignment import KnownAzimuths
 
-Inputs = Annotated[
-    list[Path],
-    typer.Argument(
-        help="Runs of one unit on four azimuths (one run may hold several stops), or one CSV table."
-    ),
-]
-Headings = Annotated[
-    str | None,
-    typer.Option(
-        "--heading-deg",
-        metavar="DEG,DEG,...",
-        rich_help_panel=INPUT,
-        help="Headings of the stops, such as 0,90,180,270. Default: the gyros find the azimuths.",
-    ),
-]
-NorthToWest = Annotated[
-    str | None,
-    typer.Option(
-        "--north-to-west-deg",
-        metavar="DEG,DEG,...",
-        rich_help_panel=INPUT,
-        help="Headings of the stops, counted from north to west. Default: as --heading-deg.",
-    ),
-]
-SigmaAzimuth = Annotated[
-    float,
-    typer.Option(
-        "--sigma-azimuth-arcsec", help="1 sigma of each given heading by itself [arcsec]."
-    ),
-]
-SigmaHeading = Annotated[
-    float | None,
-    typer.Option(
-        "--sigma-heading-deg",
-        help="1 sigma of the error that all given headings share, those of a table too [deg]; 0"
-        " only where north is known without error. Default: 0.1.",
-    ),
-]
-SigmaNorth = Annotated[
-    float | None,
-    typer.Option(
-        "--sigma-north-arcsec", help="The same in seconds of arc [arcsec]; give one of the two."
-    ),
-]
-SigmaMounting = Annotated[
-    float | None,
-    typer.Option(
-        "--sigma-mounting-arcsec",
-        help="1 sigma of the angle between the unit's base and the turning axis [arcsec]. Where it"
-        " is given, the result states accelerometer biases. Default: not given.",
-    ),
-]
-MaxOff = Annotated[
-    float, typer.Option("--max-off-deg", help="How far a stop may be off its quarter turn [deg].")
-]
-Prior = Annotated[
-    float,
-    typer.Option(
-        "--prior-mrad", help="1 sigma of what a coupling may be before it is measured [mrad]."
-    ),
-]
-Shortest = Annotated[float, typer.Option("--shortest-s", help="Shorter stops are left out [s].")]
-Latitude = Annotated[
-    float | None,
-    typer.Option(
-        "--lat-deg",
-        rich_help_panel=INPUT,
-        help="Latitude of a CSV table [deg]; runs have their own. Default: none.",
-    ),
-]
-Sigma = Annotated[
-    float | None,
-    typer.Option(
-        "--sigma-deg-h",
-        rich_help_panel=INPUT,
-        help="1 sigma of the biases of a CSV table without sigma columns [deg/h]. Default: none.",
-    ),
-]
-TwinOut = Annotated[
-    Path | None,
-    typer.Option(
-        "--twin-out",
-        metavar="FILE",
-        rich_help_panel=OUTPUT,
-        help="Also write the twin with the misalignment and its sigma to this file."
-        " Default: not written.",
-    ),
-]
 
-
+@made_from(heading_deg="DEG,DEG,...", north_to_west_deg="DEG,DEG,...", twin_out="FILE")
 def command(
-    inputs: Inputs,
-    heading_deg: Headings = None,
-    north_to_west_deg: NorthToWest = None,
-    sigma_azimuth_arcsec: SigmaAzimuth = 5.0,
-    sigma_heading_deg: SigmaHeading = None,
-    sigma_north_arcsec: SigmaNorth = None,
-    sigma_mounting_arcsec: SigmaMounting = None,
-    max_off_deg: MaxOff = 2.0,
-    prior_mrad: Prior = 1.0,
-    shortest_s: Shortest = 300.0,
-    lat_deg: Latitude = None,
-    sigma_deg_h: Sigma = None,
-    store: StoreUrl = DEFAULT_STORE,
-    twin: TwinPath = None,
-    twin_out: TwinOut = None,
-    output: OutputPath = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown,
+    inputs: list[Path],
+    /,
+    heading_deg: str | None = None,
+    north_to_west_deg: str | None = None,
+    sigma_azimuth_arcsec: float = 5.0,
+    sigma_heading_deg: float | None = None,
+    sigma_north_arcsec: float | None = None,
+    sigma_mounting_arcsec: float | None = None,
+    max_off_deg: float = 2.0,
+    prior_mrad: float = 1.0,
+    shortest_s: float = 300.0,
+    lat_deg: Annotated[
+        float | None,
+        typer.Option(
+            rich_help_panel=INPUT,
+            help="Latitude of a CSV table [deg]; runs have their own. Default: none.",
+        ),
+    ] = None,
+    sigma_deg_h: float | None = None,
+    *,
+    store,
+    twin,
+    twin_out: Path | None = None,
+    output,
+    force,
 ) -> None:
     """Measure how much of each level axis a gyro feels, in arcsec with sigma, from stops on four
     azimuths 90 deg apart.
@@ -144,8 +49,36 @@ def command(
 
     Example: recal misalignment run-0 run-90 run-180 run-270 --heading-deg 0,90,180,270 --twin-out
     twin.json
+
+    Parameters
+    ----------
+    inputs
+        Runs of one unit on four azimuths (one run may hold several stops), or one CSV table.
+    heading_deg
+        Headings of the stops, such as 0,90,180,270. Default: the gyros find the azimuths.
+    north_to_west_deg
+        Headings of the stops, counted from north to west. Default: as --heading-deg.
+    sigma_azimuth_arcsec
+        1 sigma of each given heading by itself [arcsec].
+    sigma_heading_deg
+        1 sigma of the error that all given headings share, those of a table too [deg]; 0 only
+        where north is known without error. Default: 0.1.
+    sigma_north_arcsec
+        The same in seconds of arc [arcsec]; give one of the two.
+    sigma_mounting_arcsec
+        1 sigma of the angle between the unit's base and the turning axis [arcsec]. Where it is
+        given, the result states accelerometer biases. Default: not given.
+    max_off_deg
+        How far a stop may be off its quarter turn [deg].
+    prior_mrad
+        1 sigma of what a coupling may be before it is measured [mrad].
+    shortest_s
+        Shorter stops are left out [s].
+    sigma_deg_h
+        1 sigma of the biases of a CSV table without sigma columns [deg/h].
+    twin_out
+        Also write the twin with the misalignment and its sigma to this file. Default: not written.
     """
-    from recal.cli.terminal.progress import Progress
     from recal.service.misalignment import AzimuthSettings, misalignment, misalignment_of_table
     from recal.service.results.overwrite import need_free_file, need_free_report
 
@@ -183,20 +116,12 @@ def command(
             sigma_stop_arcsec=stop_arcsec,
             sigma_heading_deg=settings.sigma_heading_deg,
         )
-        with Progress("finding the stops", quiet=quiet, steps=len(inputs) + 1) as told:
+        with shown.progress("finding the stops", len(inputs) + 1) as told:
             found = misalignment(
                 inputs, twin, known=known, settings=settings, store=store, told=told
             )
     written = found.write(output, twin_out=twin_out)
-    answer(
-        found.document,
-        found.lines(),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=written / "misalignment.html",
-    )
-    finish(found.verdict)
+    shown.end(found, written / "misalignment.html")
 
 
 def is_table(inputs: list[Path]) -> bool:

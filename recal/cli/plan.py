@@ -2,86 +2,42 @@
 be seen.
 """
 
-from enum import StrEnum
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from recal.cli.console import Force, JsonFlag, OutputPath, Quiet, Seed, Verbose, answer
+from recal.cli.terminal.options import SEED
+from recal.cli.terminal.verbs import made_from
 
 
-class Without(StrEnum):
-    """What a recording cannot have."""
-
-    gnss = "gnss"
-    odometer = "odometer"
-    taxi = "taxi"
-    gradient = "gradient"
-
-
-class Technology(StrEnum):
-    rlg = "rlg"
-    fog = "fog"
-    mems = "mems"
-
-
+@made_from("recal.service.plan", "PlanRequest", SEED, twin="FILE", separate="A,B")
 def command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(help="Run directories at hand. Default: none.")
-    ] = None,
-    twin: Annotated[
-        Path | None,
-        typer.Option(
-            "--twin",
-            metavar="FILE",
-            help="Twin file with the noise model of the unit. Default: that of its technology.",
-        ),
-    ] = None,
-    technology: Annotated[
-        Technology,
-        typer.Option(help="Technology of the gyros, where there is neither twin nor run."),
-    ] = Technology.rlg,
-    separate: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--separate",
-            metavar="A,B",
-            help="Two effects to tell apart; A@gyro_y names the channel. May be repeated."
-            " Default: the pairs that are usually confused.",
-        ),
-    ] = None,
-    without: Annotated[
-        list[Without] | None,
-        typer.Option(
-            "--without", help="What a recording here cannot have. May be repeated. Default: none."
-        ),
-    ] = None,
-    lat_deg: Annotated[
-        float | None,
-        typer.Option(min=-85, max=85, help="Latitude [deg]. Default: that of the runs, else 45."),
-    ] = None,
-    most: Annotated[int, typer.Option(min=1, max=12, help="How many new recordings at most.")] = 6,
-    flights: Annotated[
-        bool,
-        typer.Option(
-            "--flights",
-            help="Also which flight with a receiver would bring which gyro to which sigma.",
-        ),
-    ] = False,
-    output: OutputPath = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: Seed = 0,
+    shown,
+    runs: Sequence[Path] = (),
+    /,
+    twin: Path | None = None,
+    *,
+    technology,
+    separate,
+    without,
+    lat_deg,
+    most,
+    flights,
+    output,
+    force,
+    seed=0,
 ) -> None:
     """Say which recordings would separate rival effects, and from which size on each effect is seen
     and told from its rival.
 
     Example: recal plan --twin twin.json --separate gyro_thermal_linear,gyro_warmup_transient
+
+    Parameters
+    ----------
+    runs
+        Run directories at hand. Default: none.
+    twin
+        Twin file with the noise model of the unit. Default: that of its technology.
     """
-    from recal.cli.terminal.progress import Progress
     from recal.service.plan import PlanRequest, plan, plan_steps
     from recal.service.results.overwrite import need_free_report
 
@@ -90,21 +46,13 @@ def command(
     request = PlanRequest(
         twin=twin,
         technology=technology,
-        separate=separate or [],
-        without=[w.value for w in without or []],
+        separate=separate,
+        without=without,
         lat_deg=lat_deg,
         most=most,
-        seed=seed or 0,
+        seed=seed,
         flights=flights,
     )
-    with Progress("planning", quiet=quiet, steps=plan_steps(request)) as told:
-        planned = plan(runs or [], request, told=told, first_answer=told.say)
-    written = planned.write(output)
-    answer(
-        planned.document,
-        planned.lines(),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=written / "plan.html",
-    )
+    with shown.progress("planning", plan_steps(request)) as told:
+        planned = plan(runs, request, told=told, first_answer=told.say)
+    shown.answer(planned.document, planned.lines(), planned.write(output) / "plan.html")

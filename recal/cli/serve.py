@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, answer, say
-from recal.cli.terminal.help import INPUT
+from recal.cli.console import say
+from recal.cli.terminal.verbs import made_from
 
 if TYPE_CHECKING:
     import socket
@@ -20,59 +22,38 @@ if TYPE_CHECKING:
 NEEDS_EXTRA = "serve needs FastAPI and uvicorn: pip install strapdown-recal[web]"
 
 
+@made_from(reports="FOLDER", token_file="FILE")
 def command(
-    store: StoreUrl = DEFAULT_STORE,
-    host: Annotated[
-        str,
-        typer.Option(
-            "--host", help="Address to listen on. Any but this machine's own needs a token."
-        ),
-    ] = "127.0.0.1",
+    shown,
+    /,
+    store,
+    *,
+    host: str = "127.0.0.1",
     port: Annotated[
-        int,
-        typer.Option(
-            "--port", min=0, max=65535, help="Port to listen on; 0 takes any that is free."
-        ),
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes any that is free.")
     ] = 8000,
-    reports: Annotated[
-        Path | None,
-        typer.Option(
-            "--reports",
-            metavar="FOLDER",
-            rich_help_panel=INPUT,
-            help="Also show the diagnosis reports below this folder. Default: none.",
-        ),
-    ] = None,
-    token_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--token-file",
-            metavar="FILE",
-            rich_help_panel=INPUT,
-            help="File with a line for each reviewer: TOKEN, or NAME TOKEN. Default:"
-            " RECAL_SERVE_TOKEN.",
-        ),
-    ] = None,
-    allow_host: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--allow-host",
-            help="A further host name that browsers may use, as behind a proxy. May be repeated."
-            " Default: none.",
-        ),
-    ] = None,
-    https: Annotated[
-        bool, typer.Option("--https", help="A proxy adds TLS, so cookies are for https only.")
-    ] = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    reports: Path | None = None,
+    token_file: Path | None = None,
+    allow_host: Sequence[str] = (),
+    https: bool = False,
 ) -> None:
     """Review a store in a browser: see tables, proposed updates and reports; approve, reject or
     roll back.
 
     Example: recal serve --store sqlite:///recal.db --reports diagnoses
+
+    Parameters
+    ----------
+    host
+        Address to listen on. Any but this machine's own needs a token.
+    reports
+        Also show the diagnosis reports below this folder.
+    token_file
+        File with a line for each reviewer: TOKEN, or NAME TOKEN. Default: RECAL_SERVE_TOKEN.
+    allow_host
+        A further host name that browsers may use, as behind a proxy. May be repeated.
+    https
+        A proxy adds TLS, so cookies are for https only.
     """
     if not all(map(find_spec, ("fastapi", "uvicorn"))):
         from ins.records import InputError
@@ -80,9 +61,7 @@ def command(
         raise InputError(NEEDS_EXTRA)
     from recal.web.app import build_app
 
-    settings, made, ticket = _settings(
-        store, host, port, reports, token_file, allow_host or [], https
-    )
+    settings, made, ticket = _settings(store, host, port, reports, token_file, allow_host, https)
     app = build_app(settings)
     listener = _listen(settings)
     url = _url(settings, listener)
@@ -92,12 +71,10 @@ def command(
         "url": url,
         "read_only": not settings.tokens,
     }
-    answer(
-        started, [f"serving on {url} (Ctrl-C ends it)"], as_json=as_json, quiet=quiet, verbose=False
-    )
+    replace(shown, verbose=False).answer(started, [f"serving on {url} (Ctrl-C ends it)"])
     sys.stdout.flush()
-    _greet(settings, made, f"{url}login?ticket={ticket}", quiet=quiet)
-    _run(app, listener, log=verbose)
+    _greet(settings, made, f"{url}login?ticket={ticket}", quiet=shown.quiet)
+    _run(app, settings, listener, log=shown.verbose)
 
 
 def _settings(
@@ -106,7 +83,7 @@ def _settings(
     port: int,
     reports: Path | None,
     token_file: Path | None,
-    names: list[str],
+    names: Sequence[str],
     https: bool,
 ) -> tuple[ServeSettings, str, str]:
     """What to serve, and the token and the ticket of a login link if they were made for this start:
@@ -176,10 +153,10 @@ def _greet(settings: ServeSettings, made: str, link: str, *, quiet: bool) -> Non
         say("read only: no token was given (--token-file or RECAL_SERVE_TOKEN)", quiet=quiet)
 
 
-def _run(app: Any, listener: socket.socket, *, log: bool) -> None:
+def _run(app: Any, settings: ServeSettings, listener: socket.socket, *, log: bool) -> None:
     """Serve until interrupted; requests are logged on standard error with -v."""
     import uvicorn
 
     from recal.web.connections import server_config
 
-    uvicorn.Server(server_config(app, log=log)).run(sockets=[listener])
+    uvicorn.Server(server_config(app, settings, log=log)).run(sockets=[listener])

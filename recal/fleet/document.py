@@ -26,8 +26,8 @@ from recal.fleet.document_records import (
     StaleRow,
     StepDrift,
     TableFacts,
+    UnitReport,
     UnitRow,
-    UnitSummary,
 )
 from recal.fleet.records import (
     MERGED,
@@ -42,7 +42,7 @@ from recal.fleet.unit_summary import LEVEL
 from recal.service.priors.forecast import most_urgent
 from recal.service.priors.forecast_records import ForecastReport
 from recal.service.results.files import program_version
-from recal.service.results.pages import NM_H_PER_DEG_H, MethodDocument, Step
+from recal.service.results.pages import NM_H_PER_DEG_H, BiasStep, MethodDocument
 from recal.service.store import TableStore, UnitKey, holds_store, store_name
 
 MAX_POINTS = 2000
@@ -107,7 +107,7 @@ def _spread(values: NDArray) -> Spread | None:
 def fleet_document(
     request: FleetRequest,
     outcomes: Sequence[RunOutcome],
-    summaries: Mapping[UnitKey, UnitSummary],
+    summaries: Mapping[UnitKey, UnitReport],
     timing: FleetTiming,
 ) -> FleetReport:
     """outcomes: of all runs; summaries: of the units that have some; both of this call and those
@@ -179,7 +179,7 @@ def _forecast(store_url: str) -> ForecastReport | None:
 
 def _unit(
     key: UnitKey,
-    summary: UnitSummary,
+    summary: UnitReport,
     outcomes: Sequence[RunOutcome],
     table: TableFacts | None,
     output: Path,
@@ -207,7 +207,7 @@ def _unit(
     )
 
 
-def _step_drift(steps: Sequence[Step]) -> StepDrift | None:
+def _step_drift(steps: Sequence[BiasStep]) -> StepDrift | None:
     """What a step of the level gyros that the table does not follow makes of a solution; None
     without one.
     """
@@ -277,7 +277,7 @@ def _notes(outcomes: Sequence[RunOutcome]) -> list[NoteGroup]:
     return [NoteGroup(note, len(paths), paths[0]) for note, paths in sorted(found.items())]
 
 
-def _coverage(summaries: Mapping[UnitKey, UnitSummary]) -> list[FleetBand]:
+def _coverage(summaries: Mapping[UnitKey, UnitReport]) -> list[FleetBand]:
     """In each 5 degC band: how many units were seen there, and for how long."""
     bands: dict[float, list[float]] = defaultdict(list)
     for summary in summaries.values():

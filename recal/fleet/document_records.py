@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from ins.documents import OMIT_NONE
 from recal.fleet.records import FleetOutcome, FleetVerdict
 from recal.service.priors.forecast_records import ForecastReport
-from recal.service.results.pages import MethodDocument, Step
+from recal.service.results.pages import BiasStep, MethodDocument
 
 
 @dataclass(frozen=True, kw_only=True)
-class Band:
+class TemperatureBand:
     """Seconds of a unit's merged runs in 5 degC of gyro temperature."""
 
     low_degC: float
@@ -29,7 +29,7 @@ class FleetBand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drift:
+class TableDrift:
     """The level gyros' change from the first merge's old table to the last one's new, at the
     temperatures of the points.
 
@@ -59,13 +59,13 @@ class StepDrift:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnitSummary:
+class UnitReport:
     """What the reports of a unit's runs say of it; of: the outcomes and pages that it sums up."""
 
     of: str = ""
-    drift: Drift | None = None
-    coverage: Sequence[Band] = ()
-    steps: Sequence[Step] = ()
+    drift: TableDrift | None = None
+    coverage: Sequence[TemperatureBand] = ()
+    steps: Sequence[BiasStep] = ()
     step_words: Sequence[str] = ()
     pages: Sequence[str] = ()
 
@@ -98,11 +98,11 @@ class UnitRow:
     gyro_technology: str
     gyro_mode: str
     runs: Mapping[str, int]
-    drift: Drift | None
+    drift: TableDrift | None
     step_drift: StepDrift | None
     ranked_nm_h: float
-    coverage: Sequence[Band]
-    steps: Sequence[Step]
+    coverage: Sequence[TemperatureBand]
+    steps: Sequence[BiasStep]
     step_words: Sequence[str]
     table: TableFacts | None
     page: str | None

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from recal.fleet.document_records import Band, CallTiming, FleetReport
+from recal.fleet.document_records import CallTiming, FleetReport, TemperatureBand
 from recal.fleet.records import OUTCOMES, FleetOutcome
 from recal.service.results.pages import (
     BLUE,
@@ -161,7 +161,7 @@ def outcome_bar(counts: Mapping[str, int]) -> list[tuple[str, int, float, str]]:
     ]
 
 
-def coverage_strip(bands: Sequence[Band]) -> Markup | None:
+def coverage_strip(bands: Sequence[TemperatureBand]) -> Markup | None:
     """A unit's temperatures as a small strip: the darker, the longer it was there."""
     if not bands:
         return None

@@ -22,7 +22,7 @@ ENDINGS = ("imu.parquet", "imu.csv", "imu.csv.gz")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Listed:
+class ListedRun:
     """A run directory, absolute; `wrong`: why it cannot be taken, where that is known already."""
 
     path: Path
@@ -35,7 +35,7 @@ class _Entry(StrictModel):
     twin: str | None = None
 
 
-def listed_runs(source: Path) -> list[Listed]:
+def listed_runs(source: Path) -> list[ListedRun]:
     """The runs of a folder (any depth) or of a manifest, each once. InputError where there is
     none.
     """
@@ -54,12 +54,12 @@ def listed_runs(source: Path) -> list[Listed]:
         path = Path(os.path.normpath(folder / entry.path))
         twin = None if not entry.twin else Path(os.path.normpath(folder / entry.twin))
         if path not in seen:
-            runs.append(Listed(path=path, twin=twin))
+            runs.append(ListedRun(path=path, twin=twin))
         seen.add(path)
     return runs
 
 
-def _below(folder: Path) -> Iterator[Listed]:
+def _below(folder: Path) -> Iterator[ListedRun]:
     """Run directories at any depth, links followed once; names that begin with a dot are
     half-written runs.
     """
@@ -74,10 +74,10 @@ def _below(folder: Path) -> Iterator[Listed]:
             continue
         if "run.json" in files:
             folders[:] = []
-            yield Listed(path=Path(name))
+            yield ListedRun(path=Path(name))
         elif any(end in files for end in ENDINGS):
             folders[:] = []
-            yield Listed(
+            yield ListedRun(
                 path=Path(name), wrong=f"{name}: run.json is missing beside the imu stream"
             )
 

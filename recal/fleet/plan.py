@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from ins.records import InputError, RunHeader
-from recal.fleet.manifest import Listed
+from recal.fleet.manifest import ListedRun
 from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome, outcome_of
 from recal.service.inputs.listings import read_header
 from recal.service.store import UnitKey, moment
@@ -30,7 +30,7 @@ class FleetPlan:
     set_aside: tuple[RunOutcome, ...]
 
 
-def plan_fleet(listed: Sequence[Listed], now: datetime) -> FleetPlan:
+def plan_fleet(listed: Sequence[ListedRun], now: datetime) -> FleetPlan:
     """Read every run.json; group by unit, order by start_utc, then run_id and path."""
     units: dict[UnitKey, list[PlannedRun]] = defaultdict(list)
     set_aside: list[RunOutcome] = []
@@ -81,7 +81,7 @@ def wrong_clock(start_utc: str, now: datetime) -> str:
     )
 
 
-def _header(run: Listed) -> RunHeader:
+def _header(run: ListedRun) -> RunHeader:
     if run.wrong:
         raise InputError(run.wrong)
     if not run.path.is_dir():

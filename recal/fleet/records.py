@@ -53,11 +53,36 @@ OUTCOMES = {  # outcome of a run: what it means, in the order of the report
 
 @dataclass(frozen=True, kw_only=True)
 class FleetRequest:
-    """What was asked for. mode: one of MODES; by, note: kept with proposals. known_only: refuse
-    units without a table in a dry run too; new_unit, new_store: make them where they are not there.
+    """What was asked for.
 
-    cluster: a Dask scheduler's address, empty for `workers` processes here; pages: last, all or
-    none.
+    Parameters
+    ----------
+    source : path
+        A folder, searched for runs, or a manifest (.csv, .jsonl, .toml).
+    store_url : str
+        The store of tables.
+    output : path
+        The folder to write to.
+    mode : str
+        One of MODES.
+    by : str
+        Who proposes.
+    note : str
+        A note kept with the proposals.
+    joint : bool
+        With --commit: take all runs of a unit as one update.
+    known_only : bool
+        Refuse runs of units without a stored table; with --dry-run too.
+    new_unit, new_store : bool
+        Make them where they are not there.
+    workers : int
+        Processes on this machine.
+    cluster : str
+        Work on the cluster of this Dask scheduler, such as tcp://host:8786.
+    config : path, optional
+        Settings (TOML) of the session.
+    pages : {'last', 'all', 'none'}
+        Which runs get a page: a unit's last of each outcome, all, or none.
     """
 
     source: Path

@@ -1,9 +1,7 @@
 """fleet.html: the fleet document as one page that fetches nothing. Computes nothing."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 
 from recal.fleet import figures
@@ -81,7 +79,7 @@ def fleet_html(document: FleetReport) -> str:
     drifts = [u.drift for u in document.units if u.drift]
     most = document.criteria.surprise_sigmas
     return (
-        _environment()
+        page_environment("recal.fleet")
         .get_template("fleet.html.j2")
         .render(
             d=document,
@@ -115,12 +113,3 @@ def _name(unit: UnitRow | StaleRow) -> str:
     serial.
     """
     return " ".join(filter(None, (unit.imu_serial, unit.gyro_mode)))
-
-
-@lru_cache(maxsize=1)
-def _environment() -> Environment:
-    shared = page_environment()
-    assert shared.loader is not None
-    return shared.overlay(
-        loader=ChoiceLoader([PackageLoader("recal.fleet", "templates"), shared.loader])
-    )

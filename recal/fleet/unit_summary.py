@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from ins.verdicts import Outcome
-from recal.fleet.document_records import Band, Drift, UnitSummary
+from recal.fleet.document_records import TableDrift, TemperatureBand, UnitReport
 from recal.fleet.records import MERGED, RunOutcome, UnitTask
 from recal.service.inputs.listings import read_json_object
 from recal.service.inputs.records import ThermalTable, table_of
@@ -33,7 +33,7 @@ LEVEL = ("x", "y")
 DRAWN = {"last": 1, "all": None, "none": 0}
 
 
-def summarise_unit(task: UnitTask) -> UnitSummary:
+def summarise_unit(task: UnitTask) -> UnitReport:
     """What the fleet report says of a unit (keys of `units` in fleet.json that come from its
     runs).
     """
@@ -42,7 +42,7 @@ def summarise_unit(task: UnitTask) -> UnitSummary:
     contrary = [document for o, document in seen if o.outcome == Outcome.INCONSISTENT]
     disagreement = contrary[-1].disagreement if contrary else None
     steps = disagreement.steps if disagreement else ()
-    return UnitSummary(
+    return UnitReport(
         of=task.identity,
         drift=_drift(merged),
         coverage=_coverage(
@@ -76,7 +76,7 @@ def _merged_hashes(outcomes: Sequence[RunOutcome]) -> set[str]:
     return {o.sha256 for o in outcomes if o.outcome in MERGED}
 
 
-def _drift(merged: Sequence[UpdateDocument]) -> Drift | None:
+def _drift(merged: Sequence[UpdateDocument]) -> TableDrift | None:
     """The level gyros' change from the first merge's old table to the last one's new, at the
     temperatures of the points.
 
@@ -91,7 +91,7 @@ def _drift(merged: Sequence[UpdateDocument]) -> Drift | None:
     expected = [_gained(before, after, k, t) for k, t in enumerate(T)]
     moved = [after.bias_deg_h(k, t) - before.bias_deg_h(k, t) for k, t in enumerate(T)]
     z = np.sqrt(np.mean(np.concatenate([m**2 / e for m, e in zip(moved, expected)])))
-    return Drift(
+    return TableDrift(
         level_change_deg_h=change.level_deg_h,
         nm_h=change.drift_removed_nm_h,
         sigma_nm_h=change.drift_left_nm_h,
@@ -130,7 +130,7 @@ def _rms(sigmas: Sequence[NDArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(sigmas) ** 2)))
 
 
-def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[Band]:
+def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[TemperatureBand]:
     """Seconds of the merged runs in each 5 degC band, the mean over the gyros."""
     seconds: dict[float, float] = defaultdict(float)
     for document in documents:
@@ -138,7 +138,7 @@ def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[Ban
             for band in session.coverage if session.sha256 in merged else ():
                 seconds[band.low_degC] += band.seconds / 3.0
     return [
-        Band(low_degC=low, high_degC=low + 5.0, seconds=round(seconds[low], 1))
+        TemperatureBand(low_degC=low, high_degC=low + 5.0, seconds=round(seconds[low], 1))
         for low in sorted(seconds)
     ]
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 
 from ins.documents import to_json
 from recal.fleet.document import Timing, fleet_document
-from recal.fleet.document_records import CallTiming, FleetReport, FleetTiming, UnitSummary
+from recal.fleet.document_records import CallTiming, FleetReport, FleetTiming, UnitReport
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
@@ -265,7 +265,7 @@ def _document(
     timing: CallTiming,
 ) -> FleetReport:
     outcomes = [*(journal.runs[run.path] for runs in units.values() for run in runs), *set_aside]
-    summaries = {key: journal.units.get(unit_folder(key), UnitSummary()) for key in units}
+    summaries = {key: journal.units.get(unit_folder(key), UnitReport()) for key in units}
     return fleet_document(
         request, outcomes, summaries, FleetTiming(**vars(timing), earlier_calls=journal.calls)
     )

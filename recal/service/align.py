@@ -12,14 +12,13 @@ from alignment.gyrocompass import align as align_log
 from alignment.motion.speeds import steady_roll
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from infield.reports.documents.alignment import AlignmentDocument, alignment_document
-from infield.reports.words.sentences import sentence
 from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.zero_rate import ZeroRates, mean_zero_rate
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.documents import Null
 from ins.records import Phase, Run
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, raw_bias_sigma_deg_h
 from recal.service.results.result import Result

@@ -142,7 +142,7 @@ def check(
     run : str or path
         A run directory.
     serial : str, optional
-        The imu_serial that it should have.
+        Serial number that the run should have. Default: any.
     told : callable
         Told what is being done, in CHECK_STEPS steps.
 

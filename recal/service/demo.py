@@ -84,6 +84,19 @@ def demo(
 ) -> Demonstrated:
     """Three simulated sessions (cold, ambient, hot start), one update over them, and the error
     before and after.
+
+    Parameters
+    ----------
+    output : path, optional
+        The folder to write to; else recal-demo.
+    seed : int
+        Seed of the random generator.
+    rate_hz : float
+        IMU rate of the simulated runs [Hz].
+    force : bool
+        Write over what exists.
+    told : callable
+        Told what is being done.
     """
     need_free_report(
         output or Path("recal-demo"), "demo.json", DemoReport.schema, DEMO_FILES, force=force

@@ -113,14 +113,15 @@ def diagnose(
     twin : path
         Twin file: what the simulator believes; its table lies beside it.
     hold_out : sequence of str
-        Runs (id or directory) that only judge the shrink.
-    alpha : float
-        False alarms per diagnosis, 1e-4 to 0.5.
+        A run, by name or folder, that only judges how far the gap shrinks. May be repeated.
+    alpha : float in [1e-4, 0.5]
+        Share of diagnoses that may raise a false alarm.
     seed : int
         Of the random generator.
     simulator : bool
-        Also predict the update of each run by a twin fitted to the others (of the runs held out,
-        where there are any, by one fitted to the rest), with what was found and without.
+        Also predict the update of each run by a twin fitted to the others: drift, heading and NIS
+        with what was found and without. Takes a diagnosis more for each run; with --hold-out, only
+        those runs are predicted.
     told : callable
         Told what is being done.
 
@@ -196,10 +197,10 @@ def _predicted(
     # with the store and the updates' estimators behind them: half a second of CPU
     from recal.service.inputs.unit_inputs import table_of_unknown_unit
     from simreal.predict.document import simulator_record
-    from simreal.predict.held_out import Believed, predict_runs
+    from simreal.predict.held_out import GivenTwin, predict_runs
 
     table = beside.table or table_of_unknown_unit(runs[0], twin)
-    believed = Believed(twin, beside.table, beside.sha256)
+    believed = GivenTwin(twin, beside.table, beside.sha256)
     return simulator_record(predict_runs(runs, believed, table, settings, found))
 
 

@@ -18,14 +18,13 @@ from infield.misalignment.study import (
 )
 from infield.reports.documents.misalignment import MisalignmentDocument, misalignment_document
 from infield.reports.misalignment_page import render
-from infield.reports.words.significance import measured_words
 from infield.session.log import with_applied_table_undone
 from infield.store.table_store import TableStore
 from ins.documents import to_json
 from ins.records import InputError, TwinModel
 from ins.twin_file import default_twin, twin_to_dict
 from ins.units import ARCSEC, DEG
-from ins.verdicts import Observability
+from ins.verdicts import Observability, measured_words
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.unit_inputs import opened, unit_inputs
 from recal.service.results.files import output_directory, program_version, write_files

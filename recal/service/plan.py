@@ -47,9 +47,25 @@ class Planned(Result[PlanReport]):
 class PlanRequest:
     """What is to be separated, and what there is to do it with.
 
-    separate: pairs of effects "A,B", A@gyro_y sets the channel; without: of gnss, odometer, taxi,
-    gradient; technology: of the default twin; lat_deg: that of the runs, else 45; most: new
-    recordings at most; flights: also which flight would bring which gyro to which sigma.
+    Parameters
+    ----------
+    twin : path, optional
+        Twin file with the noise model of the unit; else that of its technology.
+    technology : {'rlg', 'fog', 'mems'}
+        Technology of the gyros, where there is neither twin nor run.
+    separate : sequence of str
+        Two effects to tell apart; A@gyro_y names the channel. May be repeated. Default: the pairs
+        that are usually confused.
+    without : sequence of {'gnss', 'odometer', 'taxi', 'gradient'}
+        What a recording here cannot have. May be repeated.
+    lat_deg : float in [-85, 85]
+        Latitude [deg]. Default: that of the runs, else 45.
+    most : int in [1, 12]
+        How many new recordings at most.
+    seed : int
+        Of the random generator.
+    flights : bool
+        Also which flight with a receiver would bring which gyro to which sigma.
     """
 
     twin: AnyPath | None = None

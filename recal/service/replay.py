@@ -19,7 +19,7 @@ from infield.reports.documents.aided import (
     aided_columns,
     smoothed_result,
 )
-from infield.reports.documents.replay import ReplayDocument, TableDocument, replay_document
+from infield.reports.documents.replay import FlownTableDocument, ReplayDocument, replay_document
 from infield.reports.replay_page import render, verdict_words
 from infield.reports.track_kml import track_kml
 from infield.store.table_store import TableStore
@@ -47,8 +47,8 @@ class Aided:
     outages : sequence of (float, float)
         Start and length [s] of stretches whose fixes are left out, and score the solution.
     smooth : bool
-        Also the solution that all fixes make, those to come included.
-    vehicle : str
+        Also write the aided solution that all fixes make, those to come included.
+    vehicle : {'car', 'find', 'other'}
         `car`: held by its wheels (no velocity to the side or upward, an odometer's speed), unless
         the fixes contradict them; `find`: the same, where the log shows that it rolls and does not
         bank; `other`: neither.
@@ -315,7 +315,7 @@ def summary(document: ReplayDocument) -> list[str]:
     return lines + _aided_lines(document.aided)
 
 
-def _realign(table: TableDocument) -> str:
+def _realign(table: FlownTableDocument) -> str:
     if not table.realign:
         return ""
     return ", REALIGN" + (

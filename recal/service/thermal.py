@@ -14,7 +14,7 @@ from infield.reports.documents.fog import (
     fog_document,
     worst_rounding,
 )
-from infield.reports.documents.rlg import RlgDocument, rlg_document
+from infield.reports.documents.rlg import RlgDocument, TermState, rlg_document
 from infield.store.table_store import TableStore
 from infield.thermal.fog.fixed_point import to_c_header, to_csv
 from infield.thermal.fog.model import held_out
@@ -32,11 +32,11 @@ from recal.service.inputs.records import AnyRun, AnyTwin, read_one
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.thermal_words import fog_summary, rlg_summary
 from trajectories.runs.directory import write_run
 
 NEEDED_INSTABILITY_DEG_H = 0.001  # what a gradient term may be where the twin states no instability
 PARTS = ("all", "rates")
+SETTLED_TERMS = ("K1", "K2", "K3")  # of a unit whose temperature stands still
 THERMAL_STEPS = 2  # that `told` is told of beside the runs: the fit, and what follows it
 TAKE_OUT_STEPS = 3  # that `told` is told of: reading, taking out, writing
 
@@ -59,7 +59,7 @@ class ThermalFit(Result[FogDocument | RlgDocument]):
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, coefficients per gyro, what is left on the runs to test on."""
         found = self.record
-        return fog_summary(found) if isinstance(found, FogDocument) else rlg_summary(found)
+        return _fog_summary(found) if isinstance(found, FogDocument) else _rlg_summary(found)
 
     def write(self, output: AnyPath | None = None) -> Path:
         """Write JSON, page and tables to a directory (else `recal-thermal`); returns it."""
@@ -75,9 +75,18 @@ class ThermalFit(Result[FogDocument | RlgDocument]):
 
 @dataclass(frozen=True, kw_only=True)
 class FogRequest:
-    """How ramps are taken apart. allowed_deg_h: gradient term that a slow ramp may have, else the
-    twin's bias instability; word_bits: of the exported fixed-point tables; remounted: the unit was
-    moved between the runs; one_sided: accept ramps of one direction at two rates.
+    """How ramps are taken apart.
+
+    Parameters
+    ----------
+    allowed_deg_h : float, optional
+        Largest gradient term of a slow ramp [deg/h]. Default: the twin's bias instability.
+    word_bits : int in [8, 32]
+        Bits of a word of the exported whole-number tables.
+    remounted : bool
+        The unit was taken off and mounted again between the runs.
+    one_sided : bool
+        Accept ramps of one direction, at two rates.
     """
 
     allowed_deg_h: float | None = None
@@ -177,15 +186,15 @@ def fit_rlg(
     Parameters
     ----------
     runs : sequence of Run or path
-        Runs of one unit at rest, warmed and cooled.
+        Run directories of one unit at rest, warmed and cooled.
     check : sequence of Run or path
-        Runs to test on, not fitted to.
+        Runs that only test the model.
     twin : TwinModel or path, optional
         Noise model; else the store's, else the defaults of the technology.
     store : str or TableStore, optional
         Looked in for the noise model.
     remounted : bool
-        The unit was moved between the runs.
+        The unit was taken off and mounted again between the runs.
     told : callable
         Told what is being done: a step for each run, and THERMAL_STEPS more.
 
@@ -270,13 +279,14 @@ def take_out(
     model : str or path
         A thermal_rlg.json or thermal_fog.json that was fitted.
     run : Run or path
-        Raw gyro output.
+        A run directory with raw gyro output.
     output : str or path
         The compensated run to write.
     part : str
-        "all", or "rates": leave in what a settled unit has, for a thermal table.
+        What to take out: all, or only rates, which leaves what a settled unit has to a thermal
+        table.
     batch : bool
-        Smoothed temperatures instead of real-time order.
+        Use smoothed temperatures. Default: only those up to each row's time.
     told : callable
         Told what is being done, in TAKE_OUT_STEPS steps.
     """
@@ -304,3 +314,66 @@ def take_out(
         share_inside=float(stored.model.inside(read.temperature.gyro_degC).all(axis=1).mean()),
     )
     return TakenOut(document, run=left)
+
+
+def _fog_summary(document: FogDocument) -> list[str]:
+    """The result in a few lines for people."""
+    lines = _head(document)
+    for axis, a in document.axes.items():
+        K, s = a.K_delta_deg_h_per_degC_min, a.sigma_K_delta_deg_h_per_degC_min
+        middle = len(K) // 2
+        lines.append(
+            f"  gyro {axis}: K_delta {K[0]:+.4f} .. {K[middle]:+.4f} .. {K[-1]:+.4f} +-"
+            f" {s[middle]:.4f} deg/h per degC/min over {a.temperature_degC[0]:g} .."
+            f" {a.temperature_degC[-1]:g} degC; K_T spans"
+            f" {max(a.K_T_deg_h) - min(a.K_T_deg_h):.4f} deg/h; slow ramps up to"
+            f" {a.slow_rate.largest_degC_min:.4f} degC/min"
+        )
+        if a.document is not None and a.document.gain is not None:
+            lines.append(
+                f"    the document's subtraction reads K_delta times {a.document.gain:.3f}"
+            )
+    for found in document.check:
+        for axis, row in found.axes.items():
+            lines.append(
+                f"  {found.run_id} gyro {axis}: {row.before_deg_h:.4f} ->"
+                f" {row.after_deg_h:.4f} deg/h RMS (noise {row.noise_deg_h:.4f}),"
+                f" {row.causal_after_deg_h:.4f} in real-time order"
+            )
+    return lines
+
+
+def _rlg_summary(document: RlgDocument) -> list[str]:
+    """The result in a few lines for people."""
+    lines = _head(document)
+    for axis, a in document.axes.items():
+        used = {name: t for name, t in a.terms.items() if t.state == TermState.USED}
+        said = ", ".join(
+            f"{name} {t.value:+.5f} +- {t.sigma:.5f}"
+            for name, t in used.items()
+            if name not in SETTLED_TERMS
+        )
+        h = a.held_out
+        lines.append(
+            f"  gyro {axis}: {said or 'no rate or gradient term'}; held out {h.before_deg_h:.4f}"
+            f" -> {h.temperature_only_deg_h:.4f} (temperature) -> {h.model_deg_h:.4f} deg/h"
+            f" RMS, noise {h.noise_deg_h:.4f}"
+        )
+    for found in document.check:
+        for axis, row in found.axes.items():
+            lines.append(
+                f"  {found.run_id} gyro {axis}: {row.before_deg_h:.4f} ->"
+                f" {row.temperature_only_deg_h:.4f} (temperature) -> {row.after_deg_h:.4f}"
+                f" deg/h RMS (noise {row.noise_deg_h:.4f}), {row.causal_after_deg_h:.4f} in"
+                " real-time order"
+            )
+    return lines
+
+
+def _head(document: FogDocument | RlgDocument) -> list[str]:
+    """Verdict, reasons, notes."""
+    return [
+        f"{document.imu_serial}: {document.verdict}",
+        *(f"  because {reason}" for reason in document.reasons),
+        *(f"  {note}" for note in document.notes),
+    ]

@@ -22,7 +22,6 @@ from infield.reports.documents.update_records import (
     RunDocument,
     UpdateDocument,
 )
-from infield.reports.words.sentences import sentence, sentences
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
 from infield.session.results import UpdateResult
@@ -35,7 +34,7 @@ from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.documents import to_json
 from ins.records import InputError, Run, TableDocument, TwinModel
-from ins.verdicts import Outcome, because
+from ins.verdicts import Outcome, because, sentence, sentences
 from recal.service.inputs.config import read_config
 from recal.service.inputs.new_units import refuse_store, require_unit
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
@@ -53,7 +52,7 @@ from recal.service.priors.use import APPROVED, PriorsUse, priors_in_use, setting
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
+from recal.service.results.update_summary import AxisChange, Points, axes_of, points_of, summary
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
@@ -182,17 +181,33 @@ def update(
 
 @dataclass(frozen=True, kw_only=True)
 class UpdateRequest:
-    """An update with a store. propose: who proposes and their note; without it and `commit`,
-    nothing is stored.
+    """An update with a store.
 
-    priors: `approved` (those of the store), `default`, or a file that `recal fleet learn` wrote.
-    store_named: the user named the store, and is told where it is not there;
-    new_store, new_unit: a store that is not there is made, a unit that the store does not hold
-    begins with the default of its technology; else either is refused.
-
-    retries: how often to estimate again where another writer was faster; html: whether to write
-    update.html; told: who is told of what happens on the way; step: who is told as each of the
-    UPDATE_STEPS begins.
+    Parameters
+    ----------
+    runs : sequence of Run or path
+        Run directories of one unit.
+    store_url : str
+        SQLAlchemy URL of the store.
+    commit : bool
+        Store the new table. Default: only report it.
+    propose : (str, str), optional
+        Who proposes and their note: the new table is kept for review, the active one stays.
+    store_named : bool
+        The user named the store, and is told where it is not there.
+    new_store, new_unit : bool
+        A store that is not there is made, a unit that the store does not hold begins with the
+        default of its technology; else either is refused.
+    accept_step : bool
+        Follow a step of the unit's bias that several sessions agree on.
+    priors : str
+        `approved` (those of the store), `default`, or a file that `recal fleet learn` wrote.
+    html : bool
+        Whether to write update.html.
+    retry : int in [0, 99]
+        How often to estimate again where another writer was faster.
+    told, step : callable
+        Told of what happens on the way; told as each of the UPDATE_STEPS begins.
     """
 
     runs: Sequence[AnyRun]
@@ -209,7 +224,7 @@ class UpdateRequest:
     thermal_model: Path | None = None
     output: Path | None = None
     html: bool = True
-    retries: int = 0
+    retry: int = 0
     any_clock: bool = False
     told: Callable[[str], None] = field(default=lambda line: None)
     step: Callable[[str], None] = field(default=lambda words: None)
@@ -219,7 +234,7 @@ def update_in_store(request: UpdateRequest) -> Update:
     """Read, estimate, judge, merge, report, commit or keep for review.
 
     Where another writer commits while this estimates, it is estimated again from the runs and the
-    table that is active then, at most `retries` times; then it is refused.
+    table that is active then, at most `retry` times; then it is refused.
     """
     require_folder(request.store_url)
     settings, ageing = read_config(request.config)
@@ -238,12 +253,12 @@ def update_in_store(request: UpdateRequest) -> Update:
         try:
             return _Try(request, job, files, tuple(lost)).run(loaded)
         except StoreConflict as conflict:
-            if len(lost) == request.retries:
+            if len(lost) == request.retry:
                 raise
             lost.append(str(conflict))
             request.told(
                 f"another writer was faster ({conflict}): estimating again, {len(lost)} of"
-                f" {request.retries}"
+                f" {request.retry}"
             )
 
 
@@ -468,7 +483,7 @@ class _Try:
                 write_files(self.files(numbered))
             return numbered
         except StoreRefused as error:
-            if isinstance(error, StoreConflict) and len(self.lost) < self.request.retries:
+            if isinstance(error, StoreConflict) and len(self.lost) < self.request.retry:
                 raise
             document = _turned_down(_document(result, facts, Kept(store=name)), error)
             write_files(self.files(document))

@@ -3,23 +3,22 @@ Every form is checked.
 """
 
 import secrets
-from urllib.parse import parse_qs, urlsplit
+from typing import Annotated
+from urllib.parse import urlsplit
 
-from fastapi import FastAPI, Request
-from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from fastapi import APIRouter, Depends, HTTPException, Request
+from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
-from recal.service.tables import change_between
 from recal.web import views
-from recal.web.door import SESSION_S, Session, same
-from recal.web.guard import BODY, Refused
-from recal.web.pages import Number
-from recal.web.site import SignInFirst, Site
+from recal.web.door import same
+from recal.web.guard import form_of
+from recal.web.pages import Number, Reader, Unit
+from recal.web.site import Visit
 
-MAX_FIELDS = 12
 OTHER_PAGE = (
     "The form is not the one that this page gave you, or it is older than your session. Open the"
-    " page again."
+    " page again. Cookies must be allowed."
 )
 USED_LINK = (
     "This link was used already, or is older than 10 minutes. Sign in with the token that recal"
@@ -27,194 +26,153 @@ USED_LINK = (
 )
 VERDICTS = ("approved", "rejected")
 
-
-def register(app: FastAPI, site: Site) -> None:
-    """All routes that write, and the pages with their forms."""
-    _register_door(app, site)
-    _register_decisions(app, site)
+router = APIRouter()
+Visitor = Annotated[Visit, Depends()]
 
 
-def _register_door(app: FastAPI, site: Site) -> None:
-    @app.get("/signin")
-    def sign_in_page(request: Request, next: str = "/") -> HTMLResponse:
-        return _sign_in_page(site, request, next)
+class Sent(Visit):
+    """A form that a page of this site has sent, with the token that goes with the cookie."""
 
-    @app.post("/signin")
-    def sign_in(request: Request) -> Response:
-        form = form_of(request)
-        cookie = request.cookies.get(site.form_cookie, "")
-        if not cookie or not same(site.door.form_token(cookie), form.get("form_token", "")):
-            raise Refused(403, OTHER_PAGE + " Cookies must be allowed.")
-        peer = request.client.host if request.client else ""
-        session_id = site.door.sign_in(form.get("token", ""), peer)
-        if session_id is None:
-            return _sign_in_page(site, request, form.get("next", "/"), wrong=True)
-        answer = RedirectResponse(local_path(form.get("next", "/")), 303)
-        _set_cookie(site, answer, site.session_cookie, session_id, round(SESSION_S))
-        answer.delete_cookie(
-            site.form_cookie, path="/", secure=site.settings.https, httponly=True, samesite="strict"
-        )
-        return answer
-
-    @app.get("/login")
-    def sign_in_once(request: Request, ticket: str = "") -> Response:
-        session_id = site.door.sign_in_once(ticket)
-        if session_id is None and site.session(request) is not None:
-            return RedirectResponse("/", 303)  # clicked again by a browser that is signed in
-        if session_id is None:
-            raise Refused(403, USED_LINK)
-        answer = RedirectResponse("/", 303)
-        _set_cookie(site, answer, site.session_cookie, session_id, round(SESSION_S))
-        return answer
-
-    @app.post("/signout")
-    def sign_out(request: Request) -> Response:
-        _require_form(site, request)
-        site.door.sign_out(request.cookies.get(site.session_cookie, ""))
-        answer = RedirectResponse("/", 303)
-        answer.delete_cookie(
-            site.session_cookie,
-            path="/",
-            secure=site.settings.https,
-            httponly=True,
-            samesite="strict",
-        )
-        return answer
-
-
-def _register_decisions(app: FastAPI, site: Site) -> None:
-    @app.post("/decide")
-    def decide(request: Request) -> Response:
-        session, form = _require_form(site, request)
-        verdict, key = form.get("verdict", ""), _unit(form)
-        if verdict not in VERDICTS:
-            raise Refused(400, "verdict: needed approved or rejected")
-        with site.tables() as opened:
-            done = opened.decide(
-                _number(form, "number"),
-                verdict,
-                *key,
-                by=session.name or form.get("by", ""),
-                reason=form.get("reason", ""),
+    def __init__(self, request: Request, form: Annotated[dict[str, str], Depends(form_of)]) -> None:
+        super().__init__(request)
+        self.form = form
+        if self.site.door.locked:
+            raise HTTPException(
+                403, "The server was started without a token: nothing can be written here."
             )
-        return RedirectResponse(views.address("/unit", done.unit, done=verdict), 303)
+        wanted = self.site.door.form_token(self.cookie)
+        if not self.cookie or not same(wanted, form.get("form_token", "")):
+            raise HTTPException(403, OTHER_PAGE)
 
-    @app.get("/rollback")
-    def confirm_rollback(
-        request: Request, serial: str, technology: str, to: Number, mode: str = ""
-    ) -> HTMLResponse:
-        if site.require_reader(request) is None:
-            raise SignInFirst(
-                views.address("/rollback", serial=serial, technology=technology, to=to, mode=mode)
+    def number(self, name: str) -> int:
+        """A field that is a whole number."""
+        text = self.form.get(name, "")
+        if not (text.isascii() and text.isdecimal() and len(text) < 10):
+            raise InputError(f"{name}: got {text[:20]!r}, needed a whole number")
+        return int(text)
+
+
+class Signed(Sent):
+    """A form of one who is signed in."""
+
+    def __init__(self, request: Request, form: Annotated[dict[str, str], Depends(form_of)]) -> None:
+        super().__init__(request, form)
+        if self.session is None:
+            raise HTTPException(
+                403,
+                "You are not signed in, or your session is over. Sign in and send the form again.",
             )
-        with site.tables() as opened:
-            active = opened.active(serial, technology, mode)
-            target = opened.revision(to, serial, technology, mode)
-        change = views.change_rows({axis: change_between(active, target, axis) for axis in "xyz"})
-        return site.page(
-            request,
-            "rollback.html.j2",
-            unit=active.unit,
-            active=active,
-            target=target,
-            change=change,
-            made_from=views.provenance_change(active, target),
+        self.by = self.session.name or form.get("by", "")
+        self.reason = form.get("reason", "")
+
+    @property
+    def unit(self) -> tuple[str, str, str]:
+        """Serial, technology and mode."""
+        if not self.form.get("serial") or not self.form.get("technology"):
+            raise InputError("serial and technology: needed, to name the unit")
+        return self.form["serial"], self.form["technology"], self.form.get("mode", "")
+
+
+@router.get("/signin")
+def sign_in_page(visit: Visitor, next: str = "/") -> HTMLResponse:
+    return _sign_in_page(visit, next)
+
+
+@router.post("/signin")
+def sign_in(visit: Annotated[Sent, Depends()]) -> Response:
+    peer = visit.request.client.host if visit.request.client else ""
+    session_id = visit.site.door.sign_in(visit.form.get("token", ""), peer)
+    path = visit.form.get("next", "/")
+    if session_id is None:
+        return _sign_in_page(visit, path, wrong=True)
+    return _signed_in(visit, session_id, local_path(path))
+
+
+@router.get("/login")
+def sign_in_once(visit: Visitor, ticket: str = "") -> Response:
+    session_id = visit.site.door.sign_in_once(ticket)
+    if session_id is not None:
+        return _signed_in(visit, session_id, "/")
+    if visit.session is not None:
+        return visit.go_to("/")  # clicked again by a browser that is signed in
+    raise HTTPException(403, USED_LINK)
+
+
+@router.post("/signout")
+def sign_out(visit: Annotated[Signed, Depends()]) -> Response:
+    visit.site.door.sign_out(visit.cookie)
+    answer = visit.go_to("/")
+    visit.set_cookie(answer, "")
+    return answer
+
+
+@router.post("/decide")
+def decide(visit: Annotated[Signed, Depends()]) -> Response:
+    verdict = visit.form.get("verdict", "")
+    if verdict not in VERDICTS:
+        raise HTTPException(400, "verdict: needed approved or rejected")
+    with visit.site.tables() as opened:
+        done = opened.decide(
+            visit.number("number"), verdict, *visit.unit, by=visit.by, reason=visit.reason
         )
-
-    @app.post("/rollback")
-    def rollback(request: Request) -> Response:
-        session, form = _require_form(site, request)
-        serial, technology, mode = _unit(form)
-        with site.tables() as opened:
-            done = opened.rollback(
-                serial,
-                _number(form, "to"),
-                technology,
-                mode,
-                by=session.name or form.get("by", ""),
-                reason=form.get("reason", ""),
-                active_number=_number(form, "active"),
-            )
-        return RedirectResponse(views.address("/unit", done.unit, done="rolled back"), 303)
+    return visit.go_to(views.address("/unit", done.unit, done=verdict))
 
 
-def form_of(request: Request) -> dict[str, str]:
-    """The fields of the form that the guard has read; Refused where they are no form."""
-    try:
-        fields = parse_qs(
-            request.scope[BODY].decode("ascii"),
-            keep_blank_values=True,
-            errors="strict",
-            max_num_fields=MAX_FIELDS,
+@router.get("/rollback")
+def confirm_rollback(reader: Reader, asked: Unit, to: Number) -> HTMLResponse:
+    reader.need_session()
+    with reader.site.tables() as opened:
+        active = opened.active(*asked.key)
+        target = opened.revision(to, *asked.key)
+    return reader.page(
+        "rollback.html.j2",
+        unit=active.unit,
+        active=active,
+        target=target,
+        change=views.change_rows(active, target),
+        made_from=views.provenance_change(active, target),
+    )
+
+
+@router.post("/rollback")
+def rollback(visit: Annotated[Signed, Depends()]) -> Response:
+    serial, technology, mode = visit.unit
+    with visit.site.tables() as opened:
+        done = opened.rollback(
+            serial,
+            visit.number("to"),
+            technology,
+            mode,
+            by=visit.by,
+            reason=visit.reason,
+            active_number=visit.number("active"),
         )
-    except ValueError:
-        raise Refused(400, "The form cannot be read.") from None
-    if any(len(values) > 1 for values in fields.values()):
-        raise Refused(400, "The form holds a field twice.")
-    return {name: values[0] for name, values in fields.items()}
+    return visit.go_to(views.address("/unit", done.unit, done="rolled back"))
 
 
 def local_path(path: str) -> str:
     """A path on this site to go on to, "/" where it would lead elsewhere."""
     parts = urlsplit(path)
-    wrong = (
-        parts.scheme
-        or parts.netloc
-        or not path.startswith("/")
-        or path.startswith("//")
-        or "\\" in path
-    )
-    return "/" if wrong or not path.isascii() or not path.isprintable() else path
+    here = path.startswith("/") and not path.startswith("//") and "\\" not in path
+    elsewhere = parts.scheme or parts.netloc
+    plain = path.isascii() and path.isprintable()
+    return path if here and plain and not elsewhere else "/"
 
 
-def _require_form(site: Site, request: Request) -> tuple[Session, dict[str, str]]:
-    """The session and its form; Refused where one of them is not right."""
-    if site.door.locked:
-        raise Refused(403, "The server was started without a token: nothing can be written here.")
-    session, form = site.session(request), form_of(request)
-    if session is None:
-        raise Refused(
-            403, "You are not signed in, or your session is over. Sign in and send the form again."
-        )
-    if not same(session.form_token, form.get("form_token", "")):
-        raise Refused(403, OTHER_PAGE)
-    return session, form
-
-
-def _sign_in_page(site: Site, request: Request, path: str, *, wrong: bool = False) -> HTMLResponse:
-    cookie = request.cookies.get(site.form_cookie, "") or secrets.token_urlsafe(32)
-    answer = site.page(
-        request,
+def _sign_in_page(visit: Visit, path: str, *, wrong: bool = False) -> HTMLResponse:
+    cookie = visit.cookie or secrets.token_urlsafe(32)
+    answer = visit.page(
         "signin.html.j2",
         403 if wrong else 200,
         next=local_path(path),
         wrong=wrong,
-        form_token=site.door.form_token(cookie),
+        form_token=visit.site.door.form_token(cookie),
     )
-    _set_cookie(site, answer, site.form_cookie, cookie, 3600)
+    visit.set_cookie(answer, cookie)
     return answer
 
 
-def _set_cookie(site: Site, answer: Response, name: str, value: str, seconds: int) -> None:
-    answer.set_cookie(
-        name,
-        value,
-        max_age=seconds,
-        path="/",
-        httponly=True,
-        samesite="strict",
-        secure=site.settings.https,
-    )
-
-
-def _unit(form: dict[str, str]) -> tuple[str, str, str]:
-    if not form.get("serial") or not form.get("technology"):
-        raise InputError("serial and technology: needed, to name the unit")
-    return form["serial"], form["technology"], form.get("mode", "")
-
-
-def _number(form: dict[str, str], name: str) -> int:
-    text = form.get(name, "")
-    if not (text.isascii() and text.isdecimal() and len(text) < 10):
-        raise InputError(f"{name}: got {text[:20]!r}, needed a whole number")
-    return int(text)
+def _signed_in(visit: Visit, session_id: str, path: str) -> Response:
+    answer = visit.go_to(path)
+    visit.set_cookie(answer, session_id)
+    return answer

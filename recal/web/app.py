@@ -2,82 +2,69 @@
 
 from typing import Any
 
-from fastapi import FastAPI, Request
+from fastapi import Depends, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
 from ins.records import InputError
 from recal.service.store import StoreBusy, StoreError, StoreRefused, UnknownUnit
-from recal.web import actions, pages, views
-from recal.web.door import TooManyGuesses
-from recal.web.guard import Guard, Refused
+from recal.web import actions, guard, pages
 from recal.web.settings import ServeSettings
-from recal.web.site import SignInFirst, Site
+from recal.web.site import Site, Visit
 
 NO_FAULT = (
     "The program met a case it does not know. Nothing was changed; the server's log says more."
 )
+# in place of what the library says
+LINES = {
+    "Not Found": "There is no page here.",
+    "Method Not Allowed": "Only GET and POST are served.",
+}
 
 ADDRESS_LETTERS = 40  # letters of what an address holds; chosen: a line of a phone
 
 
-def build_app(settings: ServeSettings) -> Guard:
+def build_app(settings: ServeSettings) -> FastAPI:
     """The application as uvicorn takes it. InputError where store or reports cannot be opened."""
-    site = Site(settings)
-    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, title="recal")
-    pages.register(app, site)
-    actions.register(app, site)
-    _register_faults(app, site)
-
-    def refused(status: int, line: str) -> tuple[int, list[tuple[bytes, bytes]], bytes]:
-        answer = site.fault(status, line)
-        return answer.status_code, answer.raw_headers, bytes(answer.body)
-
-    return Guard(app, settings, refused)
-
-
-def _register_faults(app: FastAPI, site: Site) -> None:
-    """Each kind of fault and its page."""
-
-    def known(request: Request, error: Exception) -> Response:
-        return site.fault(_status(error), str(error), request)
-
-    def of_http(request: Request, error: Exception) -> Response:
-        assert isinstance(error, HTTPException)
-        line = "There is no page here." if error.status_code == 404 else str(error.detail)
-        return site.fault(error.status_code, line, request)
-
-    def of_query(request: Request, error: Exception) -> Response:
-        assert isinstance(error, RequestValidationError)
-        return site.fault(400, _wrong_address(error), request)
-
-    def too_many(request: Request, error: Exception) -> Response:
-        assert isinstance(error, TooManyGuesses)
-        answer = site.fault(429, str(error), request)
-        answer.headers["retry-after"] = str(error.seconds)
-        return answer
-
-    def sign_in(request: Request, error: Exception) -> Response:
-        assert isinstance(error, SignInFirst)
-        return RedirectResponse(views.address("/signin", next=error.path), 303)
-
-    def unknown(request: Request, error: Exception) -> Response:
-        return site.fault(500, NO_FAULT, request)
-
-    for kind in (InputError, StoreRefused, Refused):
-        app.add_exception_handler(kind, known)
-    app.add_exception_handler(HTTPException, of_http)
-    app.add_exception_handler(RequestValidationError, of_query)
-    app.add_exception_handler(TooManyGuesses, too_many)
-    app.add_exception_handler(SignInFirst, sign_in)
-    app.add_exception_handler(Exception, unknown)
+    app = FastAPI(
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=None,
+        title="recal",
+        dependencies=[Depends(guard.known_host)],
+        exception_handlers={
+            HTTPException: _of_http,
+            RequestValidationError: _of_address,
+            InputError: _of_service,
+            StoreRefused: _of_service,
+            Exception: _of_program,
+        },
+    )
+    app.state.site = Site(settings)
+    app.include_router(pages.router)
+    app.include_router(actions.router)
+    return app
 
 
-def _wrong_address(error: RequestValidationError) -> str:
+async def _of_http(request: Request, error: HTTPException) -> Response:
+    answer = Visit(request).fault(error.status_code, LINES.get(error.detail, error.detail))
+    answer.headers.update(error.headers or {})
+    return answer
+
+
+async def _of_address(request: Request, error: RequestValidationError) -> Response:
     """What the address of a page lacks or has wrong, and what it needs."""
-    said = [_wrong_part(fault) for fault in error.errors()]
-    return f"There is no page at this address: {'; '.join(said)}."
+    said = "; ".join(_wrong_part(fault) for fault in error.errors())
+    return Visit(request).fault(400, f"There is no page at this address: {said}.")
+
+
+async def _of_service(request: Request, error: Exception) -> Response:
+    return Visit(request).fault(_status(error), str(error))
+
+
+async def _of_program(request: Request, error: Exception) -> Response:
+    return Visit(request).fault(500, NO_FAULT)
 
 
 def _wrong_part(fault: Any) -> str:  # one of pydantic, a mapping
@@ -89,8 +76,6 @@ def _wrong_part(fault: Any) -> str:  # one of pydantic, a mapping
 
 
 def _status(error: Exception) -> int:
-    if isinstance(error, Refused):
-        return error.status
     if isinstance(error, UnknownUnit):
         return 404
     if isinstance(error, StoreError | StoreBusy):

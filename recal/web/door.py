@@ -11,6 +11,8 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from starlette.exceptions import HTTPException
+
 from recal.web.settings import Token
 
 SESSION_S = 8 * 3600.0
@@ -24,12 +26,12 @@ MAX_FAILURES_IN_ALL = 200
 FAILURE_WINDOW_S = 300.0  # chosen: 5 min; who mistyped waits no longer (docs/serve.md)
 
 
-class TooManyGuesses(Exception):
+class TooManyGuesses(HTTPException):
     """Wrong tokens came too often; `seconds`: when to try again."""
 
     def __init__(self, seconds: int) -> None:
-        super().__init__(f"too many wrong tokens; try again in {seconds} s")
-        self.seconds = seconds
+        said = f"too many wrong tokens; try again in {seconds} s"
+        super().__init__(429, said, {"retry-after": str(seconds)})
 
 
 @dataclass(frozen=True)

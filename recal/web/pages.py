@@ -2,23 +2,22 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
-from fastapi import FastAPI, Query, Request
+from fastapi import APIRouter, Depends, HTTPException, Query
 from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
 from recal.service.priors.forecast_page import date_words, trend_strips
 from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
 from recal.service.store import FullProposal, Revision, TableStore, UnitKey
-from recal.service.tables import change_between
 from recal.web import health, views
 from recal.web.drawings import Line
-from recal.web.guard import Refused
 from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
-from recal.web.site import Site
+from recal.web.site import Reading, Site
 
 Sort = Literal[
     "next", "serial", "technology", "changed", "proposals", "contradictions", "age", "drift"
@@ -27,11 +26,17 @@ State = Literal[
     "open", "out of date", "approved", "rejected", "all"
 ]  # of proposals that are listed
 Number = Annotated[int, Query(ge=1, le=10**9)]
-HEALTH_SORTS: dict[str, Callable[[UnitHealth], Any]] = {
+SORTS: dict[Sort, Callable[[UnitHealth], Any]] = {
     "next": health.urgency,
+    "serial": lambda row: row.unit.unit,
+    "technology": lambda row: row.unit.unit.gyro_technology,
+    "changed": lambda row: row.unit.created_utc,
+    "proposals": lambda row: row.unit.undecided,
+    "contradictions": lambda row: row.unit.contradictions,
     "age": lambda row: row.age_days,
     "drift": lambda row: row.drift_nm_h,
 }
+PAGE_ROWS = 200
 SHOWS = {
     Show.ALL: "all units",
     Show.NEXT: "those that need something",
@@ -41,255 +46,225 @@ SHOWS = {
 MOST_SHOWN = 500  # rows of a history
 
 
-def register(app: FastAPI, site: Site) -> None:
-    """All routes that only read."""
-    _register_units(app, site)
-    _register_forecast(app, site)
-    _register_revisions(app, site)
-    _register_proposals(app, site)
-    _register_proposal_texts(app, site)
-    _register_reports(app, site)
+router = APIRouter()
+Reader = Annotated[Reading, Depends()]
 
 
-def _register_units(app: FastAPI, site: Site) -> None:
-    @app.get("/")
-    def units(
-        request: Request,
-        q: str = "",
-        show: Show = Show.ALL,
-        sort: Sort = "next",
-        down: bool = False,
-        page: Number = 1,
-    ) -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            everything = opened.overview()
-            forecast = site.forecasts.at_hand(opened)
-        by_store = sort if sort in views.SORTS else "serial"
-        listed = views.sorted_units(everything, search=q, sort=by_store, descending=down)
-        found = health.chosen(health.judged(listed, forecast, datetime.now(UTC)), show)
-        if sort in HEALTH_SORTS:
-            found.sort(key=HEALTH_SORTS[sort], reverse=down)
-        last = max(1, -(-len(found) // views.PAGE_ROWS))
-        page = min(page, last)
-        shown = found[(page - 1) * views.PAGE_ROWS : page * views.PAGE_ROWS]
-        return site.page(
-            request,
-            "units.html.j2",
-            units=shown,
-            found=len(found),
-            of=len(everything),
-            q=q,
-            show=show,
-            shows=SHOWS,
-            sort=sort,
-            down=down,
-            page=page,
-            last=last,
-            limit_nm_h=None if forecast is None else forecast.limit_nm_h,
-            undecided=sum(u.undecided for u in everything),
-        )
+@dataclass(frozen=True)
+class Asked:
+    """The unit that an address names."""
 
-    @app.get("/unit")
-    def unit(
-        request: Request, serial: str, technology: str, mode: str = "", done: str = ""
-    ) -> HTMLResponse:
-        site.require_reader(request)
-        key = (serial, technology, mode)
-        named = UnitKey(imu_serial=serial, gyro_technology=technology, gyro_mode=mode)
-        with site.tables() as opened:
-            summary = [u for u in opened.overview() if u.unit == named]
-            only_proposed = any(not u.active_number for u in summary)
-            history = [] if only_proposed else opened.history(*key)
-            proposals = opened.proposals(*key)
-            contradictions = opened.contradictions(*key) if history else ()
-            forecast = site.forecasts.at_hand(opened)
-        context: dict[str, Any] = {
-            "active": None,
-            "panels": [],
-            "lines": [],
-            "contradictions": [],
-            "rows": None,
-        }
-        if history:
-            lines = _lines(history)
-            active = history[-1]
-            context = {
-                "active": active,
-                "panels": site.drawings.bias_panels(lines, contradictions),
-                "lines": lines,
-                "rows": views.table_rows(active.table),
-                "contradictions": views.contradiction_rows(contradictions, active.table),
-            }
-        diagnoses = [e for e in site.reports.all() if e.document.get("imu_serial") == serial]
-        return site.page(
-            request,
-            "unit.html.j2",
-            unit=(history or proposals)[-1].unit,
-            history=history[::-1][:MOST_SHOWN],
-            proposals=[views.proposal_facts(p) for p in reversed(proposals)],
-            done=done,
-            state=health.judged(summary, forecast, datetime.now(UTC))[0].words,
-            diagnoses=diagnoses,
-            **context,
-        )
+    serial: str
+    technology: str
+    mode: str = ""
+
+    @property
+    def unit(self) -> UnitKey:
+        return UnitKey(imu_serial=self.serial, gyro_technology=self.technology, gyro_mode=self.mode)
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        return self.serial, self.technology, self.mode
 
 
-def _register_forecast(app: FastAPI, site: Site) -> None:
-    @app.get("/forecast")
-    def forecast(request: Request) -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            key, document = site.forecasts.of(opened)
-        return site.page(
-            request,
-            "urgent.html.j2",
-            f=document,
-            shown=len(document.units),
-            trends=trend_strips(document),
-            date_words=date_words,
-            unit_page=views.forecast_address,
-            drawing=site.drawings.trend(key, document) if document.units else None,
-        )
+Unit = Annotated[Asked, Depends()]
 
 
-def _register_revisions(app: FastAPI, site: Site) -> None:
-    @app.get("/diff")
-    def diff(
-        request: Request,
-        serial: str,
-        technology: str,
-        mode: str = "",
-        before: Number = 1,
-        after: Number = 1,
-    ) -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            old, new = (opened.revision(k, serial, technology, mode) for k in (before, after))
-        lines = [Line("before", old.sha256, old.table), Line("after", new.sha256, new.table)]
-        return site.page(
-            request,
-            "diff.html.j2",
-            unit=new.unit,
-            before=old,
-            after=new,
-            change=_change(old, new),
-            lines=lines,
-            panels=site.drawings.bias_panels(lines),
-            made_from=views.provenance_change(old, new),
-        )
-
-    @app.get("/revision/report")
-    def revision_report(
-        request: Request, serial: str, technology: str, number: Number, mode: str = ""
-    ) -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            found = opened.revision(number, serial, technology, mode)
-        if found.report_json is None:
-            raise Refused(404, f"Revision {number} was made without a report.")
-        document = {**json.loads(found.report_json), "revision": number}
-        return site.framed(_drawn(site, f"{found.sha256} revision {number}", document))
+@router.get("/")
+def units(
+    reader: Reader,
+    q: str = "",
+    show: Show = Show.ALL,
+    sort: Sort = "next",
+    down: bool = False,
+    page: Number = 1,
+) -> HTMLResponse:
+    with reader.site.tables() as opened:
+        everything = opened.overview()
+        forecast = reader.site.forecasts.at_hand(opened)
+    wanted = q.casefold().strip()
+    listed = [u for u in everything if wanted in f"{u.unit} {u.sha256}".casefold()]
+    found = health.chosen(health.judged(listed, forecast, datetime.now(UTC)), show)
+    found.sort(key=SORTS["serial"])
+    found.sort(key=SORTS[sort], reverse=down)
+    last = max(1, -(-len(found) // PAGE_ROWS))
+    page = min(page, last)
+    return reader.page(
+        "units.html.j2",
+        units=found[(page - 1) * PAGE_ROWS : page * PAGE_ROWS],
+        found=len(found),
+        of=len(everything),
+        q=q,
+        show=show,
+        shows=SHOWS,
+        sort=sort,
+        down=down,
+        page=page,
+        last=last,
+        limit_nm_h=None if forecast is None else forecast.limit_nm_h,
+        undecided=sum(u.undecided for u in everything),
+    )
 
 
-def _register_proposals(app: FastAPI, site: Site) -> None:
-    @app.get("/proposals")
-    def proposals(request: Request, state: State = "open") -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            everything = opened.proposals()
-        counts = {name: sum(p.state == name for p in everything) for name in views.STATE_LOOKS}
-        chosen = [p for p in reversed(everything) if state in ("all", p.state)]
-        chosen.sort(key=lambda p: p.proposed_utc, reverse=True)
-        return site.page(
-            request,
-            "proposals.html.j2",
-            state=state,
-            counts=counts,
-            proposals=[views.proposal_facts(p) for p in chosen[:MOST_SHOWN]],
-        )
-
-    @app.get("/proposal")
-    def proposal(
-        request: Request, serial: str, technology: str, number: Number, mode: str = ""
-    ) -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            full = opened.proposal(number, serial, technology, mode)
-            base = _base(opened, full)
-        change = None if base is None else _change(base, full)
-        lines = (
-            []
-            if base is None
-            else [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
-        )
-        return site.page(
-            request,
-            "proposal.html.j2",
-            p=full,
-            unit=full.unit,
-            report=full.report,
-            base=base,
-            change=change,
-            lines=lines,
-            panels=site.drawings.bias_panels(lines) if lines else [],
-            look=views.STATE_LOOKS[full.state],
-        )
+@router.get("/unit")
+def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
+    named = asked.unit
+    with reader.site.tables() as opened:
+        summary = [u for u in opened.overview() if u.unit == named]
+        only_proposed = any(not u.active_number for u in summary)
+        history = [] if only_proposed else opened.history(*asked.key)
+        proposals = opened.proposals(*asked.key)
+        contradictions = opened.contradictions(*asked.key) if history else ()
+        forecast = reader.site.forecasts.at_hand(opened)
+    active = history[-1] if history else None
+    lines = _lines(history)
+    return reader.page(
+        "unit.html.j2",
+        unit=(history or proposals)[-1].unit,
+        active=active,
+        panels=reader.site.drawings.bias_panels(lines, contradictions) if lines else [],
+        lines=lines,
+        rows=views.table_rows(active.table) if active else None,
+        contradictions=views.contradiction_rows(contradictions, active.table) if active else [],
+        history=history[::-1][:MOST_SHOWN],
+        proposals=[views.proposal_facts(p) for p in reversed(proposals)],
+        done=done,
+        state=health.judged(summary, forecast, datetime.now(UTC))[0].words,
+        diagnoses=[
+            e for e in reader.site.reports.all() if e.document.get("imu_serial") == asked.serial
+        ],
+    )
 
 
-def _register_proposal_texts(app: FastAPI, site: Site) -> None:
-    @app.get("/proposal/report")
-    def proposal_report(
-        request: Request, serial: str, technology: str, number: Number, mode: str = ""
-    ) -> HTMLResponse:
-        site.require_reader(request)
-        with site.tables() as opened:
-            full = opened.proposal(number, serial, technology, mode)
-        return site.framed(_drawn(site, full.record_sha256, {**full.report, "proposal": number}))
-
-    @app.get("/proposal/update.json")
-    def proposal_document(
-        request: Request, serial: str, technology: str, number: Number, mode: str = ""
-    ) -> Response:
-        site.require_reader(request)
-        with site.tables() as opened:
-            full = opened.proposal(number, serial, technology, mode)
-        return _download(full.report_json, "update.json")
+@router.get("/forecast")
+def forecast(reader: Reader) -> HTMLResponse:
+    site = reader.site
+    with site.tables() as opened:
+        key, document = site.forecasts.of(opened)
+    return reader.page(
+        "urgent.html.j2",
+        f=document,
+        shown=len(document.units),
+        trends=trend_strips(document),
+        date_words=date_words,
+        unit_page=views.forecast_address,
+        drawing=site.drawings.trend(key, document) if document.units else None,
+    )
 
 
-def _register_reports(app: FastAPI, site: Site) -> None:
-    @app.get("/diagnoses")
-    def diagnoses(request: Request) -> HTMLResponse:
-        site.require_reader(request)
-        return site.page(request, "diagnoses.html.j2", entries=site.reports.all())
+@router.get("/diff")
+def diff(reader: Reader, asked: Unit, before: Number = 1, after: Number = 1) -> HTMLResponse:
+    with reader.site.tables() as opened:
+        old = opened.revision(before, *asked.key)
+        new = opened.revision(after, *asked.key)
+    lines = [Line("before", old.sha256, old.table), Line("after", new.sha256, new.table)]
+    return reader.page(
+        "diff.html.j2",
+        unit=new.unit,
+        before=old,
+        after=new,
+        change=views.change_rows(old, new),
+        lines=lines,
+        panels=reader.site.drawings.bias_panels(lines),
+        made_from=views.provenance_change(old, new),
+    )
 
-    @app.get("/diagnosis")
-    def diagnosis(request: Request, folder: str) -> HTMLResponse:
-        site.require_reader(request)
-        entry = site.reports.one(folder)
-        if entry is None:
-            raise Refused(404, "There is no diagnosis in this folder.")
-        return site.page(request, "diagnosis.html.j2", e=entry, summary=_summary(entry.document))
 
-    @app.get("/diagnosis/page")
-    def diagnosis_page(request: Request, folder: str) -> HTMLResponse:
-        site.require_reader(request)
-        text = site.reports.text(folder, PAGE)
-        if text is None:
-            raise Refused(404, "There is no diagnosis.html in this folder.")
-        return site.framed(text)
+@router.get("/revision/report")
+def revision_report(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
+    with reader.site.tables() as opened:
+        found = opened.revision(number, *asked.key)
+    if found.report_json is None:
+        raise HTTPException(404, f"Revision {number} was made without a report.")
+    document = {**json.loads(found.report_json), "revision": number}
+    return reader.framed(_drawn(reader.site, f"{found.sha256} revision {number}", document))
 
-    @app.get("/diagnosis/document")
-    def diagnosis_document(request: Request, folder: str) -> Response:
-        site.require_reader(request)
-        text = site.reports.text(folder, DOCUMENT)
-        if text is None:
-            raise Refused(404, "There is no diagnosis.json in this folder.")
-        return _download(text, DOCUMENT)
+
+@router.get("/proposals")
+def proposals(reader: Reader, state: State = "open") -> HTMLResponse:
+    with reader.site.tables() as opened:
+        everything = opened.proposals()
+    chosen = [p for p in reversed(everything) if state in ("all", p.state)]
+    chosen.sort(key=lambda p: p.proposed_utc, reverse=True)
+    return reader.page(
+        "proposals.html.j2",
+        state=state,
+        counts={name: sum(p.state == name for p in everything) for name in views.STATE_LOOKS},
+        proposals=[views.proposal_facts(p) for p in chosen[:MOST_SHOWN]],
+    )
+
+
+@router.get("/proposal")
+def proposal(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
+    with reader.site.tables() as opened:
+        full = opened.proposal(number, *asked.key)
+        base = _base(opened, full)
+    lines = []
+    if base is not None:
+        lines = [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
+    return reader.page(
+        "proposal.html.j2",
+        p=full,
+        unit=full.unit,
+        report=full.report,
+        base=base,
+        change=views.change_rows(base, full) if base else None,
+        lines=lines,
+        panels=reader.site.drawings.bias_panels(lines) if lines else [],
+        look=views.STATE_LOOKS[full.state],
+    )
+
+
+@router.get("/proposal/report")
+def proposal_report(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
+    with reader.site.tables() as opened:
+        full = opened.proposal(number, *asked.key)
+    document = {**full.report, "proposal": number}
+    return reader.framed(_drawn(reader.site, full.record_sha256, document))
+
+
+@router.get("/proposal/update.json")
+def proposal_document(reader: Reader, asked: Unit, number: Number) -> Response:
+    with reader.site.tables() as opened:
+        full = opened.proposal(number, *asked.key)
+    return reader.download(full.report_json, "update.json")
+
+
+@router.get("/diagnoses")
+def diagnoses(reader: Reader) -> HTMLResponse:
+    return reader.page("diagnoses.html.j2", entries=reader.site.reports.all())
+
+
+@router.get("/diagnosis")
+def diagnosis(reader: Reader, folder: str) -> HTMLResponse:
+    entry = reader.site.reports.one(folder)
+    if entry is None:
+        raise HTTPException(404, "There is no diagnosis in this folder.")
+    return reader.page("diagnosis.html.j2", e=entry, summary=_summary(entry.document))
+
+
+@router.get("/diagnosis/page")
+def diagnosis_page(reader: Reader, folder: str) -> HTMLResponse:
+    return reader.framed(_report(reader.site, folder, PAGE))
+
+
+@router.get("/diagnosis/document")
+def diagnosis_document(reader: Reader, folder: str) -> Response:
+    return reader.download(_report(reader.site, folder, DOCUMENT), DOCUMENT)
+
+
+def _report(site: Site, folder: str, name: str) -> str:
+    """The text of a file of a diagnosis."""
+    text = site.reports.text(folder, name)
+    if text is None:
+        raise HTTPException(404, f"There is no {name} in this folder.")
+    return text
 
 
 def _lines(history: list[Revision]) -> list[Line]:
     """Factory, previous and active table, each once."""
+    if not history:
+        return []
     factory, active = history[0], history[-1]
     chosen = [("factory", factory)] if factory.sha256 != active.sha256 else []
     if len(history) > 1 and history[-2].sha256 not in (factory.sha256, active.sha256):
@@ -309,10 +284,6 @@ def _base(opened: TableStore, full: FullProposal) -> Revision | None:
         return None
 
 
-def _change(before: Revision, after: Revision | FullProposal) -> views.ChangeRows:
-    return views.change_rows({axis: change_between(before, after, axis) for axis in "xyz"})
-
-
 def _drawn(site: Site, key: str, document: JsonObject) -> str:
     """The report of a stored document; a Refused page where this version cannot draw it."""
     try:
@@ -322,7 +293,7 @@ def _drawn(site: Site, key: str, document: JsonObject) -> str:
             f"This version cannot draw the stored report ({type(error).__name__}); its update.json"
             " is whole."
         )
-        raise Refused(409, line) from error
+        raise HTTPException(409, line) from error
 
 
 def _summary(document: JsonObject) -> list[str]:
@@ -330,8 +301,3 @@ def _summary(document: JsonObject) -> list[str]:
         return diagnosis_lines(document) if document else []
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         return [f"This version cannot read the document ({type(error).__name__})."]
-
-
-def _download(text: str, name: str) -> Response:
-    disposition = {"content-disposition": f'attachment; filename="{name}"'}
-    return Response(text, media_type="application/json", headers=disposition)

@@ -8,6 +8,8 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
+from fastapi.staticfiles import StaticFiles
+
 from ins.records import InputError
 from recal.service.results.pages import JsonObject
 
@@ -76,18 +78,13 @@ class Reports:
         """The real path of a file in a folder under the root; None where it is not there or leads
         out.
         """
-        if (
-            self._root is None
-            or "\0" in folder
-            or Path(folder).is_absolute()
-            or ".." in Path(folder).parts
-        ):
+        if self._root is None:
             return None
         try:
-            path = (self._root / folder / name).resolve()
-            return path if path.is_relative_to(self._root) and path.is_file() else None
-        except (OSError, RuntimeError, ValueError):
+            path, about = StaticFiles(directory=self._root).lookup_path(f"{folder}/{name}")
+        except (OSError, ValueError):
             return None
+        return Path(path) if about is not None and stat.S_ISREG(about.st_mode) else None
 
     def _folders(self) -> list[str]:
         found: list[str] = []

@@ -8,15 +8,14 @@ from functools import lru_cache
 from typing import Any
 from urllib.parse import quote
 
-from fastapi import Request
-from fastapi.responses import HTMLResponse
-from jinja2 import ChoiceLoader, Environment, PackageLoader
+from fastapi import HTTPException, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from markupsafe import Markup
 
 from recal.service.results.pages import page_environment
 from recal.service.store import TableStore
 from recal.web import views
-from recal.web.door import Door, Session
+from recal.web.door import SESSION_S, Door
 from recal.web.drawings import Drawings
 from recal.web.forecasts import Forecasts
 from recal.web.reports import Reports
@@ -42,33 +41,27 @@ NEXT = {
         " what is wrong with it."
     )
 }
-FRAMED_POLICY = (
-    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self';"
-    " base-uri 'none'; form-action 'none'"
-)
-
-
-class SignInFirst(Exception):
-    """Whoever asks is not signed in; `path`: where to go afterwards."""
-
-    def __init__(self, path: str = "/") -> None:
-        super().__init__(path)
-        self.path = path
+CLOSED = {  # what is no page: nothing may be loaded from it, and nothing may frame it
+    "x-frame-options": "DENY",
+    "content-security-policy": "default-src 'none'; frame-ancestors 'none'",
+}
+FRAMED = {  # a report that was drawn elsewhere: alone, without scripts, forms or an origin
+    "x-frame-options": "SAMEORIGIN",
+    "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src"
+    " data:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'",
+}
 
 
 class Site:
-    """What the routes share."""
+    """What the routes share. InputError where store or reports cannot be opened."""
 
     def __init__(self, settings: ServeSettings) -> None:
         self.settings = settings
-        self.door, self.drawings, self.reports = (
-            Door(settings.tokens, ticket=settings.ticket),
-            Drawings(),
-            Reports(settings.reports),
-        )
+        self.door = Door(settings.tokens, ticket=settings.ticket)
+        self.drawings = Drawings()
+        self.reports = Reports(settings.reports)
         self.forecasts = Forecasts()
-        prefix = "__Host-" if settings.https else ""
-        self.session_cookie, self.form_cookie = f"{prefix}recal_session", f"{prefix}recal_form"
+        self.cookie = "__Host-recal_session" if settings.https else "recal_session"
         with self.tables() as opened:
             self.store_name = opened.name
 
@@ -80,48 +73,38 @@ class Site:
         with TableStore.open(self.settings.store_url) as opened:
             yield opened
 
-    def session(self, request: Request) -> Session | None:
-        return self.door.session(request.cookies.get(self.session_cookie, ""))
 
-    def require_reader(self, request: Request) -> Session | None:
-        """The session, None on this machine; SignInFirst where reading needs one."""
-        session = self.session(request)
-        if session is None and self.settings.reading_needs_token:
-            query = f"?{request.url.query}" if request.url.query else ""
-            raise SignInFirst(quote(request.url.path) + query)
-        return session
+class Visit:
+    """A request, the session that its cookie opens, and the answers that can be given to it."""
 
-    def page(
-        self, request: Request | None, template: str, status: int = 200, **context: Any
-    ) -> HTMLResponse:
+    def __init__(self, request: Request) -> None:
+        self.site: Site = request.app.state.site
+        self.request = request
+        self.cookie = request.cookies.get(self.site.cookie, "")
+        self.session = self.site.door.session(self.cookie)
+
+    def page(self, template: str, status: int = 200, **context: Any) -> HTMLResponse:
         """A page under the strict policy: no script, no style but its own, nothing from
         elsewhere.
         """
-        session = None if request is None else self.session(request)
-        text = (
-            _environment()
-            .get_template(template)
-            .render(
-                style=_style(),
-                session=session,
-                locked=self.door.locked,
-                has_reports=self.reports.given,
-                address=views.address,
-                **context,
-            )
-        )
-        return HTMLResponse(text, status, headers={"content-security-policy": _policy()})
+        shared = {
+            "style": _style(),
+            "session": self.session,
+            "locked": self.site.door.locked,
+            "has_reports": self.site.reports.given,
+            "address": views.address,
+        }
+        page = page_environment("recal", "web/templates").get_template(template)
+        text = page.render(**shared, **context)
+        headers = {"x-frame-options": "DENY", "content-security-policy": _policy()}
+        return HTMLResponse(text, status, headers=headers)
 
-    def fault(self, status: int, line: str, request: Request | None = None) -> HTMLResponse:
+    def fault(self, status: int, line: str) -> HTMLResponse:
         """A page that says what is wrong; the store's address is not in it."""
-        for text, shown in (
-            (f"no store at {self.store_name}", "the store is not where it was"),
-            (f"store {self.store_name}", "the store"),
-            (self.store_name, "the store"),
-        ):
-            line = line.replace(text, shown)
+        name = self.site.store_name
+        line = line.replace(f"no store at {name}", "the store is not where it was")
+        line = line.replace(f"store {name}", "the store").replace(name, "the store")
         return self.page(
-            request,
             "fault.html.j2",
             status,
             title=TITLES.get(status, f"Error {status}"),
@@ -131,28 +114,50 @@ class Site:
         )
 
     def framed(self, text: str) -> HTMLResponse:
-        """A report that was drawn elsewhere: alone in a sandbox, without scripts, forms or an
-        origin.
-        """
-        return HTMLResponse(
-            text,
-            headers={"content-security-policy": FRAMED_POLICY, "x-frame-options": "SAMEORIGIN"},
+        """A report that was drawn elsewhere."""
+        return HTMLResponse(text, headers=FRAMED)
+
+    def download(self, text: str, name: str) -> Response:
+        """A document as a file."""
+        said = {"content-disposition": f'attachment; filename="{name}"'}
+        return Response(text, media_type="application/json", headers=CLOSED | said)
+
+    def go_to(self, path: str) -> RedirectResponse:
+        """Another page of this site."""
+        return RedirectResponse(path, 303, headers=CLOSED)
+
+    def set_cookie(self, answer: Response, value: str) -> None:
+        """Give the browser its cookie; an empty one takes it back."""
+        answer.set_cookie(
+            self.site.cookie,
+            value,
+            max_age=round(SESSION_S) if value else 0,
+            httponly=True,
+            samesite="strict",
+            secure=self.site.settings.https,
         )
 
 
-@lru_cache(maxsize=1)
-def _environment() -> Environment:
-    shared = page_environment()
-    assert shared.loader is not None
-    return shared.overlay(
-        loader=ChoiceLoader([PackageLoader("recal", "web/templates"), shared.loader])
-    )
+class Reading(Visit):
+    """A visit of who may read: anybody on this machine, elsewhere who is signed in."""
+
+    def __init__(self, request: Request) -> None:
+        super().__init__(request)
+        if self.site.settings.reading_needs_token:
+            self.need_session()
+
+    def need_session(self) -> None:
+        """Sends who is not signed in to do so, and back here."""
+        if self.session is None:
+            query = f"?{self.request.url.query}" if self.request.url.query else ""
+            path = views.address("/signin", next=quote(self.request.url.path) + query)
+            raise HTTPException(303, headers={"location": path})
 
 
 @lru_cache(maxsize=1)
 def _style() -> Markup:
     """The style sheet of the reports with what the page adds."""
-    found = _environment()
+    found = page_environment("recal", "web/templates")
     return Markup(found.get_template("style.css").render() + found.get_template("web.css").render())
 
 

@@ -2,7 +2,7 @@
 decides nothing.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -13,11 +13,9 @@ from ins.records import AXES
 from recal.service.inputs.records import TableDocument, ThermalTable
 from recal.service.priors.forecast_records import UnitForecast
 from recal.service.results.pages import decimals_for
-from recal.service.store import Proposal, Revision, SessionEvidence, UnitKey, UnitSummary
-from recal.service.tables import AxisDifference
+from recal.service.store import FullProposal, Proposal, Revision, SessionEvidence, UnitKey
+from recal.service.tables import change_between
 
-SORTS = ("serial", "technology", "changed", "proposals", "contradictions")
-PAGE_ROWS = 200
 STATE_LOOKS = {"open": "fair", "out of date": "none", "approved": "good", "rejected": "bad"}
 
 
@@ -86,24 +84,6 @@ def forecast_address(row: UnitForecast) -> str:
     )
 
 
-def sorted_units(
-    units: Sequence[UnitSummary], *, search: str, sort: str, descending: bool
-) -> list[UnitSummary]:
-    """The units whose serial, technology, mode or table hash holds the text, in the order asked
-    for.
-    """
-    wanted = search.casefold().strip()
-    found = [u for u in units if wanted in f"{u.unit} {u.sha256}".casefold()]
-    keys: dict[str, Callable[[UnitSummary], UnitKey | str | int]] = {
-        "serial": lambda u: u.unit,
-        "technology": lambda u: u.unit.gyro_technology,
-        "changed": lambda u: u.created_utc,
-        "proposals": lambda u: u.undecided,
-        "contradictions": lambda u: u.contradictions,
-    }
-    return sorted(found, key=keys[sort], reverse=descending)
-
-
 def table_rows(table: ThermalTable) -> TableRows:
     """Per gyro: temperature, bias, expanded uncertainty U(k=2); and the decimals that show them."""
     axes = {}
@@ -115,10 +95,11 @@ def table_rows(table: ThermalTable) -> TableRows:
     return TableRows(axes=axes, decimals=decimals_for(sigmas))
 
 
-def change_rows(change: Mapping[str, AxisDifference]) -> ChangeRows:
-    """Per gyro the rows of `stored_tables.change_between`: T, before, U, after, U, change."""
+def change_rows(before: Revision, after: Revision | FullProposal) -> ChangeRows:
+    """Per gyro the rows of `change_between`: T, before, U, after, U, change."""
     axes = {}
-    for axis, c in change.items():
+    for axis in AXES:
+        c = change_between(before, after, axis)
         columns = (
             c.temperature_degC,
             c.before_deg_h,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from alignment.motion.seconds import seconds_of
 from ins.attitude import dcm_from_euler
-from ins.compensation import corrected
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import AXES, ImuLog, ImuSource, Run
+from ins.strapdown.compensation import corrected
 
 # of its size: a rate that varies by less was computed, not measured; doubles round by 1e-16, a
 # converter of 24 bits by 6e-8

@@ -20,7 +20,6 @@ from alignment.motion.parked_seconds import parked_places
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.seconds import seconds_of as seconds_of_log
 from alignment.motion.timeline import timeline
-from infield.reports.words.sentences import sentence
 from infield.session.log import (
     compensated_imu,
     compensated_seconds,
@@ -41,6 +40,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import sentence
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 from simreal.evidence.at_range import share_at_range
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled

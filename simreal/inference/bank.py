@@ -275,18 +275,16 @@ class Bank:
 
     def _fill(self) -> None:
         """Whiten what has been entered since the last call."""
-        runs, new = self.evidence.runs, self._specs
-        m = len(new)
-        # of each run: columns present, whitened (rows, k)
-        self.blocks: list[tuple[NDArray, NDArray]] = []
+        runs, m = self.evidence.runs, len(self._specs)
+        # of each run, in pieces as they were entered: numbers of the columns, whitened (rows, k)
+        self.blocks: list[list[tuple[NDArray, NDArray]]] = []
+        self._room = np.zeros((2 * m, 2 * m))  # of the Gram matrix, for what is appended
+        self.gram, self.score = self._room[:m, :m], np.zeros(m)
         for k, run in enumerate(runs):
-            present = np.array([c for c in range(m) if new[c][k] is not None], dtype=int)
-            traces = [t for c in present if (t := new[c][k]) is not None]
-            self.blocks.append((present, run.whiten(traces).astype(np.float32)))
-        self.gram, self.score = np.zeros((m, m)), np.zeros(m)
-        for k, (present, A) in enumerate(self.blocks):
-            self.gram[np.ix_(present, present)] += _gram(A, self.evidence.runs[k].blocks)
+            present, A = self._whitened(k, 0)
+            self.gram[np.ix_(present, present)] += _gram(A, run.blocks)
             self.score[present] += A.T @ self.evidence.z[self.evidence.rows_of(k)]
+            self.blocks.append([(present, A)])
         for hypothesis in self.hypotheses:
             for group in hypothesis.groups:
                 self.gram[group.columns, group.columns] += group.precision
@@ -310,38 +308,48 @@ class Bank:
         self.gram[columns, columns] += like.precision
         return replace(like, columns=columns)
 
+    def _whitened(self, run: int, before: int) -> tuple[NDArray, NDArray]:
+        """Numbers from `before` on of the columns that show in a run (k,), and their rows there
+        (rows, k).
+        """
+        present, traces = [], []
+        for column, of_runs in enumerate(self._specs[before:], before):
+            trace = of_runs[run]
+            if trace is not None:
+                present.append(column)
+                traces.append(trace)
+        rows = self.evidence.runs[run].whiten(traces)
+        return np.array(present, dtype=int), rows.astype(np.float32)
+
     def _whiten_from(self, before: int) -> None:
         """Whiten and enter the columns from number `before` on."""
         m = len(self._specs)
-        gram, score = np.zeros((m, m)), np.zeros(m)
-        gram[:before, :before], score[:before] = self.gram, self.score
-        for k, evidence in enumerate(self.evidence.runs):
-            fresh = np.array(
-                [c for c in range(before, m) if self._specs[c][k] is not None], dtype=int
-            )
-            if not fresh.size:
+        if m > len(self._room):
+            room = np.zeros((2 * m, 2 * m))
+            room[:before, :before] = self.gram
+            self._room = room
+        self.gram = self._room[:m, :m]
+        self.score = np.concatenate([self.score, np.zeros(m - before)])
+        for k, pieces in enumerate(self.blocks):
+            if all(of[k] is None for of in self._specs[before:]):
                 continue
-            new = evidence.whiten([t for c in fresh if (t := self._specs[c][k]) is not None])
-            present, A = self.blocks[k]
-            gram[np.ix_(fresh, fresh)] += new.T @ new
-            cross = A.T @ new
-            gram[np.ix_(present, fresh)] += cross
-            gram[np.ix_(fresh, present)] += cross.T
-            score[fresh] += new.T @ self.evidence.z[self.evidence.rows_of(k)]
-            self.blocks[k] = (
-                np.concatenate([present, fresh]),
-                np.hstack([A, new.astype(np.float32)]),
-            )
-        self.gram, self.score = gram, score
+            fresh, new = self._whitened(k, before)
+            self.gram[np.ix_(fresh, fresh)] += new.T @ new
+            for present, A in pieces:
+                cross = A.T @ new
+                self.gram[np.ix_(present, fresh)] += cross
+                self.gram[np.ix_(fresh, present)] += cross.T
+            self.score[fresh] += new.T @ self.evidence.z[self.evidence.rows_of(k)]
+            pieces.append((fresh, new))
 
     def matrix(self, columns: NDArray) -> NDArray:
         """Whitened rows of columns (rows, k)."""
         out = np.zeros((self.evidence.size, len(columns)))
-        for k, (present, A) in enumerate(self.blocks):
-            place = {int(c): j for j, c in enumerate(present)}
-            for j, c in enumerate(columns):
-                if int(c) in place:
-                    out[self.evidence.rows_of(k), j] = A[:, place[int(c)]]
+        for k, pieces in enumerate(self.blocks):
+            for present, A in pieces:
+                there = np.flatnonzero(np.isin(columns, present))
+                here = np.searchsorted(present, columns[there])
+                out[self.evidence.rows_of(k), there] = A[:, here]
         return out
 
     def signature(self, columns: NDArray, coefficients: NDArray) -> NDArray:
@@ -351,9 +359,11 @@ class Bank:
     def replicate_scores(self, z: NDArray) -> NDArray:
         """Products (m, reps) of the columns with replicates of the rows (rows, reps)."""
         out = np.zeros((len(self._specs), z.shape[1]))
-        for k, (present, A) in enumerate(self.blocks):
+        for k, pieces in enumerate(self.blocks):
             # as coarse as the columns themselves: numpy would widen those to 64 bits first
-            out[present] += A.T @ z[self.evidence.rows_of(k)].astype(np.float32)
+            coarse = z[self.evidence.rows_of(k)].astype(np.float32)
+            for present, A in pieces:
+                out[present] += A.T @ coarse
         return out
 
     def generic_of(self, hypothesis: Hypothesis, group: Group) -> Generic:

@@ -33,7 +33,7 @@ from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
 from simreal.inference.bank import Bank, Hypothesis, unit_scale
 from simreal.inference.noise_hypotheses import NoiseHypothesis, Term, log_bf, term_of
-from simreal.inference.scoring import Scorer, condition, fit
+from simreal.inference.scoring import Conditioned, Scorer, fit
 from simreal.inference.verdict import KeptOut
 
 CREDIBLE = 0.95  # of a set: 19 of 20 hold what is true
@@ -319,10 +319,11 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
         for s in attribution.every
         if s is not slot and not (s.of_table and s.hypothesis.target == target)
     )
-    gram, score = condition(bank.gram, bank.score[:, None], others)
+    left = Conditioned(bank.gram, bank.score, others)
     own = slot.columns
-    beta = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True) @ score[own, 0]
-    norm = float(beta @ gram[np.ix_(own, own)] @ beta) - slot.group.precision * float(beta @ beta)
+    own_gram = left.gram_of(own)
+    beta = np.linalg.pinv(own_gram, hermitian=True) @ left.score[own]
+    norm = float(beta @ own_gram @ beta) - slot.group.precision * float(beta @ beta)
     out: dict[tuple[str, str], float] = {}
     for h in bank.hypotheses:
         for group in h.groups:
@@ -331,8 +332,8 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
             # table, which is off in every unit
             if c.size > own.size and not h.of_table:
                 continue
-            cross = gram[np.ix_(c, own)] @ beta
-            G = gram[np.ix_(c, c)] - group.precision * np.eye(c.size)
+            cross = left.gram_of(c, own) @ beta
+            G = left.gram_of(c) - group.precision * np.eye(c.size)
             if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):
                 continue
             seen = np.diag(G) > 0.0
@@ -583,12 +584,12 @@ def _cosine(bank: Bank, own: NDArray, span: NDArray, others: NDArray) -> float:
     """|cos| of the fitted signature of some columns with the span of others, a third set projected
     out.
     """
-    gram, score = condition(bank.gram, bank.score[:, None], others)
-    G = gram[np.ix_(own, own)]
-    beta = np.linalg.pinv(G, hermitian=True) @ score[own, 0]
+    left = Conditioned(bank.gram, bank.score, others)
+    G = left.gram_of(own)
+    beta = np.linalg.pinv(G, hermitian=True) @ left.score[own]
     norm = float(beta @ G @ beta)
     if norm <= 0.0:
         return 0.0
-    cross = gram[np.ix_(span, own)] @ beta
-    within = float(cross @ np.linalg.pinv(gram[np.ix_(span, span)], hermitian=True) @ cross)
+    cross = left.gram_of(span, own) @ beta
+    within = float(cross @ np.linalg.pinv(left.gram_of(span), hermitian=True) @ cross)
     return float(np.sqrt(np.clip(within / norm, 0.0, 1.0)))

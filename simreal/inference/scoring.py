@@ -49,30 +49,29 @@ class Scorer:
 
     def groups_log_bf(self, selected: NDArray, score: NDArray) -> NDArray:
         """Log Bayes factor of each group (groups, reps) given selected columns; score (m, reps)."""
-        gram, b = condition(self.bank.gram, score, selected)
+        left = Conditioned(self.bank.gram, score, selected)
         out = np.zeros((len(self.groups), score.shape[1]))
         for k, group in enumerate(self.groups):
-            out[k] = self._one(group, self.hypotheses[self.owner[k]], gram, b)
+            out[k] = self._one(group, self.hypotheses[self.owner[k]], left)
         return out
 
-    def _one(self, group: Group, hypothesis: Hypothesis, gram: NDArray, b: NDArray) -> NDArray:
+    def _one(self, group: Group, hypothesis: Hypothesis, left: "Conditioned") -> NDArray:
         c, scale = group.columns, group.scale
         before = (self.bank.gram[c, c] - group.precision) * scale**2
         if before.max() < NO_TRACE_SQUARE:
-            return np.zeros(b.shape[1])
+            return np.zeros(left.score.shape[1])
+        data = left.gram_of(c) - group.precision * np.eye(c.size)
+        data *= np.outer(scale, scale)
+        b = left.score[c] * scale[:, None]
         if c.size == 1:
-            values = np.array([(gram[c[0], c[0]] - group.precision) * scale[0] ** 2])
-            projected = (b[c] * scale[0]) / np.sqrt(max(values[0], 1e-300))
+            values, projected = data[0], b / np.sqrt(max(data[0, 0], 1e-300))
         else:
-            data = gram[np.ix_(c, c)] - group.precision * np.eye(c.size)
-            values, vectors = np.linalg.eigh(data * np.outer(scale, scale))
+            values, vectors = np.linalg.eigh(data)
             values = np.maximum(values, 0.0)
-            projected = (
-                vectors.T @ (b[c] * scale[:, None]) / np.sqrt(np.maximum(values, 1e-300))[:, None]
-            )
+            projected = vectors.T @ b / np.sqrt(np.maximum(values, 1e-300))[:, None]
         top = float(values.max())
         if top < ALIKE * before.max() or top < NO_TRACE_SQUARE:
-            return np.zeros(b.shape[1])
+            return np.zeros(left.score.shape[1])
         share = values / top
         live = share > 1e-8
         y2, share = projected[live] ** 2, share[live]
@@ -120,15 +119,25 @@ def usual_range(hypothesis: Hypothesis) -> tuple[float, float]:
     return float(1.0 / ratio), float(ratio)
 
 
-def condition(gram: NDArray, score: NDArray, selected: NDArray) -> tuple[NDArray, NDArray]:
+class Conditioned:
     """Gram matrix and products with the selected columns projected out (their coefficients are
     free, or as free as the precision in their Gram matrix lets them).
     """
-    if not selected.size:
-        return gram, score
-    inverse = _inverse(gram[np.ix_(selected, selected)])
-    gain = gram[:, selected] @ inverse
-    return gram - gain @ gram[selected], score - gain @ score[selected]
+
+    def __init__(self, gram: NDArray, score: NDArray, selected: NDArray) -> None:
+        self._gram, self._selected = gram, selected
+        self.score = score
+        if selected.size:
+            self._gain = gram[:, selected] @ _inverse(gram[np.ix_(selected, selected)])
+            self.score = score - self._gain @ score[selected]
+
+    def gram_of(self, rows: NDArray, columns: NDArray | None = None) -> NDArray:
+        """The block of these rows and columns, of the same number for both where one is given."""
+        columns = rows if columns is None else columns
+        block = self._gram[np.ix_(rows, columns)]
+        if not self._selected.size:
+            return block
+        return block - self._gain[rows] @ self._gram[np.ix_(self._selected, columns)]
 
 
 def _inverse(S: NDArray) -> NDArray:

@@ -4,6 +4,8 @@ stays out of the twin, which test sees what is left. Their values are the words 
 
 from enum import StrEnum
 
+from ins.verdicts import ReasonCode
+
 
 class GapVerdict(StrEnum):
     """Whether simulator and logs agree, and whether effects of the catalogue explain where not."""
@@ -26,16 +28,41 @@ class Judging(StrEnum):
     SAME_RUN_LESS_FIT = "the same run, less the fit"
 
 
-class KeptOut(StrEnum):
-    """Why a found cause is not written into the twin."""
+ANOTHER_RUN = "Diagnose with a run more, at other temperatures."
 
-    NOT_SHOWN = "not_shown"  # a free function that lessens no gap of data not fitted to
-    MADE_WORSE = "made_worse"  # more gap in data not fitted to
-    OF_MOTION = "of_motion"  # an error of the motion without a name: nothing to simulate
-    TABLE_AGED = "table_aged"  # it is what an update is to learn
+
+class KeptOut(ReasonCode):
+    """Why a found cause is not written into the twin, and what would settle it."""
+
+    NOT_SHOWN = (
+        "not_shown",
+        "a free function must lessen the gap of data that it was not fitted to, and these runs do"
+        " not show that it does",
+        ANOTHER_RUN,
+    )
+    MADE_WORSE = (
+        "made_worse",
+        "it makes the gap of data that it was not fitted to larger",
+        ANOTHER_RUN,
+    )
+    OF_MOTION = (
+        "of_motion",
+        "an error of the motion without a name is nothing that can be simulated",
+        "Record the drive again with a receiver and wheels.",
+    )
+    TABLE_AGED = "table_aged", "an update learns it; taken out of the log, it would be lost"
     # of what an update takes out of its log
-    IMPLAUSIBLE = "implausible"  # beyond the sizes that such an effect has
-    NOT_UNIQUE = "not_unique"  # another answer of the set would leave another table
+    IMPLAUSIBLE = (
+        "implausible",
+        "it is larger than such an effect is, and an update would take it out of the log",
+        "Look for it by itself, or for what else makes it.",
+    )
+    NOT_UNIQUE = (
+        "not_unique",
+        "another answer would leave another table, and an update would take it out of the log",
+        "Renew the table with recal update and diagnose later runs: what is left then is no"
+        " ageing.",
+    )
 
 
 class Looks(StrEnum):

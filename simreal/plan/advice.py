@@ -11,7 +11,7 @@ from ins.records import InputError, Site, TwinModel
 from ins.units import DEG
 from simreal.evidence.whitened import Evidence
 from simreal.plan.gram import RunGrams
-from simreal.plan.pairs import Judged, Pair, contender
+from simreal.plan.pairs import Pair, PairAssessment, contender
 from simreal.plan.recordings import RecordingMaker, short_list
 from simreal.plan.study import EQUAL_GAIN, Plan, Planner
 
@@ -70,7 +70,7 @@ def _maker(twin: TwinModel, table: ThermalTable | None, site: Site) -> Recording
     return _LAST[0]
 
 
-def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
+def _sentence(k: int, now: PairAssessment, plans: Sequence[Plan]) -> str:
     pair = now.pair
     names = f"{pair.a.label} from {pair.b.label}"
     if pair.a.target == pair.b.target:
@@ -96,6 +96,6 @@ def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
     )
 
 
-def _times(judged: Judged) -> str:
+def _times(judged: PairAssessment) -> str:
     """The size needed over the usual one (geometric mean of its range)."""
     return f"{1.0 / judged.margin:.2g} times" if judged.margin > 0.01 else "more than 100 times"

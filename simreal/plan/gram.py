@@ -133,7 +133,7 @@ class RunGrams:
 
 
 @dataclass(frozen=True)
-class Told:
+class PairSeparation:
     """A true effect against a rival, for each shape v the true one may have (an event: in each run
     that may hold it).
 
@@ -164,7 +164,7 @@ class Told:
         return float(np.median(self.delta_high / np.maximum(self.delta_needed, SEEN_DELTA)))
 
 
-def told(runs: Sequence[RunGrams], h: Contender, k: Contender) -> Told:
+def told(runs: Sequence[RunGrams], h: Contender, k: Contender) -> PairSeparation:
     """How well the true effect h is told from k in a set of runs; both must leave traces in all of
     them.
     """
@@ -178,7 +178,7 @@ def told(runs: Sequence[RunGrams], h: Contender, k: Contender) -> Told:
     else:
         blocks = [[_with_event(runs, r, h, k, of=1) for r in range(len(runs))]]
     out = [_against(h, row) for row in blocks]
-    return Told(*(np.concatenate([part[i] for part in out]) for i in range(4)))
+    return PairSeparation(*(np.concatenate([part[i] for part in out]) for i in range(4)))
 
 
 Matrices = tuple[NDArray, NDArray, NDArray]  # H (s, p, p), K (t, q, q), X (s, t, p, q)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ins.records import InputError
 from simreal.effects.catalogue import catalogue, effects_named
-from simreal.plan.gram import SAME_COS2, Contender, RunGrams, Told, told
+from simreal.plan.gram import SAME_COS2, Contender, PairSeparation, RunGrams, told
 
 CLASSICAL = (  # effects.md, end of section 2: what is confused when the recordings are poor
     "gyro_thermal_linear,gyro_warmup_transient",
@@ -97,7 +97,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Judged:
+class PairAssessment:
     """A pair in a set of runs: what the runs lack to show one of them (in words), or how far each
     is told from the other.
 
@@ -107,12 +107,12 @@ class Judged:
 
     pair: Pair
     lacks: str = ""
-    a: Told | None = None  # a true, b the rival
-    b: Told | None = None
+    a: PairSeparation | None = None  # a true, b the rival
+    b: PairSeparation | None = None
     special: str = ""
 
     @cached_property
-    def both(self) -> tuple[Told, ...]:
+    def both(self) -> tuple[PairSeparation, ...]:
         return tuple(
             t for name in "ab" if (t := getattr(self, name)) is not None and name != self.special
         )
@@ -180,17 +180,17 @@ def special_case(runs: Sequence[RunGrams], pair: Pair) -> str:
     return ""
 
 
-def judge(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> Judged:
-    """A pair in a set of runs. special: as in `Judged`."""
+def judge(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> PairAssessment:
+    """A pair in a set of runs. special: as in `PairAssessment`."""
     if not runs:
-        return Judged(pair, "a recording")
+        return PairAssessment(pair, "a recording")
     telemetry = [run.telemetry for run in runs]
     for e in (pair.a, pair.b):
         if lacks := e.effect.needs(telemetry, e.target):
-            return Judged(pair, lacks)
+            return PairAssessment(pair, lacks)
         if any(e.key not in run.columns for run in runs):
-            return Judged(pair, "a temperature that all of the runs log")
-    return Judged(pair, "", told(runs, pair.a, pair.b), told(runs, pair.b, pair.a), special)
+            return PairAssessment(pair, "a temperature that all of the runs log")
+    return PairAssessment(pair, "", told(runs, pair.a, pair.b), told(runs, pair.b, pair.a), special)
 
 
 def read_pair(text: str) -> Pair:

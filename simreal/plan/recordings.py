@@ -36,7 +36,6 @@ START_WORDS = {
     "hot_restart": "a restart while warm",
 }
 AIDS = ("gnss", "odometer")
-WITHOUT = (*AIDS, "taxi", "gradient")  # what a plan may be told to do without
 TAXI_COST_HOURS, AID_COST_HOURS = 0.5, 0.1  # trouble of a recording, to choose among equals
 _LEG = Straight(duration_s=60.0)
 _TAXI: tuple[Segment, ...] = (

@@ -18,7 +18,7 @@ from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank, Group
 from simreal.inference.scoring import Scorer
 from simreal.plan.gram import Contender, RunGrams
-from simreal.plan.pairs import Judged, Pair, judge, special_case
+from simreal.plan.pairs import Pair, PairAssessment, judge, special_case
 from simreal.plan.recordings import Recording, RecordingMaker, candidates, tried_first
 
 # log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four
@@ -60,7 +60,7 @@ class Plan:
 
     name: str
     recordings: tuple[Recording, ...]
-    judged: tuple[Judged, ...]
+    judged: tuple[PairAssessment, ...]
 
     @property
     def score(self) -> float:

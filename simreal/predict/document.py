@@ -150,14 +150,16 @@ NAMES = {"drift": "drift", "heading": "heading", NIS: "NIS"}
 
 
 def _quantity_line(q: PredictedQuantity) -> str:
+    before, after = interval_text(q.before), interval_text(q.after)
     if q.quantity == NIS:
-        said = f"NIS {_said(q.before)} -> {_said(q.after)}, 1 where the twin is right"
+        said = f"NIS {before} -> {after}, 1 where the twin is right"
     else:
-        said = f"{q.quantity} off by {_said(q.before)} -> {_said(q.after)} {q.unit} beyond noise"
+        said = f"{q.quantity} off by {before} -> {after} {q.unit} beyond noise"
     return f"{said}; gone: {share_text(q.gone)}"
 
 
-def _said(gap: Gap) -> str:
+def interval_text(gap: Gap) -> str:
+    """A gap of a prediction with its interval, two decimals."""
     low, high = gap.interval_95
     return f"{gap.value:.2f} ({low:.2f} to {high:.2f})"
 

@@ -79,7 +79,7 @@ class Simulator:
 
 
 @dataclass(frozen=True)
-class Believed:
+class GivenTwin:
     """The twin as given, its table, and the hash of the table that runs may have applied."""
 
     twin: TwinModel
@@ -89,7 +89,7 @@ class Believed:
 
 def predict_runs(
     runs: Sequence[Run],
-    believed: Believed,
+    believed: GivenTwin,
     table: ThermalTable,
     settings: DiagnosisSettings,
     found: Diagnosis,
@@ -125,13 +125,13 @@ def predict_runs(
     return Simulator(tuple(done), tuple(undone))
 
 
-def _fit(runs: Sequence[Run], believed: Believed, settings: DiagnosisSettings) -> Diagnosis:
+def _fit(runs: Sequence[Run], believed: GivenTwin, settings: DiagnosisSettings) -> Diagnosis:
     quiet = replace(settings, hold_out=(), told=lambda words: None)
     return diagnose(runs, believed.twin, believed.table, quiet, table_sha256=believed.table_sha256)
 
 
 def _predict(
-    run: Run, fit: Diagnosis, believed: Believed, table: ThermalTable, hold_out: Sequence[str]
+    run: Run, fit: Diagnosis, believed: GivenTwin, table: ThermalTable, hold_out: Sequence[str]
 ) -> HeldOutRun | str:
     """The predictions of a run, or why there are none."""
     view = view_run(run, 0, believed.table, believed.twin, table_sha256=believed.table_sha256)

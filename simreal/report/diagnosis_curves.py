@@ -124,12 +124,7 @@ def coefficients_without(attribution: Attribution, run: int) -> NDArray:
     run has them.
     """
     bank, columns, evidence = attribution.bank, attribution.columns, attribution.evidence
-    present, A = bank.blocks[run]
-    place = {int(c): j for j, c in enumerate(present)}
-    own = np.zeros((A.shape[0], columns.size))
-    for j, c in enumerate(columns):
-        if int(c) in place:
-            own[:, j] = A[:, place[int(c)]]
+    own = bank.matrix(columns)[evidence.rows_of(run)]
     gram = bank.gram[np.ix_(columns, columns)]
     rest = gram - own.T @ own
     score = bank.score[columns] - own.T @ evidence.z[evidence.rows_of(run)]

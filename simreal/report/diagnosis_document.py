@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from infield.reports.documents.noise_fit import NoiseFit
-from infield.reports.words.sentences import plain
 from ins.documents import OMIT_NONE, AsRead
 from ins.records import EffectDocument, Run, TwinModel
+from ins.verdicts import plain_number
 from simreal.declared.generic import TABLE_AGED
 from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import catalogue
@@ -35,26 +35,6 @@ from simreal.twin.write_back import effect_items, fitted_items
 
 NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
-KEPT_OUT_WORDS = {
-    KeptOut.NOT_SHOWN: "a free function must lessen the gap of data that it was not fitted to, and"
-    " these runs do not show that it does",
-    KeptOut.MADE_WORSE: "it makes the gap of data that it was not fitted to larger",
-    KeptOut.OF_MOTION: "an error of the motion without a name is nothing that can be simulated",
-    KeptOut.TABLE_AGED: "an update learns it; taken out of the log, it would be lost",
-    KeptOut.IMPLAUSIBLE: "it is larger than such an effect is, and an update would take it out of"
-    " the log",
-    KeptOut.NOT_UNIQUE: "another answer would leave another table, and an update would take it out"
-    " of the log",
-}
-ANOTHER_RUN = "Diagnose with a run more, at other temperatures."
-SETTLED_BY = {
-    KeptOut.NOT_SHOWN: ANOTHER_RUN,
-    KeptOut.MADE_WORSE: ANOTHER_RUN,
-    KeptOut.OF_MOTION: "Record the drive again with a receiver and wheels.",
-    KeptOut.IMPLAUSIBLE: "Look for it by itself, or for what else makes it.",
-    KeptOut.NOT_UNIQUE: "Renew the table with recal update and diagnose later runs: what is left"
-    " then is no ageing.",
-}
 MOST_SAID = 4  # parameters of a cause in the lines for people
 LEAST_P = 1e-300  # a p-value below has no digits to show: the smallest double is 2.2e-308
 
@@ -169,7 +149,7 @@ def diagnosis_document(
         open=tuple(
             _open(c, c.kept_out, run_ids, said)
             for c, said in zip(diagnosis.causes, sentences)
-            if c.kept_out in SETTLED_BY
+            if c.kept_out is not None and c.kept_out.what_to_do
         ),
         unexplained=diagnosis.unexplained,
         not_testable=diagnosis.not_testable,
@@ -253,7 +233,7 @@ def summary(document: GapReport) -> list[str]:
 def _open(c: Cause, why: KeptOut, run_ids: Sequence[str], sentences: Sequence[str]) -> OpenCause:
     words = words_of(c.effect) if why is KeptOut.IMPLAUSIBLE else None
     more = () if words is None else (words.remedy,)
-    settled_by = (SETTLED_BY[why], *more, *sentences)
+    settled_by = (why.what_to_do, *more, *sentences)
     return OpenCause(c.effect, c.target, why, settled_by, tuple(fitted_items(c, run_ids)))
 
 
@@ -311,15 +291,15 @@ def _cause_lines(cause: Cause) -> list[str]:
     if cause.shrink is not None:
         lines.append(f"    {_shrink_text(cause.shrink)}")
     if cause.kept_out is not None:
-        lines.append(f"    not in twin.json: {KEPT_OUT_WORDS[cause.kept_out]}")
+        lines.append(f"    not in twin.json: {cause.kept_out.template}")
     if cause.advice is not None:
         lines.append(f"    renew the table: {cause.advice}")
     return lines
 
 
 def _parameter_text(p: CauseParameter) -> str:
-    sigma = "" if p.sigma is None else f" +- {plain(p.sigma, '.2g')}"
-    text = f"{plain(p.value, '.4g')}{sigma} {p.unit}"
+    sigma = "" if p.sigma is None else f" +- {plain_number(p.sigma, '.2g')}"
+    text = f"{plain_number(p.value, '.4g')}{sigma} {p.unit}"
     if p.unusual:
         return f"{text} (implausibly large)"
     return f"{text} (less than declared)" if p.below_declared else text

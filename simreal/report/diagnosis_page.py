@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.page import decimals_for, number
+from infield.reports.page import decimals_for, number, render_page
 from ins.units import MILLIRADIAN
 from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
@@ -18,10 +18,9 @@ from simreal.effects.words import EffectWords, words_of
 from simreal.inference.causes import Cause
 from simreal.inference.verdict import GapVerdict, KeptOut, Looks
 from simreal.inference.wrong_site import WRONG_LATITUDE
-from simreal.predict.document import NIS, PredictedRun, share_text
-from simreal.predict.measures import Gap
+from simreal.predict.document import NIS, PredictedRun, interval_text, share_text
 from simreal.report.diagnosis_curves import Overlay
-from simreal.report.diagnosis_document import KEPT_OUT_WORDS, GapReport, p_text
+from simreal.report.diagnosis_document import GapReport, p_text
 from simreal.report.diagnosis_figures import (
     band_drawing,
     gap_maps,
@@ -29,7 +28,6 @@ from simreal.report.diagnosis_figures import (
     overlay_drawings,
     posterior_bars,
 )
-from simreal.report.page import render_page
 
 VEHICLE_NAME = "vehicle"  # as a target the vehicle itself, as a channel its side slip
 
@@ -85,6 +83,7 @@ def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ())
     ]
     return render_page(
         "diagnosis.html.j2",
+        "simreal.report",
         d=document,
         refused=document.verdict is GapVerdict.REFUSED,
         word=GAP_WORDS[document.verdict],
@@ -96,24 +95,17 @@ def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ())
         title=_title(document),
         percent=percent,
         looks=LOOK_WORDS,
-        kept_out_words=KEPT_OUT_WORDS,
         mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
         actions=_actions(document),
         glossary=_glossary(document),
         quantity_word=QUANTITY_WORDS.__getitem__,
-        interval=_interval,
+        interval=interval_text,
         share=share_text,
         run_values=_run_values,
     )
 
 
 QUANTITY_WORDS = {"drift": "drift, NM/h", "heading": "heading, mrad", NIS: "NIS"}
-
-
-def _interval(gap: Gap) -> str:
-    """A gap of a prediction with its interval, two decimals as in the lines for people."""
-    low, high = gap.interval_95
-    return f"{gap.value:.2f} ({low:.2f} to {high:.2f})"
 
 
 def _run_values(run: PredictedRun, quantity: str, when: str) -> str:

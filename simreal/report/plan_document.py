@@ -10,8 +10,8 @@ import numpy as np
 
 from ins.documents import OMIT_NONE
 from simreal.plan.flights import PromisedFlight
-from simreal.plan.gram import ODDS_NATS, Contender, Told
-from simreal.plan.pairs import INSEPARABLE, Inseparable, Judged, PairVerdict
+from simreal.plan.gram import ODDS_NATS, Contender, PairSeparation
+from simreal.plan.pairs import INSEPARABLE, Inseparable, PairAssessment, PairVerdict
 from simreal.plan.recordings import Recording
 from simreal.plan.study import NULL_NATS, Plan, Study
 
@@ -269,7 +269,7 @@ def _plan(plan: Plan, study: Study) -> PlanOfRecordings:
     )
 
 
-def _judged(j: Judged, study: Study) -> JudgedPair:
+def _judged(j: PairAssessment, study: Study) -> JudgedPair:
     short = JudgedPair(label=j.pair.label, verdict=j.verdict, lacks=j.lacks)
     if not j.both:
         return short
@@ -286,7 +286,7 @@ def _judged(j: Judged, study: Study) -> JudgedPair:
     )
 
 
-def _sizes(e: Contender, t: Told, study: Study, *, special: bool) -> EffectSizes:
+def _sizes(e: Contender, t: PairSeparation, study: Study, *, special: bool) -> EffectSizes:
     """Size of an effect in the runs, and the coefficients from which it is seen and told from its
     rival.
 
@@ -324,7 +324,7 @@ def _gained(before: Plan | None, after: Plan) -> tuple[str, ...]:
     return tuple(j.pair.label for j, b in zip(after.judged, old) if j.margin_high >= 1.0 > b)
 
 
-def _never(j: Judged) -> NeverSeparated:
+def _never(j: PairAssessment) -> NeverSeparated:
     if j.lacks:
         why = f"needs {j.lacks}"
     elif j.cos > ALIKE_COS:

@@ -8,8 +8,8 @@ from markupsafe import Markup
 
 from infield.reports.charts import Boxes, Item, Line, Panel, Uprights, chart
 from infield.reports.figures import BLUE, PALE, VERMILLION
+from infield.reports.page import render_page
 from simreal.plan.pairs import PairVerdict
-from simreal.report.page import render_page
 from simreal.report.plan_document import EffectSizes, PlanOfRecordings, PlanReport
 
 BADGES = {
@@ -33,6 +33,7 @@ def plan_html(document: PlanReport) -> str:
     given = () if document.given is None else (document.given,)
     return render_page(
         "plan.html.j2",
+        "simreal.report",
         d=document,
         headline=headline(document),
         banner=_banner(document.recommended),

@@ -8,44 +8,47 @@ from dataclasses import dataclass, field, replace
 
 from ins.documents import OMIT_NONE, UNWRITTEN
 from ins.records import FitDocument, TwinModel
-from simreal.report.twin_words import PARAMETER_NAMES, YAW_NOTE, needs_words, size_words, why_words
+from ins.units import HOUR
+from ins.verdicts import Reason, because, sentence, sentences
+from simreal.plan.recordings import Recording
 from simreal.twin.fit.evidence import AXES_DIFFER_P
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.gear import GEAR_BELOW_HZ
-from simreal.twin.fit.result import (
-    ChannelCurve,
-    Needs,
-    Parameter,
-    RunUsed,
-    SpectralLine,
-    TwinFit,
-    Why,
-)
+from simreal.twin.fit.result import ChannelCurve, Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.streams import STILL_AT_LEAST_S
+from simreal.twin.reasons import FitNote, FitReason, Lacking, Why
 
 SCHEMA = "recal.twin_fit/1"
 FIT_METHOD = (
     "restricted maximum likelihood of slow means with Whittle's of half-overlapping Hann spectra"
 )
-CONTRADICTED = (
-    "the data contradict any model of the {triad} noise by far: filtered by the logger, shaken by"
-    " what the model does not know, or a rest too short; its numbers stay what they were"
-)
-FILTERED = (
-    "a filter takes noise out of the {triad} rows at high frequencies; their white noise is read"
-    " below {hz:.3g} Hz, where it takes out next to nothing"
-)
-ROCKED = (
-    "people or wind move the vehicle on its gear: of {channels} only the rows' noise above {hz:g}"
-    " Hz is read; the rest rests on the other channels"
-)
-FLICKER_FOR_MARKOV = (
-    "the twin knows no Gauss-Markov process; its {triad} flicker is set to {size:.3g} {unit}, which"
-    " covers the process that was found"
-)
-DIFFERENT = (
-    "the white noise of the {triad} axes differs ({sizes}); the twin has their root mean square"
-)
+# of each parameter: what people call it, and its unit
+PARAMETER_NAMES = {
+    "gyro.arw_deg_sqrt_h": ("angle random walk", "deg/sqrt(h)"),
+    "gyro.quantization_rad": ("gyro quantisation", "rad"),
+    "gyro.bias_instability_deg_h": ("gyro flicker B", "deg/h"),
+    "gyro.rate_random_walk_deg_h_sqrt_h": ("gyro rate random walk", "deg/h/sqrt(h)"),
+    "gyro.gauss_markov_deg_h": ("gyro Gauss-Markov", "deg/h"),
+    "gyro.gauss_markov_tau_s": ("its correlation time", "s"),
+    "gyro.turn_on_deg_h": ("gyro turn-on", "deg/h"),
+    "accel.vrw_ug_sqrt_hz": ("velocity random walk", "ug/sqrt(Hz)"),
+    "accel.quantization_m_s": ("accelerometer quantisation", "m/s"),
+    "accel.bias_instability_ug": ("accelerometer flicker B", "ug"),
+    "accel.rate_random_walk_ug_sqrt_h": ("accelerometer random walk", "ug/sqrt(h)"),
+    "accel.gauss_markov_ug": ("accelerometer Gauss-Markov", "ug"),
+    "accel.gauss_markov_tau_s": ("its correlation time", "s"),
+    "accel.turn_on_ug": ("accelerometer turn-on", "ug"),
+    "vehicle.sway_m_s": ("sway of the vehicle", "m/s"),
+    "vehicle.sway_hz": ("frequency of the sway", "Hz"),
+    "vehicle.sway_damping": ("damping of the sway", ""),
+    "vehicle.yaw_creep_arcsec_sqrt_h": ("yaw creep", "arcsec/sqrt(h)"),
+    "temperature.noise_degC": ("thermometer noise", "degC"),
+    "temperature.resolution_degC": ("thermometer resolution", "degC"),
+    "gnss.sigma_horizontal_m": ("receiver, horizontal", "m"),
+    "gnss.sigma_vertical_m": ("receiver, vertical", "m"),
+    "gnss.sigma_velocity_m_s": ("receiver, velocity", "m/s"),
+    "odometer.noise_m_s": ("wheels", "m/s"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,17 +120,19 @@ def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> FitR
         windows_left_out=found.windows_left_out,
         read_below_hz=found.read_below_hz,
         read_above_hz=found.read_above_hz,
-        notes=_notes(found),
+        notes=sentences(_notes(found)),
         found=found,
     )
 
 
 def no_rest_document(found: NoRest, believed: TwinModel, serial: str, version: str) -> FitReport:
     """The document of a fit of runs that never rest."""
-    names = ", ".join(r.run_id for r in found.runs)
+    never_rests = because(
+        FitReason.NEVER_RESTS, run_ids=[r.run_id for r in found.runs], needed_s=STILL_AT_LEAST_S
+    )
     return FitReport(
         verdict="refused",
-        reasons=[f"{names}: never at rest for {STILL_AT_LEAST_S:.0f} s; needed a parked stretch"],
+        reasons=sentences([never_rests]),
         version=version,
         imu_serial=serial,
         gyro_technology=believed.gyro_technology,
@@ -157,7 +162,7 @@ def fitted_twin(found: TwinFit) -> TwinModel:
         "seconds": [p.seconds for p in known],
         "needed_s": [_needed(p, Needs.PARKED_SECONDS) for p in known],
         "needed_runs": [_needed(p, Needs.RUNS) for p in known],
-        "not_identified": {p.name: why_words(p) for p in found.parameters if not p.identified},
+        "not_identified": {p.name: why_not_told(p) for p in found.parameters if not p.identified},
         "lines": [
             {
                 "channel": line.channel,
@@ -190,7 +195,7 @@ def summary(d: FitReport) -> list[str]:
     ]
     for p in d.found.parameters:
         name = PARAMETER_NAMES[p.name][0]
-        lacks = needs_words(p)
+        lacks = would_tell(p)
         tail = "" if p.identified else f" ({WORDS_SHORT}{'; ' + lacks if lacks else ''})"
         lines.append(f"  {name:28s}{size_words(p)}{tail}")
     lines += [f"  note: {note}" for note in d.notes]
@@ -214,7 +219,7 @@ def _parameter(p: Parameter) -> TwinParameter:
         seconds=p.seconds,
         nats=p.nats,
         why=p.why,
-        text=why_words(p),
+        text=why_not_told(p),
         needs=p.needs,
         needed_s=_needed(p, Needs.PARKED_SECONDS),
         needed_runs=_needed(p, Needs.RUNS),
@@ -229,42 +234,92 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _notes(found: TwinFit) -> list[str]:
+def _notes(found: TwinFit) -> list[Reason]:
+    """What a reader must know of the fit."""
     parts = {p.name.split(".")[0] for p in found.parameters if p.why is Why.CONTRADICTED}
     against = parts - {"vehicle"}
-    notes = [CONTRADICTED.format(triad=triad) for triad in sorted(against)]
-    notes += [FILTERED.format(triad=k, hz=hz) for k, hz in found.read_below_hz.items()]
+    notes = [because(FitNote.CONTRADICTED, triad=triad) for triad in sorted(against)]
+    notes += [
+        because(FitNote.FILTERED, triad=triad, hz=hz) for triad, hz in found.read_below_hz.items()
+    ]
     moved = [name for name in found.read_above_hz if name.split("_")[0] not in against]
     if moved:
-        notes.append(ROCKED.format(channels=", ".join(moved), hz=GEAR_BELOW_HZ))
-    told = {p.name for p in found.parameters if p.identified}
-    if "gyro.gauss_markov_deg_h" in told:
-        size = found.twin.gyro.bias_instability_deg_h
-        notes.append(FLICKER_FOR_MARKOV.format(triad="gyro", size=size, unit="deg/h"))
-    if "accel.gauss_markov_ug" in told:
-        size = found.twin.accel.bias_instability_ug
-        notes.append(FLICKER_FOR_MARKOV.format(triad="accelerometer", size=size, unit="ug"))
+        notes.append(because(FitNote.ROCKED, channels=moved, hz=GEAR_BELOW_HZ))
+    notes += _flicker_notes(found)
     for triad, p in found.axes_alike_p.items():
         if p < AXES_DIFFER_P and triad not in against:
-            own = {k: v for k, v in found.axis_white.items() if k.startswith(triad)}
-            sizes = ", ".join(f"{name[-1]} {value:.3g}" for name, value in own.items())
-            notes.append(DIFFERENT.format(triad=triad, sizes=sizes))
+            sizes = {k[-1]: v for k, v in found.axis_white.items() if k.startswith(triad)}
+            notes.append(because(FitNote.AXES_DIFFER, triad=triad, sizes=sizes))
     if found.of("vehicle.yaw_creep_arcsec_sqrt_h").identified:
-        notes.append(YAW_NOTE)
+        notes.append(because(FitNote.YAW_OR_GYRO))
     if found.lines:
-        worst = max(found.lines, key=_loudness)
-        channels = len({line.channel for line in found.lines})
-        unit = "rad/s" if worst.channel.startswith("gyro") else "m/s^2"
-        notes.append(
-            f"{len(found.lines)} lines of dither or engines on {channels} channels are left out of"
-            f" the noise, such as {worst.frequency_hz:.4g} Hz on {worst.channel},"
-            f" amplitude {worst.amplitude:.2g} {unit}; the twin lists them for recal"
-            " diagnose"
-        )
+        notes.append(_lines_note(found))
     silent = [r.run_id for r in found.runs if r.parked_s == 0.0]
     if silent:
-        notes.append(f"never at rest, not used: {', '.join(silent)}")
+        notes.append(because(FitNote.RUNS_NOT_USED, run_ids=silent))
     return notes
+
+
+def _flicker_notes(found: TwinFit) -> list[Reason]:
+    """Flicker that stands for a Gauss-Markov process."""
+    gyro, accel = found.twin.gyro.bias_instability_deg_h, found.twin.accel.bias_instability_ug
+    told = {p.name for p in found.parameters if p.identified}
+    notes = []
+    if "gyro.gauss_markov_deg_h" in told:
+        notes.append(because(FitNote.FLICKER_FOR_MARKOV, triad="gyro", size=gyro, unit="deg/h"))
+    if "accel.gauss_markov_ug" in told:
+        notes.append(
+            because(FitNote.FLICKER_FOR_MARKOV, triad="accelerometer", size=accel, unit="ug")
+        )
+    return notes
+
+
+def _lines_note(found: TwinFit) -> Reason:
+    """The lines that are no noise, with the largest of them."""
+    worst = max(found.lines, key=_loudness)
+    return because(
+        FitNote.LINES_LEFT_OUT,
+        count=len(found.lines),
+        channels=len({line.channel for line in found.lines}),
+        frequency_hz=worst.frequency_hz,
+        channel=worst.channel,
+        amplitude=worst.amplitude,
+        unit="rad/s" if worst.channel.startswith("gyro") else "m/s^2",
+    )
+
+
+def why_not_told(p: Parameter) -> str:
+    """Why a parameter cannot be told, and what would; empty where it is told."""
+    if p.why is None:
+        return ""
+    said = f"cannot be told from these runs: {p.why.template}"
+    lacks = would_tell(p)
+    return f"{said}; {lacks}" if lacks else said
+
+
+def would_tell(p: Parameter) -> str:
+    """The recording that would tell a parameter, as `recal plan` names it; empty where none is
+    sought.
+    """
+    if p.needs is Needs.NOTHING:
+        return ""
+    if p.needs is Needs.RUNS:
+        each = Recording(hours=0.5).words
+        return sentence(because(Lacking.POWER_ONS, count=p.needed, recording=each))
+    if not math.isfinite(p.needed):
+        return sentence(because(Lacking.NO_RECORDING))
+    asked = Recording(start="ambient", hours=round(p.needed / HOUR, 1) or 0.1)
+    return sentence(because(Lacking.RECORDING, recording=asked.words))
+
+
+def size_words(p: Parameter) -> str:
+    """The value with its interval, or the limit."""
+    unit = PARAMETER_NAMES[p.name][1]
+    tail = f" {unit}" if unit else ""
+    if p.identified:
+        return f"{p.value:.4g} +- {p.sigma:.2g}{tail}"
+    limit = f", below {p.high:.3g}" if math.isfinite(p.high) else ""
+    return f"{p.value:.3g}{tail} taken{limit}"
 
 
 def _loudness(line: SpectralLine) -> float:

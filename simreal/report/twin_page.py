@@ -5,9 +5,8 @@ from markupsafe import Markup
 
 from infield.reports.charts import DOT, Band, Item, Line, Marks, Panel, side_by_side
 from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
-from simreal.report.page import render_page
-from simreal.report.twin_document import FitReport
-from simreal.report.twin_words import PARAMETER_NAMES, needs_words, size_words
+from infield.reports.page import render_page
+from simreal.report.twin_document import PARAMETER_NAMES, FitReport, size_words, would_tell
 from simreal.twin.fit.result import ChannelCurve, Needs, Parameter
 
 GYRO_UNIT_DEG_H = 180.0 / np.pi * 3600.0
@@ -21,8 +20,9 @@ def twin_html(document: FitReport) -> str:
     assert found is not None
     return render_page(
         "twin.html.j2",
+        "simreal.report",
         d=document,
-        rows=[(p, size_words(p), needs_words(p)) for p in found.parameters],
+        rows=[(p, size_words(p), would_tell(p)) for p in found.parameters],
         names=PARAMETER_NAMES,
         badges=TOLD_BADGES,
         rests=_rests,

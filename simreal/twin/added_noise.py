@@ -28,7 +28,7 @@ ROCKING = "platform_sway_rotation"
 
 
 @dataclass
-class Draws:
+class NoiseDraws:
     """What is added to a log of m rows that end at `time_s` after `dt_s`.
 
     dtheta_rad, dv_m_s (m, 3). slow_gyro_rad_s, slow_accel_m_s2 (k, 3): slow errors at slow_s (k,),
@@ -60,7 +60,7 @@ def draw(
     dt_s: NDArray,
     vehicle: VehicleNoise,
     rng: np.random.Generator,
-) -> Draws:
+) -> NoiseDraws:
     """Noise of all effects (coefficients not negative) over the rows of a log."""
     m, start_s = time_s.size, float(time_s[0] - dt_s[0])
     slow_s = (
@@ -68,7 +68,7 @@ def draw(
         + np.arange(np.ceil((time_s[-1] - start_s) * imperfections.SLOW_RATE_HZ - 1e-6) + 1)
         / imperfections.SLOW_RATE_HZ
     )
-    out = Draws(
+    out = NoiseDraws(
         time_s=time_s,
         dt_s=dt_s,
         dtheta_rad=np.zeros((m, 3)),
@@ -100,7 +100,7 @@ def draw(
     return out
 
 
-def swayed(draws: Draws, time_s: NDArray) -> tuple[NDArray, NDArray]:
+def swayed(draws: NoiseDraws, time_s: NDArray) -> tuple[NDArray, NDArray]:
     """Way [m] and velocity [m/s] of the sway at any times (n, 3), NED."""
     before = np.concatenate([draws.sway_m_s[:1], draws.sway_m_s[:-1]])
     way = np.cumsum(0.5 * (draws.sway_m_s + before) * draws.dt_s[:, None], axis=0)
@@ -116,7 +116,7 @@ def at(time_s: NDArray, sample_s: NDArray, values: NDArray) -> NDArray:
     return np.stack([np.interp(time_s, sample_s, column) for column in values.T], axis=-1)
 
 
-def _round(out: Draws, item: TwinEffect) -> None:
+def _round(out: NoiseDraws, item: TwinEffect) -> None:
     quantum = ROUNDED[item.effect.id] * item.coefficients[0]
     if item.target in GYROS:
         out.quantum_rad[AXIS[item.target]] = np.hypot(out.quantum_rad[AXIS[item.target]], quantum)
@@ -124,7 +124,7 @@ def _round(out: Draws, item: TwinEffect) -> None:
         out.speed_quantum_m_s = float(np.hypot(out.speed_quantum_m_s, quantum))
 
 
-def _rock(out: Draws, item: TwinEffect, run: Telemetry, rng: np.random.Generator) -> None:
+def _rock(out: NoiseDraws, item: TwinEffect, run: Telemetry, rng: np.random.Generator) -> None:
     """Roll and pitch of this RMS while on wheels; their spectrum at low frequency is that of the
     effect.
 
@@ -144,13 +144,13 @@ def _rock(out: Draws, item: TwinEffect, run: Telemetry, rng: np.random.Generator
     out.dv_m_s -= np.cross(mean, at(middle_s, run.time_s, run.force_m_s2))
 
 
-def _grounded(out: Draws, run: Telemetry) -> NDArray:
+def _grounded(out: NoiseDraws, run: Telemetry) -> NDArray:
     nearest = np.clip(np.searchsorted(run.time_s, out.time_s), 0, run.n - 1)
     return (run.kind[nearest] != AIRBORNE).astype(float)
 
 
 def _sway(
-    out: Draws, rms_m_s: float, run: Telemetry, vehicle: VehicleNoise, rng: np.random.Generator
+    out: NoiseDraws, rms_m_s: float, run: Telemetry, vehicle: VehicleNoise, rng: np.random.Generator
 ) -> None:
     rate_hz = float(1.0 / np.median(out.dt_s))
     for axis in range(2):
@@ -165,7 +165,7 @@ def _sway(
 
 
 def _add(
-    out: Draws, noise: AddedNoise, square: float, run: Telemetry, rng: np.random.Generator
+    out: NoiseDraws, noise: AddedNoise, square: float, run: Telemetry, rng: np.random.Generator
 ) -> None:
     """White, bounded and slow noise of one sensor, or of the samples of another channel."""
     if noise.channel not in AXIS:
@@ -206,7 +206,7 @@ def _add(
         )
 
 
-def _add_to_samples(out: Draws, noise: AddedNoise, square: float) -> None:
+def _add_to_samples(out: NoiseDraws, noise: AddedNoise, square: float) -> None:
     if noise.channel == "odometer":
         out.speed_variance += noise.sample * square
     elif noise.channel == "temperature":

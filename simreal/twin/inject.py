@@ -17,7 +17,7 @@ from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
 from ins.records import GnssLog, ImuLog, OdometerLog, Run, TemperatureLog, VehicleNoise
 from simreal.declared.twin_effects import TwinEffect, twin_traces
 from simreal.effects.telemetry import Telemetry, Trace
-from simreal.twin.added_noise import Draws, at, draw, swayed
+from simreal.twin.added_noise import NoiseDraws, at, draw, swayed
 from trajectories.runs.directory import run_sha256
 
 BEYOND_S = 60.0  # the first and the last value hold this far outside the telemetry
@@ -39,7 +39,7 @@ class Injected:
 
     run: Run
     trace: Trace
-    draws: Draws
+    draws: NoiseDraws
     side: SideMotion
 
 
@@ -99,7 +99,9 @@ def _side_motion(telemetry: Telemetry, trace: Trace) -> SideMotion:
     return SideMotion(v_n, np.cumsum(0.5 * (v_n + before) * step, axis=0))
 
 
-def _imu(imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: Draws, side: SideMotion) -> ImuLog:
+def _imu(
+    imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: NoiseDraws, side: SideMotion
+) -> ImuLog:
     t, dt = imu.time_s, imu.dt_s
     dtheta, dv = imu.dtheta_rad + draws.dtheta_rad, imu.dv_m_s + draws.dv_m_s
     if trace.gyro_rad_s is not None:
@@ -109,7 +111,7 @@ def _imu(imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: Draws, side: Si
     if side.v_n_m_s.any() or draws.sway_m_s.any():
         velocity = side.v_n_m_s + swayed(draws, telemetry.time_s)[1]
         level_n = omega_en_n(telemetry.lat_rad, telemetry.height_m, velocity)
-        dtheta += increments(telemetry, _in_body(telemetry.C_nb, level_n), t, dt)
+        dtheta += increments(telemetry, in_body(telemetry.C_nb, level_n), t, dt)
         C_nb = _between(t - 0.5 * dt, telemetry)
         dv += _felt(imu, telemetry, trace, C_nb) + _felt_sway(draws, telemetry, C_nb)
     return replace(imu, dtheta_rad=_rounded(dtheta, draws.quantum_rad), dv_m_s=dv)
@@ -121,18 +123,18 @@ def _felt(imu: ImuLog, telemetry: Telemetry, trace: Trace, C_nb: NDArray) -> NDA
         return np.zeros((imu.rows, 3))
     end = np.interp(imu.time_s, telemetry.time_s, trace.lateral_m_s)
     start = np.append(0.0, end[:-1])
-    earth = _in_body(C_nb, np.broadcast_to(omega_ie_n(telemetry.lat_rad), (imu.rows, 3)))
+    earth = in_body(C_nb, np.broadcast_to(omega_ie_n(telemetry.lat_rad), (imu.rows, 3)))
     turn = imu.dtheta_rad + earth * imu.dt_s[:, None]
     way = 0.5 * (start + end)
     return np.stack([-turn[:, 2] * way, end - start, turn[:, 0] * way], axis=1)
 
 
-def _felt_sway(draws: Draws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
+def _felt_sway(draws: NoiseDraws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
     """Velocity increments (m, 3) of level sway."""
     velocity = np.column_stack([draws.sway_m_s, np.zeros(draws.time_s.size)])
     before = np.concatenate([np.zeros((1, 3)), velocity[:-1]])
     coriolis = np.cross(2 * omega_ie_n(telemetry.lat_rad), 0.5 * (velocity + before))
-    return _in_body(C_nb, velocity - before + coriolis * draws.dt_s[:, None])
+    return in_body(C_nb, velocity - before + coriolis * draws.dt_s[:, None])
 
 
 def _between(time_s: NDArray, telemetry: Telemetry) -> NDArray:
@@ -142,7 +144,8 @@ def _between(time_s: NDArray, telemetry: Telemetry) -> NDArray:
     return at(time_s, telemetry.time_s, telemetry.C_nb.reshape(-1, 9)).reshape(-1, 3, 3)
 
 
-def _in_body(C_nb: NDArray, vector_n: NDArray) -> NDArray:
+def in_body(C_nb: NDArray, vector_n: NDArray) -> NDArray:
+    """Vectors (n, 3) of the navigation frame in body axes."""
     return np.asarray(np.einsum("nij,ni->nj", C_nb, vector_n))
 
 
@@ -158,7 +161,7 @@ def _temperature(
     log: TemperatureLog | None,
     telemetry: Telemetry,
     trace: Trace,
-    draws: Draws,
+    draws: NoiseDraws,
     rng: np.random.Generator,
 ) -> TemperatureLog | None:
     if log is None or (trace.temperature_degC is None and not draws.temperature_variance):
@@ -175,7 +178,7 @@ def _odometer(
     log: OdometerLog | None,
     telemetry: Telemetry,
     trace: Trace,
-    draws: Draws,
+    draws: NoiseDraws,
     rng: np.random.Generator,
 ) -> OdometerLog | None:
     if log is None:
@@ -192,7 +195,7 @@ def _gnss(
     log: GnssLog | None,
     telemetry: Telemetry,
     trace: Trace,
-    draws: Draws,
+    draws: NoiseDraws,
     side: SideMotion,
     rng: np.random.Generator,
 ) -> GnssLog | None:

@@ -19,13 +19,14 @@ from ins.attitude import (
 )
 from ins.earth import gravity_magnitude, gravity_n, omega_en_n, omega_ie_n
 from ins.records import AIRBORNE_PHASES, Phase, ReferenceLog, VehicleNoise
+from ins.strapdown.increments import rows_before
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.twin_effects import TwinEffect, twin_traces
 from simreal.effects.base import ACCELS, GYROS
 from simreal.effects.platform import ROTATIONS
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from simreal.twin.added_noise import at, swayed
-from simreal.twin.inject import Injected, injected, moved_by
+from simreal.twin.inject import Injected, in_body, injected, moved_by
 from trajectories.simulator.chamber import ChamberProfile
 from trajectories.simulator.session import SimulatedRun
 from trajectories.simulator.thermal import ThermalHistory
@@ -64,20 +65,20 @@ def telemetry_of_simulated(
     dt = np.diff(truth.time_s, prepend=truth.time_s[0] - (truth.time_s[1] - truth.time_s[0]))
     t = truth.time_s - 0.5 * dt
     C_end, v_end = dcm_from_euler(truth.roll_rad, truth.pitch_rad, truth.heading_rad), truth.v_n_m_s
-    turn_b = rotation_vector_from_dcm(np.swapaxes(_before(C_end), 1, 2) @ C_end) / dt[:, None]
-    C_nb = _before(C_end) @ dcm_from_rotation_vector(0.5 * dt[:, None] * turn_b)
-    v_n = 0.5 * (v_end + _before(v_end))
+    turn_b = rotation_vector_from_dcm(np.swapaxes(rows_before(C_end), 1, 2) @ C_end) / dt[:, None]
+    C_nb = rows_before(C_end) @ dcm_from_rotation_vector(0.5 * dt[:, None] * turn_b)
+    v_n = 0.5 * (v_end + rows_before(v_end))
     ie_n, en_n = omega_ie_n(truth.lat_rad), omega_en_n(truth.lat_rad, truth.height_m, v_n)
-    change_n = (v_end - _before(v_end)) / dt[:, None] + np.cross(2 * ie_n + en_n, v_n)
+    change_n = (v_end - rows_before(v_end)) / dt[:, None] + np.cross(2 * ie_n + en_n, v_n)
     kind = _kinds(simulated.run.phases, truth, v_n)
     v_n = np.where((kind == PARKED)[:, None], 0.0, v_n)
-    heading_change = wrap_pi(truth.heading_rad - _before(truth.heading_rad)) / dt
+    heading_change = wrap_pi(truth.heading_rad - rows_before(truth.heading_rad)) / dt
     return Telemetry(
         run_index=run_index,
         time_s=t,
         dt_s=float(np.median(dt)),
-        rate_rad_s=turn_b + _in_body(C_nb, ie_n + en_n),
-        force_m_s2=_in_body(C_nb, change_n - gravity_n(truth.lat_rad, truth.height_m)),
+        rate_rad_s=turn_b + in_body(C_nb, ie_n + en_n),
+        force_m_s2=in_body(C_nb, change_n - gravity_n(truth.lat_rad, truth.height_m)),
         C_nb=C_nb,
         v_n_m_s=v_n,
         speed_m_s=np.einsum("ni,ni->n", C_nb[:, :, 0], v_n),
@@ -148,7 +149,7 @@ def rotation(telemetry: Telemetry, effects: Sequence[TwinEffect], C_nb: NDArray)
         for unit, c in zip(e.effect.traces(telemetry, e.target, e.shape), e.coefficients)
     ]
     about_z = total(unit for unit in units if unit.gnss_velocity_m_s is not None)
-    turned = _in_body(
+    turned = in_body(
         C_nb, _tilted_n(telemetry, total(unit for unit in units if unit.gnss_velocity_m_s is None))
     )
     if about_z.gyro_rad_s is not None:
@@ -240,12 +241,3 @@ def _thermal(
     if table is not None:
         out["table_deg_h"] = table.settled_deg_h(true.gyro_degC)
     return out
-
-
-def _before(values: NDArray) -> NDArray:
-    """Values one step before; the first stands for its own past."""
-    return np.concatenate([values[:1], values[:-1]])
-
-
-def _in_body(C_nb: NDArray, vector_n: NDArray) -> NDArray:
-    return np.asarray(np.einsum("nij,ni->nj", C_nb, vector_n))

@@ -11,7 +11,6 @@ from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import seconds_of
 from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior
-from infield.reports.words.sentences import sentence
 from ins.units import DEG_PER_HOUR
 from tests.infield.aided_cases import SITE, flown, ideal, twin_of
 
@@ -25,7 +24,7 @@ def test_the_level_of_a_mems_unit_under_the_name_of_a_ring_laser(park_s, seed):
     made = flown(ideal(park_s), twin_of("mems"), seed)
     found = align(made.run.imu, SITE, twin_of("rlg"))
     assert found.verdict == "level_only" and np.isnan(found.heading_rad)
-    assert "0.01 is usual for rlg: another technology or a fault" in sentence(found.reasons[-1])
+    assert found.reasons[-1].code is AlignmentReason.LIKE_MEMS
     row = np.searchsorted(made.reference.time_s, found.time_s)
     error = [
         found.roll_rad - made.reference.roll_rad[row],
@@ -50,7 +49,5 @@ def test_a_rest_in_which_no_step_stands_has_no_solution():
     imu = flown(ideal(75.0), twin_of("mems"), 1).run.imu
     prior = BiasPrior(np.array([0.0, 1e4]), np.eye(3) * (0.01 * DEG_PER_HOUR) ** 2)
     log = RestedLog(imu, SITE, first_rest(seconds_of(imu)))
-    with pytest.raises(
-        NothingStands, match=r"nothing stands still for a step.* much noisier than its noise model"
-    ):
+    with pytest.raises(NothingStands):
         solve(log, twin_of("rlg"), prior, course=Course(parked_only=True))

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from alignment import gyrocompass, level_fit
 from alignment.motion import kinds, level
-from alignment.motion.kinds import Cause
+from alignment.motion.kinds import Disturbance
 from alignment.motion.stillness import Motion
 from alignment.reasons import WITH_HEADING
 from ins.attitude import wrap_pi
@@ -80,11 +80,11 @@ def test_shakes_are_absorbed_but_pushes_and_faults_are_not(monkeypatch):
     monkeypatch.setattr(level, "_stays", lambda *_: False)
     n = 60
     for cause, after in (
-        (Cause.BUMP, kinds.STILL),
-        (Cause.LOADING, kinds.STILL),
-        (Cause.GUST, kinds.STILL),
-        (Cause.PUSH, kinds.DISTURBED),
-        (Cause.CLIPPING, kinds.DISTURBED),
+        (Disturbance.BUMP, kinds.STILL),
+        (Disturbance.LOADING, kinds.STILL),
+        (Disturbance.GUST, kinds.STILL),
+        (Disturbance.PUSH, kinds.DISTURBED),
+        (Disturbance.CLIPPING, kinds.DISTURBED),
     ):
         kind, causes = [kinds.STILL] * n, [""] * n
         kind[20:30] = [kinds.DISTURBED] * 10
@@ -96,7 +96,7 @@ def test_what_shakes_beside_rolling_is_its_start_or_stop(monkeypatch):
     monkeypatch.setattr(level, "_sways", lambda *_: False)
     monkeypatch.setattr(level, "_stays", lambda *_: False)
     kind, causes = [kinds.STILL] * 60, [""] * 60
-    kind[20:30], causes[20:30] = [kinds.DISTURBED] * 10, [Cause.MOTION] * 10
+    kind[20:30], causes[20:30] = [kinds.DISTURBED] * 10, [Disturbance.MOTION] * 10
     kind[30:60] = [kinds.ROLLING] * 30
     found = level.standing(None, motion_of(kind, causes)).kind[20:30]
     assert (found[-5:] == kinds.DISTURBED).all() and (found[:3] == kinds.STILL).all()

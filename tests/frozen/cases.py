@@ -12,17 +12,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import recal
-from benchmarks import motion_runs, twin_fit
+from benchmarks import twin_fit
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import json_text
 from ins.twin_file import default_twin, twin_to_dict
 from tests.frozen import answers
 from tests.infield import aided_cases, car_cases, flown_cases, mems_flights, mems_sessions, sessions
+from tests.motion import runs
 from trajectories.runs.directory import write_run
 from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.unit_truth import aged_unit
 
-LEFT_OUT = {  # of the runs of benchmarks.motion_runs: what a session of them would repeat
+LEFT_OUT = {  # of the runs of tests.motion.runs: what a session of them would repeat
     "quiet park",
     "boarding in the first 30 s",
     "constant speed, inertial alone",
@@ -53,7 +54,7 @@ class Frozen:
 # Sessions -----------------------------------------------------------------------------------------
 
 
-def _of_case(make: Callable[[], motion_runs.Case]) -> answers.Answer:
+def _of_case(make: Callable[[], runs.Case]) -> answers.Answer:
     case = make()
     return answers.of_session(recal.update(case.run, case.table, case.twin).to_dict())
 
@@ -77,8 +78,8 @@ def _mems_flown(seed: int) -> answers.Answer:
 
 
 def _sessions() -> list[Frozen]:
-    runs = [n for n in motion_runs.SIMULATED if n.name not in LEFT_OUT][:28]
-    found = [Frozen(n.name, partial(_of_case, n.make), n.name in QUICK_SESSIONS) for n in runs]
+    named = [n for n in runs.SIMULATED if n.name not in LEFT_OUT][:28]
+    found = [Frozen(n.name, partial(_of_case, n.make), n.name in QUICK_SESSIONS) for n in named]
     names = ("cold_parked_taxi", "hot_parked_taxi", "two_headings")
     for seed, name in enumerate(names, 50):
         found.append(Frozen(name, partial(_scenario, name, seed, None), name in QUICK_SESSIONS))
@@ -95,23 +96,23 @@ def _sessions() -> list[Frozen]:
 # Aided logs ---------------------------------------------------------------------------------------
 
 
-def _replayed(case: motion_runs.Case) -> answers.Answer:
+def _replayed(case: runs.Case) -> answers.Answer:
     return answers.of_aided(recal.replay(case.run, case.table, twin=case.twin).to_dict())
 
 
 def _aided_flight(technology: str, park_s: float, seed: int) -> answers.Answer:
     twin = aided_cases.twin_of(technology)
     made = aided_cases.flown(aided_cases.ideal(park_s), twin, seed, technology)
-    return _replayed(motion_runs.Case(made.run, sessions.factory(), twin))
+    return _replayed(runs.Case(made.run, sessions.factory(), twin))
 
 
 def _drive(seed: int) -> answers.Answer:
     run = car_cases.driven(seed).run
     run = replace(run, header=replace(run.header, gyro_technology="mems"))
-    return _replayed(motion_runs.Case(run, mems_sessions.blank(), default_twin("mems")))
+    return _replayed(runs.Case(run, mems_sessions.blank(), default_twin("mems")))
 
 
-def _recorded(make: Callable[[], motion_runs.Case]) -> answers.Answer:
+def _recorded(make: Callable[[], runs.Case]) -> answers.Answer:
     return _replayed(make())
 
 
@@ -124,7 +125,7 @@ def _aided() -> list[Frozen]:
                 ask = partial(_aided_flight, technology, park_s, seed)
                 found.append(Frozen(name, ask, seed == 0))
     found += [Frozen(f"drive {seed}", partial(_drive, seed)) for seed in range(5)]
-    for named in motion_runs.RECORDED[2:]:
+    for named in runs.RECORDED[2:]:
         found.append(Frozen(named.name, partial(_recorded, named.make), needs=named.needs))
     return found
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.gap_trials import runs
-from benchmarks.gap_trials.effects import EFFECTS
+from benchmarks.gap_trials.effects import EFFECTS, FORMS, effect_named, possible
 from benchmarks.gap_trials.seen import streams_of, turned_back
 from benchmarks.gap_trials.trial import draw_trial
 from ins.records import VehicleNoise
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
+from simreal.effects.catalogue import catalogue
 from tests.gap_trials.cases import SHORT_S, change, planted
 from trajectories.simulator.thermal import STARTS
 from trajectories.simulator.vehicle import disturb
@@ -226,3 +227,13 @@ def test_an_engine_shifts_and_shakes_from_its_start_on(short):
     assert accel[after].std(axis=0) == pytest.approx([white] * 3, rel=0.05)
     count = np.sum(after)
     assert np.abs(accel[after].mean(axis=0) - p["accel_ug"]).max() < 4.5 * white / np.sqrt(count)
+
+
+def test_other_forms_are_planted_by_name_only_and_answered_by_the_catalogue():
+    assert not FORMS.keys() & EFFECTS.keys()
+    everything = frozenset({"taxi", "gnss", "odometer", "runs"})
+    assert not {e.name for e in possible(everything)} & FORMS.keys()
+    names = {e.name for e in catalogue()}
+    for name in FORMS:
+        effect = effect_named(name)
+        assert {*effect.right_answers, *effect.confounded} <= names

@@ -10,7 +10,6 @@ import numpy as np
 from alignment.motion.kinds import ROLLING, STILL
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import filter_steps, plan_steps, process_noise, views_of
-from benchmarks.flight_errors import FlightErrors, with_flight_errors
 from infield.session.flown.driving import Driving, body_motion
 from infield.session.flown.priors import laid_out
 from infield.session.log import table_series
@@ -22,6 +21,7 @@ from ins.filters.program import FilterProgram
 from ins.records import ImuLog, NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
+from tests.infield.flight_errors import FlightErrors, with_flight_errors
 from tests.infield.sessions import TWIN, factory, unit
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (

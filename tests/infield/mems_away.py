@@ -7,13 +7,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.flight_errors import FlightErrors, with_flight_errors
 from infield.session.flown.known import KnownRun
 from infield.session.one_run import take_run
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Site
 from ins.units import DEG
+from tests.infield.flight_errors import FlightErrors, with_flight_errors
 from tests.infield.mems_sessions import TWIN, WARM_UP, blank, unit
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Climb, Cruise, Park, Straight, TakeOff, Turn, TurnFlight
@@ -40,16 +40,25 @@ WAY = (
 )
 
 
+STRAIGHT = (
+    Turn(angle_deg=90.0),
+    Straight(duration_s=40.0),
+    TakeOff(),
+    Climb(height_m=3000.0, rate_m_s=10.0, speed_m_s=180.0),
+    Cruise(duration_s=2400.0),
+)
+
+
 @lru_cache(maxsize=2)
-def ideal(rate_hz=20.0):
+def ideal(way=WAY, rate_hz=20.0):
     site = Site(lat_rad=45.0 * DEG, lon_rad=7 * DEG, height_m=250.0)
-    motion = lay((Park(duration_s=PARKED_S), *WAY), alignment_s=60.0)
+    motion = lay((Park(duration_s=PARKED_S), *way), alignment_s=60.0)
     truth = build_truth(motion, site, heading_rad=70.0 * DEG, roll_rad=0.02, pitch_rad=-0.03)
     return ideal_sensors(truth, rate_hz)
 
 
 @lru_cache(maxsize=8)
-def simulated(seed, *, errors=SLOW, gnss=TWIN.gnss):
+def simulated(seed, *, errors=SLOW, gnss=TWIN.gnss, way=WAY):
     """A unit of the blank table's prior, with scales and misalignments that nobody declares; gnss:
     white noise of its receiver.
     """
@@ -63,9 +72,9 @@ def simulated(seed, *, errors=SLOW, gnss=TWIN.gnss):
         gnss_lever_arm_m=ARM_M,
     )
     made = simulate_run(
-        ideal(), WARM_UP, unit(seed), replace(TWIN, gyro=gyro, gnss=gnss), rng=rng, plan=plan
+        ideal(way), WARM_UP, unit(seed), replace(TWIN, gyro=gyro, gnss=gnss), rng=rng, plan=plan
     )
-    return with_flight_errors(made, ideal(), errors, rng)
+    return with_flight_errors(made, ideal(way), errors, rng)
 
 
 def known(run):

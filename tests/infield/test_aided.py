@@ -11,20 +11,20 @@ from scipy.stats import chi2
 
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands
-from benchmarks.flight_errors import FlightErrors, with_flight_errors
 from infield.aided.flight import aided_noise, navigate_aided
 from infield.aided.noise import capped_nis
 from infield.aided.velocity_match import match_velocity
 from infield.replay.free_inertial import TableChoice, replay
-from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.filters.aided_filter import level_sigmas
 from ins.filters.aided_records import fixes_of
 from ins.noise import flicker_walk
 from ins.records import TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR
+from ins.verdicts import sentences
 from tests.cut import cut_run
 from tests.infield.aided_cases import LEVER_M, SITE, errors, flown, ideal, normalised, twin_of
+from tests.infield.flight_errors import FlightErrors, with_flight_errors
 from tests.infield.test_replay import choices, flat, never_rests
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
 

@@ -11,10 +11,10 @@ from scipy.stats import chi2
 from infield.aided.antenna import antenna_sigmas
 from infield.aided.flight import navigate_aided
 from infield.reports.documents.aided import aided_document
-from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.records import Run
 from ins.strapdown.increments import summed
+from ins.verdicts import sentences
 from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
 from trajectories.simulator.segments import Straight
 

@@ -14,11 +14,11 @@ from infield.aided.flight import aided_noise, navigate_aided, warming_walk
 from infield.aided.flights import Flights
 from infield.aided.noise import Flown, Model
 from infield.aided.reasons import AidedReason
-from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.filters.aided_records import Antenna, Fixes, fixes_of
 from ins.records import Run, Site, TemperatureLog
 from ins.units import MICRO_G
+from ins.verdicts import sentences
 from tests.infield.aided_cases import (
     SITE,
     errors,

@@ -9,10 +9,10 @@ import pytest
 
 from infield.aided.flight import navigate_aided
 from infield.aided.open_heading import mixed
-from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.records import Run, Survey
 from ins.units import DEG
+from ins.verdicts import sentences
 from tests.cut import cut_run
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of
 from trajectories.simulator.segments import Segment, Stop, Straight, Turn

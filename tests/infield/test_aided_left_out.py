@@ -8,10 +8,10 @@ import pytest
 from infield.aided import flight
 from infield.aided.flight import Aiding, navigate_aided
 from infield.aided.left_out import OutageScore, usual_motion, with_usual_motion
-from infield.reports.words.sentences import codes
 from ins.earth import displacement_ned
 from ins.filters.aided_records import Fixes
 from ins.records import InputError
+from ins.verdicts import codes
 from tests.infield.aided_cases import flown, ideal, twin_of
 from tests.infield.car_cases import street
 from trajectories.simulator.segments import Segment, Turn

@@ -7,11 +7,11 @@ import pytest
 
 from infield.aided.flight import Aiding, Vehicle, navigate_aided
 from infield.aided.wheels import seen_wheels
-from infield.reports.words.sentences import codes, sentences
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector
 from ins.filters.aided_records import AidedHistory
 from ins.records import Run
 from ins.units import DEG
+from ins.verdicts import codes, sentences
 from tests.infield.aided_cases import flown, ideal, normalised, twin_of
 from tests.infield.car_cases import CRAB_MRAD, SCALE_PPM, driven
 from tests.infield.test_aided_checks import turned

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.reports.words.sentences import sentence
 from infield.session.points import mean_rows, measurement_information, observability, session_points
+from ins.verdicts import sentence
 from tests.infield.sessions import (
     PARKED,
     estimate,

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from benchmarks.flight_errors import FlightErrors
 from infield.session import one_run
 from infield.session.flown.driving import MISALIGNED, by_halves
 from infield.session.flown.fixes import usable
@@ -20,6 +19,7 @@ from infield.session.reasons import FlightReason
 from ins.earth import displacement_ned
 from ins.units import DEG_PER_HOUR, MICRO_G, PPM
 from tests.cut import cut_run
+from tests.infield.flight_errors import FlightErrors
 from tests.infield.flown_cases import (
     bin_errors,
     flown,

@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.flight_errors import FlightErrors
 from infield.aided.smoothing import smooth_flight
 from infield.reports.documents.session import session_document
-from infield.reports.words.sentences import sentences
 from infield.session.flown import start
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason, SessionReason
 from ins.filters.states import AIDED_THETA
 from ins.records import FixType
 from ins.units import MILLIRADIAN
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, sentences
 from tests.cut import cut_run
 from tests.infield.aided_cases import motion_errors
+from tests.infield.flight_errors import FlightErrors
 from tests.infield.flown_cases import bin_errors, flown
 from tests.infield.sessions import SETTINGS, TWIN, factory
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks import flight_update as flights
 from infield.aided.flight import warmed_accel_walk
 from infield.reports.documents.parked import budget_terms
 from infield.session.flown import without_heading
@@ -18,7 +17,6 @@ from infield.session.flown.about import begun
 from infield.session.flown.gates import DOUBTED_SIGMAS
 from infield.session.flown.priors import Further
 from infield.session.reasons import FlightReason
-from infield.session.settings import SessionSettings
 from ins.filters.aided_records import AidedNoise
 from ins.records import FixType, GnssLog
 from tests.infield import mems_away
@@ -236,11 +234,7 @@ def test_noise_of_a_straight_flight_shows_no_scale_factor():
     """40 min straight ahead: the scale of the roll gyro was 1 % off at 20 sigmas, the flight left
     out; nothing but noise was rolled.
     """
-    way = (*flights.UP, flights.cruise(2400.0), *flights.DOWN)
-    drawn = flights.drawn_session(800, "mems", flight=way)
-    evidence = flights.take_run(
-        drawn.simulated.run, drawn.table, drawn.twin, SessionSettings(), False
-    ).flight
+    evidence = mems_away.taken(simulated(800, way=mems_away.STRAIGHT).run).flight
     assert evidence is not None and evidence.joined is not None, evidence.reasons
     (scale,) = (c for c in evidence.carried if c.state is Further.GYRO_SCALE)
     assert abs(scale.value[0]) < 0.1 * scale.prior[0] and scale.sigma[0] > 0.98 * scale.prior[0]

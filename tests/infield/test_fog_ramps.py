@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.fog import admissible_slow_rate, fit_models
-from infield.reports.words.sentences import sentences
 from infield.thermal.compensation import bias_deg_h
 from infield.thermal.fog.model import FogModel, shifted
 from infield.thermal.fog.piecewise import piecewise_pair
 from infield.thermal.fog.ramps import document_subtraction, exact_separation, separate, up_down
+from ins.verdicts import sentences
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 FEW, MANY = 8, 200  # units in the normal suite, and of R20

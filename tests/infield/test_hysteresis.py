@@ -5,17 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.thermal_sessions import (
-    SETTINGS,
-    TWIN,
-    aged_table,
-    bins_of,
-    draw,
-    drawn_session,
-    take,
-    templates,
-)
-from infield.reports.words.session import thermal_term
 from infield.session.budget import variance_budget
 from infield.session.hysteresis import (
     ThermalTerm,
@@ -29,7 +18,17 @@ from infield.session.reasons import ThermalAction, ThermalKind, VarianceSource
 from infield.session.results import UpdateResult
 from infield.table.merge import merge_posterior
 from infield.table.thermal_table import AgeingModel
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, sentence
+from tests.scenarios.thermal_sessions import (
+    SETTINGS,
+    TWIN,
+    aged_table,
+    bins_of,
+    draw,
+    drawn_session,
+    take,
+    templates,
+)
 
 WARM, COOL = 0, 9  # templates: a cold start and a cooling one
 
@@ -143,7 +142,7 @@ def test_a_rate_term_is_fitted_and_the_table_stays_free_of_it():
     x = table.values_of("x")
     z = (after.parameters - nodes)[x] / np.sqrt(np.diag(after.covariance)[x])
     assert np.max(np.abs(z)) < 3.5
-    told = thermal_term(**vars(terms[0]))
+    told = sentence(terms[0].reason)
     assert "rate term fitted: +0.0" in told and "steady temperature" in told
 
 
@@ -163,7 +162,7 @@ def test_a_wrong_session_is_not_explained_away():
     assert [s.verdict.outcome for s in judged] == ["accepted", "inconsistent"]
     assert after is None
     assert terms[0].action is ThermalAction.SPLIT_OR_WRONG_SESSION
-    assert "more sessions would tell" in thermal_term(**vars(terms[0]))
+    assert "more sessions would tell" in sentence(terms[0].reason)
 
 
 def test_a_sense_widens_and_a_rate_shifts():
@@ -232,5 +231,5 @@ def test_one_session_names_a_term_and_does_nothing_about_it():
     sessions, _ = take(table, [chosen], [truth], rng)
     terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
     assert terms[0].action == "seen in one session" and not terms[0].found
-    assert "not used unless another one shows it" in thermal_term(**vars(terms[0]))
+    assert "not used unless another one shows it" in sentence(terms[0].reason)
     assert after is None and judged[0] is sessions[0]

@@ -13,12 +13,11 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.stillness import PIVOT_RAD_S
 from infield.misalignment.azimuth_biases import KnownAzimuths
 from infield.misalignment.azimuth_levelling import level_offsets
-from infield.misalignment.azimuth_runs import STOP_TURN_RAD, Stop, find_stops
+from infield.misalignment.azimuth_runs import STOP_TURN_RAD, AzimuthStop, find_stops
 from infield.misalignment.reasons import MisalignmentNote
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs, study_table
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
-from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest, session_end
 from infield.session.navigated.estimator import estimate_session
 from infield.session.pipeline import UnitHistory, update_calibration
@@ -28,6 +27,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, InputError
 from ins.units import ARCSEC, DEG, MICRO_G
+from ins.verdicts import sentences
 from tests.infield.azimuth_cases import (
     SITE,
     STOP_S,
@@ -360,7 +360,7 @@ def test_between_turns_of_a_run_that_never_turns_is_all_of_it():
 
 
 def stop(run, f):
-    return Stop(
+    return AzimuthStop(
         run=run, start_s=0.0, end_s=900.0, used_s=900.0, gyro_rad_s=np.zeros(3), f_m_s2=np.array(f)
     )
 

@@ -13,7 +13,6 @@ from alignment.motion.parked_seconds import ParkedSeconds
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
-from infield.reports.words.sentences import sentence, sentences
 from infield.session.parked.rates import no_heading
 from infield.session.parked.stretches import find_rests
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -27,6 +26,7 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import Survey
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
+from ins.verdicts import sentence, sentences
 from tests.infield.mems_sessions import (
     TWIN,
     blank,

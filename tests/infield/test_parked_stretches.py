@@ -13,7 +13,6 @@ from alignment.motion import turn_between
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
-from infield.reports.words.sentences import sentence
 from infield.session.bins import make_bins
 from infield.session.parked.stretches import find_rests, parked_windows
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -25,6 +24,7 @@ from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import GnssLog, Phase, Survey
 from ins.units import DEG, DEG_PER_HOUR
+from ins.verdicts import sentence
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
 from tests.infield.mems_sessions import TWIN, blank, session, squared_error, unit, updated
 from tests.infield.sessions import with_header

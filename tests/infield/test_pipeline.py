@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from alignment.gyrocompass import rejected_share
-from infield.reports.words.sentences import sentence, sentences
 from infield.session.acceptance import MAX_REJECTED_SHARE, judge_estimate
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import observability
 from infield.table.file import table_sha256
-from ins.compensation import compensate
 from ins.records import InputError, Site, TemperatureLog
+from ins.strapdown.compensation import compensate
 from ins.units import DEG, DEG_PER_HOUR
+from ins.verdicts import sentence, sentences
 from tests.infield.sessions import (
     PARKED,
     TWIN,

@@ -34,7 +34,7 @@ def test_decisions_are_signed_and_made_once(store):
     for wrong in ({"by": "", "reason": "x"}, {"by": "K.", "reason": ""}):
         with pytest.raises(InputError):
             store.decide_priors("rlg", 1, "approved", **wrong)
-    with pytest.raises(InputError, match="no priors 2, needed 1 to 1"):
+    with pytest.raises(InputError, match=r"priors 2.*needed 1.*1"):
         store.decide_priors("rlg", 2, "approved", **SIGNED)
     store.decide_priors("rlg", 1, "rejected", **SIGNED)
     with pytest.raises(InputError, match="were rejected by K"):

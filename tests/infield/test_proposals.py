@@ -231,7 +231,7 @@ def test_a_decision_needs_a_name_and_a_reason(store, wrong):
 def test_no_proposal_is_said_so(store):
     with pytest.raises(UnknownUnit, match="the store holds no proposal"):
         store.proposal(1)
-    with pytest.raises(UnknownUnit, match="no proposal for serial SN-1"):
+    with pytest.raises(UnknownUnit, match="SN-1"):
         decide(store, 1, serial="SN-1")
 
 
@@ -303,7 +303,7 @@ def test_rollback_only_from_the_revision_that_was_seen(store):
     first = store.import_table(table_to_dict(table()))
     propose(store, first)
     decide(store, 1)
-    with pytest.raises(StoreConflict, match="revision 2 is active now, not 1"):
+    with pytest.raises(StoreConflict, match=r"revision 2.*1"):
         store.rollback(to="factory", active_number=1, **SIGNED)
     back = store.rollback(to="factory", active_number=2, **SIGNED)
     assert back.note == "rolled back by B: wrong run"

@@ -14,15 +14,15 @@ from infield.replay.drift_prediction import predict_parked
 from infield.replay.free_inertial import StopSpeed, TableChoice, heading_change, replay
 from infield.reports.documents.replay import replay_document
 from infield.reports.replay_page import render
-from infield.reports.words.sentences import sentences
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable, default_table
-from ins.compensation import compensate
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
+from ins.strapdown.compensation import compensate
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
+from ins.verdicts import sentences
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
 from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
 from trajectories.simulator.sensors import ideal_sensors

@@ -11,8 +11,8 @@ from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.documents.replay import replay_document
 from infield.reports.page import significant
 from infield.reports.replay_page import render
-from infield.reports.words.sentences import sentences
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import sentences
 from tests.infield.aided_cases import flown, ideal, twin_of
 
 RAW = [TableChoice(role="active", table=None, origin="none")]

@@ -1,29 +1,110 @@
 """Sigmas of the ring-laser terms where the data hold less than the model asks: terms that go with
-others, thermometers that read late. Truth: benchmarks/rlg_confidence.py.
+others, thermometers that read late. Truth: minute means written apart from the fit
+(gradient_cases), the readings then made late by a first-order lag in steps of a second.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from benchmarks.rlg_confidence import CASES, heated, read_late, scores
 from infield.reports.documents.rlg import rlg_document
-from infield.reports.words.sentences import sentences
 from infield.table.least_squares import NormalEquations
 from infield.thermal.compensation import batch_series, bias_deg_h
+from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
+from infield.thermal.rlg.fit import AxisModel
 from infield.thermal.rlg.gradients import fit_gradients
-from infield.thermal.rlg.lag import Beside, Lag, corrected_columns, derivatives
+from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, derivatives
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.rlg.terms import TERMS
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.documents import plain
-from ins.records import InputError, TemperatureLog
-from tests.infield.gradient_cases import TWIN, Chamber, Unit, temperatures
+from ins.records import AXES, InputError, TemperatureLog
+from ins.verdicts import sentences
+from tests.infield.gradient_cases import SIDES, TWIN, Chamber, Unit, case, temperatures
 
 FEW, MANY = 5, 40
+STEPS = 60  # of a minute, for the lag
+SCORED = ("K2", "K4", "K6x", "K6y", "K6z")
+
+
+def late(values: NDArray, lag_s: float) -> NDArray:
+    """Readings (n, 3), minute by minute, of thermometers that follow with a lag."""
+    if not lag_s:
+        return values
+    minutes = np.arange(len(values), dtype=float)
+    fine = np.arange(0.0, minutes[-1] + 1e-9, 1.0 / STEPS)
+    out = np.empty_like(values)
+    keep = np.exp(-60.0 / STEPS / lag_s)
+    for k in range(values.shape[1]):
+        true = np.interp(fine, minutes, values[:, k])
+        reading, read = true[0], np.empty_like(true)
+        for i, value in enumerate(true):
+            reading = value + (reading - value) * keep
+            read[i] = reading
+        out[:, k] = read[::STEPS]
+    return out
+
+
+def read_late(run: GradientRun, gyros_s: float, lines_s: float) -> GradientRun:
+    """The run as late thermometers tell it; the bias is what it was."""
+    T = late(run.blocks.temperature_degC, gyros_s)
+    blocks = replace(run.blocks, temperature_degC=T, rate_degC_min=np.gradient(T, axis=0))
+    return replace(run, blocks=blocks, gradient_degC=late(run.gradient_degC, lines_s))
+
+
+def heated(rng: np.random.Generator, unit: Unit, sides: int) -> list[GradientRun]:
+    """Days in the chamber, each heated from another side; sides 0: two without a heater."""
+    if not sides:
+        rate = rng.uniform(0.6, 1.4)
+        return [case(rng, unit, heater=0.0, rate=r, run_id=f"{r:.2f}") for r in (rate, 0.6 * rate)]
+    rates, periods = (0.8, 1.2, 1.0), (90, 75, 105)
+    return [
+        case(rng, unit, run_id=f"day-{k}", side=SIDES[k], rate=rates[k], period=periods[k])
+        for k in range(sides)
+    ]
+
+
+CASES = {
+    "three sides heated": (3, 0.0, 0.0),
+    "no heater": (0, 0.0, 0.0),
+    "one side heated": (1, 0.0, 0.0),
+    "two sides heated": (2, 0.0, 0.0),
+    "three sides, gyro thermometers 60 s late": (3, 60.0, 0.0),
+    "three sides, gyro thermometers 180 s late": (3, 180.0, 0.0),
+    "three sides, gyro thermometers 600 s late": (3, 600.0, 0.0),
+    "three sides, all 180 s late": (3, 180.0, 180.0),
+    "three sides, all 600 s late": (3, 600.0, 600.0),
+    "no heater, gyro thermometers 180 s late": (0, 180.0, 0.0),
+}
+
+
+def scores(name: str, units: int) -> dict[str, list[float]]:
+    """Normalised errors by term, of the terms in use."""
+    sides, gyros_s, lines_s = CASES[name]
+    found: dict[str, list[float]] = {term: [] for term in SCORED}
+    found["lag"] = []
+    for seed in range(units):
+        rng = np.random.default_rng([seed, 91])
+        unit = Unit(rng, wave=0.003)
+        runs = [read_late(run, gyros_s, lines_s) for run in heated(rng, unit, sides)]
+        study = fit_gradients(runs, TWIN)
+        for a in study.axes:
+            _score(a, unit, study.reference_degC, found)
+            if gyros_s:
+                found["lag"].append((a.lag.gyro_s - gyros_s) / a.lag.sigma_gyro_s)
+    return found
+
+
+def _score(a: AxisModel, unit: Unit, reference: float, found: dict[str, list[float]]) -> None:
+    truth = unit.terms(AXES.index(a.axis), reference)
+    for term in SCORED:
+        k = TERMS.index(term)
+        if term in a.used:
+            found[term].append(float((a.theta[k] - truth[k]) / a.sigma[k]))
 
 
 def within(z, probability=0.999):
@@ -131,7 +212,7 @@ def test_normal_equations_of_a_lag_are_those_of_the_corrected_columns():
     t, lag = 60.0 * np.arange(50.0), Lag(200.0, 90.0)
     X, y = rng.standard_normal((50, len(TERMS) + 3)), rng.standard_normal(50)
     both = np.column_stack([X, derivatives(X, t)])
-    beside = Beside(NormalEquations(both.T @ both, both.T @ y, float(y @ y), 50))
+    beside = LaggedNormal(NormalEquations(both.T @ both, both.T @ y, float(y @ y), 50))
     corrected = corrected_columns(X, t, lag)
     found = beside.at(lag)
     assert found.A == pytest.approx(corrected.T @ corrected)

@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import chi2
 
 from infield.reports.documents.rlg import about_zero, rlg_document
-from infield.reports.words.sentences import sentence, sentences
 from infield.table.least_squares import NormalEquations, condition_number
 from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.rlg.terms import TERMS, columns, hold_apart, solve_terms
 from ins.documents import plain
+from ins.verdicts import sentence, sentences
 from tests.infield.gradient_cases import NAMES, TWIN, Unit, case, three_runs
 
 FEW = 12  # units of three gyros in the normal suite

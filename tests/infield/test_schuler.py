@@ -8,8 +8,8 @@ import pytest
 from infield.replay.drift import Drift
 from infield.replay.free_inertial import replay
 from infield.replay.schuler import expected_period_s, fit_schuler
-from infield.reports.words.sentences import sentence
 from ins.records import TwinModel
+from ins.verdicts import sentence
 from tests.infield.test_replay import SITE, choices, flat, parked
 
 

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from infield.replay.reasons import ReplayVerdict
-from infield.reports.documents.replay import ChangeDocument, DifferenceDocument, _sigma_of_change
+from infield.reports.documents.replay import (
+    DifferenceDocument,
+    ReplayChangeDocument,
+    _sigma_of_change,
+)
 from infield.reports.replay_page import verdict_words
-from infield.reports.words.significance import differs, measured_words
+from ins.verdicts import differs, measured_words
 
 
 def test_the_coupling_of_the_readme_is_not_different_from_zero():
@@ -59,7 +63,7 @@ def test_the_error_of_an_updated_table_is_a_part_of_its_parents():
     ],
 )
 def test_a_replay_says_whether_the_tables_differ(change, significant, words):
-    rate = ChangeDocument(previous=3.0, active=3.0 + change, change=change)
+    rate = ReplayChangeDocument(previous=3.0, active=3.0 + change, change=change)
     difference = DifferenceDocument(
         heading_deg=0.0,
         heading_mrad=0.0,

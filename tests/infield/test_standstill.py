@@ -7,10 +7,10 @@ import numpy as np
 from alignment.motion.speeds import speed_disagreement
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.update_page import update_html
-from infield.reports.words.sentences import sentence, sentences
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
+from ins.verdicts import sentence, sentences
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
 
 

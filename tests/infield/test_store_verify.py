@@ -155,16 +155,13 @@ def test_a_row_moved_to_another_unit_is_found(full, url):
         f" {one}",
     )
     found = faults(full)
-    assert "revision 5 is missing, though tagged active" in found["SN-1"]
-    assert "revision 2: the table is of another unit" in found["SN-2"]
+    assert "revision 5" in found["SN-1"]
+    assert "revision 2" in found["SN-2"]
 
 
 def test_a_unit_deleted_altogether_leaves_its_rows_behind(full, url):
     tamper(url, "DELETE FROM recal_unit WHERE imu_serial = 'SN-1'")
-    assert any(
-        "recal_revision: rows of 1 unit that the store does not hold" in line
-        for line in faults(full)[""]
-    )
+    assert any("recal_revision" in line for line in faults(full)[""])
 
 
 def test_the_last_revision_cut_off_with_its_tag_and_runs(full, url):

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.reports.words.sentences import sentence, sentences
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import TemperatureLog
+from ins.verdicts import sentence, sentences
 from trajectories.simulator.thermal import thermal_history
 
 HOUR = np.arange(4200.0)

@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import chi2
 
 from infield.reports.documents.session import session_document
-from infield.reports.words.sentences import sentence
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import FORCE, UnitMarks, unit_marks
 from infield.session.log import applied_table_of
@@ -19,7 +18,7 @@ from infield.session.reasons import SessionReason, WrongFact
 from ins.documents import plain
 from ins.records import InputError
 from ins.units import DEG, MICRO_G
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, sentence
 from tests.infield.sessions import SETTINGS, TWIN, estimate_of, factory, simulated
 
 READ = ("gyro_x_degC", "gyro_y_degC", "gyro_z_degC", "accel_x_degC", "accel_y_degC", "accel_z_degC")

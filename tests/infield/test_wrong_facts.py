@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, WrongFact
 from infield.session.wrong_facts import (
-    Learnt,
+    SessionInformation,
     Suspicion,
     _doubts,
     _lags,
@@ -41,7 +41,7 @@ def measured(rng, prior, noise, pattern, size):
     bias = rng.multivariate_normal(np.zeros(n), prior)
     seen = bias + size * pattern + rng.multivariate_normal(np.zeros(n), noise)
     gain = prior @ np.linalg.inv(prior + noise)
-    return Learnt(prior, gain @ seen, prior - gain @ prior)
+    return SessionInformation(prior, gain @ seen, prior - gain @ prior)
 
 
 def cases():

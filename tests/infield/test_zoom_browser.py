@@ -63,7 +63,7 @@ def page(tmp_path_factory):
         zoom_figure(series("velocity", 0.0, LATE_S)),
         zoom_panels([panel(axis) for axis in "xyz"]),
     ]
-    template = report_page._environment().from_string(TEMPLATE)
+    template = report_page.page_environment().from_string(TEMPLATE)
     path = tmp_path_factory.mktemp("zoom") / "page.html"
     path.write_text(template.render(figures=figures, script=zoom_script()))
     return path.as_uri()

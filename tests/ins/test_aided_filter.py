@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import chi2
 
 from infield.aided.flight import aided_noise
+from ins import kalman
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef, gravity_magnitude
-from ins.filters import kalman
 from ins.filters.aided_filter import AidedNavigator, level_sigmas
 from ins.filters.aided_records import AidedNoise, AidedOptions, AidedStart, Antenna, fixes_of
 from ins.filters.states import AIDED_ACCEL as ACCEL

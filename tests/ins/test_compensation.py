@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ins.compensation import compensate, gyro_matrix
 from ins.records import ImuLog, InputError
+from ins.strapdown.compensation import compensate, gyro_matrix
 from ins.units import DEG_PER_HOUR
 
 

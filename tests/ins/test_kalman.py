@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from ins.filters import kalman
+from ins import kalman
 
 ROUNDING = 1e-12
 
@@ -193,7 +193,7 @@ def test_nis_band_without_measurements_rejects_nothing():
 
 
 class TestFaultsOfFilterpy:
-    """Each fails once filterpy mends it: then the guard in ins.filters.kalman may go."""
+    """Each fails once filterpy mends it: then the guard in ins.kalman may go."""
 
     def test_scalar_q_is_added_to_every_element(self):
         from filterpy.kalman import predict

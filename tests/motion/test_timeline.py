@@ -14,17 +14,17 @@ from alignment.motion.kinds import (
     ROLLING,
     STILL,
     UNKNOWN,
-    Cause,
-    Evidence,
+    Disturbance,
     Says,
     Witness,
+    WitnessEvidence,
 )
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import gnss_evidence, steady_roll, watched_seconds, wheel_evidence
 from alignment.motion.stillness import Motion
 from alignment.motion.timeline import joined_kinds, phase_evidence, without_dead
-from benchmarks import motion_runs
 from ins.records import GnssLog, OdometerLog, Phase
+from tests.motion import runs
 from trajectories.simulator.vehicle import Gust
 
 T = np.arange(1.0, 201.0)
@@ -133,7 +133,7 @@ def test_the_rule(kind, speed, words, found):
     seen = np.array([speed, 0.0, 0.0, 0.0, np.nan])
     allowed = (0.25, 0.02, 0.5, 0.5, 1.0)
     evidence = {
-        witness: Evidence(witness, np.full(T.size, said), np.full(T.size, s), limit)
+        witness: WitnessEvidence(witness, np.full(T.size, said), np.full(T.size, s), limit)
         for witness, said, s, limit in zip(
             (Witness.NAVIGATION, Witness.ROWS, Witness.GNSS, Witness.WHEELS, Witness.PHASES),
             words,
@@ -157,7 +157,7 @@ def test_stands_parked_time_and_words_of_a_motion():
 
 
 def test_a_steady_roll_is_no_rest_where_a_receiver_or_wheels_see_it():
-    run = next(n for n in motion_runs.SIMULATED if n.name == "never at rest").make().run
+    run = next(n for n in runs.SIMULATED if n.name == "never at rest").make().run
     assert first_rest(seconds_of(run.imu)) is not None  # the rows alone are taken in
     for seen in (replace(run, odometer=None), replace(run, gnss=None)):
         assert first_rest(watched_seconds(seen)) is None
@@ -199,13 +199,13 @@ def test_a_solution_that_leaves_at_once_knows_where_it_stood():
 @pytest.mark.parametrize("seed", range(3))
 def test_rows_lost_in_a_gust_do_not_end_the_parked_time(seed):
     gust = Gust(time_s=400.0, duration_s=40.0, sway_m_s=0.06)
-    case = motion_runs.simulated(100 * seed + 13, motion_runs.TAXI, events=[gust])
-    run = motion_runs.changed(case, lambda run: motion_runs.without_rows(run, 420.15, 420.85)).run
+    case = runs.simulated(100 * seed + 13, runs.TAXI, events=[gust])
+    run = runs.changed(case, lambda run: runs.without_rows(run, 420.15, 420.85)).run
     (fault,) = repair(run.imu, seconds_of(run.imu), 0.0, run.imu.end_s)[1]
-    assert fault.reason == Cause.DROPOUT and fault.start_s < 420.0 < fault.end_s < 460.0
+    assert fault.reason == Disturbance.DROPOUT and fault.start_s < 420.0 < fault.end_s < 460.0
 
 
 def test_rows_lost_on_the_way_are_no_repair_of_a_taxi():
-    run = motion_runs.simulated(13, motion_runs.TAXI).run
-    lost = motion_runs.without_rows(run, 602.15, 602.85)
+    run = runs.simulated(13, runs.TAXI).run
+    lost = runs.without_rows(run, 602.15, 602.85)
     assert repair(lost.imu, seconds_of(lost.imu), 0.0, lost.imu.end_s)[1] == ()

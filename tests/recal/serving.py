@@ -28,8 +28,8 @@ def serving(url, *, tokens=TOKENS, **more):
     """The address of a running server."""
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
-    app = build_app(ServeSettings(store_url=url, port=port, tokens=tokens, **more))
-    server = uvicorn.Server(server_config(app, log=False))
+    settings = ServeSettings(store_url=url, port=port, tokens=tokens, **more)
+    server = uvicorn.Server(server_config(build_app(settings), settings, log=False))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
     thread.start()
     try:

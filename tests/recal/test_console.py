@@ -154,7 +154,7 @@ def test_the_version_and_the_packaged_scenarios():
     said = CliRunner().invoke(app, ["--version"])
     assert said.exit_code == 0 and re.fullmatch(r"recal \d+\.\d+\.\d+\n", said.stdout)
     listed = CliRunner().invoke(app, ["simulate", "--list"])
-    assert listed.exit_code == 0 and "cold_parked_taxi     Cold start: 10 min" in listed.stdout
+    assert listed.exit_code == 0 and "cold_parked_taxi" in listed.stdout
     known = json.loads(CliRunner().invoke(app, ["simulate", "--list", "--json"]).stdout)
     assert known["schema"] == "recal.scenarios/1" and all(known["scenarios"].values())
     assert CliRunner().invoke(app, ["simulate", "parked_only"]).exit_code == 2
@@ -178,13 +178,12 @@ def test_a_shell_completes_commands_and_options():
         assert wanted in done.stdout.split(), done
 
 
-def test_recal_help_loads_no_command_and_no_rich(helps):
-    """The lines of the program's help are those of the commands, without loading them."""
+def test_recal_help_makes_no_command_and_loads_no_rich(helps):
+    """The lines of the program's help are those of the commands, without making them."""
     commands = get_command(app).commands
-    for name, line in COMMANDS.items():
-        assert commands[name].get_short_help_str() == line
-    for name, line in GROUPS.items():
-        assert commands[name].get_short_help_str(limit=len(line) + 1) == line
+    said = " ".join(helps[""][0].split())
+    for name in (*COMMANDS, *GROUPS):
+        assert f"{name} {commands[name].get_short_help_str(limit=1000)}" in said
     assert "rich" not in helps[""][2:]
 
 

@@ -85,9 +85,7 @@ def test_a_diagnosis_does_not_write_over_the_twin_that_it_reads(folder):
     (folder / "twin.json").write_text("{}")
     (folder / "diagnosis.json").write_text('{"schema": "recal.diagnosis/1"}')
     words = ["diagnose", "run", "--twin", "twin.json", "-o", "."]
-    assert "twin.json: exists (it is what this command reads)" in str(
-        CliRunner().invoke(app, words).exception
-    )
+    assert "twin.json" in str(CliRunner().invoke(app, words).exception)
 
 
 def test_a_scenario_does_not_write_over_a_recording(folder):

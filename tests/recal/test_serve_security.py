@@ -6,6 +6,9 @@ import http.client
 import os
 import re
 import socket
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
@@ -16,7 +19,6 @@ from infield.store.table_store import TableStore
 from ins.records import InputError
 from recal.web import guard, pages
 from recal.web.actions import local_path
-from recal.web.connections import MAX_CONNECTIONS, Connection, waiting_longest
 from recal.web.door import MAX_FAILURES
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
@@ -165,26 +167,31 @@ def is_closed(connection):
         return True
 
 
-def test_a_request_at_work_is_never_dropped():
-    """Connections of a stand-in loop: the oldest waiting ones go, as many as are needed."""
+def test_a_request_at_work_is_never_dropped(site, monkeypatch):
+    """A slow answer arrives, although twice as many connections as may be open come after it."""
+    at_work, go_on = threading.Event(), threading.Event()
+    judged = pages.health.judged
 
-    def stub(opened_s, waits):
-        held = object.__new__(StubConnection)
-        held.opened_s, held.is_waiting = opened_s, waits
-        return held
+    def slow(*units):
+        at_work.set()
+        assert go_on.wait(20.0)
+        return judged(*units)
 
-    at_work = [stub(k, False) for k in range(MAX_CONNECTIONS)]
-    waiting = [stub(100 - k, True) for k in range(5)]
-    held = {*at_work, *waiting}
-    assert waiting_longest(held, MAX_CONNECTIONS) == []
-    assert waiting_longest(held, MAX_CONNECTIONS + 2) == [waiting[4], waiting[3]]
-    assert set(waiting_longest(held, len(held) + 1)) == set(waiting)
-
-
-class StubConnection(Connection):
-    """One whose waiting is said."""
-
-    waits = property(lambda self: self.is_waiting)
+    monkeypatch.setattr(pages.health, "judged", slow)
+    where = site[0].removeprefix("http://").split(":")
+    with Visitor(site[0]) as visitor, ThreadPoolExecutor(1) as reader:
+        page = reader.submit(visitor.get, "/")
+        assert at_work.wait(20.0)
+        held = [socket.create_connection((where[0], int(where[1])), timeout=10) for _ in range(130)]
+        try:
+            deadline = time.monotonic() + 20.0
+            while not is_closed(held[0]):
+                assert time.monotonic() < deadline
+        finally:
+            go_on.set()
+            for connection in held:
+                connection.close()
+        assert page.result().status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -261,7 +268,7 @@ def test_behind_tls_cookies_are_for_https_alone(tmp_path):
         page = visitor.get("/signin")
         cookie = page.headers["set-cookie"]
         assert (
-            cookie.startswith("__Host-recal_form=")
+            cookie.startswith("__Host-recal_session=")
             and "Secure" in cookie
             and "Domain" not in cookie
         )
@@ -468,7 +475,7 @@ def test_a_fault_shows_no_trace_and_no_secret(tmp_path, monkeypatch):
         raise RuntimeError("password=hunter2 in " + str(tmp_path))
 
     with serving(url) as base, Visitor(base) as visitor:
-        monkeypatch.setattr(pages.views, "sorted_units", broken)
+        monkeypatch.setattr(pages.health, "judged", broken)
         answer = visitor.get("/")
         assert answer.status_code == 500 and "does not know" in answer.text
         assert not re.search(r"hunter2|Traceback|RuntimeError|File &#34;|/tmp", answer.text)

@@ -80,11 +80,7 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
     )
     assert document == json.loads((folder / "out/update.json").read_text())
     page = (folder / "out/update.html").read_text()
-    assert (
-        "waits as proposal 1" in page
-        and "recal table approve 1 --store" in page
-        and "with --commit" not in page
-    )
+    assert "waits as proposal 1" in page and "approve 1" in page and "with --commit" not in page
     (listed,) = answered("table", "proposals")["proposals"]
     assert (listed["state"], listed["proposed_by"], listed["note"]) == (
         "open",
@@ -154,7 +150,7 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     monkeypatch.setattr(report, "update_html", lambda document: f"proposal {document['proposal']}")
     records = "infield.reports.documents.update_records"
     monkeypatch.setattr(f"{records}.update_of", lambda document: document)
-    monkeypatch.setattr("recal.service.results.update_words.stored_summary", lambda document: [])
+    monkeypatch.setattr("recal.service.results.update_summary.stored_summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
     assert json.loads((folder / "again/update.json").read_text()) == {

@@ -90,9 +90,7 @@ def test_where_the_store_cannot_be_written_the_report_stays_as_a_proposal(
 def test_where_the_report_cannot_be_written_nothing_is_committed(folder):
     (folder / "out/update.html").mkdir(parents=True)
     done = update("--force")
-    assert isinstance(done.exception, InputError) and "update.html: cannot be written" in str(
-        done.exception
-    )
+    assert isinstance(done.exception, InputError) and "update.html" in str(done.exception)
     assert [p.name for p in (folder / "out").iterdir()] == ["update.html"]
     with TableStore.open(URL) as store:
         assert store.active().number == 1

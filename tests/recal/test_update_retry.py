@@ -130,7 +130,7 @@ def test_retry_needs_commit_and_a_number_is_optional(runs, filled, tmp_path):
         done = CliRunner().invoke(
             app, ["update", *arguments, runs[0], "--store", filled, "-o", str(tmp_path / "out")]
         )
-        assert done.exit_code == 2 and "nothing is stored without --commit" in done.output
+        assert done.exit_code == 2 and "--commit" in done.output
     assert update(runs[0], filled, tmp_path / "out", "--retry", "100").exit_code == 2
 
 

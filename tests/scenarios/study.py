@@ -16,7 +16,7 @@ from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AccelNoise, GyroNoise, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG
-from trajectories.simulator.motions import reference_motion
+from tests.reference_motions import reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.thermal import thermal_history

@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from benchmarks import flight_bound
 from benchmarks.cramer_rao import Epoch, Sights, Spread, bias_bound, posterior_covariance
 from benchmarks.navigation_response import NavigationResponse, navigation_response
 from infield.session.settings import SessionSettings
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import Site, TwinModel
-from ins.twin_file import default_twin
+from ins.records import TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G
 from tests.scenarios.study import REFERENCE_TWIN, estimated, ideal, session, simulated_session
 from trajectories.simulator.motions import Park, Stop, Straight, Turn, lay
@@ -34,15 +32,6 @@ QUIET = replace(
     REFERENCE_TWIN, vehicle=replace(REFERENCE_TWIN.vehicle, sway_m_s=0.0, lateral_noise_m_s=0.0)
 )
 BLIND = Sights(hold_heading=False)
-# what only a flight has, as its update assumes it
-NUISANCES = ("slow_position_m", "slow_velocity_m_s", "deflection_arcsec", "antenna_m", "delay_s")
-OF_TECHNOLOGY = (
-    "accel_scale_ppm",
-    "accel_slope_ug_degC",
-    "accel_shift_ug",
-    "misalignment_mrad",
-    "shift_deg_h",
-)
 # physics.md 6.7: ZUPT 5 mm/s, lateral 30 mm/s
 AS_6_7 = Sights(hold_heading=False, velocity_noise_m_s=(0.005, 0.03))
 
@@ -81,7 +70,7 @@ def test_the_bound_knows_nothing_of_the_filter():
         "ins.filters.error_model",
         "ins.filters.error_filter",
         "ins.filters.error_kernel",
-        "ins.filters.kalman",
+        "ins.kalman",
         "alignment",
         "infield",
     }
@@ -286,26 +275,3 @@ def test_errors_reach_the_bound(name, gnss, hold):
     )
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / least.sigma_deg_h
     assert np.all(ratio[least.sigma_deg_h < 0.9 * least.sigma_prior_deg_h] < 1.15)
-
-
-def test_a_flight_s_bound_is_the_ground_s_where_nothing_flies():
-    """With none of a flight's nuisances, over a session that parks and taxis: two recursions, one
-    answer. With them the bound rises.
-    """
-    motion = lay([Park(duration_s=300.0), Turn(angle_deg=90.0), Straight(duration_s=60.0)])
-    site = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
-    truth = build_truth(motion, site, heading_rad=20 * DEG, wheel_reference_m=(-6.0, 0.3, 2.0))
-    run = ideal_sensors(truth, 10.0)
-    twin, response = default_twin("rlg"), navigation_response(run)
-    t = response.nominal.time_s
-    degC = flight_bound.THERMAL.at(0.5 * (t[1:] + t[:-1])).gyro_degC
-    sights = Sights(gnss=True)
-    ground = bias_bound(run, response, degC, twin, flight_bound.AGEING, sights).sigma_deg_h
-    priors = dict.fromkeys(NUISANCES, 0.0) | {key: {"rlg": 0.0} for key in OF_TECHNOLOGY}
-    none = SessionSettings(
-        sigma_scale_factor_ppm={"rlg": 0.0}, flight=replace(SessionSettings().flight, **priors)
-    )
-    same = np.sqrt(np.diag(flight_bound.flight_bound(run, "rlg", none)))
-    np.testing.assert_allclose(same, ground, rtol=1e-3)
-    wider = np.sqrt(np.diag(flight_bound.flight_bound(run, "rlg")))
-    assert (wider > ground).all()

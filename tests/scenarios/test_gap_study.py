@@ -185,21 +185,8 @@ def test_a_trial_that_is_not_as_it_should_be_is_listed():
     assert not gap_study.misses(record(cell="none", planted=(), verdict="no_gap"))
 
 
-def test_the_oracle_is_right_where_it_alarms_and_names_the_planted_effect():
-    right = {"effect": "gyro_thermal_rate", "target": "gyro_x", "probability": 0.9, "alarm": True}
-    quiet = {**right, "alarm": False}
-    other = {**right, "target": "gyro_y"}
-    assert gap_scores.oracle_on_top(record(RIGHT, oracle=right)) is True
-    assert gap_scores.oracle_on_top(record(RIGHT, oracle=quiet)) is False
-    assert gap_scores.oracle_on_top(record(RIGHT, oracle=other)) is False
-    assert gap_scores.oracle_on_top(record(RIGHT, oracle=None)) is None
-    assert gap_scores.oracle_on_top(record(RIGHT)) is None
-
-
-def test_oracle_and_diagnosis_are_counted_on_the_same_trials():
-    right = {"effect": "gyro_thermal_rate", "target": "gyro_x", "probability": 0.9, "alarm": True}
-    records = [record(RIGHT, oracle=right), record(WRONG, oracle=right), record(RIGHT)]
+def test_the_share_of_a_question_is_counted_over_its_cell():
+    records = [record(RIGHT), record(WRONG), record(RIGHT), record(WRONG, cell="8")]
     question = gap_scores.Question("12", "on top", gap_scores.on_top, 0.93)
     found = gap_scores.answer(question, records)
-    assert found["oracle"] == (2, 1, 2)
     assert (found["k"], found["n"], found["met"]) == (2, 3, False)

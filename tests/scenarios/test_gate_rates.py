@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from alignment.motion.kinds import STILL
-from infield.reports.words.sentences import sentences
 from infield.session.pipeline import update_calibration
+from ins.verdicts import sentences
 from tests.infield.sessions import PARKED, factory, ideal_of, true_bias, unit
 from tests.scenarios.gate_study import KINDS, gate
 from tests.scenarios.study import DEFAULT_TWIN

@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from benchmarks import thermal_faults as faults
-from benchmarks import thermal_merge as merge
 from benchmarks.study import interval_95
+from tests.scenarios import thermal_faults as faults
+from tests.scenarios import thermal_merge as merge
 
 FEW = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 # see docs/rates_thermal.md

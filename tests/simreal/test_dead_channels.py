@@ -97,7 +97,7 @@ def test_the_effect_is_found_without_the_dead_sensor_and_its_own_effects_are_not
 def test_only_diagnose_reads_a_run_with_a_silent_column(tmp_path, parked_run):
     path = tmp_path / "run"
     write_run(path, without(parked_run, "gyro_y"))
-    with pytest.raises(InputError, match="dtheta_y_rad: got nan"):
+    with pytest.raises(InputError, match="dtheta_y_rad"):
         read_run(path)
     run = read_run(path, dead_columns=True)
     assert (

@@ -13,7 +13,7 @@ from simreal.declared.twin_effects import parse_effects
 from simreal.inference.diagnosis import DiagnosisSettings
 from simreal.predict.carried import foretells, with_noise_of
 from simreal.predict.document import simulator_lines, simulator_record
-from simreal.predict.held_out import Believed, predict_runs
+from simreal.predict.held_out import GivenTwin, predict_runs
 from simreal.predict.measures import Deviation, gap_of, gone_of, nis_gone_of, nis_of, noncentrality
 from tests.simreal.diagnosed import diagnosed, table_from_dict, trial
 
@@ -94,7 +94,7 @@ def simulator():
     found = diagnosed(hold_out=(HELD,))
     table = table_from_dict(made.table, name="table")
     settings = DiagnosisSettings(hold_out=(HELD,))
-    return predict_runs(made.runs, Believed(made.twin, table, ""), table, settings, found)
+    return predict_runs(made.runs, GivenTwin(made.twin, table, ""), table, settings, found)
 
 
 def test_a_run_held_out_is_predicted_by_the_fit_to_the_others(simulator):
@@ -111,9 +111,9 @@ def test_what_was_found_brings_the_prediction_to_the_measured(simulator):
     assert drift.before.interval_95[0] > 0.0 and drift.after.measured < 0.5 * drift.before.measured
     assert drift.gone.interval_95[0] > 0.5 and nis.after.measured < nis.before.measured
     said = "\n".join(simulator_lines(record))
-    assert "beyond noise" in said and "gyro_thermal_rate on" in said
+    assert "beyond noise" in said and "gyro_thermal_rate" in said
 
 
 def test_one_run_is_too_few():
-    with pytest.raises(InputError, match="--simulator: 1 run, needed 2 or more"):
+    with pytest.raises(InputError, match=r"--simulator.*1.*needed 2"):
         diagnose("run-1", "twin.json", simulator=True)

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from simreal.effects.base import CatalogueEffect, Coefficient
 from simreal.inference.bank import SIZES, Group, Hypothesis, size_weights
-from simreal.inference.scoring import Scorer, condition, fit
+from simreal.inference.scoring import Conditioned, Scorer, fit
 
 
 def bank_of(U, z, *, low=1e-3, high=1e3):
@@ -41,11 +41,11 @@ def test_single_effect_is_the_integral_over_its_size():
 def test_selected_effects_are_projected_out():
     rng = np.random.default_rng(4)
     U, z = rng.standard_normal((40, 3)), rng.standard_normal(40)
-    gram, score = condition(U.T @ U, (U.T @ z)[:, None], np.array([0]))
+    left = Conditioned(U.T @ U, (U.T @ z)[:, None], np.array([0]))
     u0 = U[:, 0] / np.linalg.norm(U[:, 0])
     P = np.eye(40) - np.outer(u0, u0)
-    np.testing.assert_allclose(gram[1:, 1:], U[:, 1:].T @ P @ U[:, 1:], atol=1e-9)
-    np.testing.assert_allclose(score[1:, 0], U[:, 1:].T @ P @ z, atol=1e-9)
+    np.testing.assert_allclose(left.gram_of(np.array([1, 2])), U[:, 1:].T @ P @ U[:, 1:], atol=1e-9)
+    np.testing.assert_allclose(left.score[1:, 0], U[:, 1:].T @ P @ z, atol=1e-9)
 
 
 def test_an_effect_already_selected_gains_nothing():

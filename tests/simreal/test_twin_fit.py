@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter, sosfilt
 from typer.testing import CliRunner
 
 import recal
-from alignment.motion.kinds import DISTURBED, Cause
+from alignment.motion.kinds import DISTURBED, Disturbance
 from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
@@ -18,12 +18,12 @@ from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
 from recal.cli.app import app
 from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
-from simreal.twin.fit.agreement import Part, swings
+from simreal.twin.fit.agreement import RunBandPower, swings
 from simreal.twin.fit.constants import spread_between
 from simreal.twin.fit.evidence import needed_s
 from simreal.twin.fit.fit import believed_value
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, flat_above, rocked, without_gear
-from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model, climb
+from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel, climb
 from simreal.twin.fit.other_sensors import resolution
 from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
@@ -81,7 +81,7 @@ def test_a_clip_may_hide_who_stepped_aboard():
     stream = stream_of(simulated.run, simulated.twin)
     kind, cause = np.zeros_like(stream.motion.kind), np.full(stream.motion.kind.size, "", object)
     kind[600:640] = DISTURBED
-    for why, places in ((Cause.CLIPPING, 2), (Cause.GUST, 1)):
+    for why, places in ((Disturbance.CLIPPING, 2), (Disturbance.GUST, 1)):
         cause[600:640] = why
         motion = replace(stream.motion, kind=kind, cause=cause)
         found = stream_at_rest(simulated.run, simulated.twin, None, motion=motion)
@@ -89,12 +89,12 @@ def test_a_clip_may_hide_who_stepped_aboard():
 
 
 def test_a_longer_recording_is_asked_for_than_the_one_that_did_not_tell():
-    model = Model(
+    model = TriadModel(
         (Term.WHITE, Term.FLICKER), np.log([1e-12, 1e-30]), Shape(), np.full(2, PRIOR_SIGMA)
     )
     for size, needed in ((1e-30, np.inf), (1e-13, 2.0 * HOUR)):
         x = np.log([1e-12, size])
-        fit = Fitted(model, x, 0.0, np.eye(2))
+        fit = NoiseEstimate(model, x, 0.0, np.eye(2))
         assert needed_s(fit, Term.FLICKER, 0.01, longer_s=HOUR) == needed
 
 
@@ -228,10 +228,10 @@ def bands_at(hz, power, channel=0):
 
 
 def evidence_of(*bands):
-    return Evidence(tuple((0, b) for b in bands), (), (np.ones(6),))
+    return TriadEvidence(tuple((0, b) for b in bands), (), (np.ones(6),))
 
 
-WHITE_ALONE = Model((Term.WHITE,), np.zeros(1), Shape(), np.full(1, PRIOR_SIGMA))
+WHITE_ALONE = TriadModel((Term.WHITE,), np.zeros(1), Shape(), np.full(1, PRIOR_SIGMA))
 
 
 def test_a_channel_that_a_vehicle_rocks_is_read_above_the_gear_alone():
@@ -351,7 +351,7 @@ def test_a_spectrum_that_falls_gently_is_no_swinging_vehicle():
 
     def parts(ratios):
         return [
-            Part(0, low, high, ratio, n, 1.0, 0.0)
+            RunBandPower(0, low, high, ratio, n, 1.0, 0.0)
             for low, high, ratio, n in zip(edges, edges[1:], ratios, dof)
         ]
 

@@ -10,8 +10,8 @@ import pytest
 
 import recal
 from ins.twin_file import default_twin
-from simreal.twin.fit.result import Why
 from simreal.twin.fit.rounding import LAGS, Rounding, grid_of
+from simreal.twin.reasons import Why
 
 QUANTUM = 1.234567e-7
 

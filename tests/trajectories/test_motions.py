@@ -5,7 +5,8 @@ import pytest
 
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.simulator.motions import REFERENCE_MOTIONS, lay, reference_motion
+from tests.reference_motions import REFERENCE_MOTIONS, reference_motion
+from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import (
     Climb,
     Cruise,
@@ -142,8 +143,3 @@ def test_pivot_turns_without_rolling():
     )
     assert np.all(motion.speed_m_s(np.linspace(0, 80, 801)) == 0)
     assert motion.course_rad(75.0) == pytest.approx(-90 * DEG) and motion.end_s == 80.0
-
-
-def test_unknown_reference_motion_is_refused():
-    with pytest.raises(InputError, match="needed one of parked_only"):
-        reference_motion("loop_the_loop")

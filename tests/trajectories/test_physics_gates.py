@@ -8,7 +8,7 @@ import pytest
 from ins.records import AXES, GnssLog, ImuLog, Site
 from trajectories.readers.rows.column_map import AxesKeys, axis_matrix
 from trajectories.runs.checks import Findings
-from trajectories.runs.physics_gates import AXIS_MAPS, Beside, check_physics, quiet_means
+from trajectories.runs.physics_gates import AXIS_MAPS, CoSensors, check_physics, quiet_means
 
 SITE = Site(lat_rad=0.8, lon_rad=0.1, height_m=200.0)
 RATE_HZ, SECONDS = 50.0, 120.0
@@ -36,7 +36,7 @@ def fixes(moves_until_s: float, speed_m_s: float = 11.6) -> GnssLog:
     return GnssLog(time_s=t, lat_rad=0.8 + zero, lon_rad=0.1 + zero, height_m=zero, v_n_m_s=v)
 
 
-def told(imu: ImuLog, beside: Beside) -> tuple[str, ...]:
+def told(imu: ImuLog, beside: CoSensors) -> tuple[str, ...]:
     findings = Findings()
     check_physics(imu, site=SITE, technology="mems", label="log", findings=findings, beside=beside)
     return tuple(found.text for found in findings.items)
@@ -47,21 +47,21 @@ def test_a_steady_drive_is_no_rest():
     rest; a receiver's noise moves nothing.
     """
     assert quiet_means(log()).speed_m_s is None
-    steady = quiet_means(log(), Beside(gnss=fixes(1e9)))
+    steady = quiet_means(log(), CoSensors(gnss=fixes(1e9)))
     assert steady.speed_m_s == pytest.approx(11.6) and "11.6 m/s" in steady.where
-    later = quiet_means(log(), Beside(gnss=fixes(52.0)))
+    later = quiet_means(log(), CoSensors(gnss=fixes(52.0)))
     assert later.speed_m_s is None and later.start_s > 55.0
     noise = fixes(0.0)
-    assert quiet_means(log(), Beside(gnss=noise)).start_s < 1.0
+    assert quiet_means(log(), CoSensors(gnss=noise)).start_s < 1.0
 
 
 def test_a_moving_unit_is_tested_for_its_force_and_not_its_rate():
-    beside = Beside(gnss=fixes(1e9))
+    beside = CoSensors(gnss=fixes(1e9))
     turning = replace(log(), dtheta_rad=log().dtheta_rad + 0.02 * log().dt_s[:, None])
     assert told(turning, beside) == ()
-    assert "mean |w| at rest" in told(turning, Beside())[0]
+    assert "mean |w| at rest" in told(turning, CoSensors())[0]
     (text,) = told(log((0.0, 0.0, -1.0)), beside)
-    assert "in steady motion at 11.6 m/s" in text and "g? multiply by 9.80665" in text
+    assert "11.6 m/s" in text and "g? multiply by 9.80665" in text
 
 
 @pytest.mark.parametrize("map_axes", [("x", "y", "z"), ("y", "-x", "z"), ("-z", "y", "x")])
@@ -74,7 +74,7 @@ def test_proposed_axes_start_from_the_maps_own(map_axes, gravity_on):
     seen = np.zeros(3)
     seen[AXES.index(axis)] = sign * 9.81
     of_map = axis_matrix(AxesKeys(**dict(zip(AXES, map_axes))))
-    (text,) = told(log(tuple(seen)), Beside(axes=map_axes))
+    (text,) = told(log(tuple(seen)), CoSensors(axes=map_axes))
     words = text.partition("axes ")[2] if "would put it" in text else ""
     words = words.partition(" would put")[0]
     proposed = dict(
@@ -91,11 +91,11 @@ def test_accelerometers_that_read_too_little_are_accepted_by_name():
     said; a share that does not cover it, and 1 g in g, stay errors.
     """
     short = log((0.0, 0.0, -8.0))
-    (refused,) = told(short, Beside())
+    (refused,) = told(short, CoSensors())
     assert "mean |f| at rest is 8.0" in refused and "accepted_accelerometer_scale 0.19" in refused
-    (accepted,) = told(short, Beside(accepted_scale=0.2))
+    (accepted,) = told(short, CoSensors(accepted_scale=0.2))
     assert "(-18 % of gravity): accepted" in accepted
-    assert told(short, Beside(accepted_scale=0.1)) == (refused,)
-    (in_g,) = told(log((0.0, 0.0, -1.0)), Beside(accepted_scale=0.3))
+    assert told(short, CoSensors(accepted_scale=0.1)) == (refused,)
+    (in_g,) = told(log((0.0, 0.0, -1.0)), CoSensors(accepted_scale=0.3))
     assert "multiply by 9.80665" in in_g
-    assert told(log(), Beside(accepted_scale=0.3)) == ()
+    assert told(log(), CoSensors(accepted_scale=0.3)) == ()

@@ -57,9 +57,7 @@ def test_a_type_that_no_fix_has_is_refused_by_its_row(tmp_path):
     types = np.full(run.gnss.time_s.size, float(FixType.FLOAT))
     write_run(tmp_path / "run", replace(run, gnss=replace(run.gnss, fix_type=types)), fmt="csv")
     set_cell(tmp_path / "run" / "gnss.csv", row=4, column="fix_type", value="2")
-    with pytest.raises(
-        InputError, match=r"row 4 \(line 5\): column fix_type: got 2, needed 3 \(single\)"
-    ):
+    with pytest.raises(InputError, match=r"row 4.*line 5.*fix_type.*got 2.*needed 3"):
         read_run(tmp_path / "run")
 
 

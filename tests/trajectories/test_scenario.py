@@ -9,7 +9,7 @@ import pytest
 
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.simulator.motions import reference_motion
+from tests.reference_motions import reference_motion
 from trajectories.simulator.scenario import (
     SECTIONS,
     packaged_scenarios,
@@ -182,13 +182,13 @@ def test_the_example_shows_every_section():
 
 def test_a_latitude_of_91_is_refused():
     site = {"lat_deg": 91.0, "lon_deg": 7.0, "height_m": 0.0}
-    with pytest.raises(InputError, match=r"s\.toml: site: lat_deg: got 91, needed -90 to 90"):
+    with pytest.raises(InputError, match=r"s\.toml.*lat_deg.*got 91.*needed -90.*90"):
         scenario_ideal(scenario_from_dict(small(site=site), name="s.toml"))
 
 
 def test_unit_and_twin_must_be_of_one_technology_and_serial():
     twin = {"gyro_technology": "rlg", "imu_serial": "SN-1"}
-    with pytest.raises(InputError, match=r"unit\.imu_serial says SN-2, twin says SN-1"):
+    with pytest.raises(InputError, match=r"imu_serial.*SN-2.*SN-1"):
         scenario_unit(
             scenario_from_dict(small(twin=twin, unit={"imu_serial": "SN-2"}), name="s.toml")
         )

@@ -70,7 +70,7 @@ def test_rng_moves_a_start_and_only_then():
 
 
 def test_bad_starts_and_times_are_refused():
-    with pytest.raises(InputError, match="'tepid', needed one of cold, ambient, hot, cooling"):
+    with pytest.raises(InputError, match="'tepid'"):
         thermal_history("tepid")
     with pytest.raises(InputError, match="above 0"):
         ThermalHistory(ambient_degC=0.0, start_degC=0.0, settled_degC=1.0, block_tau_s=0.0)

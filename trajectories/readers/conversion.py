@@ -18,7 +18,7 @@ from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
 from trajectories.runs.notes import About, about
-from trajectories.runs.physics_gates import Beside, check_physics
+from trajectories.runs.physics_gates import CoSensors, check_physics
 from trajectories.runs.schema import (
     SCHEMA,
     ConversionRecord,
@@ -101,7 +101,7 @@ def conversion_of(
         technology=header.gyro_technology,
         label=label,
         findings=findings,
-        beside=Beside(
+        beside=CoSensors(
             gnss=log.gnss,
             odometer=log.odometer,
             axes=axes,

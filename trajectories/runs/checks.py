@@ -72,7 +72,7 @@ def first_beyond(values: NDArray) -> int | None:
 Row = Callable[[int], str]  # index of a row -> "imu.csv: row 12 (line 13)"
 
 
-class Listed:
+class BadRows:
     """The first few bad rows of one kind as lines, and how many more there are."""
 
     def __init__(self) -> None:
@@ -96,7 +96,7 @@ class Listed:
 
 def check_increasing(time_s: NDArray, row: Row) -> list[str]:
     """Times that go back or repeat, shape (n,)."""
-    found = Listed()
+    found = BadRows()
     found.add(
         np.flatnonzero(np.diff(time_s) <= 0) + 1,
         lambda k: not_increasing(row(k), time_s[k], time_s[k - 1]),

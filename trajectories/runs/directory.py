@@ -22,7 +22,7 @@ from ins.records import ImuSource, InputError, ReferenceLog, Run, RunHeader, Spa
 from trajectories.runs import streams
 from trajectories.runs.checks import Finding, Findings
 from trajectories.runs.imu_stream import load_imu
-from trajectories.runs.physics_gates import Beside, QuietMeans, check_physics
+from trajectories.runs.physics_gates import CoSensors, QuietMeans, check_physics
 from trajectories.runs.schema import (
     STREAMS,
     ConversionRecord,
@@ -120,7 +120,7 @@ def inspect_run(
             technology=technology,
             label=_label(path, "imu"),
             findings=findings,
-            beside=Beside(
+            beside=CoSensors(
                 gnss=held.gnss, odometer=held.odometer, accepted_scale=header.accepted_accel_scale
             ),
         )

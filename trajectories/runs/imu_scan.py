@@ -20,7 +20,7 @@ from trajectories.runs.checks import (
     RATE_CHANGE,
     RATE_CHANGE_S,
     RATE_TOLERANCE,
-    Listed,
+    BadRows,
     Row,
     first_beyond,
     not_increasing,
@@ -118,7 +118,7 @@ class TimeScan:
         self._row = row
         self.rows, self.start_s, self.end_s = 0, np.nan, np.nan
         self.finite = FiniteScan("time_s", row)
-        self.backward, self.gaps = Listed(), Listed()
+        self.backward, self.gaps = BadRows(), BadRows()
         self.intervals = Intervals(np.empty(0), np.empty(0, dtype=np.int64))
 
     @property

@@ -67,7 +67,7 @@ MOVING_M_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beside:
+class CoSensors:
     """What is known of a log beside its sensors.
 
     gnss, odometer: which tell whether the vehicle moves. axes: body axes x, y, z as the raw axes of
@@ -94,7 +94,7 @@ class Beside:
         return max(moving) if moving else None
 
 
-NOTHING_BESIDE = Beside()
+NOTHING_BESIDE = CoSensors()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +116,7 @@ class QuietMeans:
         return f"in steady motion at {self.speed_m_s:.1f} m/s"
 
 
-def quiet_means(source: ImuSource, beside: Beside = NOTHING_BESIDE) -> QuietMeans | None:
+def quiet_means(source: ImuSource, beside: CoSensors = NOTHING_BESIDE) -> QuietMeans | None:
     """Means over the first stretch near the start of the log in which one-second means of f hold
     still, else None; a stretch at rest before one in steady motion.
     """
@@ -160,7 +160,7 @@ def check_physics(
     technology: str,
     label: str,
     findings: Findings,
-    beside: Beside = NOTHING_BESIDE,
+    beside: CoSensors = NOTHING_BESIDE,
 ) -> QuietMeans | None:
     """Adds what the quiet start says about units, signs and axes; returns the means it used."""
     means = quiet_means(imu, beside)

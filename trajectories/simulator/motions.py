@@ -41,7 +41,7 @@ CHANNELS = ("speed_m_s", "course_rate_rad_s", "climb_rate_m_s", "airborne")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class SimulatedMotion:
     """A whole motion: profiles of time (PPoly), the spans at rest, and the phases by name.
 
     `course_rad` starts at 0 and is relative to the first heading; `climb_rate_m_s` is up.
@@ -98,7 +98,7 @@ class _Plan:
             self.time_s += duration_s
 
 
-def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> Motion:
+def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> SimulatedMotion:
     """Segments end to end, from rest at time 0, as smooth profiles with their phases.
 
     Raises InputError where a segment cannot follow from the one before (parking at speed, flying
@@ -116,7 +116,7 @@ def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> Motion:
             ("first_park" if number == 0 and phase == "parked" else phase, start_s, plan.time_s)
         )
     course_rate = _profile(plan.blends["course_rate_rad_s"], plan.time_s)
-    return Motion(
+    return SimulatedMotion(
         end_s=plan.time_s,
         speed_m_s=_profile(plan.blends["speed_m_s"], plan.time_s),
         course_rate_rad_s=course_rate,
@@ -287,63 +287,3 @@ def _phases(spans: list[tuple[str, float, float]], alignment_s: float) -> tuple[
         else:
             named.append((phase, start_s, end_s))
     return tuple(Phase(phase=p, start_s=a, end_s=b) for p, a, b in named if b > a)
-
-
-PARKED_S = 4200.0  # 10 min of alignment and 60 min extended, physics.md 6.7
-_LEG_300 = Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0)
-_LEG_200 = Straight(duration_s=200.0, speed_m_s=10.0, acceleration_m_s2=1.0)
-# heading at alignment [deg], what follows the parking
-_REFERENCE: dict[str, tuple[float, tuple[Segment, ...]]] = {
-    "parked_only": (0.0, ()),
-    "straight_taxi": (0.0, (_LEG_300,)),
-    "taxi_0_180": (0.0, (Turn(angle_deg=180.0), _LEG_300)),
-    "taxi_0_90": (0.0, (Turn(angle_deg=90.0), _LEG_300)),
-    "taxi_m90_p90_300": (-90.0, (Turn(angle_deg=180.0), _LEG_300)),
-    "taxi_m90_p90_600": (-90.0, (Turn(angle_deg=180.0), _LEG_300, _LEG_300)),
-    "taxi_m90_p90_300_stop_120": (-90.0, (Turn(angle_deg=180.0), _LEG_300, Stop(duration_s=120.0))),
-    "legs_90_180_90": (
-        0.0,
-        (
-            Turn(angle_deg=90.0),
-            _LEG_200,
-            Stop(duration_s=60.0),
-            Turn(angle_deg=90.0),
-            _LEG_200,
-            Stop(duration_s=60.0),
-            Turn(angle_deg=-90.0),
-            _LEG_200,
-            Stop(duration_s=60.0),
-        ),
-    ),
-    "turn_90_park_20min": (0.0, (Pivot(angle_deg=90.0), Park(duration_s=1200.0))),
-    "turn_180_park_20min": (0.0, (Pivot(angle_deg=180.0), Park(duration_s=1200.0))),
-    "turn_180_park_60min": (0.0, (Pivot(angle_deg=180.0), Park(duration_s=3600.0))),
-    "realistic_taxi": (
-        0.0,
-        (
-            Turn(angle_deg=90.0),
-            Straight(duration_s=120.0, speed_m_s=9.5),
-            Stop(duration_s=60.0),
-            Turn(angle_deg=90.0),
-            Straight(duration_s=120.0, speed_m_s=9.5),
-            Stop(duration_s=120.0),
-            Turn(angle_deg=-90.0),
-            Straight(duration_s=120.0, speed_m_s=9.5),
-            Stop(duration_s=60.0),
-        ),
-    ),
-}
-REFERENCE_MOTIONS = tuple(_REFERENCE)
-
-
-def reference_motion(
-    name: str, *, parked_s: float = PARKED_S, alignment_s: float = 600.0
-) -> tuple[float, Motion]:
-    """Heading at alignment [rad] and motion of a row of physics.md 6.7, or of the realistic taxi.
-
-    Raises InputError where the name is not one of REFERENCE_MOTIONS.
-    """
-    if name not in _REFERENCE:
-        raise InputError(f"reference motion {name!r}, needed one of {', '.join(REFERENCE_MOTIONS)}")
-    heading_deg, then = _REFERENCE[name]
-    return heading_deg * DEG, lay([Park(duration_s=parked_s), *then], alignment_s=alignment_s)

@@ -18,8 +18,8 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly, make_interp
 
 from ins.earth import ecef_from_geodetic
 from ins.records import InputError, Site
-from trajectories.simulator.motions import Motion
-from trajectories.simulator.truth import Stretch, Truth, frames_along, imu_velocity_n
+from trajectories.simulator.motions import SimulatedMotion
+from trajectories.simulator.truth import Truth, TruthSpan, frames_along, imu_velocity_n
 
 # of a moving stretch: a quintic has 6 coefficients, and 2 rows are its ends at rest
 FEWEST_SAMPLES = 8
@@ -78,10 +78,12 @@ def truth_from_samples(
     joined = [_joined(stretches, k) for k in range(len(stretches))]
     motion = _motion(joined)
     r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
-    found: list[Stretch] = []
+    found: list[TruthSpan] = []
     for k, stretch in enumerate(joined):
         if isinstance(stretch, SampledStand):
-            found.append(Stretch(stretch.start_s, r_e, np.asarray(stretch.euler_rad, dtype=float)))
+            found.append(
+                TruthSpan(stretch.start_s, r_e, np.asarray(stretch.euler_rad, dtype=float))
+            )
             continue
         moving = _moving(
             stretch,
@@ -128,15 +130,15 @@ def _joined(stretches: Sequence[Sampled], k: int) -> Sampled:
 
 
 def _moving(
-    stretch: SampledMove, motion: Motion, r_e: NDArray, lever_p_b: NDArray, *, stops: bool
-) -> Stretch:
+    stretch: SampledMove, motion: SimulatedMotion, r_e: NDArray, lever_p_b: NDArray, *, stops: bool
+) -> TruthSpan:
     t = stretch.time_s
     euler = make_interp_spline(t, stretch.euler_rad, k=5, bc_type=_ends(3, stops))
     air = stretch.airborne[:, None]
     v_n = (1.0 - air) * imu_velocity_n(motion, euler, t, lever_p_b) + air * stretch.v_n_m_s
     v_e = np.einsum("nij,nj->ni", frames_along(r_e, v_n, t), v_n)
     spline = make_interp_spline(t, np.hstack([v_e, euler(t)]), k=5, bc_type=_ends(6, stops))
-    return Stretch(stretch.start_s, r_e, euler(t[0]), spline, spline.antiderivative())
+    return TruthSpan(stretch.start_s, r_e, euler(t[0]), spline, spline.antiderivative())
 
 
 def _ends(columns: int, stops: bool) -> tuple[list, list]:
@@ -145,7 +147,7 @@ def _ends(columns: int, stops: bool) -> tuple[list, list]:
     return rest, rest if stops else [(3, np.zeros(columns)), (4, np.zeros(columns))]
 
 
-def _motion(stretches: Sequence[Sampled]) -> Motion:
+def _motion(stretches: Sequence[Sampled]) -> SimulatedMotion:
     """The profiles that sensors beside the inertial ones read, relative to the first heading;
     phases are not named.
     """
@@ -163,7 +165,7 @@ def _motion(stretches: Sequence[Sampled]) -> Motion:
         stretches, lambda s: s.airborne if isinstance(s, SampledMove) else 0.0, PchipInterpolator
     )
     rest = tuple((s.start_s, s.end_s) for s in stretches if isinstance(s, SampledStand))
-    return Motion(
+    return SimulatedMotion(
         end_s=stretches[-1].end_s,
         speed_m_s=speed,
         course_rate_rad_s=heading.derivative(),

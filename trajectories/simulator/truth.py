@@ -22,7 +22,7 @@ from ins.earth import (
 )
 from ins.records import Site
 from ins.units import DEG
-from trajectories.simulator.motions import Motion
+from trajectories.simulator.motions import SimulatedMotion
 
 KNOT_S = 0.1  # spline knots while moving
 TAIL_S = 3.0  # knots beyond a run that ends while moving
@@ -46,7 +46,7 @@ class Kinematics:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class TruthSpan:
     """One span at rest (spline None) or moving; `r_e` and `euler_rad` are those at its start."""
 
     start_s: float
@@ -71,9 +71,9 @@ class Truth:
     """
 
     site: Site
-    motion: Motion
+    motion: SimulatedMotion
     wheel_reference_m: tuple[float, float, float]
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[TruthSpan, ...]
 
     @property
     def breaks_s(self) -> NDArray:
@@ -103,7 +103,7 @@ class Truth:
 
 
 def build_truth(
-    motion: Motion,
+    motion: SimulatedMotion,
     site: Site,
     *,
     heading_rad: float = 0.0,
@@ -117,11 +117,11 @@ def build_truth(
     start = np.array([roll_rad, pitch_rad, heading_rad])
     lever_p_b = np.asarray(wheel_reference_m, dtype=float)
     r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
-    stretches: list[Stretch] = []
+    stretches: list[TruthSpan] = []
     for start_s, end_s, at_rest in _spans(motion):
         if at_rest:
             euler = start + [0.0, 0.0, float(motion.course_rad(start_s))]
-            stretches.append(Stretch(start_s, r_e, euler))
+            stretches.append(TruthSpan(start_s, r_e, euler))
             continue
         stretch = _moving(motion, r_e, start, lever_p_b, start_s, end_s)
         stretches.append(stretch)
@@ -129,7 +129,7 @@ def build_truth(
     return Truth(site, motion, wheel_reference_m, tuple(stretches))
 
 
-def _spans(motion: Motion) -> list[tuple[float, float, bool]]:
+def _spans(motion: SimulatedMotion) -> list[tuple[float, float, bool]]:
     """(start, end, at rest), without holes; neighbouring rests are one."""
     spans: list[tuple[float, float, bool]] = []
     reached = 0.0
@@ -147,8 +147,13 @@ def _spans(motion: Motion) -> list[tuple[float, float, bool]]:
 
 
 def _moving(
-    motion: Motion, r_e: NDArray, start: NDArray, lever_p_b: NDArray, start_s: float, end_s: float
-) -> Stretch:
+    motion: SimulatedMotion,
+    r_e: NDArray,
+    start: NDArray,
+    lever_p_b: NDArray,
+    start_s: float,
+    end_s: float,
+) -> TruthSpan:
     at_rest_after = any(a <= end_s < b for a, b in motion.rest)
     n = max(12, int(np.ceil((end_s - start_s) / KNOT_S)))
     step_s = (end_s - start_s) / n
@@ -164,10 +169,10 @@ def _moving(
     zero6 = [(d, np.zeros(6)) for d, _ in zero]
     ends6 = (zero6, zero6 if at_rest_after else [(3, np.zeros(6)), (4, np.zeros(6))])
     spline = make_interp_spline(t, np.hstack([v_e, euler(t)]), k=5, bc_type=ends6)
-    return Stretch(start_s, r_e, euler(start_s), spline, spline.antiderivative())
+    return TruthSpan(start_s, r_e, euler(start_s), spline, spline.antiderivative())
 
 
-def _attitude(motion: Motion, t: NDArray, start: NDArray, gravity_m_s2: float) -> NDArray:
+def _attitude(motion: SimulatedMotion, t: NDArray, start: NDArray, gravity_m_s2: float) -> NDArray:
     """Roll, pitch, heading (n, 3): heading is the course; in the air bank balances the turn, pitch
     follows the path.
     """
@@ -178,7 +183,9 @@ def _attitude(motion: Motion, t: NDArray, start: NDArray, gravity_m_s2: float) -
     return start + np.stack([bank, pitch, motion.course_rad(t)], axis=-1)
 
 
-def imu_velocity_n(motion: Motion, euler: BSpline, t: NDArray, lever_p_b: NDArray) -> NDArray:
+def imu_velocity_n(
+    motion: SimulatedMotion, euler: BSpline, t: NDArray, lever_p_b: NDArray
+) -> NDArray:
     """Velocity of the IMU: P follows the course, the IMU is at -lever from it: v_imu = v_P - omega
     x lever.
 

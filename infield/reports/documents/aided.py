@@ -50,20 +50,19 @@ from infield.aided.left_out import OutageScore
 from infield.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
 from infield.aided.start import FoundStart
 from infield.aided.taken import TypeShare, shares_by_type
-from infield.reports.words.aided import WEAK_WORDS
-from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.documents import OMIT_NONE
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, level_sigmas
 from ins.filters.aided_records import AidedHistory, Antenna, Fixes
-from ins.filters.kalman import nis_band
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_VEL as VEL
+from ins.kalman import nis_band
 from ins.records import FixType, ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from ins.verdicts import codes, sentences
 
 MOST = 500  # rejects that are listed
 ANGLES = ("roll", "pitch", "heading")
@@ -76,7 +75,7 @@ FIX_TYPE_NAMES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpanDocument:
+class TimeSpanDocument:
     """A stretch of the log."""
 
     start_s: float
@@ -99,7 +98,7 @@ class StartDocument:
 
     time_s: float
     method: StartMethod
-    span: SpanDocument
+    span: TimeSpanDocument
     heading_deg: float
     sigma_heading_deg: float
 
@@ -152,7 +151,7 @@ class NisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConsistencyDocument:
+class AidedConsistencyDocument:
     """NIS by kind; is_test: false where the model was fitted to this log."""
 
     overall: NisDocument
@@ -163,7 +162,7 @@ class ConsistencyDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseDocument:
+class AidedNoiseDocument:
     """Factors on the declared sigmas; a time constant is None without its slow error."""
 
     fitted: bool
@@ -257,7 +256,7 @@ class AidedDocument:
     notes: Sequence[str]
     note_codes: Sequence[str | None]
     table: str
-    standing: Sequence[SpanDocument]
+    standing: Sequence[TimeSpanDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,8 +273,8 @@ class AidedFlightDocument(AidedDocument):
     leaps_s: Sequence[float]
     grade: AidedGrade
     degraded: Sequence[WeakDocument]
-    consistency: ConsistencyDocument
-    noise: NoiseDocument
+    consistency: AidedConsistencyDocument
+    noise: AidedNoiseDocument
     antenna: AntennaDocument | None
     scoring_only: ScoresDocument | None
     smoothed: SmoothedDocument | None = field(default=None, metadata=OMIT_NONE)
@@ -295,7 +294,7 @@ def aided_document(
         notes=sentences(result.notes),
         note_codes=codes(result.notes),
         table=result.role,
-        standing=[SpanDocument(start_s=a, end_s=b) for a, b in result.stands],
+        standing=[TimeSpanDocument(start_s=a, end_s=b) for a, b in result.stands],
     )
     history, found = result.history, result.found
     if history is None or found is None:
@@ -311,7 +310,7 @@ def aided_document(
         resets_s=[float(t) for t in reset_times(history)],
         leaps_s=[float(t) for t in leap_times(history)],
         grade=result.grade or AidedGrade.GOOD,
-        degraded=[WeakDocument(**vars(w), words=WEAK_WORDS[w.why]) for w in result.weak],
+        degraded=[WeakDocument(**vars(w), words=w.why.template) for w in result.weak],
         consistency=_consistency(result, history),
         noise=_noise(result),
         antenna=_antenna(result.antenna),
@@ -370,7 +369,7 @@ def _start(found: FoundStart) -> StartDocument:
     return StartDocument(
         time_s=found.start.state.time_s,
         method=found.method,
-        span=SpanDocument(start_s=found.span[0], end_s=found.span[1]),
+        span=TimeSpanDocument(start_s=found.span[0], end_s=found.span[1]),
         heading_deg=float(euler_from_dcm(found.start.state.C_nb)[2]) / DEG,
         sigma_heading_deg=found.sigma_heading_rad / DEG,
     )
@@ -414,13 +413,13 @@ def _rejected(history: AidedHistory) -> list[RejectedDocument]:
     return sorted(found, key=lambda r: r.time_s)
 
 
-def _consistency(result: AidedResult, history: AidedHistory) -> ConsistencyDocument:
+def _consistency(result: AidedResult, history: AidedHistory) -> AidedConsistencyDocument:
     position, velocity = (nis_of(history, k) for k in range(len(KINDS)))
     dof = position[1] + velocity[1]
     total = sum(mean * n for mean, n in (position, velocity) if n)
     taken = result.antenna is not None and any(result.antenna.freed)
     standing = history.stand_nis / history.stand_dof if history.stand_dof else float("nan")
-    return ConsistencyDocument(
+    return AidedConsistencyDocument(
         overall=_nis(total / dof if dof else float("nan"), dof),
         position=_nis(*position),
         velocity=_nis(*velocity),
@@ -433,9 +432,9 @@ def _nis(mean: float, dof: int) -> NisDocument:
     return NisDocument(nis_mean=mean, dof=dof, band_95=list(nis_band(dof, 0.95)))
 
 
-def _noise(result: AidedResult) -> NoiseDocument:
+def _noise(result: AidedResult) -> AidedNoiseDocument:
     s = result.scales
-    return NoiseDocument(
+    return AidedNoiseDocument(
         fitted=s.fitted,
         white_factor=s.white,
         walk_factor=s.walk,

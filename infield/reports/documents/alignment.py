@@ -8,11 +8,11 @@ from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.spans import SpanDocument, span_document
-from infield.reports.words.sentences import codes, sentences
 from infield.session.parked.zero_rate import ZeroRates
 from ins.documents import OMIT_NONE, Null
 from ins.records import Phase, Run
 from ins.units import ARCSEC, DEG
+from ins.verdicts import codes, sentences
 
 SCHEMA = "recal.alignment/1"
 

@@ -8,15 +8,13 @@ from infield.reports.documents.session_records import (
     FlightNuisance,
     FlightWorth,
 )
-from infield.reports.words.flight import TOLD_IN
-from infield.reports.words.sentences import codes, sentence, sentences
 from infield.session.flown.gates import Carried
-from infield.session.flown.priors import CONSTANT, Further
+from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further
 from infield.session.flown.worth import FlightEvidence, Worth
 from infield.session.results import SessionResult
 from ins.records import AXES
 from ins.units import DEG_PER_HOUR, MILLIRADIAN
-from ins.verdicts import because
+from ins.verdicts import because, codes, sentence, sentences
 
 
 def flight_document(session: SessionResult) -> FlightDocument | None:
@@ -65,7 +63,7 @@ def _against_rest(e: FlightEvidence) -> list[FlightAgainstRest]:
 
 
 def _nuisance(found: Carried) -> FlightNuisance:
-    unit, size = TOLD_IN[found.state]
+    unit, size = SHOWN_IN[found.state]
     stands = found.state in (*CONSTANT, Further.SHIFT)
     return FlightNuisance(
         nuisance=found.state.value,

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
-from infield.reports.words.sentences import codes, sentences
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
-from infield.thermal.fog.model import SCHEMA, FogModel, HeldOut, shifted
+from infield.thermal.fog.model import SCHEMA, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
-from infield.thermal.fog.ramps import AxisFit, Curves, RampStudy
+from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
 from infield.thermal.ramp_runs import RampRun
 from ins.documents import UNWRITTEN
 from ins.records import AXES
+from ins.verdicts import codes, sentences
 
 DAY_S = 86400.0
 
@@ -60,7 +60,7 @@ class RampDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunDocument:
+class FogRunDocument:
     """One chamber run; role: "fast" or "slow"."""
 
     run_id: str
@@ -76,7 +76,7 @@ class RunDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LevelDocument:
+class FogLevelDocument:
     """Mean of K_T, and whether it is known apart from Earth rate."""
 
     value_deg_h: float
@@ -176,7 +176,7 @@ class FixedPointDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HysteresisDocument:
+class FogHysteresisDocument:
     """Half of the difference between warming and cooling at any rate; held_apart: the runs tell it
     from K_delta, and it is a term of the fit; shown: it is there beyond chance.
     """
@@ -194,11 +194,11 @@ class AxisDocument:
     temperature_degC: Sequence[float]
     K_T_deg_h: Sequence[float]
     sigma_K_T_deg_h: Sequence[float]
-    level: LevelDocument
+    level: FogLevelDocument
     K_delta_deg_h_per_degC_min: Sequence[float]
     sigma_K_delta_deg_h_per_degC_min: Sequence[float]
     residual_over_sigma: float
-    hysteresis: HysteresisDocument
+    hysteresis: FogHysteresisDocument
     up_down: PairDocument | None
     document: SubtractionDocument | None
     closed_forms: Mapping[str, ClosedFormDocument | None]
@@ -209,7 +209,7 @@ class AxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckedAxisDocument:
+class FogCheckedAxisDocument:
     """What the model leaves of one gyro on a held-out run."""
 
     before_deg_h: float
@@ -222,12 +222,12 @@ class CheckedAxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckDocument:
+class FogCheckDocument:
     """A held-out run."""
 
     run_id: str
     sha256: str
-    axes: Mapping[str, CheckedAxisDocument]
+    axes: Mapping[str, FogCheckedAxisDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,12 +235,12 @@ class FogDocument(ThermalDocument):
     """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
 
     schema: str = SCHEMA
-    runs: Sequence[RunDocument]
+    runs: Sequence[FogRunDocument]
     remounted: bool
     noise_model: NoiseModelDocument
     axes: Mapping[str, AxisDocument]
-    check: Sequence[CheckDocument]
-    held_out: Sequence[HeldOut] = field(repr=False, compare=False, metadata=UNWRITTEN)
+    check: Sequence[FogCheckDocument]
+    held_out: Sequence[HeldOutResidual] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ def fog_document(
     pairs: dict[str, PiecewisePair],
     model: FogModel,
     *,
-    checks: Sequence[HeldOut] = (),
+    checks: Sequence[HeldOutResidual] = (),
     allowed_deg_h: float,
     word_bits: int,
     version: str,
@@ -311,7 +311,7 @@ def worst_rounding(
     }
 
 
-def _run(role: str, run: RampRun) -> RunDocument:
+def _run(role: str, run: RampRun) -> FogRunDocument:
     ramps = [
         RampDocument(
             direction=leg.direction,
@@ -323,7 +323,7 @@ def _run(role: str, run: RampRun) -> RunDocument:
         )
         for leg in run.legs
     ]
-    return RunDocument(
+    return FogRunDocument(
         run_id=run.run_id,
         sha256=run.sha256,
         role=role,
@@ -338,20 +338,20 @@ def _run(role: str, run: RampRun) -> RunDocument:
 
 
 def _axis(
-    a: AxisFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
+    a: RampFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
 ) -> AxisDocument:
     c, T = a.curves, a.curves.temperature_degC
     return AxisDocument(
         temperature_degC=T.tolist(),
         K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
         sigma_K_T_deg_h=_sigma_shape(a, pair).tolist(),
-        level=LevelDocument(
+        level=FogLevelDocument(
             value_deg_h=a.level_deg_h, sigma_deg_h=a.level_sigma_deg_h, known=a.level_known
         ),
         K_delta_deg_h_per_degC_min=c.K_delta.tolist(),
         sigma_K_delta_deg_h_per_degC_min=_sigma(c),
         residual_over_sigma=float(np.sqrt(a.scatter)),
-        hysteresis=HysteresisDocument(
+        hysteresis=FogHysteresisDocument(
             value_deg_h=a.hysteresis.value_deg_h,
             sigma_deg_h=a.hysteresis.sigma_deg_h,
             held_apart=a.hysteresis.apart,
@@ -375,7 +375,7 @@ def _axis(
     )
 
 
-def _sigma_shape(a: AxisFit, pair: PiecewisePair) -> NDArray:
+def _sigma_shape(a: RampFit, pair: PiecewisePair) -> NDArray:
     """Sigma of K_T less its mean. Where the data call for knees, a smooth curve cannot follow them:
     what it is off the pieces is as uncertain as that.
     """
@@ -393,7 +393,7 @@ def _sigma(curves: Curves) -> list[float]:
     return np.sqrt(np.diag(curves.K_delta_covariance)).tolist()
 
 
-def _pair(a: AxisFit) -> PairDocument | None:
+def _pair(a: RampFit) -> PairDocument | None:
     if a.fast_pair is None:
         return None
     K_T, K_delta = a.fast_pair.K_T_deg_h, a.fast_pair.K_delta
@@ -405,7 +405,7 @@ def _pair(a: AxisFit) -> PairDocument | None:
     )
 
 
-def _subtraction(a: AxisFit, study: RampStudy) -> SubtractionDocument | None:
+def _subtraction(a: RampFit, study: RampStudy) -> SubtractionDocument | None:
     if a.document is None:
         return None
     seen = np.isfinite(a.document.K_delta)
@@ -427,7 +427,7 @@ def _subtraction(a: AxisFit, study: RampStudy) -> SubtractionDocument | None:
     )
 
 
-def _closed(a: AxisFit, curves: Curves | None) -> ClosedFormDocument | None:
+def _closed(a: RampFit, curves: Curves | None) -> ClosedFormDocument | None:
     """The rates are those of whole ramps there, so that their ends tell less."""
     if curves is None:
         return None
@@ -439,7 +439,7 @@ def _closed(a: AxisFit, curves: Curves | None) -> ClosedFormDocument | None:
     )
 
 
-def _slow_rate(a: AxisFit, study: RampStudy, allowed: float) -> SlowRateDocument:
+def _slow_rate(a: RampFit, study: RampStudy, allowed: float) -> SlowRateDocument:
     K = float(np.max(np.abs(a.curves.K_delta)))
     test = max(run.rate for run in study.fast)
     by_unit, by_test = admissible_slow_rate(K, K * test, test, allowed)
@@ -493,10 +493,10 @@ def _piecewise(curve: Piecewise) -> CurveDocument:
     )
 
 
-def _check(found: HeldOut) -> CheckDocument:
+def _check(found: HeldOutResidual) -> FogCheckDocument:
     before, after, causal = found.before_deg_h, found.after_deg_h, found.causal_deg_h
     axes = {
-        axis: CheckedAxisDocument(
+        axis: FogCheckedAxisDocument(
             before_deg_h=before[k],
             after_deg_h=after[k],
             ratio=after[k] / before[k],
@@ -508,4 +508,4 @@ def _check(found: HeldOut) -> CheckDocument:
         for k, axis in enumerate(AXES)
         if np.isfinite(after[k] / before[k])
     }
-    return CheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)
+    return FogCheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)

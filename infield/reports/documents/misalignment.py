@@ -12,21 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.misalignment.closed_forms import DocumentAngles, document_angles, document_compensation
-from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, Coupling
+from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
 from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, north_to_west_rad
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
 from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
-from infield.reports.words.sentences import codes, sentence, sentences
 from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
-from ins.verdicts import Observability, Reason, because
+from ins.verdicts import Observability, Reason, because, codes, sentence, sentences
 
 SCHEMA = "recal.misalignment/1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunDocument:
+class AzimuthRunDocument:
     """A run that the stops are of."""
 
     run_id: str
@@ -47,7 +46,7 @@ class RankDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StopDocument:
+class AzimuthStopDocument:
     """One stop, its bias before and after compensation; the times of a run's stop alone."""
 
     heading_deg: float
@@ -164,9 +163,9 @@ class MisalignmentDocument:
     lat_deg: float
     level_earth_rate_deg_h: float
     noise_model: str
-    runs: Sequence[RunDocument]
+    runs: Sequence[AzimuthRunDocument]
     rank: RankDocument
-    stops: Sequence[StopDocument]
+    stops: Sequence[AzimuthStopDocument]
     gyros: Mapping[str, GyroDocument]
     couplings: Sequence[CouplingDocument]
     not_observable: Sequence[UnseenDocument]
@@ -198,7 +197,9 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
         lat_deg=study.lat_rad / DEG,
         level_earth_rate_deg_h=level_rate_deg_h(study.lat_rad),
         noise_model=study.twin.source,
-        runs=[RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs],
+        runs=[
+            AzimuthRunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs
+        ],
         rank=_rank(study),
         stops=_stops(study),
         gyros={} if fit is None else _gyros(fit),
@@ -233,7 +234,7 @@ def _redundancy(fit: AzimuthFit) -> RedundancyDocument:
     return RedundancyDocument(chi2=fit.chi2, dof=fit.dof, limit_999=fit.band)
 
 
-def _coupling(c: Coupling) -> CouplingDocument:
+def _coupling(c: CouplingEstimate) -> CouplingDocument:
     value = c.value_rad if np.isfinite(c.sigma_rad) else float("nan")
     return CouplingDocument(
         entry=c.name,
@@ -245,7 +246,7 @@ def _coupling(c: Coupling) -> CouplingDocument:
     )
 
 
-def _stops(study: AzimuthStudy) -> list[StopDocument]:
+def _stops(study: AzimuthStudy) -> list[AzimuthStopDocument]:
     """One row a stop."""
     fit = study.result.fit
     sigma = np.sqrt(np.diag(study.covariance)).reshape(-1, 3)
@@ -256,7 +257,7 @@ def _stops(study: AzimuthStudy) -> list[StopDocument]:
         stop = study.stops[j] if study.stops else None
         T = None if study.temperature_degC is None else study.temperature_degC[j]
         rows.append(
-            StopDocument(
+            AzimuthStopDocument(
                 heading_deg=float(heading / DEG),
                 north_to_west_deg=float(north_to_west_rad(heading) / DEG),
                 bias_deg_h=study.bias_deg_h[j].tolist(),
@@ -320,7 +321,7 @@ def _unseen(what: str, why: Reason) -> UnseenDocument:
     return UnseenDocument(what=what, why=sentence(why), why_code=why.code.value)
 
 
-def _why_unseen(c: Coupling) -> Unseen:
+def _why_unseen(c: CouplingEstimate) -> Unseen:
     if np.isfinite(c.sigma_rad):
         return Unseen.WEAK
     return Unseen.DIAGONAL if c.name == "xy+yx" else Unseen.NORTH

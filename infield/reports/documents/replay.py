@@ -49,17 +49,15 @@ from infield.replay.free_inertial import ReplayResult, TableReplay, heading_chan
 from infield.replay.reasons import ReplayVerdict
 from infield.replay.schuler import fit_schuler
 from infield.replay.stops import StopSpeed
-from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
+from infield.reports.documents.aided import AidedDocument, TimeSpanDocument, aided_document
 from infield.reports.documents.alignment import FilterDocument, LevelDocument, alignment_document
-from infield.reports.documents.spans import SpanDocument as LeftOutDocument
+from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal import ThermalUseDocument
-from infield.reports.words.sentences import codes, sentence, sentences
-from infield.reports.words.significance import differs
 from ins.documents import OMIT_NONE, UNWRITTEN
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, because, codes, differs, sentence, sentences
 
 SCHEMA = "recal.replay/1"
 PARKED = "parked"  # beside the witnesses of stops, where the ground speed was above 5 kt
@@ -182,7 +180,7 @@ class FlownAlignment:
     latitude_found_deg: float
     sigma_latitude_deg: float
     duration_s: float
-    excluded: Sequence[LeftOutDocument]
+    excluded: Sequence[SpanDocument]
     consistency: FilterDocument
     reason_codes: Sequence[str | None]
     used_percent: float
@@ -190,7 +188,7 @@ class FlownAlignment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableDocument:
+class FlownTableDocument:
     """One table's flight."""
 
     role: str
@@ -212,7 +210,7 @@ class TableDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeDocument:
+class ReplayChangeDocument:
     """A measure with both tables."""
 
     previous: float
@@ -221,7 +219,7 @@ class ChangeDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeenDocument:
+class ReplaySeenDocument:
     """A difference as flown, and as the tables' own difference says."""
 
     seen: float
@@ -237,11 +235,11 @@ class DifferenceDocument:
     heading_deg: float
     heading_mrad: float
     heading_expected_mrad: float
-    rate_nm_h: ChangeDocument | None = None
+    rate_nm_h: ReplayChangeDocument | None = None
     sigma_rate_nm_h: float | None = None
     significant: bool | None = None
-    rms_rate_nm_h: ChangeDocument | None = None
-    parked_end_displacement_m: Mapping[str, SeenDocument] | None = None
+    rms_rate_nm_h: ReplayChangeDocument | None = None
+    parked_end_displacement_m: Mapping[str, ReplaySeenDocument] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,9 +261,9 @@ class ReplayDocument:
     version: str
     noise_model: TwinDocument
     vertical: str
-    alignment_span: SpanDocument | None
-    parked_span: SpanDocument | None
-    tables: Sequence[TableDocument]
+    alignment_span: TimeSpanDocument | None
+    parked_span: TimeSpanDocument | None
+    tables: Sequence[FlownTableDocument]
     difference: DifferenceDocument | None
     aided: AidedDocument | None
     definitions: Mapping[str, str]
@@ -315,22 +313,22 @@ def replay_document(
     )
 
 
-def _span(span: tuple[float, float] | None) -> SpanDocument | None:
-    return None if span is None else SpanDocument(start_s=span[0], end_s=span[1])
+def _span(span: tuple[float, float] | None) -> TimeSpanDocument | None:
+    return None if span is None else TimeSpanDocument(start_s=span[0], end_s=span[1])
 
 
-def _parked_span(result: ReplayResult) -> SpanDocument | None:
+def _parked_span(result: ReplayResult) -> TimeSpanDocument | None:
     if result.parked_until_s is None:
         return None
     starts = [t.alignment.time_s for t in result.tables if t.history is not None]
     return _span((min(starts), result.parked_until_s))
 
 
-def _table(t: TableReplay, result: ReplayResult) -> TableDocument:
+def _table(t: TableReplay, result: ReplayResult) -> FlownTableDocument:
     fast: set[str] = {s.seen_by.value for s in t.stops if s.realign}
     if t.parked is not None and t.parked.speed_m_s[-1] > REALIGN_M_S:
         fast.add(PARKED)
-    return TableDocument(
+    return FlownTableDocument(
         role=t.choice.role,
         origin=t.choice.origin,
         revision=t.choice.revision,
@@ -437,7 +435,7 @@ def _difference(result: ReplayResult) -> DifferenceDocument | None:
     new, old, turned = result.of("active"), result.of("previous"), heading_change(result)
     if new is None or old is None or turned is None:
         return None
-    rates: dict[str, ChangeDocument | None] = {"rate_nm_h": None, "rms_rate_nm_h": None}
+    rates: dict[str, ReplayChangeDocument | None] = {"rate_nm_h": None, "rms_rate_nm_h": None}
     if new.parked is not None and old.parked is not None:
         rates = {name: _change(old.parked, new.parked, name) for name in rates}
     rate, sigma = rates["rate_nm_h"], _sigma_of_change(old, new)
@@ -472,12 +470,12 @@ def _sigma_of_change(old: TableReplay, new: TableReplay) -> float | None:
     return float(np.sqrt(abs(before - after) if nested else before + after))
 
 
-def _change(old: Drift, new: Drift, name: str) -> ChangeDocument:
+def _change(old: Drift, new: Drift, name: str) -> ReplayChangeDocument:
     before, after = getattr(old, name), getattr(new, name)
-    return ChangeDocument(previous=before, active=after, change=after - before)
+    return ReplayChangeDocument(previous=before, active=after, change=after - before)
 
 
-def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, SeenDocument] | None:
+def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, ReplaySeenDocument] | None:
     """How far apart the two parked spans end, north and east."""
     if old.parked is None or new.parked is None:
         return None
@@ -487,6 +485,6 @@ def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, SeenDocume
     expected = -new.predicted.response_m_per_deg_h @ changed_deg_h
     seen = new.parked.position_m[-1] - old.parked.position_m[-1]
     return {
-        axis: SeenDocument(seen=float(seen[k]), expected=float(expected[k]))
+        axis: ReplaySeenDocument(seen=float(seen[k]), expected=float(expected[k]))
         for k, axis in enumerate(("north", "east"))
     }

@@ -10,7 +10,6 @@ import numpy as np
 
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
-from infield.reports.words.sentences import codes, sentence, sentences
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Choice, Residual
@@ -20,7 +19,7 @@ from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
 from ins.documents import UNWRITTEN, written_as
 from ins.records import AXES
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, because, codes, sentence, sentences
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (
@@ -39,7 +38,7 @@ class TermState(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunDocument:
+class RlgRunDocument:
     """One run at rest; ranges are None without usable rows."""
 
     run_id: str
@@ -66,7 +65,7 @@ class TermDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LevelDocument:
+class RlgLevelDocument:
     """K1, and whether it is known apart from Earth rate."""
 
     value_deg_h: float
@@ -75,7 +74,7 @@ class LevelDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RestDocument:
+class RlgRestDocument:
     """What of the curve over temperature is no parabola."""
 
     temperature_degC: Sequence[float]
@@ -128,7 +127,7 @@ class OrderDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResidualDocument(Residual):
+class RlgResidualDocument(Residual):
     """RMS of held-out means, and their ratios."""
 
     over_temperature_only: float
@@ -136,20 +135,20 @@ class ResidualDocument(Residual):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisDocument:
+class RlgAxisDocument:
     """One fitted gyro."""
 
     temperature_degC: Sequence[float]
     terms: Mapping[str, TermDocument]
     covariance: Sequence[Sequence[float]]
     about_zero_degC: Mapping[str, float]
-    level: LevelDocument
-    rest: RestDocument
+    level: RlgLevelDocument
+    rest: RlgRestDocument
     condition: ConditionDocument
     collinear: Sequence[CollinearDocument]
     orders: Sequence[OrderDocument]
-    held_out: ResidualDocument
-    leave_one_run_out: ResidualDocument | None
+    held_out: RlgResidualDocument
+    leave_one_run_out: RlgResidualDocument | None
     temperature_only: Mapping[str, float]
     residual_over_sigma: float
     lag: LagDocument
@@ -157,7 +156,7 @@ class AxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckedAxisDocument:
+class RlgCheckedAxisDocument:
     """What the model leaves of one gyro on a held-out run."""
 
     before_deg_h: float
@@ -171,13 +170,13 @@ class CheckedAxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckDocument:
+class RlgCheckDocument:
     """A held-out run."""
 
     run_id: str
     sha256: str
     share_inside: float
-    axes: Mapping[str, CheckedAxisDocument]
+    axes: Mapping[str, RlgCheckedAxisDocument]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,15 +184,15 @@ class RlgDocument(ThermalDocument):
     """thermal_rlg.json; `study`, `held_out`: what its page is drawn from."""
 
     schema: str = SCHEMA
-    runs: Sequence[RunDocument]
+    runs: Sequence[RlgRunDocument]
     remounted: bool
     noise_model: NoiseModelDocument
     model: str = MODEL
     reference_temperature_degC: float
     validation: str
     residual_of_s: float = RESIDUAL_S
-    axes: Mapping[str, AxisDocument]
-    check: Sequence[CheckDocument]
+    axes: Mapping[str, RlgAxisDocument]
+    check: Sequence[RlgCheckDocument]
     study: GradientStudy = field(repr=False, compare=False, metadata=UNWRITTEN)
     held_out: Sequence[RlgHeldOut] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
@@ -239,11 +238,11 @@ def _missing(study: GradientStudy) -> list[Reason]:
     ]
 
 
-def _run(run: GradientRun) -> RunDocument:
+def _run(run: GradientRun) -> RlgRunDocument:
     b = run.blocks
     T, rate = b.temperature_degC[run.usable], b.rate_degC_min[run.usable]
     gradient = run.gradient_degC[run.usable]
-    return RunDocument(
+    return RlgRunDocument(
         run_id=b.run_id,
         sha256=b.sha256,
         minutes=run.minutes,
@@ -258,17 +257,17 @@ def _run(run: GradientRun) -> RunDocument:
     )
 
 
-def _axis(a: AxisModel, reference_degC: float) -> AxisDocument:
+def _axis(a: AxisModel, reference_degC: float) -> RlgAxisDocument:
     n = len(TERMS)
-    return AxisDocument(
+    return RlgAxisDocument(
         temperature_degC=a.range_degC,
         terms={name: _term(a, k) for k, name in enumerate(TERMS)},
         covariance=a.covariance[:n, :n].tolist(),
         about_zero_degC=about_zero(a, reference_degC),
-        level=LevelDocument(
+        level=RlgLevelDocument(
             value_deg_h=float(a.theta[0]), sigma_deg_h=float(a.sigma[0]), known=a.level_known
         ),
-        rest=RestDocument(
+        rest=RlgRestDocument(
             temperature_degC=a.nodes_degC.tolist(),
             bias_deg_h=a.theta[n:].tolist(),
             sigma_deg_h=a.sigma[n:].tolist(),
@@ -336,19 +335,19 @@ def _order(choice: Choice) -> OrderDocument:
     return OrderDocument(terms=choice.used, rest_deg_h=choice.rest_deg_h, held_out_chi2=choice.chi2)
 
 
-def _residual(r: Residual) -> ResidualDocument:
-    return ResidualDocument(
+def _residual(r: Residual) -> RlgResidualDocument:
+    return RlgResidualDocument(
         **vars(r),
         over_temperature_only=r.model_deg_h / r.temperature_only_deg_h,
         over_noise=r.model_deg_h / r.noise_deg_h,
     )
 
 
-def _check(found: RlgHeldOut) -> CheckDocument:
+def _check(found: RlgHeldOut) -> RlgCheckDocument:
     rows = {}
     for axis, rms in found.rms_deg_h.items():
         before, plain_, after, causal = rms.tolist()
-        rows[axis] = CheckedAxisDocument(
+        rows[axis] = RlgCheckedAxisDocument(
             before_deg_h=before,
             temperature_only_deg_h=plain_,
             after_deg_h=after,
@@ -359,6 +358,6 @@ def _check(found: RlgHeldOut) -> CheckDocument:
             means=int(found.means[axis][0].size),
         )
     b = found.run.blocks
-    return CheckDocument(
+    return RlgCheckDocument(
         run_id=b.run_id, sha256=b.sha256, share_inside=found.share_inside, axes=rows
     )

@@ -34,7 +34,6 @@ from infield.reports.documents.session_records import (
     UnitMarksDocument,
     VelocityDocument,
 )
-from infield.reports.words.sentences import codes, sentence, sentences
 from infield.session.estimate import BegunInMotion, Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.environment import environment
@@ -47,7 +46,7 @@ from infield.thermometer.gyro_temperature import GyroTemperature, fault_reason
 from ins.attitude import euler_from_dcm
 from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
-from ins.verdicts import because
+from ins.verdicts import because, codes, sentence, sentences
 
 # a slower change of temperature is neither heating nor cooling; chosen: it passes 0.25 degC in
 # the 5 min of a bin, a coarse thermometer's step
@@ -261,13 +260,9 @@ def _taxi(rolling: RollingEvidence | None) -> TaxiDocument | None:
 
 def _nuisance(found: Found, gain_nats: float | None) -> NuisanceDocument:
     unit, size = NUISANCE_UNITS[found.nuisance]
-    sigma = None if found.sigma is None else found.sigma.tolist()
-    in_words = because(
-        found.nuisance, value=found.value.tolist(), sigma=sigma, prior=found.prior.tolist()
-    )
     return NuisanceDocument(
         nuisance=found.nuisance,
-        text=sentence(in_words),
+        text=sentence(found.reason),
         value=(found.value / size).tolist(),
         sigma=None if found.sigma is None else (found.sigma / size).tolist(),
         prior_sigma=(found.prior / size).tolist(),

@@ -7,7 +7,7 @@ from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.alignment import LevelDocument
 from infield.reports.documents.spans import SpanDocument
 from infield.session.navigated.claim_chain import ChainPoint
-from infield.session.navigated.environment import Environment
+from infield.session.navigated.environment import StandingMotion
 from infield.session.reasons import HeadingSource
 from ins.documents import OMIT_NONE
 from ins.records import LatitudeSource
@@ -362,7 +362,7 @@ class EstimatedDocument(SessionDocument):
     zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)
     doubted: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
-    environment: Environment | None = field(default=None, metadata=OMIT_NONE)
+    environment: StandingMotion | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
     begun_in_motion: BegunDocument | None = field(default=None, metadata=OMIT_NONE)

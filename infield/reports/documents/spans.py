@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from infield.reports.words.sentences import sentence
 from ins.documents import OMIT_NONE
 from ins.records import Span
-from ins.verdicts import LeftOut, Reason
+from ins.verdicts import LeftOut, Reason, sentence
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.reports.words.sentences import sentence, sentences
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect
 from infield.thermal.reasons import ThermalNote, ThermalVerdict
 from infield.thermal.stored_model import Removed, StoredModel, residual_table, taken_out
 from ins.records import AXES, TwinModel
-from ins.verdicts import because
+from ins.verdicts import because, sentence, sentences
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +65,7 @@ class RemovedDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResidualDocument:
+class ThermalResidualDocument:
     """One gyro's table less the model's settled part."""
 
     temperature_degC: Sequence[float]
@@ -82,7 +81,7 @@ class ThermalUseDocument:
     sha256: str
     part: str = "rates"
     runs: Sequence[RemovedDocument]
-    residual_table: Mapping[str, ResidualDocument]
+    residual_table: Mapping[str, ThermalResidualDocument]
     text: Sequence[str]
 
 
@@ -97,7 +96,7 @@ def use_document(
         sha256=stored.sha256,
         runs=[_removed(found) for found in removed],
         residual_table={
-            axis: ResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
+            axis: ThermalResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
             for axis, (T, bias) in residual.items()
         },
         text=sentences(taken_out(stored, removed)),

@@ -41,8 +41,6 @@ from infield.reports.documents.update_records import (
     UpdateDocument,
     VarianceShares,
 )
-from infield.reports.words.sentences import codes, sentences
-from infield.reports.words.session import DECISION_RULE, PARKED_RULE, thermal_term
 from infield.session.budget import variance_budget
 from infield.session.flown.worth import FlightTerm
 from infield.session.hysteresis import ThermalTerm
@@ -55,12 +53,26 @@ from infield.table.merge import AXIS_Z_LIMIT, MergeResult
 from infield.table.thermal_table import ThermalTable
 from ins.documents import Null
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.filters.kalman import nis_band
+from ins.kalman import nis_band
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import LeftOut, Observability, Outcome
+from ins.verdicts import LeftOut, Observability, Outcome, codes, sentence, sentences
+
+DECISION_RULE = (
+    "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"
+    " logged and moved or were live, the filter's NIS is not above its 99.9 % band, the session"
+    " agrees with the stored table within 99.9 %, the run was not merged before, and at least one"
+    " gyro's mean bias became better known by 10 % or more."
+)
+PARKED_RULE = (
+    "A session of gyros that find no heading (MEMS) is merged when it holds a parked stretch of at"
+    " least 60 s, judged by the raw seconds in sigmas of this unit, gyro temperatures were logged"
+    " and moved or were live, the rates change along it as table and noise model allow (NIS not"
+    " above its 99.9 % band), the session agrees with the stored table within 99.9 %, the run was"
+    " not merged before, and at least one gyro's mean bias became better known by 10 % or more."
+)
 
 SCHEMA = "recal.update/1"
 # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
@@ -188,7 +200,7 @@ def _hysteresis(term: ThermalTerm) -> HysteresisDocument:
         z=term.z,
         action=term.action,
         unit="deg/h per degC/min" if rate else "deg/h",
-        text=thermal_term(**vars(term)),
+        text=sentence(term.reason),
     )
 
 

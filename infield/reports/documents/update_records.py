@@ -15,7 +15,7 @@ from infield.reports.documents.session_records import (
 )
 from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
-from infield.session.disagreement import Step
+from infield.session.disagreement import BiasStep
 from infield.session.reasons import ThermalAction, ThermalKind
 from ins.documents import OMIT_NONE, AsRead, Null, NullStands, from_json
 from ins.json_file import JsonObject
@@ -194,7 +194,7 @@ class HysteresisDocument:
 class DisagreementDocument:
     """Where several sessions agree against the table, and whether that was followed."""
 
-    steps: Sequence[Step]
+    steps: Sequence[BiasStep]
     accepted: bool
 
 

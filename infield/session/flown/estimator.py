@@ -154,7 +154,7 @@ def _assumed(rolling: RollingEvidence | None) -> Assumed:
 
 def _sigmas(known: KnownRun, rolling: RollingEvidence | None) -> Mapping[str, float]:
     """Prior sigmas of the base states' nuisances."""
-    declared = nuisance_sigmas(known.run, known.twin, known.settings)
+    declared = nuisance_sigmas(known.run, known.settings)
     return priors_under(declared, _assumed(rolling))
 
 

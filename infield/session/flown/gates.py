@@ -23,7 +23,7 @@ from infield.session.acceptance import MAX_REJECTED_SHARE
 from infield.session.flown.estimator import FlownEstimate
 from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
 from infield.session.flown.flight import LEAST_WITH_FIXES, Flight
-from infield.session.flown.priors import CONSTANT, Further, Layout
+from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further, Layout
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors
 from infield.table.merge import CONFIDENCE
@@ -37,7 +37,7 @@ from ins.verdicts import Reason, because
 JUDGED_SHARE = 1e-3
 # of what a sound flight shows between flight and rest, beyond which a shift of the size that shows
 # is weighed against none; one of 3 gyros exceeds it in 13 % of sound flights, measured 45 of 298
-# (`sigmas` of benchmarks/flight_update.py)
+# (docs/flight_update.md)
 DOUBTED_SIGMAS = 2.0
 
 
@@ -155,12 +155,14 @@ def _beyond_prior(states: Sequence[Carried]) -> tuple[Reason, ...]:
     if worst is None or np.abs(worst.sigmas).max() <= limit:
         return ()
     k = int(np.argmax(np.abs(worst.sigmas)))
+    unit, size = SHOWN_IN[worst.state]
     return (
         because(
             FlightReason.BEYOND_PRIOR,
-            state=worst.state.value,
-            value=float(worst.value[k]),
-            prior=float(worst.prior[k]),
+            state=worst.state,
+            value=float(worst.value[k] / size),
+            prior=float(worst.prior[k] / size),
+            unit=unit,
             sigmas=float(worst.sigmas[k]),
             limit_sigmas=limit,
         ),

@@ -10,7 +10,7 @@ heard: nobody stood beside them.
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.level_fit import QUIET, Fitted, LevelFound
+from alignment.level_fit import QUIET, LevelFit, LevelFound
 from alignment.linearised import Course, RestedLog, Start
 from alignment.motion.inertial import Where
 from alignment.motion.kinds import STILL
@@ -97,7 +97,7 @@ def estimate_in_motion(
             motion=_NO_MOTION,
             twin=twin,
             level_earth_rate_rad_s=level_rate,
-            sigmas={**nuisance_sigmas(run, known.twin, settings), "W": 1.0 + heading * speed},
+            sigmas={**nuisance_sigmas(run, settings), "W": 1.0 + heading * speed},
             aids=(),
             parked=lambda plan, history: _each_step(held, plan),
         ),
@@ -181,7 +181,9 @@ def _solution(
     """The session's solution; how the vehicle moved where it stood: as the ground session found."""
     motion = flown_motion(done.history, session.beginning.motion, session.flight)
     ground = None if parked_after is None else parked_after.navigated
-    fitted = Fitted(done.filter, done.last.parked, QUIET if ground is None else ground.fitted.scale)
+    fitted = LevelFit(
+        done.filter, done.last.parked, QUIET if ground is None else ground.fitted.scale
+    )
     return Solution(
         history=done.history,
         motion=told_motion(motion, session.flight),

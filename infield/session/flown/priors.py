@@ -6,32 +6,45 @@ these states follow the bins. Those whose prior is zero are left out.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.session.settings import FlightPriors
-from ins.units import DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
+from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
+from ins.verdicts import ReasonCode
 
 
-class Further(StrEnum):
+class Further(ReasonCode):
     """States that a flight adds, by name; their order is that of their places in the filter."""
 
-    SLOW_POSITION = "slow_position"  # of the receiver, level: north, east [m]
-    SLOW_VELOCITY = "slow_velocity"  # the same of its velocity [m/s]
-    ANTENNA = "antenna"  # error of the lever arm from the IMU to the antenna, body axes [m]
-    DELAY = "delay"  # how much older than their stamp positions and velocities are [s]
-    ACCEL_Z = "accel_z"  # bias of the vertical accelerometer [m/s^2]
-    ACCEL_SCALE = "accel_scale"  # scale errors of the accelerometers [-]
-    ACCEL_SHIFT = "accel_shift"  # what they read in flight beyond what they read at rest [m/s^2]
-    ACCEL_SLOPE = "accel_slope"  # change of their biases with temperature [m/s^2 per degC]
-    GYRO_SCALE = "gyro_scale"  # scale errors of gyros x and y; that of z is a base state [-]
-    MISALIGNMENT = "misalignment"  # of gyro x to y and z, y to x and z, z to x and y [rad]
-    SHIFT = "shift"  # what gyros x, y, z read in flight beyond what they read at rest [rad/s]
-    FORCE = "force"  # of gyros x, y, z by the specific force along them [rad/s per m/s^2]
-    DEFLECTION = "deflection"  # of the vertical along the track: north, east [rad]
+    # of the receiver, level: north, east [m]
+    SLOW_POSITION = "slow_position", "slow error of the receiver's positions, level"
+    # the same of its velocity [m/s]
+    SLOW_VELOCITY = "slow_velocity", "slow error of the receiver's velocities, level"
+    # error of the lever arm from the IMU to the antenna, body axes [m]
+    ANTENNA = "antenna", "antenna off its declared place, body x, y, z"
+    # how much older than their stamp positions and velocities are [s]
+    DELAY = "delay", "positions and velocities older than their stamps"
+    # bias of the vertical accelerometer [m/s^2]
+    ACCEL_Z = "accel_z", "bias of the vertical accelerometer"
+    # scale errors of the accelerometers [-]
+    ACCEL_SCALE = "accel_scale", "scale of the accelerometers"
+    # what they read in flight beyond what they read at rest [m/s^2]
+    ACCEL_SHIFT = "accel_shift", "accelerometers in flight against at rest"
+    # change of their biases with temperature [m/s^2 per degC]
+    ACCEL_SLOPE = "accel_slope", "temperature slope of the accelerometers"
+    # scale errors of gyros x and y; that of z is a base state [-]
+    GYRO_SCALE = "gyro_scale", "scale of the gyros"
+    # of gyro x to y and z, y to x and z, z to x and y [rad]
+    MISALIGNMENT = "misalignment", "misalignment of the gyros, xy, xz, yx, yz, zx, zy"
+    # what gyros x, y, z read in flight beyond what they read at rest [rad/s]
+    SHIFT = "shift", "gyros in flight against at rest"
+    # of gyros x, y, z by the specific force along them [rad/s per m/s^2]
+    FORCE = "force", "gyros by the specific force along them"
+    # of the vertical along the track: north, east [rad]
+    DEFLECTION = "deflection", "deflection of the vertical along the track, north, east"
 
 
 COMPONENTS: Mapping[Further, int] = MappingProxyType(
@@ -64,6 +77,24 @@ CONSTANT = (
     Further.GYRO_SCALE,
     Further.MISALIGNMENT,
     Further.FORCE,
+)
+# of each state: name of the unit that it is shown in, and that unit's size in SI
+SHOWN_IN: Mapping[Further, tuple[str, float]] = MappingProxyType(
+    {
+        Further.SLOW_POSITION: ("m", 1.0),
+        Further.SLOW_VELOCITY: ("m/s", 1.0),
+        Further.ANTENNA: ("m", 1.0),
+        Further.DELAY: ("s", 1.0),
+        Further.ACCEL_Z: ("micro-g", MICRO_G),
+        Further.ACCEL_SCALE: ("ppm", PPM),
+        Further.ACCEL_SHIFT: ("micro-g", MICRO_G),
+        Further.ACCEL_SLOPE: ("micro-g/degC", MICRO_G),
+        Further.GYRO_SCALE: ("ppm", PPM),
+        Further.MISALIGNMENT: ("mrad", MILLIRADIAN),
+        Further.SHIFT: ("deg/h", DEG_PER_HOUR),
+        Further.FORCE: ("deg/h per g", DEG_PER_HOUR / (1e6 * MICRO_G)),
+        Further.DEFLECTION: ("arcsec", ARCSEC),
+    }
 )
 FREE = 100.0  # of a prior that says next to nothing: 0.03 deg/h, 1 mrad, 500 ppm
 

@@ -50,15 +50,17 @@ class Likeness:
 
     @property
     def reason(self) -> Reason:
+        mark, unit = self.furthest.rsplit("_", 1)
         return because(
             SessionReason.UNLIKE_THE_UNIT,
             chi2=self.chi2,
             dof=self.dof,
             limit=self.limit,
             sessions=self.sessions,
-            furthest=self.furthest,
+            mark="specific force" if mark == "force" else mark,
             off=self.off,
             sigma=self.sigma,
+            unit={"degC": "degC", "ug": "micro-g"}[unit],
         )
 
 

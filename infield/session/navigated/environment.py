@@ -46,7 +46,7 @@ class RoughSpan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Environment:
+class StandingMotion:
     """The motion of a parked vehicle.
 
     sway_m, yaw_rad: RMS of its place, per axis, and heading in the middle of the filter's steps, by
@@ -61,13 +61,13 @@ class Environment:
     spans: tuple[RoughSpan, ...]
 
 
-def environment(solution: Solution) -> Environment:
+def environment(solution: Solution) -> StandingMotion:
     """What a solution shows of its parked vehicle."""
     history, motion = solution.history, solution.motion
     found = solution.level
     bands = _bands(_paths(history), motion)
     tilt_rad = float(np.sqrt(sum(b.tilt_rad**2 for b in bands))) if bands else np.nan
-    return Environment(
+    return StandingMotion(
         sway_m=float(np.hypot(found.place_m, found.swing_m)),
         tilt_rad=tilt_rad,
         yaw_rad=found.yaw_rad,

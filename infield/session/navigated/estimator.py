@@ -88,7 +88,7 @@ def estimate_session(
     prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
     receiver = _receiver(run, twin, settings, rest)
-    sigma0 = {**nuisance_sigmas(run, twin, settings), **receiver.priors}
+    sigma0 = {**nuisance_sigmas(run, settings), **receiver.priors}
 
     def aids(assumed: Assumed) -> list[Aid]:
         return _aids(KnownSources(run, twin, settings, clone_at, receiver), assumed)
@@ -164,7 +164,7 @@ def alignment_heading_error(aligned: Alignment, solution: Solution) -> tuple[flo
     return float(wrap_pi(aligned.heading_rad - heading)), float(np.sqrt(flt.P[down, down]))
 
 
-def nuisance_sigmas(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, float]:
+def nuisance_sigmas(run: Run, settings: SessionSettings) -> dict[str, float]:
     survey = run.header.survey
     return {
         "KAPPA": settings.sigma_crab_mrad * MILLIRADIAN,

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.parked_seconds import ParkedSeconds
-from alignment.motion.turn_between import Turn, levelled
+from alignment.motion.turn_between import HeadingChange, levelled
 from infield.session.estimate import SessionEarth
 from infield.session.settings import SessionSettings
 from ins.attitude import dcm_from_euler, level_angles
@@ -113,7 +113,7 @@ def stretch_earth(
 def session_earth(
     run: Run,
     places: Sequence[ParkedSeconds],
-    turns: Sequence[Turn],
+    turns: Sequence[HeadingChange],
     twin: TwinModel,
     settings: SessionSettings,
     *,
@@ -169,7 +169,7 @@ def session_earth(
     )
 
 
-def _linked(turns: Sequence[Turn]) -> list[_Place]:
+def _linked(turns: Sequence[HeadingChange]) -> list[_Place]:
     """A new group of headings begins where a turn is not told."""
     found = [_Place(0, 0.0, 0.0)]
     for turn in turns:

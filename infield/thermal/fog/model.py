@@ -133,7 +133,7 @@ def shifted(curve: Piecewise, offset: float) -> Piecewise:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutResidual:
     """Residual of a run that nothing was fitted to, its ramps' blocks, each gyro less its mean (a
     constant is Earth rate).
 
@@ -155,7 +155,7 @@ class HeldOut:
         return self.run.sigma_deg_h
 
 
-def held_out(run: Run, raw: RampRun, model: FogModel) -> HeldOut:
+def held_out(run: Run, raw: RampRun, model: FogModel) -> HeldOutResidual:
     """What the model leaves of a run's ramps, `raw`, taken out of their blocks both ways."""
     taken = means_both_ways(run, model, raw.time_s)
     batch, causal = (raw.bias_deg_h - bias for bias in taken)
@@ -164,4 +164,4 @@ def held_out(run: Run, raw: RampRun, model: FogModel) -> HeldOut:
     for k in range(3):
         if rows[:, k].any():
             size[:, k] = [np.std(bias[rows[:, k], k]) for bias in (raw.bias_deg_h, batch, causal)]
-    return HeldOut(raw, size[0], size[1], size[2], rows, batch)
+    return HeldOutResidual(raw, size[0], size[1], size[2], rows, batch)

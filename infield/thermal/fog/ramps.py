@@ -28,10 +28,10 @@ from infield.thermal.fog.hysteresis import (
     without,
 )
 from infield.thermal.ramp_runs import Leg, RampRun
-from infield.thermal.reasons import Moves, ThermalNote, ThermalReason
+from infield.thermal.reasons import BiasDriver, ThermalNote, ThermalReason
 from infield.thermal.study import (
     INFLATE_ABOVE,
-    Study,
+    ThermalStudy,
     contradicted,
     levels_differ,
     moving_base,
@@ -95,7 +95,7 @@ class Curves:
 
 
 @dataclass(frozen=True)
-class AxisFit:
+class RampFit:
     """One gyro: the fit over all blocks and its curves; fast_pair: the same fit to the fast runs
     alone.
 
@@ -125,12 +125,12 @@ class AxisFit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RampStudy(Study):
+class RampStudy(ThermalStudy):
     """All that came of the runs; axes: of the fitted gyros."""
 
     fast: tuple[RampRun, ...]
     slow: tuple[RampRun, ...]
-    axes: tuple[AxisFit, ...] = ()
+    axes: tuple[RampFit, ...] = ()
 
 
 def separate(
@@ -161,7 +161,7 @@ def separate(
         return replace(study, refused=why)
     usable, left_out = with_thermometer(runs)
     axes = tuple(_fit_axis(k, fast, slow, twin, moved) for k in usable)
-    against = contradicted(axes, Moves.RATE)
+    against = contradicted(axes, BiasDriver.RATE)
     return replace(
         study,
         axes=() if against else axes,
@@ -170,7 +170,7 @@ def separate(
     )
 
 
-def _of_hysteresis(axes: Sequence[AxisFit]) -> list[Reason]:
+def _of_hysteresis(axes: Sequence[RampFit]) -> list[Reason]:
     """What a reader must know of it."""
     untold = [a.hysteresis.sigma_deg_h for a in axes if not a.hysteresis.apart]
     told = [
@@ -194,7 +194,7 @@ def _cannot_separate(
     """Reasons, each with what was measured, what was needed and what would help."""
     for role, runs in (("fast", fast), ("slow", slow)):
         for run in runs:
-            why = moving_base(run, role=role) or _no_ramp(run, role)
+            why = moving_base(run, f"{role} run") or _no_ramp(run, role)
             if why:
                 return why
     f_legs, s_legs = ([leg for run in runs for leg in run.legs] for runs in (fast, slow))
@@ -246,7 +246,7 @@ def _overlap(fast: list[Leg], slow: list[Leg], *, pair: bool) -> float:
 
 def _fit_axis(
     k: int, fast: Sequence[RampRun], slow: Sequence[RampRun], twin: TwinModel, free: bool
-) -> AxisFit:
+) -> RampFit:
     runs = (*fast, *slow)
     blocks = axis_blocks(runs, k, twin, free=free)
     apart = bool(slow) and {leg.direction for run in runs for leg in run.legs} == {"up", "down"}
@@ -278,7 +278,7 @@ def _fit_axis(
         pair = _curves(_fitted(of_fast)[1], grid, _rate_share(fast, k))
         pair = _unsure(pair, hysteresis, max(run.rate for run in fast))
     document, two_ramps, fast_ramps = _closed_forms(fast, slow, k, twin, grid)
-    return AxisFit(
+    return RampFit(
         axis=AXES[k],
         reduced=reduced,
         fit=fit,

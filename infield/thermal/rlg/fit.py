@@ -19,7 +19,7 @@ from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
-from infield.thermal.rlg.lag import Beside, Lag, corrected_columns, derivatives, find_lag
+from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, derivatives, find_lag
 from infield.thermal.rlg.terms import (
     LINE_TERMS,
     REST_OF_TURN_ON,
@@ -214,14 +214,14 @@ class AxisFit:
         precision = np.diag(np.where(at < len(TERMS), 0.0, rest_deg_h**-2.0))
         return find_lag(beside, at, precision)
 
-    def _beside(self) -> Beside:
+    def _beside(self) -> LaggedNormal:
         """Normal equations of the columns as read and of their derivatives, all runs."""
         grams = []
         for j, rows in self.all:
             X = self._read_columns(j, self.reference)
             both = np.column_stack([X, derivatives(X, self.runs[j].blocks.time_s)])
             grams.append(Reduced(self._blocks(j, rows)).normal(both[rows]))
-        return Beside(sum(grams[1:], grams[0]))
+        return LaggedNormal(sum(grams[1:], grams[0]))
 
     @staticmethod
     def _condition(gram: NormalEquations, allowed: NDArray) -> float:

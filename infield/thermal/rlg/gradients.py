@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.reasons import Moves, ThermalNote, ThermalReason
+from infield.thermal.reasons import BiasDriver, LatePart, ThermalNote, ThermalReason
 from infield.thermal.rlg.fit import STRETCH_MIN, AxisFit, AxisModel
+from infield.thermal.rlg.lag import Lag
 from infield.thermal.study import (
-    Study,
+    ThermalStudy,
     contradicted,
     levels_differ,
     moving_base,
@@ -41,7 +42,7 @@ BOTH_WAYS_degC = 5.0  # of temperatures passed warming and cooling; chosen: 1/2 
 
 
 @dataclass(frozen=True, kw_only=True)
-class GradientStudy(Study):
+class GradientStudy(ThermalStudy):
     """All that came of the runs."""
 
     runs: tuple[GradientRun, ...]
@@ -73,12 +74,8 @@ def fit_gradients(
         for a in axes
         for found in a.collinear
     ]
-    late = [
-        because(ThermalNote.LATE_THERMOMETER, axis=a.axis, **vars(a.lag))
-        for a in axes
-        if a.lag.found
-    ]
-    against = contradicted(axes, Moves.GRADIENTS)
+    late = [_late(a.axis, a.lag) for a in axes if a.lag.found]
+    against = contradicted(axes, BiasDriver.GRADIENTS)
     return replace(
         study,
         axes=() if against else axes,
@@ -86,6 +83,18 @@ def fit_gradients(
         inconsistent=against,
         reference_degC=reference,
         validation=f"every fifth stretch of {STRETCH_MIN} min",
+    )
+
+
+def _late(axis: str, lag: Lag) -> Reason:
+    """A note of thermometers that read late."""
+    parts = []
+    if lag.gyro_s > 0.0:
+        parts.append(because(LatePart.GYRO, lag_s=lag.gyro_s, sigma_s=lag.sigma_gyro_s))
+    if lag.lines_s > 0.0:
+        parts.append(because(LatePart.LINES, lag_s=lag.lines_s, sigma_s=lag.sigma_lines_s))
+    return because(
+        ThermalNote.LATE_THERMOMETER, axis=axis, late=tuple(parts), gain_chi2=lag.gain_chi2
     )
 
 

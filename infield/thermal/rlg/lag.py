@@ -67,7 +67,7 @@ def derivatives(X: NDArray, time_s: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class Beside:
+class LaggedNormal:
     """Normal equations of p columns and, after them, their derivatives with time."""
 
     normal: NormalEquations
@@ -95,7 +95,7 @@ class Beside:
         return A[np.ix_(k, k)] + mixed + np.swapaxes(mixed, 1, 2) + both, b[k] + lag * b[d]
 
 
-def find_lag(beside: Beside, columns: NDArray, precision: NDArray) -> Lag:
+def find_lag(beside: LaggedNormal, columns: NDArray, precision: NDArray) -> Lag:
     """The lags that explain the runs best, if either is believed; columns (k,): those in use,
     precision (k, k): what is known of them.
     """

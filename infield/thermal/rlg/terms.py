@@ -73,18 +73,19 @@ class Collinear:
     @property
     def why(self) -> Reason:
         """Why it was dropped."""
+        others = self.others or ("the rest",)
         if self.condition > COLLINEAR:
             return because(
                 ThermalNote.COLLINEAR,
                 term=self.term,
-                others=self.others,
+                others=others,
                 condition=self.condition,
                 limit=COLLINEAR,
             )
         return because(
             ThermalNote.OF_NOISE,
             term=self.term,
-            others=self.others,
+            others=others,
             noise_share=self.noise_share,
             limit=NOISY_SHARE,
         )

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.least_squares import solve_each
-from infield.thermal.rlg.lag import Beside, Lag, LONGEST_LAG_s, USUAL_LAG_s
+from infield.thermal.rlg.lag import Lag, LaggedNormal, LONGEST_LAG_s, USUAL_LAG_s
 from infield.thermal.rlg.terms import TERMS
 
 # what a term may be, 1 sigma in its own unit: K4, K5 and lines as large as the units of
@@ -39,7 +39,7 @@ SPLIT_SHARE = 0.03
 MOST_SPLITS = 14  # of splitting: from 130 s down to 0.01 s
 CELLS_A_SIDE = 8
 # the middle of a cell wider than this may lie so much below a maximum within it: lags are known to
-# 10 to 80 s where they are late (benchmarks/rlg_confidence.py)
+# 10 to 80 s where they are late (docs/rlg_gradient.md)
 BLIND_s, BLIND_NATS = 40.0, 15.0
 
 
@@ -55,7 +55,9 @@ class Open:
     scatter: float
 
 
-def covariance_of(beside: Beside, theta: NDArray, lag: Lag, taken: Open) -> tuple[NDArray, Lag]:
+def covariance_of(
+    beside: LaggedNormal, theta: NDArray, lag: Lag, taken: Open
+) -> tuple[NDArray, Lag]:
     """Covariance (p, p) of coefficients theta (p,), and the lag with its sigmas."""
     rest = np.full(theta.size - len(TERMS), taken.rest_deg_h > 0)
     at = np.flatnonzero(np.r_[taken.allowed, rest])
@@ -133,7 +135,7 @@ class Cells:
 
 
 def _shares(
-    beside: Beside, at: NDArray, precision: NDArray, taken: Open, lines: bool
+    beside: LaggedNormal, at: NDArray, precision: NDArray, taken: Open, lines: bool
 ) -> tuple[Cells, NDArray]:
     """Cells of the plane of lags, and each one's share of the evidence (m,)."""
     edges = np.geomspace(USUAL_LAG_s, USUAL_LAG_s + LONGEST_LAG_s, CELLS_A_SIDE + 1) - USUAL_LAG_s
@@ -162,7 +164,9 @@ def _share_of(nats: NDArray) -> NDArray:
     return np.asarray(weight / weight.sum())
 
 
-def _nats(cells: Cells, beside: Beside, at: NDArray, precision: NDArray, taken: Open) -> NDArray:
+def _nats(
+    cells: Cells, beside: LaggedNormal, at: NDArray, precision: NDArray, taken: Open
+) -> NDArray:
     """Log of each cell's share (m,), a constant left out: evidence, prior of the lags, size."""
     A, b = beside.under_each(cells.lags_s, at)
     x, _, log_det = solve_each(A, b, np.diag(taken.scatter * precision))

@@ -6,32 +6,14 @@ that `recal --help` stays fast.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from recal.cli.console import (
-    DEFAULT_STORE,
-    AnyClock,
-    Command,
-    JsonFlag,
-    NoSeed,
-    Quiet,
-    StoreUrl,
-    Verbose,
-    answer,
-    login_name,
-)
+from recal.cli.console import Command, login_name
 from recal.cli.table import verify as table_verify
 from recal.cli.table.files import export, import_
-from recal.cli.table.options import (
-    ByOption,
-    ModeOption,
-    RevisionOption,
-    SerialOption,
-    TechnologyOption,
-)
-from recal.cli.terminal.help import INPUT
+from recal.cli.table.options import REVISIONS, of_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,14 +28,8 @@ app = typer.Typer(
 
 
 @app.command("list", cls=Command)
-def list_(
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@of_table()
+def list_(shown, /, store, serial) -> None:
     """List units and their revisions, newest last.
 
     Example: recal table list --store sqlite:///recal.db
@@ -81,7 +57,7 @@ def list_(
     }
     lines = [policy_line(rule)] if rule.number else []
     lines += [line for u, history in zip(units, histories) for line in _unit_lines(u, history)]
-    answer(result, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(result, lines)
 
 
 def _unit_lines(u: UnitRecord, history: Sequence[Revision]) -> list[str]:
@@ -98,17 +74,8 @@ def _unit_lines(u: UnitRecord, history: Sequence[Revision]) -> list[str]:
 
 
 @app.command(cls=Command)
-def show(
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    revision: RevisionOption = "active",
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@of_table()
+def show(shown, /, store, serial, technology, mode, revision) -> None:
     """Show one table with U(k=2); --json prints it as formats.md writes a table.
 
     Example: recal table show --serial SN-0042
@@ -130,41 +97,24 @@ def show(
     for axis, nodes in zip("xyz", table.temperature_degC):
         rows = zip(nodes, table.bias_deg_h(axis, nodes), table.sigma_deg_h(axis, nodes))
         lines += [f"{axis:4}  {T:11.2f} {bias:+10.5f}  {2 * sigma:8.5f}" for T, bias, sigma in rows]
-    answer(found.table_dict, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(found.table_dict, lines)
 
 
 @app.command(cls=Command)
+@of_table(from_=REVISIONS, to=REVISIONS)
 def diff(
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    from_: Annotated[
-        str,
-        typer.Option(
-            "--from",
-            metavar="NUMBER|factory|previous|active",
-            rich_help_panel=INPUT,
-            help="The older revision.",
-        ),
-    ] = "previous",
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="NUMBER|factory|previous|active",
-            rich_help_panel=INPUT,
-            help="The newer revision.",
-        ),
-    ] = "active",
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown, /, store, serial, technology, mode, *, from_: str = "previous", to: str = "active"
 ) -> None:
     """Show what changed between two revisions, by default from the previous to the active one.
 
     Example: recal table diff --serial SN-0042 --from factory
+
+    Parameters
+    ----------
+    from_
+        The older revision.
+    to
+        The newer revision.
     """
     from recal.service.tables import about, change_between, find_revision, line_of, open_tables
 
@@ -185,30 +135,26 @@ def diff(
         for T, old, new, change, s_old, s_new in zip(*vars(columns).values()):
             biases = f"{old:+10.5f} {new:+10.5f} {change:+10.5f}"
             lines.append(f"{axis:4}  {T:11.2f} {biases}       {2 * s_old:8.5f} {2 * s_new:8.5f}")
-    answer(result, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(result, lines)
 
 
 @app.command(cls=Command)
+@of_table()
 def policy(
-    one_person: Annotated[
-        bool,
-        typer.Option("--one-person", help="One person may put an update forward and approve it."),
-    ] = False,
-    two_people: Annotated[
-        bool,
-        typer.Option("--two-people", help="Somebody else than its proposer approves an update."),
-    ] = False,
-    by: ByOption = None,
-    reason: Annotated[str, typer.Option("--reason", help="Why. Kept with the rule.")] = "",
-    store: StoreUrl = DEFAULT_STORE,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown, /, one_person: bool = False, two_people: bool = False, *, by, reason: str = "", store
 ) -> None:
     """Say who may approve updates in this store, or show it; what was said before is kept.
 
     Example: recal table policy --one-person --reason "a workshop of one"
+
+    Parameters
+    ----------
+    one_person
+        One person may put an update forward and approve it.
+    two_people
+        Somebody else than its proposer approves an update.
+    reason
+        Why. Kept with the rule.
     """
     from recal.service.tables import policy_line, set_policy
 
@@ -216,36 +162,37 @@ def policy(
         raise typer.BadParameter("give --one-person or --two-people, not both")
     asked = one_person if one_person or two_people else None
     found = set_policy(store, asked, by=login_name() if by is None else by, reason=reason)
-    answer(found, [policy_line(found)], as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(found, [policy_line(found)])
 
 
 @app.command(cls=Command)
+@of_table(to="NUMBER|factory|previous")
 def rollback(
-    by: Annotated[str, typer.Option("--by", help="Who takes the table back.")],
-    reason: Annotated[str, typer.Option("--reason", help="Why. Kept with the revision.")],
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="NUMBER|factory|previous",
-            rich_help_panel=INPUT,
-            help="The revision that becomes active again.",
-        ),
-    ] = "previous",
-    any_clock: AnyClock = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown,
+    /,
+    by: str,
+    reason: str,
+    store,
+    serial,
+    technology,
+    mode,
+    *,
+    to: str = "previous",
+    any_clock,
 ) -> None:
     """Make an older table active again, bit for bit, as a new revision.
 
     Example: recal table rollback --serial SN-0042 --to factory --by "K. Reviewer" --reason "the
     aircraft was towed"
+
+    Parameters
+    ----------
+    by
+        Who takes the table back.
+    reason
+        Why. Kept with the revision.
+    to
+        The revision that becomes active again.
     """
     from recal.service.tables import about, line_of, open_tables, revision_number
 
@@ -256,7 +203,7 @@ def rollback(
         f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}",
         f"  {found.note}",
     ]
-    answer(about(found), lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(about(found), lines)
 
 
 app.command("verify", cls=Command)(table_verify.command)

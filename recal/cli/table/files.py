@@ -10,25 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recal.cli.console import (
-    DEFAULT_STORE,
-    REFUSED_EXIT,
-    AnyClock,
-    JsonFlag,
-    NoSeed,
-    Quiet,
-    StoreUrl,
-    Verbose,
-    answer,
-    login_name,
-)
-from recal.cli.table.options import (
-    ModeOption,
-    NoteOption,
-    RevisionOption,
-    SerialOption,
-    TechnologyOption,
-)
+from recal.cli.console import REFUSED_EXIT, Shown, login_name
+from recal.cli.table.options import of_table
 from recal.cli.terminal.help import ADVANCED, INPUT, OUTPUT
 
 if TYPE_CHECKING:
@@ -50,58 +33,34 @@ class Autopilot(StrEnum):
     ardupilot = "ardupilot"
 
 
-ImuOption = Annotated[
-    int | None,
-    typer.Option("--imu", min=0, help="Number of the IMU in an autopilot's parameter names."),
-]
-
-
+@of_table()
 def export(
+    shown,
+    /,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="The file to write. Needed."),
     ] = None,
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    revision: RevisionOption = "active",
+    *,
+    store,
+    serial,
+    technology,
+    mode,
+    revision,
     to: Annotated[
         Form | None,
-        typer.Option("--to", rich_help_panel=OUTPUT, help="Format. Default: by the file's ending."),
+        typer.Option(rich_help_panel=OUTPUT, help="Format. Default: by the file's ending."),
     ] = None,
-    imu: ImuOption = None,
-    device_id: Annotated[
-        int | None,
-        typer.Option(
-            "--device-id", help="PX4: the gyro's id, from CAL_GYROk_ID or its log. Needed for PX4."
-        ),
-    ] = None,
+    imu,
+    device_id: int | None = None,
     range_: Annotated[
         tuple[float, float] | None,
         typer.Option(
             "--range", help="Temperatures that the cubic is fitted to [degC]. Default: the table's."
         ),
     ] = None,
-    fit_limit: Annotated[
-        float,
-        typer.Option(
-            "--fit-limit",
-            min=0.0,
-            help="Largest difference of cubic and table, in the table's sigma.",
-        ),
-    ] = 1.0,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Write over what exists, and a cubic beyond the limit with its error told in it.",
-        ),
-    ] = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    fit_limit: float = 1.0,
+    force: bool = False,
 ) -> None:
     """Write a table to a file: .json keeps everything, .csv node values and sigmas; PX4 and
     ArduPilot get a cubic.
@@ -110,6 +69,15 @@ def export(
 
     For an autopilot: recal table export --to px4 --device-id 3670026 -o unit.params,
     or recal table export --to ardupilot --imu 1 -o unit.parm
+
+    Parameters
+    ----------
+    device_id
+        PX4: the gyro's id, from CAL_GYROk_ID or its log. Needed for PX4.
+    fit_limit : float in [0, ]
+        Largest difference of cubic and table, in the table's sigma.
+    force
+        Write over what exists, and a cubic beyond the limit with its error told in it.
     """
     from ins.documents import plain
     from recal.service.results.overwrite import CSV_TABLE, PARAMETERS, need_free_file
@@ -136,53 +104,36 @@ def export(
             limit_sigmas=fit_limit,
             force=force,
         )
-        _export_cubic(found, output, request, as_json=as_json, quiet=quiet, verbose=verbose)
+        _export_cubic(shown, found, output, request)
         return
     write_table(found, output, form.value)
     left_out = " (covariance is not in a CSV)" if form == Form.csv else ""
-    answer(
-        {"output": str(output), **plain(about(found))},
-        [f"{output}: {line_of(found)}{left_out}"],
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
+    shown.answer(
+        {"output": str(output), **plain(about(found))}, [f"{output}: {line_of(found)}{left_out}"]
     )
 
 
+@of_table(twin="FILE")
 def import_(
-    table: Annotated[
-        Path, typer.Argument(help="A table, .json or .csv, or an autopilot's .params or .parm.")
-    ],
-    store: StoreUrl = DEFAULT_STORE,
-    twin: Annotated[
-        Path | None,
-        typer.Option(
-            "--twin", metavar="FILE", help="Twin file to keep as the unit's record. Default: none."
-        ),
-    ] = None,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    note: NoteOption = "",
+    shown,
+    table: Path,
+    /,
+    store,
+    twin: Path | None = None,
+    *,
+    serial,
+    technology,
+    mode,
+    note,
     from_: Annotated[
         Autopilot | None,
         typer.Option(
             "--from", rich_help_panel=INPUT, help="Whose parameters to read, where a file has both."
         ),
     ] = None,
-    imu: ImuOption = None,
-    sigma: Annotated[
-        float | None,
-        typer.Option("--sigma", min=0.0, help="1 sigma of an autopilot's cubic [deg/h]."),
-    ] = None,
-    override_technology: Annotated[
-        bool,
-        typer.Option(
-            "--override-technology",
-            rich_help_panel=ADVANCED,
-            help="Import although the store knows the serial as another technology; this is noted.",
-        ),
-    ] = False,
+    imu,
+    sigma: float | None = None,
+    override_technology: bool = False,
     one_person: Annotated[
         bool,
         typer.Option(
@@ -191,26 +142,28 @@ def import_(
             help="In this store one person may put an update forward and approve it.",
         ),
     ] = False,
-    any_size: Annotated[
-        bool,
-        typer.Option(
-            "--any-size",
-            rich_help_panel=ADVANCED,
-            help="Import biases and sigmas larger than 10 deg/h (rlg), 100 (fog), 20,000 (mems);"
-            " this is noted.",
-        ),
-    ] = False,
-    any_clock: AnyClock = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    any_size: bool = False,
+    any_clock,
 ) -> None:
     """Make a table from a file the active one; a unit's first is its factory table.
 
     Example: recal table import table.json --twin twin.json
 
     From an autopilot: recal table import tcal.parm --serial SN-0042-imu1 --technology mems
+
+    Parameters
+    ----------
+    table
+        A table, .json or .csv, or an autopilot's .params or .parm.
+    twin
+        Twin file to keep as the unit's record.
+    sigma : float in [0, ]
+        1 sigma of an autopilot's cubic [deg/h].
+    override_technology
+        Import although the store knows the serial as another technology; this is noted.
+    any_size
+        Import biases and sigmas larger than 10 deg/h (rlg), 100 (fog), 20,000 (mems); this is
+        noted.
     """
     from recal.service.table_files import TableFile, import_table
     from recal.service.tables import about, line_of
@@ -239,7 +192,7 @@ def import_(
         f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}",
         *(f"  note: {line}" for line in said),
     ]
-    answer(about(found), lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(about(found), lines)
 
 
 def _form(output: Path | None, to: Form | None) -> Form:
@@ -295,15 +248,7 @@ def _number(form: Form, imu: int | None, device_id: int | None) -> int:
     return allowed[0] if imu is None else imu
 
 
-def _export_cubic(
-    found: Revision,
-    output: Path,
-    request: CubicRequest,
-    *,
-    as_json: bool,
-    quiet: bool,
-    verbose: bool,
-) -> None:
+def _export_cubic(shown: Shown, found: Revision, output: Path, request: CubicRequest) -> None:
     """Fit, judge, write; a cubic that is too stiff for the table is refused (exit code 4) unless
     forced.
     """
@@ -322,7 +267,7 @@ def _export_cubic(
         )
     else:
         lines += [f"  {line}" for line in made.lines()]
-    answer(made.document, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(made.document, lines)
     if refused:
         raise typer.Exit(REFUSED_EXIT)
 

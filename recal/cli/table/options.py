@@ -1,39 +1,45 @@
 """The options of `recal table`."""
 
-from __future__ import annotations
+from collections.abc import Callable
+from functools import partial
 
-from typing import Annotated
+from recal.cli.terminal.help import METHOD
+from recal.cli.terminal.options import option
+from recal.cli.terminal.verbs import Made, made_from
 
-import typer
-
-SerialOption = Annotated[
-    str | None,
-    typer.Option(
-        "--serial", help="Serial number of the unit. Needed where the store holds several."
+REVISIONS = "NUMBER|factory|previous|active"
+OPTIONS = (
+    option(
+        "serial",
+        str | None,
+        None,
+        help="Serial number of the unit. Needed where the store holds several.",
     ),
-]
-TechnologyOption = Annotated[
-    str | None,
-    typer.Option(
-        "--technology",
+    option(
+        "technology",
+        str | None,
+        None,
         metavar="rlg|fog|mems",
         help="Technology of the unit's gyros. Needed where neither store nor file tells it.",
     ),
-]
-ModeOption = Annotated[
-    str | None,
-    typer.Option("--mode", help="Gyro mode of the unit. Needed where the unit has several."),
-]
-NoteOption = Annotated[str, typer.Option("--note", help="A note kept with the revision.")]
-RevisionOption = Annotated[
-    str,
-    typer.Option(
-        "--revision", metavar="NUMBER|factory|previous|active", help="Which revision of the table."
+    option(
+        "mode", str | None, None, help="Gyro mode of the unit. Needed where the unit has several."
     ),
-]
-ByOption = Annotated[
-    str | None,
-    typer.Option(
-        "--by", help="Who decides. Default: the operator of your config.toml, else your login name."
+    option("note", str, "", help="A note kept with the revision."),
+    option("revision", str, "active", metavar=REVISIONS, help="Which revision of the table."),
+    option(
+        "by",
+        str | None,
+        None,
+        help="Who decides. Default: the operator of your config.toml, else your login name.",
     ),
-]
+    option(
+        "imu",
+        int | None,
+        None,
+        min=0,
+        rich_help_panel=METHOD,
+        help="Number of the IMU in an autopilot's parameter names.",
+    ),
+)
+of_table: Callable[..., Callable[..., Made]] = partial(made_from, "", "", *OPTIONS)

@@ -9,20 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recal.cli.console import (
-    DEFAULT_STORE,
-    Command,
-    Force,
-    JsonFlag,
-    NoSeed,
-    Quiet,
-    StoreUrl,
-    Verbose,
-    answer,
-    finish,
-    login_name,
-)
-from recal.cli.table.options import ByOption, ModeOption, SerialOption, TechnologyOption
+from recal.cli.console import Command, Shown, finish, login_name
+from recal.cli.table.options import of_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,31 +19,21 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-NumberArgument = Annotated[
-    int, typer.Argument(metavar="NUMBER", help="The proposal's number.", min=1)
-]
-ReasonOption = Annotated[str, typer.Option("--reason", help="Why. Kept with the decision.")]
 PROPOSAL_STATES = ("open", "out of date", "approved", "rejected")
-StateOption = Annotated[
-    str | None,
-    typer.Option(
-        "--state",
-        metavar="STATE",
-        help=f"Only proposals of this state: {', '.join(PROPOSAL_STATES)}. Default: all.",
-    ),
-]
 
 
 @app.command(cls=Command)
+@of_table(number="[NUMBER]", state="STATE")
 def proposals(
-    number: Annotated[
-        int | None, typer.Argument(metavar="[NUMBER]", help="One of them, in full.", min=1)
-    ] = None,
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    state: StateOption = None,
+    shown,
+    number: int | None = None,
+    /,
+    *,
+    store,
+    serial,
+    technology,
+    mode,
+    state: str | None = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -65,16 +43,19 @@ def proposals(
             help="Where to write the proposal's update.json and update.html. Default: nowhere.",
         ),
     ] = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    force,
 ) -> None:
     """List the updates kept for review and what was decided; with NUMBER and -o, write its
     update.json and update.html.
 
     Example: recal table proposals 3 --serial SN-0042 -o review
+
+    Parameters
+    ----------
+    number : int in [1, ]
+        One of them, in full.
+    state
+        Only proposals of this state: open, out of date, approved, rejected. Default: all.
     """
     from recal.service.results.overwrite import need_free_report
     from recal.service.store import TableStore
@@ -92,94 +73,64 @@ def proposals(
             if output is not None:
                 others = ("update.html",)
                 need_free_report(output, "update.json", "recal.update/1", others, force=force)
-            _show(full, output, as_json=as_json, verbose=verbose, quiet=quiet)
+            _show(shown, full, output)
             return
         found = opened.proposals(serial, technology, mode, state=state)
     result = {"store": opened.name, "proposals": [about_proposal(p) for p in found]}
-    answer(result, _listed(found), as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(result, _listed(found))
 
 
 @app.command(cls=Command)
-def approve(
-    number: NumberArgument,
-    reason: ReasonOption,
-    by: ByOption = None,
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@of_table(number="NUMBER")
+def approve(shown, number: int, /, reason: str, *, by, store, serial, technology, mode) -> None:
     """Make a proposed table the active one; refused where the active table has moved since, or
     where who approves is who put it forward.
 
     Example: recal table approve 3 --serial SN-0042 --reason "residuals white, 21 to 34 degC
     covered"
+
+    Parameters
+    ----------
+    number : int in [1, ]
+        The proposal's number.
+    reason
+        Why. Kept with the decision.
     """
-    _decide(
-        "approved",
-        number,
-        (serial, technology, mode),
-        by,
-        reason,
-        store,
-        as_json=as_json,
-        verbose=verbose,
-        quiet=quiet,
-    )
+    _decide(shown, store, (number, "approved"), (serial, technology, mode), by, reason)
 
 
 @app.command(cls=Command)
-def reject(
-    number: NumberArgument,
-    reason: ReasonOption,
-    by: ByOption = None,
-    store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None,
-    technology: TechnologyOption = None,
-    mode: ModeOption = None,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@of_table(number="NUMBER")
+def reject(shown, number: int, /, reason: str, *, by, store, serial, technology, mode) -> None:
     """Turn a proposed table down; the active one stays, the proposal and the reason are kept.
 
     Example: recal table reject 3 --serial SN-0042 --reason "the aircraft was towed at minute 12"
+
+    Parameters
+    ----------
+    number : int in [1, ]
+        The proposal's number.
+    reason
+        Why. Kept with the decision.
     """
-    _decide(
-        "rejected",
-        number,
-        (serial, technology, mode),
-        by,
-        reason,
-        store,
-        as_json=as_json,
-        verbose=verbose,
-        quiet=quiet,
-    )
+    _decide(shown, store, (number, "rejected"), (serial, technology, mode), by, reason)
 
 
 def _decide(
-    verdict: str,
-    number: int,
+    shown: Shown,
+    store: str,
+    asked: tuple[int, str],
     unit: tuple[str | None, str | None, str | None],
     by: str | None,
     reason: str,
-    url: str,
-    *,
-    as_json: bool,
-    verbose: bool,
-    quiet: bool,
 ) -> None:
+    """A decision, and the exit code of what the store makes of it."""
     from recal.service.store import Decided
     from recal.service.tables import decide
 
+    number, verdict = asked
     signed = login_name() if by is None else by
-    result, decided = decide(url, (number, verdict), unit, signed, reason)
+    result, decided = decide(store, asked, unit, signed, reason)
     if decided is None:
         line = f"refused: {result.reasons[0]}"
     else:
@@ -189,28 +140,23 @@ def _decide(
             else ""
         )
         line = f"{decided.unit}: proposal {number} {verdict}{became}"
-    answer(result, [line], as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer(result, [line])
     finish(result.verdict)
 
 
-def _show(
-    full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool
-) -> None:
+def _show(shown: Shown, full: FullProposal, output: Path | None) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
     from ins.documents import plain
-    from recal.service.results.update_words import stored_summary
+    from recal.service.results.update_summary import stored_summary
     from recal.service.tables import about_proposal, proposed_document, write_proposal
 
     document = proposed_document(full)
     if output is not None:
         write_proposal(full, output)
-    answer(
+    shown.answer(
         {**plain(about_proposal(full)), "report": document},
         [str(full.unit), *_lines(full), *stored_summary(document)],
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=None if output is None else output / "update.html",
+        None if output is None else output / "update.html",
     )
 
 

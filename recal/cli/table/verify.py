@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from recal.cli.console import (
-    DEFAULT_STORE,
-    JsonFlag,
-    NoSeed,
-    Quiet,
-    StoreUrl,
-    Verbose,
-    answer,
-    finish,
-    say,
-)
+from recal.cli.console import finish, say
+from recal.cli.terminal.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.tables import VerifyReport
@@ -25,41 +15,26 @@ if TYPE_CHECKING:
 HEAD_DIGITS = 16  # printed; enough to find it again
 
 
-def command(
-    store: StoreUrl = DEFAULT_STORE,
-    head: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--head",
-            help="A head printed earlier. It must still be in a chain. May be repeated."
-            " Default: none.",
-        ),
-    ] = None,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report",
-            metavar="FILE",
-            help="An update.json. It must be as the store holds it. May be repeated."
-            " Default: none.",
-        ),
-    ] = None,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@made_from(report="FILE")
+def command(shown, /, store, *, head: Sequence[str] = (), report: Sequence[Path] = ()) -> None:
     """Check every hash, chain, tag, merged run, twin and proposal; one line a unit, exit code 3
     where one is broken.
 
     Reads only. Example: recal table verify --store sqlite:///recal.db --report
     recal-update/update.json
+
+    Parameters
+    ----------
+    head
+        A head printed earlier. It must still be in a chain. May be repeated.
+    report
+        An update.json. It must be as the store holds it. May be repeated.
     """
     from recal.service.tables import StoreVerdict, verify
 
-    result = verify(store, head or (), report or ())
-    answer(result, lines(result), as_json=as_json, quiet=quiet, verbose=verbose)
-    if quiet and not as_json and result.verdict is StoreVerdict.BROKEN:
+    result = verify(store, head, report)
+    shown.answer(result, lines(result))
+    if shown.quiet and not shown.as_json and result.verdict is StoreVerdict.BROKEN:
         for line in lines(result):
             say(line)
     finish(result.verdict)

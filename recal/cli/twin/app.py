@@ -6,17 +6,9 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import (
-    Command,
-    Force,
-    JsonFlag,
-    NoSeed,
-    OutputPath,
-    Quiet,
-    Verbose,
-    answer,
-    finish,
-)
+from recal.cli.console import Command
+from recal.cli.terminal.help import METHOD
+from recal.cli.terminal.verbs import made_from
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -40,78 +32,40 @@ class Target(StrEnum):
     pyins = "pyins"
 
 
-class OfTechnology(StrEnum):
-    """What gyros a unit has."""
-
-    rlg = "rlg"
-    fog = "fog"
-    mems = "mems"
-
-
-@app.callback()
-def twin() -> None:
-    """Fit the noise model of a unit to its own logs, and check it."""
-
-
 @app.command("fit", cls=Command)
-def fit(
-    runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit, parked.")],
-    start: Annotated[
-        Path | None,
-        typer.Option(
-            "--start",
-            help="Twin to begin with. Its numbers are kept where the runs tell nothing. Default:"
-            " that of the technology.",
-        ),
-    ] = None,
-    output: OutputPath = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@made_from("recal.service.twin.fit", "fit_twin")
+def fit(shown, runs, /, start, output, force) -> None:
     """Fit the noise of a unit to its parked time, each number with its sigma; what the runs cannot
     tell is named, with the recording that would.
 
     Example: recal twin fit run-1 run-2 run-3 --start twin.json -o fitted/twin.json
     """
-    from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import need_free_report
     from recal.service.twin.fit import TWIN_FIT_STEPS, fit_twin, twin_path
 
     twin = twin_path(output)
     others = (twin.name, f"{twin.stem}.html")
     need_free_report(twin.parent, f"{twin.stem}_fit.json", "recal.twin_fit/1", others, force=force)
-    with Progress("fitting", quiet=quiet, steps=len(runs) + TWIN_FIT_STEPS) as told:
+    with shown.progress("fitting", len(runs) + TWIN_FIT_STEPS) as told:
         fitted = fit_twin(runs, start, told=told)
         written = fitted.write(output)
-    answer(
-        fitted.document,
-        fitted.lines(verbose=verbose),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-        report=written.with_suffix(".html") if fitted.page else None,
-    )
-    finish(fitted.verdict)
+    shown.end(fitted, written.with_suffix(".html") if fitted.page else None)
 
 
 @app.command("check", cls=Command)
-def check(
-    runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit.")],
-    twin: Annotated[Path, typer.Option("--twin", help="Twin file whose noise is judged.")],
-    output: OutputPath = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:
+@made_from("recal.service.twin.check", "check_twin")
+def check(shown, runs, /, twin: Path, output, force) -> None:
     """Say channel by channel and band by band whether the noise of a twin fits these runs. Exit
     code 0 where it fits, 5 where not, 4 where the runs hold too little rest.
 
     Example: recal twin check run-4 --twin twin.json
+
+    Parameters
+    ----------
+    runs
+        Run directories of one unit.
+    twin
+        Twin file whose noise is judged.
     """
     from recal.service.results.files import output_directory, write_text
     from recal.service.results.overwrite import need_free_report
@@ -122,34 +76,31 @@ def check(
     checked = check_twin(runs, twin)
     if output is not None:
         write_text(output_directory(output, "twin") / "twin_check.json", checked.to_json())
-    answer(
-        checked.document,
-        checked.lines(verbose=verbose),
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-    )
-    finish(checked.verdict)
+    shown.end(checked)
 
 
 @app.command("import", cls=Command)
+@made_from("recal.service.twin.exchange", "import_twin")
 def import_(
-    source: Annotated[Path, typer.Argument(help="Noise file: key: number, one a line.")],
-    form: Annotated[Source, typer.Option("--from", help="Whose file it is.")],
-    technology: Annotated[
-        OfTechnology, typer.Option(help="Its defaults fill what the file lacks.")
-    ] = OfTechnology.mems,
-    serial: Annotated[str, typer.Option("--serial", help="imu_serial of the unit.")] = "",
-    output: OutputPath = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown,
+    source: Path,
+    /,
+    form: Annotated[
+        Source, typer.Option("--from", rich_help_panel=METHOD, help="Whose file it is.")
+    ],
+    technology,
+    serial,
+    output,
+    force,
 ) -> None:
     """Make a twin from a noise model of Kalibr, imu_utils or a data sheet.
 
     Example: recal twin import imu.yaml --from kalibr --serial SN-7 -o twin.json
+
+    Parameters
+    ----------
+    source
+        Noise file: key: number, one a line.
     """
     from recal.service.results.overwrite import need_free_file
     from recal.service.twin.exchange import import_twin, twin_document
@@ -159,36 +110,31 @@ def import_(
     need_free_file(written_to, "recal.twin/1", force=force)
     # a fitted twin is more than an import can bring back
     need_free_file(written_to.with_name(f"{written_to.stem}_fit.json"), None, force=force)
-    twin = import_twin(source, form.value, technology=technology.value, serial=serial)
+    twin = import_twin(source, form, technology=technology, serial=serial)
     written = write_twin(twin, output)
-    answer(
-        twin_document(twin),
-        [f"{written}: {technology.value} twin with the noise of {source}"],
-        as_json=as_json,
-        quiet=quiet,
-        verbose=verbose,
-    )
+    shown.answer(twin_document(twin), [f"{written}: {technology} twin with the noise of {source}"])
 
 
 @app.command("export", cls=Command)
+@made_from("recal.service.twin.exchange", "export_twin")
 def export(
-    twin: Annotated[Path, typer.Argument(help="Twin file.")],
-    form: Annotated[Target, typer.Option("--to", help="In whose form.")],
-    rate_hz: Annotated[
-        float,
-        typer.Option("--rate-hz", min=10, max=2000, help="update_rate that Kalibr is told [Hz]."),
-    ] = 100.0,
-    output: OutputPath = None,
-    force: Force = False,
-    as_json: JsonFlag = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    seed: NoSeed = None,
+    shown,
+    twin: Path,
+    /,
+    form: Annotated[Target, typer.Option("--to", rich_help_panel=METHOD, help="In whose form.")],
+    rate_hz,
+    output,
+    force,
 ) -> None:
     """Write a twin as Kalibr's imu.yaml, or as the arguments of pyins (JSON); on standard output
     without -o.
 
     Example: recal twin export twin.json --to kalibr -o imu.yaml
+
+    Parameters
+    ----------
+    twin
+        Twin file.
     """
     from recal.service.results.files import write_text
     from recal.service.results.overwrite import need_free_file
@@ -196,8 +142,8 @@ def export(
 
     if output is not None:
         need_free_file(output, None, force=force)
-    text = export_twin(twin, form.value, rate_hz=rate_hz)
-    lines = text.splitlines() if output is None else [f"{output}: {form.value} of {twin}"]
+    text = export_twin(twin, form, rate_hz=rate_hz)
+    lines = text.splitlines() if output is None else [f"{output}: {form} of {twin}"]
     if output is not None:
         write_text(output, text)
-    answer({"form": form.value, "text": text}, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    shown.answer({"form": form, "text": text}, lines)

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from recal.fleet.document_records import UnitSummary
+from recal.fleet.document_records import UnitReport
 from recal.fleet.pools.journal import Journal
 from recal.fleet.pools.local_pool import Done, Lost, Pool
 from recal.fleet.records import (
@@ -54,7 +54,7 @@ class UnitQueue:
         assert unit is not None
         return UnitTask(unit=unit, outcomes=tuple(ordered), pages=self.pages)
 
-    def is_summed(self, summary: UnitSummary | None) -> bool:
+    def is_summed(self, summary: UnitReport | None) -> bool:
         """Whether an earlier summary tells of the same outcomes and pages."""
         return summary is not None and summary.of == self.summary_task().identity
 

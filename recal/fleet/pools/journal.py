@@ -20,7 +20,7 @@ from typing import BinaryIO
 
 from ins.documents import from_json, plain
 from ins.records import InputError
-from recal.fleet.document_records import CallTiming, EarlierCall, UnitSummary
+from recal.fleet.document_records import CallTiming, EarlierCall, UnitReport
 from recal.fleet.records import CallSettings, RunOutcome
 
 NAME = "journal.jsonl"
@@ -47,7 +47,7 @@ class _Line:
     heads: Mapping[str, int] = field(default_factory=dict)
     run: RunOutcome | None = None
     unit: str = ""
-    summary: UnitSummary | None = None
+    summary: UnitReport | None = None
     timing: CallTiming | None = None
 
 
@@ -64,7 +64,7 @@ class Journal:
         said = plain(settings)
         self.call = hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
         self.runs: dict[str, RunOutcome] = {}
-        self.units: dict[str, UnitSummary] = {}
+        self.units: dict[str, UnitReport] = {}
         self.calls: list[EarlierCall] = []
         try:
             self._stream: BinaryIO = open(self.path, "ab+")
@@ -84,7 +84,7 @@ class Journal:
         self.runs[outcome.path] = outcome
         self._append(Event.RUN, run=plain(outcome))
 
-    def add_unit(self, name: str, summary: UnitSummary) -> None:
+    def add_unit(self, name: str, summary: UnitReport) -> None:
         self.units[name] = summary
         self._append(Event.UNIT, unit=name, summary=plain(summary))
 

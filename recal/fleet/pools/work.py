@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ins.records import InputError
 from ins.verdicts import Outcome
-from recal.fleet.document_records import UnitSummary
+from recal.fleet.document_records import UnitReport
 from recal.fleet.records import (
     MERGED,
     FleetOutcome,
@@ -53,7 +53,7 @@ Pair = tuple[PlannedRun, str]  # a run and the folder of its report
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def perform(task: Task) -> tuple[RunOutcome, ...] | UnitSummary:
+def perform(task: Task) -> tuple[RunOutcome, ...] | UnitReport:
     """RunTask: the outcomes of its runs, in order. UnitTask: the unit's summary."""
     with _ONE_AT_A_TIME:
         return take_runs(task) if isinstance(task, RunTask) else summarise_unit(task)

@@ -10,11 +10,11 @@ from ins.twin_file import default_twin
 from recal.service.align import align
 from recal.service.check import Check, check
 from recal.service.look.noise import shown_noise
-from recal.service.look.opened import Opened, Stretch, opened_log
+from recal.service.look.opened import LongestPart, Opened, opened_log
 from recal.service.look.page import look_html
 from recal.service.look.records import Fit, LogUse, LookReport, LookVerdict, NoiseNumber
 from recal.service.look.series import series_of
-from recal.service.look.uses import Judged, convert_command, uses_of
+from recal.service.look.uses import LookFindings, convert_command, uses_of
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.plots import figure_of
@@ -147,7 +147,7 @@ def look(
         fitted, noise_notes = shown_noise(_noise(opened.run))
         is_run = opened.folder == path
         run_path = str(path) if is_run else f"{path.name.split('.')[0]}-run"
-        judged = Judged(run=opened.run, run_path=run_path, aligned=aligned, fitted=fitted)
+        judged = LookFindings(run=opened.run, run_path=run_path, aligned=aligned, fitted=fitted)
         uses = uses_of(judged)
         files = {"--map": map_file, "--gnss": gnss}
         given: dict[str, str | float | None]
@@ -205,7 +205,7 @@ def _start(opened: Opened) -> str | None:
     return opened.run.header.start_utc
 
 
-def _gap_note(cut: Stretch | None) -> list[str]:
+def _gap_note(cut: LongestPart | None) -> list[str]:
     """That only one stretch of the log was looked at."""
     if cut is None:
         return []

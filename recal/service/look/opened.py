@@ -27,7 +27,7 @@ from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.readers.rows.column_map import LogOptions
 from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.directory import write_run
-from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, Beside, QuietMeans, quiet_means
+from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, CoSensors, QuietMeans, quiet_means
 
 RUN_DIRECTORY = "run directory"
 MIDDLE_LATITUDE_DEG = 45.0  # taken where nothing tells the site: gravity is 0.27 % off at most
@@ -36,7 +36,7 @@ RATE_SIGMAS = 3.0  # of a mean rate, within the Earth's: 0.3 % of means that sho
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
+class LongestPart:
     """The longest stretch between gaps, by the log's own clock [s], and of how many."""
 
     from_s: float
@@ -57,7 +57,7 @@ class Opened:
     format: str
     notes: tuple[str, ...] = ()
     assumed: tuple[Assumption, ...] = ()
-    stretch: Stretch | None = None
+    stretch: LongestPart | None = None
 
 
 @contextmanager
@@ -106,7 +106,7 @@ def _taken(
     )
 
 
-def _read(log: Path, given: dict[str, Json]) -> tuple[str, ConvertedLog, Stretch | None]:
+def _read(log: Path, given: dict[str, Json]) -> tuple[str, ConvertedLog, LongestPart | None]:
     """Format and log; where it has gaps and no stretch was asked for, its longest one."""
     try:
         return *read_log(log, LogOptions(given)), None
@@ -114,7 +114,7 @@ def _read(log: Path, given: dict[str, Json]) -> tuple[str, ConvertedLog, Stretch
         if {"from_s", "to_s"} & set(given):
             raise
         from_s, to_s = max(gaps.stretches, key=lambda ends: ends[1] - ends[0])
-        cut = Stretch(from_s=from_s, to_s=to_s, of=len(gaps.stretches))
+        cut = LongestPart(from_s=from_s, to_s=to_s, of=len(gaps.stretches))
         # as LogGapError prints them, so that the command takes the same rows
         ends = {"from_s": round(from_s, 3), "to_s": round(to_s, 3)}
         return *read_log(log, LogOptions({**given, **ends})), cut
@@ -127,7 +127,7 @@ def assumptions(
     missing = missing_keys(log, header)
     if not missing:
         return ()
-    means = quiet_means(log.imu, Beside(gnss=log.gnss, odometer=log.odometer))
+    means = quiet_means(log.imu, CoSensors(gnss=log.gnss, odometer=log.odometer))
     stands = means is not None and means.speed_m_s is None
     finds_north = means is not None and stands and reads_earth_rate(log.imu, means)
     latitude_deg, sigma_deg = MIDDLE_LATITUDE_DEG, MIDDLE_LATITUDE_SIGMA_DEG

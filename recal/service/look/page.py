@@ -1,16 +1,14 @@
 """look.html: what `look` found as one page that fetches nothing. Computes nothing."""
 
 from dataclasses import replace
-from functools import lru_cache
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 
 from infield.reports.zoom import ZoomFigure, zoom_figure, zoom_script
 from recal.service.look.records import Fit, LookReport, LookVerdict, Use
 from recal.service.results.pages import page_environment
+from simreal.report.twin_document import PARAMETER_NAMES, size_words
 from simreal.report.twin_page import allan_drawing
-from simreal.report.twin_words import PARAMETER_NAMES, size_words
 
 LOOK_VERDICTS = {  # word, look, symbol
     LookVerdict.USABLE: ("Usable", "good", "✔"),
@@ -45,7 +43,7 @@ def look_html(document: LookReport) -> str:
     fitted = document.fitted
     told = [] if fitted is None or fitted.found is None else fitted.found.parameters
     return (
-        _environment()
+        page_environment("recal.service.look")
         .get_template("look.html.j2")
         .render(
             d=document,
@@ -66,12 +64,3 @@ def look_html(document: LookReport) -> str:
 def _zoom(name: str, figure: ZoomFigure, document: LookReport) -> Markup:
     spans = [(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
     return zoom_figure(replace(figure, spans=spans), CAPTIONS[name])
-
-
-@lru_cache(maxsize=1)
-def _environment() -> Environment:
-    shared = page_environment()
-    assert shared.loader is not None
-    return shared.overlay(
-        loader=ChoiceLoader([PackageLoader("recal.service.look", "templates"), shared.loader])
-    )

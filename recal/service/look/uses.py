@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from infield.session.acceptance import MIN_MERGED_REST_S
 from infield.session.parked.stretches import find_rests
 from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
+from ins.verdicts import Reason, ReasonCode, because, sentence
 from recal.service.look.records import Assumption, Fit, LogUse, Use
 from simreal.report.twin_document import FitReport
 
@@ -25,69 +25,62 @@ NARROW_DEGC = 1.0
 TO_BE_GIVEN = {"lat_deg": "LATITUDE"}
 
 
-class UseReason(StrEnum):
+class UseReason(ReasonCode):
     """Why a log is fit for a use, or is not."""
 
-    HEADING_FOUND = "heading_found"
-    LEVEL_ONLY = "level_only"
-    NOT_ALIGNED = "not_aligned"
-    NOISE_TOLD = "noise_told"
-    NO_REST = "no_rest"
-    NEVER_PARKED = "never_parked"
-    TEMPERATURES = "temperatures"
-    NARROW = "narrow"
-    SHORT_REST = "short_rest"
-    NO_TEMPERATURE = "no_temperature"
-    FIXES = "fixes"
-    NO_FIXES = "no_fixes"
-    NO_START = "no_start"
-    TWIN_FIRST = "twin_first"
-
-
-USE_WORDS: Mapping[UseReason, str] = {
-    UseReason.HEADING_FOUND: (
-        "Heading is found to {sigma_deg:.2g} deg (1 sigma), without a table of the unit."
-    ),
-    UseReason.LEVEL_ONLY: "Roll and pitch are found, heading is not: {why}.",
-    UseReason.NOT_ALIGNED: "No attitude is found: {why}.",
-    UseReason.NOISE_TOLD: (
-        "{rest_min:.1f} min at rest show {told} of the {of} numbers of the noise model."
-    ),
-    UseReason.NO_REST: "The unit never rests for a minute, so its own noise cannot be seen.",
-    UseReason.NEVER_PARKED: (
-        "The unit never stands parked for a minute, so no bias can be read against temperature."
-    ),
-    UseReason.TEMPERATURES: (
+    HEADING_FOUND = (
+        "heading_found",
+        "Heading is found to {sigma_deg:.2g} deg (1 sigma), without a table of the unit.",
+    )
+    LEVEL_ONLY = "level_only", "Roll and pitch are found, heading is not: {why}."
+    NOT_ALIGNED = "not_aligned", "No attitude is found: {why}."
+    NOISE_TOLD = (
+        "noise_told",
+        "{rest_min:.1f} min at rest show {told} of the {of} numbers of the noise model.",
+    )
+    NO_REST = "no_rest", "The unit never rests for a minute, so its own noise cannot be seen."
+    NEVER_PARKED = (
+        "never_parked",
+        "The unit never stands parked for a minute, so no bias can be read against temperature.",
+    )
+    TEMPERATURES = (
+        "temperatures",
         "The unit rests with its gyros at {low_degC:.1f} to {high_degC:.1f} degC. The table can be"
-        " renewed over these temperatures."
-    ),
-    UseReason.NARROW: (
+        " renewed over these temperatures.",
+    )
+    NARROW = (
+        "narrow",
         "The unit rests with its gyros at {low_degC:.1f} to {high_degC:.1f} degC only. The table"
-        " can be renewed in this narrow range."
-    ),
-    UseReason.SHORT_REST: (
+        " can be renewed in this narrow range.",
+    )
+    SHORT_REST = (
+        "short_rest",
         "The unit stands still for {rest_min:.1f} min, and a table is renewed from"
-        " {needed_min:.0f} min or more. Half an hour while the gyros warm up is a good session."
-    ),
-    UseReason.NO_TEMPERATURE: (
+        " {needed_min:.0f} min or more.",
+        "Half an hour while the gyros warm up is a good session.",
+    )
+    NO_TEMPERATURE = (
+        "no_temperature",
         "The log holds no gyro temperature, and a bias without its temperature has no place in a"
-        " table."
-    ),
-    UseReason.FIXES: "{fixes} satellite fixes aid the navigation and judge it.",
-    UseReason.NO_FIXES: (
+        " table.",
+    )
+    FIXES = "fixes", "{fixes} satellite fixes aid the navigation and judge it."
+    NO_FIXES = (
+        "no_fixes",
         "There are fewer than {needed} satellite fixes, so a replay shows the free-inertial drift"
-        " alone."
-    ),
-    UseReason.NO_START: "Without fixes the navigation needs a heading to start from.",
-    UseReason.TWIN_FIRST: (
-        "The log is compared with a noise model, which the first command makes. If you have another"
-        " log of the unit, make the model from that one: a log always fits its own model."
-    ),
-}
+        " alone.",
+    )
+    NO_START = "no_start", "Without fixes the navigation needs a heading to start from."
+    TWIN_FIRST = (
+        "twin_first",
+        "The log is compared with a noise model, which the first command makes.",
+        "If you have another log of the unit, make the model from that one: a log always fits its"
+        " own model.",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
+class LookFindings:
     """What a look found of a log, for its uses.
 
     run_path: of the run that the commands name; fitted: None where no rest was found.
@@ -104,7 +97,7 @@ class Judged:
         return 0.0 if self.fitted is None else self.fitted.parked_s
 
 
-def uses_of(judged: Judged) -> tuple[LogUse, ...]:
+def uses_of(judged: LookFindings) -> tuple[LogUse, ...]:
     """Every use, in the order in which a newcomer goes through them."""
     return (_alignment(judged), _noise(judged), _table(judged), _replay(judged), _diagnosis(judged))
 
@@ -130,14 +123,12 @@ def _text(value: str | float) -> str:
     return value if isinstance(value, str) else f"{value:.12g}"
 
 
-def _use(
-    use: Use, fit: Fit, code: UseReason, words: Sequence[str] = (), **values: float | str
-) -> LogUse:
+def _use(use: Use, fit: Fit, why: Reason, words: Sequence[str] = ()) -> LogUse:
     return LogUse(
         use=use,
         fit=fit,
-        why=USE_WORDS[code].format(**values),
-        reason_code=code.value,
+        why=sentence(why),
+        reason_code=why.code.value,
         command=shlex.join(words).replace(" '&&' ", " && "),
     )
 
@@ -146,56 +137,53 @@ def _first_reason(aligned: AlignmentDocument) -> str:
     return str(aligned.reasons[0]) if aligned.reasons else "the rest says too little"
 
 
-def _alignment(judged: Judged) -> LogUse:
+def _alignment(judged: LookFindings) -> LogUse:
     aligned, words = judged.aligned, ("recal", "align", judged.run_path)
-    why = _first_reason(aligned)
     if aligned.verdict is AlignmentVerdict.ALIGNED:
-        sigma = float(aligned.sigma_heading_deg)
-        return _use(Use.ALIGNMENT, Fit.YES, UseReason.HEADING_FOUND, words, sigma_deg=sigma)
+        sigma_deg = float(aligned.sigma_heading_deg)
+        found = because(UseReason.HEADING_FOUND, sigma_deg=sigma_deg)
+        return _use(Use.ALIGNMENT, Fit.YES, found, words)
+    why = _first_reason(aligned)
     if aligned.verdict is AlignmentVerdict.LEVEL_ONLY:
-        return _use(Use.ALIGNMENT, Fit.PARTLY, UseReason.LEVEL_ONLY, words, why=why)
-    return _use(Use.ALIGNMENT, Fit.NO, UseReason.NOT_ALIGNED, why=why)
+        return _use(Use.ALIGNMENT, Fit.PARTLY, because(UseReason.LEVEL_ONLY, why=why), words)
+    return _use(Use.ALIGNMENT, Fit.NO, because(UseReason.NOT_ALIGNED, why=why))
 
 
-def _noise(judged: Judged) -> LogUse:
+def _noise(judged: LookFindings) -> LogUse:
     if judged.fitted is None:
-        return _use(Use.NOISE, Fit.NO, UseReason.NO_REST)
+        return _use(Use.NOISE, Fit.NO, because(UseReason.NO_REST))
     parameters = judged.fitted.parameters
     told = sum(p.identified for p in parameters)
-    return _use(
-        Use.NOISE,
-        Fit.YES if told else Fit.PARTLY,
-        UseReason.NOISE_TOLD,
-        ("recal", "twin", "fit", judged.run_path, "-o", "twin.json"),
-        told=told,
-        of=len(parameters),
-        rest_min=judged.rest_s / 60.0,
+    why = because(
+        UseReason.NOISE_TOLD, told=told, of=len(parameters), rest_min=judged.rest_s / 60.0
     )
+    words = ("recal", "twin", "fit", judged.run_path, "-o", "twin.json")
+    return _use(Use.NOISE, Fit.YES if told else Fit.PARTLY, why, words)
 
 
-def _table(judged: Judged) -> LogUse:
+def _table(judged: LookFindings) -> LogUse:
     run = judged.run
     if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
-        return _use(Use.TABLE, Fit.NO, UseReason.NO_TEMPERATURE)
+        return _use(Use.TABLE, Fit.NO, because(UseReason.NO_TEMPERATURE))
     mems = run.header.gyro_technology == "mems"
     if mems and not find_rests(run).stretches:
-        return _use(Use.TABLE, Fit.NO, UseReason.NEVER_PARKED)
+        return _use(Use.TABLE, Fit.NO, because(UseReason.NEVER_PARKED))
     if not mems and judged.aligned.verdict is not AlignmentVerdict.ALIGNED:
-        return _use(Use.TABLE, Fit.NO, UseReason.NOT_ALIGNED, why=_first_reason(judged.aligned))
+        why = because(UseReason.NOT_ALIGNED, why=_first_reason(judged.aligned))
+        return _use(Use.TABLE, Fit.NO, why)
     still_s = _still_s(judged.aligned)
     if not mems and still_s < MIN_MERGED_REST_S:
-        still, needed = still_s / 60.0, MIN_MERGED_REST_S / 60.0
-        return _use(Use.TABLE, Fit.NO, UseReason.SHORT_REST, rest_min=still, needed_min=needed)
+        short = because(
+            UseReason.SHORT_REST, rest_min=still_s / 60.0, needed_min=MIN_MERGED_REST_S / 60.0
+        )
+        return _use(Use.TABLE, Fit.NO, short)
     low, high = np.nanmin(run.temperature.gyro_degC), np.nanmax(run.temperature.gyro_degC)
-    narrow = bool(high - low < NARROW_DEGC)
-    return _use(
-        Use.TABLE,
-        Fit.PARTLY if narrow else Fit.YES,
-        UseReason.NARROW if narrow else UseReason.TEMPERATURES,
-        ("recal", "update", judged.run_path, "--new-store", "--new-unit"),
-        low_degC=float(low),
-        high_degC=float(high),
-    )
+    words = ("recal", "update", judged.run_path, "--new-store", "--new-unit")
+    if high - low < NARROW_DEGC:
+        narrow = because(UseReason.NARROW, low_degC=float(low), high_degC=float(high))
+        return _use(Use.TABLE, Fit.PARTLY, narrow, words)
+    span = because(UseReason.TEMPERATURES, low_degC=float(low), high_degC=float(high))
+    return _use(Use.TABLE, Fit.YES, span, words)
 
 
 def _still_s(aligned: AlignmentDocument) -> float:
@@ -204,20 +192,23 @@ def _still_s(aligned: AlignmentDocument) -> float:
     return parked_s * aligned.used_percent / 100.0
 
 
-def _replay(judged: Judged) -> LogUse:
+def _replay(judged: LookFindings) -> LogUse:
     words = ("recal", "replay", judged.run_path)
     gnss = judged.run.gnss
     if gnss is not None and gnss.time_s.size >= FEWEST_FIXES:
-        return _use(Use.REPLAY, Fit.YES, UseReason.FIXES, words, fixes=gnss.time_s.size)
+        aided = because(UseReason.FIXES, fixes=gnss.time_s.size)
+        return _use(Use.REPLAY, Fit.YES, aided, words)
     if judged.aligned.verdict is AlignmentVerdict.ALIGNED:
-        return _use(Use.REPLAY, Fit.PARTLY, UseReason.NO_FIXES, words, needed=FEWEST_FIXES)
-    return _use(Use.REPLAY, Fit.NO, UseReason.NO_START)
+        alone = because(UseReason.NO_FIXES, needed=FEWEST_FIXES)
+        return _use(Use.REPLAY, Fit.PARTLY, alone, words)
+    return _use(Use.REPLAY, Fit.NO, because(UseReason.NO_START))
 
 
-def _diagnosis(judged: Judged) -> LogUse:
+def _diagnosis(judged: LookFindings) -> LogUse:
     if judged.fitted is None:
-        return _use(Use.DIAGNOSIS, Fit.NO, UseReason.NO_REST)
+        return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_REST))
     run = judged.run_path
     fit = ("recal", "twin", "fit", run, "-o", "twin.json")
     diagnose = ("recal", "diagnose", run, "--twin", "twin.json")
-    return _use(Use.DIAGNOSIS, Fit.YES, UseReason.TWIN_FIRST, (*fit, "&&", *diagnose))
+    words = (*fit, "&&", *diagnose)
+    return _use(Use.DIAGNOSIS, Fit.YES, because(UseReason.TWIN_FIRST), words)

@@ -4,15 +4,15 @@ technology, of its types and of its units.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from infield.learning.learn import Learnt, LearntFleet, Parameters
 from infield.learning.parameters import UNITS, PriorName, defaults_of
 from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
-from ins.verdicts import Outcome
-from recal.service.priors.kept import SessionLeftOut
+from ins.verdicts import Outcome, Reason, because, sentences
+from recal.service.priors.kept import ExcludedSession
+from recal.service.priors.reasons import PriorsReason
 
 PRIORS_SCHEMA = "recal.priors/1"
 OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
@@ -21,15 +21,6 @@ HOW_LEARNT = (
     " walk, ageing, heading errors and table nodes integrated out; log-normal priors about the"
     " defaults; which sessions are outliers summed over; weighed draws of the posterior"
 )
-
-
-class PriorsReason(StrEnum):
-    """Why nothing was learnt, or what could not be."""
-
-    NO_SESSIONS = "no_sessions"
-    FEW_SESSIONS = "few_sessions"
-    ONE_UNIT = "one_unit"
-    NOT_SETTLED = "not_settled"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +100,7 @@ class PriorsReport:
     version: str
     method: str = HOW_LEARNT
     technologies: Sequence[TechnologyPriors] = ()
-    left_out: Sequence[SessionLeftOut] = ()
+    left_out: Sequence[ExcludedSession] = ()
 
 
 def technology_priors(found: LearntFleet) -> TechnologyPriors:
@@ -144,8 +135,8 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
         ],
         outliers=_outliers(found),
         check=_check(found),
-        notes=list(notes.values()),
-        note_codes=[str(code) for code in notes],
+        notes=sentences(notes),
+        note_codes=[note.code.value for note in notes],
     )
 
 
@@ -190,23 +181,16 @@ def _check(found: LearntFleet) -> PriorsCheck:
     )
 
 
-def _notes(found: LearntFleet) -> dict[PriorsReason, str]:
+def _notes(found: LearntFleet) -> list[Reason]:
     """What these sessions cannot say."""
     hidden = [str(name) for name, learnt in found.parameters.items() if not learnt.shown]
-    notes = {}
+    notes = []
     if hidden:
-        notes[PriorsReason.FEW_SESSIONS] = (
-            f"{found.sessions} sessions do not show {', '.join(hidden)}: there the default stands"
-        )
+        notes.append(because(PriorsReason.FEW_SESSIONS, sessions=found.sessions, hidden=hidden))
     if len({unit.imu_serial for unit in found.units}) == 1:
-        notes[PriorsReason.ONE_UNIT] = (
-            "one unit: what is said of the technology is said of this unit, widened by the spread"
-            " from unit to unit that is assumed"
-        )
+        notes.append(because(PriorsReason.ONE_UNIT))
     if not found.settled:
-        notes[PriorsReason.NOT_SETTLED] = (
-            "the search did not settle: take the values as the defaults, more sessions would help"
-        )
+        notes.append(because(PriorsReason.NOT_SETTLED))
     return notes
 
 

@@ -33,6 +33,7 @@ from infield.store.table_store import TableStore
 from infield.table.thermal_table import DAYS_PER_YEAR
 from ins.json_file import read_json_object
 from ins.records import InputError
+from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import PriorValue, TechnologyPriors
 from recal.service.priors.forecast_page import NOT_LEARNT, forecast_html, outlook_words
@@ -44,6 +45,7 @@ from recal.service.priors.forecast_records import (
     UnitForecast,
 )
 from recal.service.priors.kept import EPOCH, kept_units
+from recal.service.priors.reasons import ForecastReason
 from recal.service.priors.use import APPROVED, DEFAULT, technology_of
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.result import Result
@@ -66,9 +68,26 @@ class ForecastVerdict(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ForecastRequest:
-    """What to forecast. priors: as of `recal update`; sessions: also which session would help;
-    most: how many units of each technology, those whose mean drift passes first; now: from when on,
-    None for the time of this machine.
+    """What to forecast.
+
+    Parameters
+    ----------
+    store_url : str
+        The store of tables.
+    limit_nm_h : float
+        The limit of the drift in NM/h.
+    technology : str, optional
+        Only units of rlg, fog or mems. Default: all.
+    priors : str
+        As of `recal update`.
+    sessions : bool
+        Also which session would help.
+    most : int, optional
+        How many units of each technology, those whose mean drift passes first.
+    now : datetime, optional
+        From when on; else the time of this machine.
+    output : path, optional
+        The folder to write to.
     """
 
     store_url: str
@@ -148,7 +167,7 @@ def forecast_of(
     for technology in dict.fromkeys(unit.gyro_technology for unit in chosen):
         units = [unit for unit in chosen if unit.gyro_technology == technology]
         if technology == "mems":
-            why = "gyros that find no heading do not navigate free-inertially"
+            why = sentence(because(ForecastReason.FINDS_NO_HEADING))
             without += [NoForecast(imu_serial=u.imu_serial, why=why) for u in units]
             continue
         forecasts = _Technology(store, units, request, now).forecasts(told)
@@ -157,7 +176,7 @@ def forecast_of(
     found.sort(key=lambda f: (f.date_95_utc or "9999", -f.drift_now_nm_h))
     return ForecastReport(
         verdict=ForecastVerdict.OK if found else ForecastVerdict.REFUSED,
-        reasons=[] if found else [_why_none(store, request, without)],
+        reasons=[] if found else [sentence(_why_none(store, request, without))],
         store=store.name,
         issued_utc=now.strftime(ISSUED),
         version=program_version(),
@@ -188,12 +207,12 @@ def most_urgent(store: TableStore) -> ForecastReport:
         )
 
 
-def _why_none(store: TableStore, request: ForecastRequest, without: Sequence[NoForecast]) -> str:
+def _why_none(store: TableStore, request: ForecastRequest, without: Sequence[NoForecast]) -> Reason:
     """Why no unit could be forecast."""
     of = f" of {request.technology}" if request.technology else ""
     if without:
-        return f"store {store.name}: no unit{of} that navigates free-inertially"
-    return f"store {store.name}: no unit{of} with a table: recal table import brings the first"
+        return because(ForecastReason.NONE_NAVIGATES, store=store.name, of=of)
+    return because(ForecastReason.NO_UNIT, store=store.name, of=of)
 
 
 class _Technology:

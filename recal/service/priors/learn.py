@@ -15,17 +15,17 @@ from infield.store.errors import NoStore
 from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
 from ins.documents import to_json
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import (
     PriorScope,
-    PriorsReason,
     PriorsReport,
     TechnologyPriors,
     technology_priors,
 )
 from recal.service.priors.kept import kept_units
 from recal.service.priors.page import priors_html
+from recal.service.priors.reasons import NothingKept, PriorsReason
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.result import Result
 
@@ -45,8 +45,22 @@ class LearntPriors(Result[PriorsReport]):
 
 @dataclass(frozen=True, kw_only=True)
 class LearnRequest:
-    """What to learn from. technology, serial: None for all; keep: who keeps it in the store and
-    their note, None to store nothing.
+    """What to learn from.
+
+    Parameters
+    ----------
+    store_url : str
+        The store of tables.
+    technology : str, optional
+        Only units of rlg, fog or mems. Default: all.
+    serial : str, optional
+        Only the unit of this serial. Default: all.
+    keep : (str, str), optional
+        Who keeps it in the store and their note, None to store nothing.
+    output : path, optional
+        The folder to write to.
+    seed : int
+        Of the random generator.
     """
 
     store_url: str
@@ -89,8 +103,8 @@ def learn_priors(
         refused = replace(
             document,
             verdict=Outcome.REFUSED,
-            reasons=[why],
-            reason_codes=[str(PriorsReason.NO_SESSIONS)],
+            reasons=[sentence(why)],
+            reason_codes=[why.code.value],
         )
         return _written(request, refused, ())
     technologies = list(dict.fromkeys(unit.gyro_technology for unit in with_sessions))
@@ -109,17 +123,18 @@ def learn_priors(
     return _written(request, document, kept)
 
 
-def _why_none(store_name: str, request: LearnRequest, units: int, left_out: int) -> str:
+def _why_none(store_name: str, request: LearnRequest, units: int, left_out: int) -> Reason:
     """Why there is nothing to learn from: no such unit, or none of its sessions."""
     of = f" of serial {request.serial}" if request.serial else ""
     of += f" of {request.technology}" if request.technology else ""
-    if not units:
-        return f"store {store_name}: no unit{of} with a table: recal table list names its units"
-    which = f"{units} units{of} have" if units != 1 else f"its one unit{of} has"
-    lost = f" ({left_out} cannot be read)" if left_out else ""
-    return (
-        f"store {store_name}: {which} no session that can be learnt from{lost}:"
-        " recal update --commit keeps sessions"
+    return because(
+        PriorsReason.NO_SESSIONS,
+        store=store_name,
+        lacks=NothingKept.NO_SESSION if units else NothingKept.NO_UNIT,
+        of=of,
+        units=units,
+        unread=left_out > 0,
+        left_out=left_out,
     )
 
 

@@ -61,7 +61,23 @@ def listed_priors(store_url: str) -> ListedPriors:
 def decide(
     store_url: str, technology: str, number: int, verdict: str, *, by: str, reason: str
 ) -> ListedPriors:
-    """Approve or reject priors; the list of this one record."""
+    """Approve or reject priors; the list of this one record.
+
+    Parameters
+    ----------
+    store_url : str
+        The store of tables.
+    technology : str
+        The technology: rlg, fog or mems.
+    number : int
+        The number of the priors.
+    verdict : str
+        approved or rejected.
+    by : str
+        The name of who decides.
+    reason : str
+        Why, kept with the decision.
+    """
     if open_store(store_url) is None:
         raise NoStore(f"no store at {store_url}")
     with TableStore.open(store_url, create=True) as store:

@@ -30,13 +30,12 @@ from infield.reports.figures import (
     robust_limits,
     thinned,
 )
-from infield.reports.page import _environment as page_environment
-from infield.reports.page import decimals_for
+from infield.reports.page import decimals_for, page_environment
 from infield.reports.update_page import estimated_of, update_html
-from infield.reports.words.sentences import sentence
-from infield.session.disagreement import Step
+from infield.session.disagreement import BiasStep
 from ins.documents import from_json
 from ins.json_file import JsonObject
+from ins.verdicts import sentence
 from simreal.report.diagnosis_document import GapReport, summary
 
 __all__ = [
@@ -54,6 +53,7 @@ __all__ = [
     "PANEL_WIDTH",
     "VERMILLION",
     "Band",
+    "BiasStep",
     "Boxes",
     "Item",
     "JsonObject",
@@ -61,7 +61,6 @@ __all__ = [
     "Marks",
     "MethodDocument",
     "Panel",
-    "Step",
     "UpdateDocument",
     "Uprights",
     "chart",

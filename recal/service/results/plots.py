@@ -23,7 +23,7 @@ from infield.reports.charts import (
 from infield.reports.figures import BLACK, LETTER, NEW, OLD, drawn_temperatures
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
-from recal.service.results.update_words import Points
+from recal.service.results.update_summary import Points
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -12,7 +12,7 @@ from recal.service.results.files import program_version
 from recal.service.results.result import Result
 from simreal.report.twin_check_document import TwinCheck, summary, twin_check_document
 from simreal.twin.fit.agreement import agreement
-from simreal.twin.fit.streams import Stream, stream_of
+from simreal.twin.fit.streams import ParkedStream, stream_of
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -50,7 +50,7 @@ def check_twin(runs: AnyRun | Sequence[AnyRun], twin: AnyTwin) -> CheckedTwin:
     read = runs_of(runs)
     record = twin_of(twin)
     table = twin_table(Path(twin), record).table if isinstance(twin, str | PathLike) else None
-    streams: list[Stream] = []
+    streams: list[ParkedStream] = []
     for run in read:
         header = run.header
         for key in ("imu_serial", "gyro_technology"):

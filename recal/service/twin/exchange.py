@@ -18,6 +18,17 @@ def import_twin(
 ) -> TwinModel:
     """A twin from a noise file of Kalibr, imu_utils or a data sheet; what that lacks is the default
     of the technology.
+
+    Parameters
+    ----------
+    path : path
+        Noise file: key: number, one a line.
+    dialect : str
+        Whose file it is.
+    technology : {'rlg', 'fog', 'mems'}
+        Its defaults fill what the file lacks.
+    serial : str
+        imu_serial of the unit.
     """
 
     believed = replace(default_twin(technology), imu_serial=serial)
@@ -25,7 +36,17 @@ def import_twin(
 
 
 def export_twin(twin: AnyTwin, target: str, *, rate_hz: float = 100.0) -> str:
-    """A twin as the text of Kalibr's imu.yaml, or as JSON of pyins' arguments."""
+    """A twin as the text of Kalibr's imu.yaml, or as JSON of pyins' arguments.
+
+    Parameters
+    ----------
+    twin : TwinModel or path
+        Twin file.
+    target : str
+        In whose form.
+    rate_hz : float in [10, 2000]
+        update_rate that Kalibr is told [Hz].
+    """
     record = twin_of(twin)
     if target == "kalibr":
         return kalibr_text(record, rate_hz)

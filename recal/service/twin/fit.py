@@ -115,10 +115,10 @@ def fit_twin(
     Parameters
     ----------
     runs : Run or path, or several
-        Power-on sessions of one unit, each with a parked stretch; one hour or many days.
+        Run directories of one unit, parked.
     start : TwinModel or path, optional
-        What is kept of what the runs do not tell, and the table to take out; else the defaults of
-        the technology.
+        Twin to begin with. Its numbers are kept where the runs tell nothing. Default: that of the
+        technology.
     told : callable
         Told what is being done: a step for each run, and TWIN_FIT_STEPS more.
 

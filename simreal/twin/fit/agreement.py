@@ -26,11 +26,11 @@ from ins.units import ARCSEC, HOUR, STANDARD_GRAVITY
 from simreal.evidence.noise_model import SIX_CHANNELS, axis_variances
 from simreal.twin.fit.evidence import without_comb
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, MOVES_P, SWINGS_BELOW_HZ
-from simreal.twin.fit.model import ABSENT, Model, band_model
+from simreal.twin.fit.model import ABSENT, TriadModel, band_model
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import SlowData, slow_data
 from simreal.twin.fit.spectra import UPRIGHT, Bands, below_hz, few_spectra
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 from simreal.twin.fit.terms import Shape, Term
 
 TOLERATED = 0.1  # of a size: a sigma that is off by less is 20 % of a variance off
@@ -87,15 +87,9 @@ class Agreement:
         bad = [c for c in self.cells if c.of is Of.SENSOR and not c.fits]
         return tuple(sorted(bad, key=lambda c: (c.p_value, -abs(np.log(max(c.ratio, 1e-12))))))
 
-    @property
-    def vehicle_misfits(self) -> tuple[NoiseCell, ...]:
-        """The same of the vehicle's."""
-        own = [c for c in self.cells if c.of is Of.VEHICLE]
-        return tuple(c for c in own if c.p_value * len(own) < MISFIT_P)
-
 
 @dataclass(frozen=True)
-class Part:
+class RunBandPower:
     """What one run says of one cell. power: declared [unit^2/Hz]; sway: its share that is sway."""
 
     channel: int
@@ -107,9 +101,9 @@ class Part:
     sway: float
 
 
-def agreement(streams: Sequence[Stream], twin: TwinModel) -> Agreement | None:
+def agreement(streams: Sequence[ParkedStream], twin: TwinModel) -> Agreement | None:
     """The noise of the runs against a twin; None where no stream holds enough to say."""
-    cells: dict[tuple[int, float, float, Of], list[Part]] = {}
+    cells: dict[tuple[int, float, float, Of], list[RunBandPower]] = {}
     for stream in streams:
         for part, of in _parts(stream, twin):
             key = (part.channel, part.low_hz, part.high_hz, of)
@@ -123,7 +117,7 @@ def agreement(streams: Sequence[Stream], twin: TwinModel) -> Agreement | None:
     return Agreement(judged, float(min(worst, 1.0)), sum(s.still_s for s in streams))
 
 
-def _joined(parts: Sequence[Part], of: Of) -> NoiseCell:
+def _joined(parts: Sequence[RunBandPower], of: Of) -> NoiseCell:
     """One cell of all runs."""
     dof = np.array([p.dof for p in parts])
     total = float(dof.sum())
@@ -147,15 +141,15 @@ def _p_value(ratio: float, dof: float) -> float:
     return min(2.0 * min(high, low), 1.0)
 
 
-def _parts(stream: Stream, twin: TwinModel) -> list[tuple[Part, Of]]:
+def _parts(stream: ParkedStream, twin: TwinModel) -> list[tuple[RunBandPower, Of]]:
     """The cells of a run, and whose noise each shows."""
     share = np.tile(1.0 - stream.up_b**2, 2)
     models = {0: declared_model(twin, gyro=True), 3: declared_model(twin, gyro=False)}
     live = [c for c in range(6) if not stream.seconds.dead[c]]
     rows, seconds = few_spectra(stream)
     counts = roundings(stream, rows.lines) if _counts(twin) else {}
-    of_rows: list[Part] = []
-    slow: list[Part] = []
+    of_rows: list[RunBandPower] = []
+    slow: list[RunBandPower] = []
     for bands in rows.bands:
         if bands.channel in live:
             counted = replace(bands, rounding=counts.get(bands.channel))
@@ -179,7 +173,7 @@ def _parts(stream: Stream, twin: TwinModel) -> list[tuple[Part, Of]]:
     return found
 
 
-def _tilted(parts: Sequence[Part], level: Sequence[int]) -> list[Part]:
+def _tilted(parts: Sequence[RunBandPower], level: Sequence[int]) -> list[RunBandPower]:
     """The slow cells of level gyros whose excess may be a tilting vehicle: the gravity that such a
     tilt brings in hides in what the level accelerometers show.
     """
@@ -193,12 +187,12 @@ def _tilted(parts: Sequence[Part], level: Sequence[int]) -> list[Part]:
     return found
 
 
-def _shown(part: Part) -> float:
+def _shown(part: RunBandPower) -> float:
     """Power of a cell, at its upper 97.5 % limit."""
     return part.ratio * part.power * (1.0 + 2.0 / np.sqrt(part.dof))
 
 
-def swings(parts: Sequence[Part]) -> bool:
+def swings(parts: Sequence[RunBandPower]) -> bool:
     """Whether the vehicle moves on its gear more than declared: a channel shows more, of what its
     own quietest band makes one expect, where gears swing. Of what gears do not reach the mean
     counts: a last band of a few rows is the quietest by chance, and a spectrum that falls gently
@@ -224,7 +218,7 @@ def _counts(twin: TwinModel) -> bool:
     return bool(twin.gyro.quantization_rad or twin.accel.quantization_m_s)
 
 
-def declared_model(twin: TwinModel, *, gyro: bool) -> Model:
+def declared_model(twin: TwinModel, *, gyro: bool) -> TriadModel:
     """What a twin declares of a triad, as the fit's model at its own values."""
     v = twin.vehicle
     d = gyro_densities(twin.gyro) if gyro else accel_densities(twin.accel)
@@ -241,7 +235,7 @@ def declared_model(twin: TwinModel, *, gyro: bool) -> Model:
     for channel, (white, counts) in enumerate(axis_variances(twin)):
         if (channel < 3) is gyro:
             ratios |= {(Term.WHITE, channel): white, (Term.QUANTIZATION, channel): counts}
-    return Model(tuple(sizes), logs, shape, np.ones(logs.size), ratios)
+    return TriadModel(tuple(sizes), logs, shape, np.ones(logs.size), ratios)
 
 
 def read_below_hz(twin: TwinModel, channel: int) -> float:
@@ -252,7 +246,9 @@ def read_below_hz(twin: TwinModel, channel: int) -> float:
     return float((twin.fit or {}).get("read_below_hz", {}).get(triad, np.inf))
 
 
-def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[float]) -> list[Part]:
+def _between(
+    bands: Bands, model: TriadModel, share: NDArray, edges_hz: Sequence[float]
+) -> list[RunBandPower]:
     """Cells of a spectrum."""
     quantum = float(np.sqrt(12.0 * np.exp(model.start[model.terms.index(Term.QUANTIZATION)])))
     grid = bands.rounding
@@ -262,7 +258,7 @@ def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[floa
     S, parts = band_model(model, model.start, (), bands, share)
     sway = parts[model.terms.index(Term.SWAY)] / S if Term.SWAY in model.terms else 0.0 * S
     f = bands.centre_hz
-    found: list[Part] = []
+    found: list[RunBandPower] = []
     for low, high in pairwise(edges_hz):
         inside = (f >= low) & (f < high) & (bands.dof > 0)
         if inside.any():
@@ -271,11 +267,13 @@ def _between(bands: Bands, model: Model, share: NDArray, edges_hz: Sequence[floa
             part = float(dof @ sway[inside] / dof.sum())
             top = min(high, 0.5 / bands.dt_s)
             power = float(np.mean(S[inside]))
-            found.append(Part(bands.channel, low, top, ratio, float(dof.sum()), power, part))
+            found.append(
+                RunBandPower(bands.channel, low, top, ratio, float(dof.sum()), power, part)
+            )
     return found
 
 
-def _slow(slow: SlowData, model: Model, share: NDArray) -> Part:
+def _slow(slow: SlowData, model: TriadModel, share: NDArray) -> RunBandPower:
     """The cell of the slow means: their mean squared whitened contrast."""
     w, x = slow.whole, model.start
     V, v = np.zeros((w, w)), np.zeros(slow.y.size - w)
@@ -293,4 +291,4 @@ def _slow(slow: SlowData, model: Model, share: NDArray) -> Part:
     n = slow.y.size
     own = sway / float(np.trace(V))
     power = float(np.median(np.append(np.diag(V), v))) * BLOCK_S
-    return Part(slow.channel, 0.0, 0.5 / BLOCK_S, square / n, 0.5 * n, power, own)
+    return RunBandPower(slow.channel, 0.0, 0.5 / BLOCK_S, square / n, 0.5 * n, power, own)

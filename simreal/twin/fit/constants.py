@@ -9,7 +9,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.robust import chi2
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 
 CONSTANT_OVER_S = 900.0  # of rest: the constant of a run is taken here, before it drifts
 # how far a variance may lie from what was believed, in its sigmas: 2e-9 of it is beyond
@@ -17,7 +17,7 @@ REACH_SIGMAS, REACH_POINTS = 6.0, 241
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class RunToRunVariance:
     """A variance between runs: its maximum of likelihood, 95 % limits, and degrees of freedom.
 
     cost: minus twice the log-likelihood of the logarithm of a variance.
@@ -40,7 +40,7 @@ class Spread:
         return float(np.exp(np.sum(weight * logs) / np.sum(weight)))
 
 
-def gyro_constants(stream: Stream, *, finds_north: bool) -> NDArray:
+def gyro_constants(stream: ParkedStream, *, finds_north: bool) -> NDArray:
     """Constant gyro biases of a run (k,) [rad/s], as far as nobody needs to know its heading.
 
     A unit that finds north: about the vertical, and along the level Earth rate that it finds (its
@@ -57,19 +57,19 @@ def gyro_constants(stream: Stream, *, finds_north: bool) -> NDArray:
     return np.asarray(level - vertical * up)
 
 
-def accel_constants(stream: Stream) -> NDArray:
+def accel_constants(stream: ParkedStream) -> NDArray:
     """The constant accelerometer bias along gravity of a run (1,) [m/s^2]; level hides the rest."""
     site = stream.run.header.site
     force = _first_mean(stream)[3:]
     return np.array([np.linalg.norm(force) - gravity_magnitude(site.lat_rad, site.height_m)])
 
 
-def _first_mean(stream: Stream) -> NDArray:
+def _first_mean(stream: ParkedStream) -> NDArray:
     seconds = np.flatnonzero(stream.still)[: int(CONSTANT_OVER_S)]
     return np.asarray(stream.seconds.mean[seconds].mean(axis=0))
 
 
-def spread_between(values: Sequence[NDArray], noise: NDArray) -> Spread | None:
+def spread_between(values: Sequence[NDArray], noise: NDArray) -> RunToRunVariance | None:
     """Variance (one number for all columns) of values (k,) of each run about their means over runs,
     beyond the noise (k,) [variance] that each has; None with one run.
     """
@@ -101,4 +101,4 @@ def spread_between(values: Sequence[NDArray], noise: NDArray) -> Spread | None:
     high = np.inf
     if beyond(bounds[1]) > 0:
         high = float(np.exp(brentq(beyond, best.x, bounds[1])))
-    return Spread(float(np.exp(best.x)), low, high, float(freedom * columns), cost)
+    return RunToRunVariance(float(np.exp(best.x)), low, high, float(freedom * columns), cost)

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from ins.robust import chi2
 from simreal.evidence.noise_model import SIX_CHANNELS
-from simreal.twin.fit.model import Evidence, Fitted, band_model
+from simreal.twin.fit.model import NoiseEstimate, TriadEvidence, band_model
 from simreal.twin.fit.result import ChannelCurve
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 from simreal.twin.fit.terms import Term, sampled_psd
 
 TAUS = 4  # averaging times of a doubling
@@ -25,7 +25,9 @@ INTEGRAL = 3000  # frequencies of the integral that makes an Allan variance of a
 
 
 def curves_of(
-    streams: Sequence[Stream], evidence: Evidence, fits: tuple[Fitted, Fitted]
+    streams: Sequence[ParkedStream],
+    evidence: TriadEvidence,
+    fits: tuple[NoiseEstimate, NoiseEstimate],
 ) -> tuple[ChannelCurve, ...]:
     """All six channels; of several runs the longest rest is drawn, the spectra are their means."""
     longest = max(streams, key=lambda s: max(b - a for a, b in s.spans))
@@ -81,7 +83,7 @@ def _p_value(ratio: NDArray, dof: NDArray) -> float:
     return float(chi2.sf(np.sum(np.clip(z, -8.0, 8.0) ** 2), z.size)) if z.size else 1.0
 
 
-def allan_deviation(stream: Stream, channel: int) -> tuple[NDArray, NDArray, NDArray]:
+def allan_deviation(stream: ParkedStream, channel: int) -> tuple[NDArray, NDArray, NDArray]:
     """Averaging times, overlapping Allan deviation and its degrees of freedom over the longest
     rest. Source: IEEE Std 952-1997, annex C; freedom of white noise, Riley (2008), table 5.
     """
@@ -99,7 +101,7 @@ def allan_deviation(stream: Stream, channel: int) -> tuple[NDArray, NDArray, NDA
     return steps.astype(float), np.array(allan), np.array(freedom)
 
 
-def allan_of(fitted: Fitted, channel: int, share: NDArray, tau_s: float) -> float:
+def allan_of(fitted: NoiseEstimate, channel: int, share: NDArray, tau_s: float) -> float:
     """Allan deviation of the model: the integral of its spectrum under sin^4, with the walk, which
     has no lower frequency, in closed form.
     """

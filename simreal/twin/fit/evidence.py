@@ -16,9 +16,9 @@ from simreal.twin.fit.gear import GEAR_BELOW_HZ, Gear, flat_above, rocked, witho
 from simreal.twin.fit.model import (
     PRIOR_SIGMA,
     ROUGHLY,
-    Evidence,
-    Fitted,
-    Model,
+    NoiseEstimate,
+    TriadEvidence,
+    TriadModel,
     band_model,
     climb,
     derivatives,
@@ -80,7 +80,7 @@ AXIS_SIGMA = 0.2  # of an axis's own log variance: beyond 0.1 of its size the tr
 
 
 @dataclass(frozen=True)
-class Told:
+class TermEstimate:
     """What the data say of one term, in log variance.
 
     value, sigma: of the twin that is written; low, high: 95 %; nats: log likelihood against none of
@@ -108,36 +108,36 @@ class TriadFit:
     GEAR_BELOW_HZ was read, for the vehicle moved on its gear; contradicted: by the data, by far.
     """
 
-    told: tuple[Told, ...]
-    fitted: Fitted
+    told: tuple[TermEstimate, ...]
+    fitted: NoiseEstimate
     differ_p: float
-    axes: Mapping[int, Fitted]
+    axes: Mapping[int, NoiseEstimate]
     used_s: float
     band_hz: float | None = None
     gear: Gear = frozenset()
     contradicted: bool = False
 
-    def of(self, term: Term) -> Told | None:
+    def of(self, term: Term) -> TermEstimate | None:
         return next((t for t in self.told if t.term is term), None)
 
-    def read(self, evidence: Evidence) -> Evidence:
+    def read(self, evidence: TriadEvidence) -> TriadEvidence:
         """The bands that the fit has read count, no others."""
         return without_gear(below(evidence, self.band_hz or np.inf), self.gear)
 
 
 def fit_triad(
-    evidence: Evidence,
-    model: Model,
+    evidence: TriadEvidence,
+    model: TriadModel,
     dt_s: float,
     used_s: float,
-    contradicted: Callable[[Fitted, Evidence], bool],
+    contradicted: Callable[[NoiseEstimate, TriadEvidence], bool],
 ) -> TriadFit:
     """The noise of a triad. dt_s: of its rows; used_s: parked seconds, all runs; contradicted:
     whether the data contradict a fit by far. No term of such a fit is asked for: its numbers would
     say nothing.
     """
 
-    def unlike(best: Fitted, evidence: Evidence) -> bool:
+    def unlike(best: NoiseEstimate, evidence: TriadEvidence) -> bool:
         return not best.model.hidden and (
             _like_a_filter(best) or contradicted(best, evidence) or _falls(evidence, model)
         )
@@ -179,7 +179,9 @@ def fit_triad(
     return TriadFit(tuple(told), final, differ_p, axes, used_s, band_hz, gear)
 
 
-def _best(evidence: Evidence, model: Model) -> tuple[Fitted, Evidence, float, Mapping[int, Fitted]]:
+def _best(
+    evidence: TriadEvidence, model: TriadModel
+) -> tuple[NoiseEstimate, TriadEvidence, float, Mapping[int, NoiseEstimate]]:
     """The best model with all terms, what it was fitted to, the p-value that the axes are alike,
     and each axis alone.
     """
@@ -198,7 +200,7 @@ def _best(evidence: Evidence, model: Model) -> tuple[Fitted, Evidence, float, Ma
     return best, evidence, differ_p, axes
 
 
-def _like_a_filter(best: Fitted) -> bool:
+def _like_a_filter(best: NoiseEstimate) -> bool:
     """Whether a Markov process stands for noise that was white before a filter."""
     if Term.MARKOV not in best.model.terms:
         return False
@@ -207,7 +209,7 @@ def _like_a_filter(best: Fitted) -> bool:
     return bool(tau_s < FILTERED_S and plateau > best.log_variance(Term.WHITE))
 
 
-def _unfiltered_band(evidence: Evidence, model: Model) -> float | None:
+def _unfiltered_band(evidence: TriadEvidence, model: TriadModel) -> float | None:
     """The frequency up to which the rows show white noise where a filter takes it away above, by
     halves of the whole band; None where nothing falls below what the rest of the data explain.
     """
@@ -223,25 +225,25 @@ def _unfiltered_band(evidence: Evidence, model: Model) -> float | None:
     return None
 
 
-def _top_hz(evidence: Evidence) -> float:
+def _top_hz(evidence: TriadEvidence) -> float:
     """The highest frequency of the rows."""
     return max((float(b.hz.max()) for _, b in evidence.bands), default=0.0)
 
 
-def _falls(evidence: Evidence, model: Model) -> bool:
+def _falls(evidence: TriadEvidence, model: TriadModel) -> bool:
     """Whether a filter has taken noise out of the upper half of the rows' band."""
     if _only_above_gear(evidence):
         return not flat_above(evidence)
     return _falls_below(evidence, model, 0.25 * _top_hz(evidence))
 
 
-def _only_above_gear(evidence: Evidence) -> bool:
+def _only_above_gear(evidence: TriadEvidence) -> bool:
     """Whether nothing is read below the frequencies of a vehicle on its gear."""
     lowest = min((float(b.centre_hz[b.dof > 0].min(initial=np.inf)) for _, b in evidence.bands))
     return lowest > GEAR_BELOW_HZ
 
 
-def _falls_below(evidence: Evidence, model: Model, hz: float) -> bool:
+def _falls_below(evidence: TriadEvidence, model: TriadModel, hz: float) -> bool:
     """Whether most channels show less noise in the upper half of the rows' band than a fit to what
     lies below a frequency leads one to expect.
     """
@@ -258,19 +260,19 @@ def _falls_below(evidence: Evidence, model: Model, hz: float) -> bool:
     return bool(falls) and float(np.median(falls)) < FALLS
 
 
-def _beside_filter(white: Told) -> Told:
+def _beside_filter(white: TermEstimate) -> TermEstimate:
     """White noise with what a filter may still take out of the band that was read."""
     sigma = float(np.hypot(white.sigma, WHITE_STAYS / 3.0))
     wider = 1.96 * (sigma - white.sigma)
     return replace(white, sigma=sigma, low=white.low - wider, high=white.high + wider)
 
 
-def below(evidence: Evidence, hz: float) -> Evidence:
+def below(evidence: TriadEvidence, hz: float) -> TriadEvidence:
     """The evidence less the bands above a frequency."""
     return replace(evidence, bands=tuple((k, below_hz(b, hz)) for k, b in evidence.bands))
 
 
-def _counted_once(evidence: Evidence, fitted: Fitted) -> Evidence:
+def _counted_once(evidence: TriadEvidence, fitted: NoiseEstimate) -> TriadEvidence:
     """The evidence with bands of means counting for less by what folds into them of a quick sway:
     the rows have shown that part already.
     """
@@ -287,7 +289,7 @@ def _counted_once(evidence: Evidence, fitted: Fitted) -> Evidence:
     return replace(evidence, bands=tuple(kept))
 
 
-def _last_model(model: Model, kept: set[Term]) -> Model:
+def _last_model(model: TriadModel, kept: set[Term]) -> TriadModel:
     """The model that a twin is written from: what is not told is held to what was believed, and
     left out where nobody believed in it, for its share would be missing elsewhere.
     """
@@ -298,7 +300,7 @@ def _last_model(model: Model, kept: set[Term]) -> Model:
     return replace(model, width=np.minimum(model.width, believed))
 
 
-def _carried(found: Fitted, model: Model) -> NDArray:
+def _carried(found: NoiseEstimate, model: TriadModel) -> NDArray:
     """Parameters of a model with fewer terms where another was highest: from what was believed a
     large sway leads to another summit.
     """
@@ -306,7 +308,7 @@ def _carried(found: Fitted, model: Model) -> NDArray:
     return np.concatenate([terms, found.x[len(found.model.terms) :]])
 
 
-def _counted(evidence: Evidence, free: Fitted) -> tuple[Fitted, Evidence]:
+def _counted(evidence: TriadEvidence, free: NoiseEstimate) -> tuple[NoiseEstimate, TriadEvidence]:
     """The fit with the quantum of the grid on which all channels lie, where their noise agrees that
     it is their sums that are rounded; else the fit as it was. Where steps are far above the noise,
     without the bands that rounding makes: its error is a comb there, and no normal one.
@@ -340,7 +342,7 @@ def _counted(evidence: Evidence, free: Fitted) -> tuple[Fitted, Evidence]:
     return replace(free, model=replace(model, hidden=hidden)), evidence
 
 
-def _shows_sums(evidence: Evidence, found: Fitted) -> bool:
+def _shows_sums(evidence: TriadEvidence, found: NoiseEstimate) -> bool:
     """Whether the rows show, in the upper half of their frequencies, the power of rounded sums:
     rows that are rounded one by one show as much everywhere, and too little there.
     """
@@ -355,7 +357,7 @@ def _shows_sums(evidence: Evidence, found: Fitted) -> bool:
     return True
 
 
-def _quanta(evidence: Evidence) -> dict[int, float]:
+def _quanta(evidence: TriadEvidence) -> dict[int, float]:
     """The quantum of each channel; empty where one lies on no grid, or runs differ."""
     quanta: dict[int, float] = {}
     for _, bands in evidence.bands:
@@ -367,14 +369,14 @@ def _quanta(evidence: Evidence) -> dict[int, float]:
     return quanta
 
 
-def _lowest_power(evidence: Evidence) -> float:
+def _lowest_power(evidence: TriadEvidence) -> float:
     """The least that a band shows: white noise is hardly above it."""
     shown = [b.power[b.dof > FEW_DOF] for _, b in evidence.bands]
     lowest = [float(p.min()) for p in shown if p.size]
     return min(lowest) if lowest else min(float(b.power.min()) for _, b in evidence.bands)
 
 
-def _steps_alike(evidence: Evidence, white: float) -> bool:
+def _steps_alike(evidence: TriadEvidence, white: float) -> bool:
     """Whether the errors of counting are alike from row to row."""
     return any(_alike(b, white) > COMB_ALIKE for _, b in evidence.bands)
 
@@ -383,13 +385,13 @@ def _alike(bands: Bands, white: float) -> float:
     return bands.rounding.alike(np.exp(white) * bands.dt_s) if bands.rounding else 0.0
 
 
-def _without_combs(evidence: Evidence, model: Model, x: NDArray) -> Evidence:
+def _without_combs(evidence: TriadEvidence, model: TriadModel, x: NDArray) -> TriadEvidence:
     """The evidence less the bands that counting makes."""
     kept = [(k, without_comb(b, model, x, evidence.share[k])) for k, b in evidence.bands]
     return replace(evidence, bands=tuple(kept))
 
 
-def without_comb(bands: Bands, model: Model, x: NDArray, share: NDArray) -> Bands:
+def without_comb(bands: Bands, model: TriadModel, x: NDArray, share: NDArray) -> Bands:
     """The bands less those that counting makes, where its errors are alike from row to row."""
     if _alike(bands, float(x[model.terms.index(Term.WHITE)])) <= COMB_ALIKE:
         return bands
@@ -397,7 +399,7 @@ def without_comb(bands: Bands, model: Model, x: NDArray, share: NDArray) -> Band
     return replace(bands, dof=np.where(part > COMB, 0.0, bands.dof))
 
 
-def _with_markov(evidence: Evidence, best: Fitted) -> Fitted:
+def _with_markov(evidence: TriadEvidence, best: NoiseEstimate) -> NoiseEstimate:
     """The fit with a Markov process, where its two parameters are worth it."""
     slow = sum(s.y.size for _, s in evidence.slow)
     if slow == 0:
@@ -430,7 +432,7 @@ def _with_markov(evidence: Evidence, best: Fitted) -> Fitted:
     return found
 
 
-def _score(evidence: Evidence, model: Model, x: NDArray) -> float:
+def _score(evidence: TriadEvidence, model: TriadModel, x: NDArray) -> float:
     """How many sigmas the likelihood rises with a little of the last term, all others following."""
     k = len(model.terms) - 1
     x = x.copy()
@@ -445,8 +447,8 @@ def _score(evidence: Evidence, model: Model, x: NDArray) -> float:
 
 
 def _axes(
-    evidence: Evidence, best: Fitted
-) -> tuple[float, dict[int, Fitted], dict[tuple[Term, int], float]]:
+    evidence: TriadEvidence, best: NoiseEstimate
+) -> tuple[float, dict[int, NoiseEstimate], dict[tuple[Term, int], float]]:
     """Whether the axes are alike (p-value), each axis fitted alone, and the ratios of their white
     noise where they are not.
     """
@@ -455,7 +457,7 @@ def _axes(
     judged = [c for c in channels if c != creep]
     if len(judged) < 2:
         return 1.0, {}, {}
-    alone: dict[int, Fitted] = {}
+    alone: dict[int, NoiseEstimate] = {}
     for c in channels:
         model = best.model.without(Term.CREEP) if creep is not None else best.model
         keep = [k for k, t in enumerate(best.model.terms) if t is not Term.CREEP]
@@ -479,10 +481,10 @@ def _axes(
     return p, alone, ratios
 
 
-def _unsaid(best: Fitted, term: Term) -> Told:
+def _unsaid(best: NoiseEstimate, term: Term) -> TermEstimate:
     """A term of a fit that the data contradict."""
     value, sigma = best.log_variance(term), best.sigma(term)
-    return Told(
+    return TermEstimate(
         term=term,
         value=value,
         sigma=sigma,
@@ -495,7 +497,7 @@ def _unsaid(best: Fitted, term: Term) -> Told:
     )
 
 
-def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
+def _tell(evidence: TriadEvidence, best: NoiseEstimate, term: Term, penalty: float) -> TermEstimate:
     """One term against its absence."""
     k = best.model.terms.index(term)
     value, sigma = float(best.x[k]), best.sigma(term)
@@ -513,7 +515,7 @@ def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
     identified = nats > penalty and sigma < IDENTIFIED_SIGMA and not hidden
     identified = identified and _holds(evidence, best, k, sigma)
     upper = value + 1.96 * sigma if identified else _upper(evidence, best, k)
-    return Told(
+    return TermEstimate(
         term=term,
         value=value,
         sigma=sigma,
@@ -527,7 +529,7 @@ def _tell(evidence: Evidence, best: Fitted, term: Term, penalty: float) -> Told:
     )
 
 
-def _holds(evidence: Evidence, best: Fitted, k: int, sigma: float) -> bool:
+def _holds(evidence: TriadEvidence, best: NoiseEstimate, k: int, sigma: float) -> bool:
     """Whether a term would be known as well where it is as small as it may be: what chance makes
     large looks better known than it is.
     """
@@ -540,7 +542,7 @@ def _holds(evidence: Evidence, best: Fitted, k: int, sigma: float) -> bool:
     return smaller.sigma(best.model.terms[k]) < STILL_SIGMA
 
 
-def _upper(evidence: Evidence, best: Fitted, k: int) -> float:
+def _upper(evidence: TriadEvidence, best: NoiseEstimate, k: int) -> float:
     """The log variance at which the profile likelihood has fallen to its 97.5 % limit."""
     x = best.x.copy()
     step = 2.0
@@ -560,7 +562,9 @@ def _upper(evidence: Evidence, best: Fitted, k: int) -> float:
     return float(high if np.isfinite(high) else low)
 
 
-def _final(told: Told, final: Fitted, *, dt_s: float, used_s: float, channels: int) -> Told:
+def _final(
+    told: TermEstimate, final: NoiseEstimate, *, dt_s: float, used_s: float, channels: int
+) -> TermEstimate:
     """What the twin is given, and the recording that would tell what these did not."""
     if told.term not in final.model.terms:
         return replace(told, low=-np.inf, high=told.upper, value=min(told.value, told.upper))
@@ -580,7 +584,7 @@ def _final(told: Told, final: Fitted, *, dt_s: float, used_s: float, channels: i
 
 
 def needed_s(
-    fitted: Fitted, term: Term, dt_s: float, *, channels: int = 3, longer_s: float = 0.0
+    fitted: NoiseEstimate, term: Term, dt_s: float, *, channels: int = 3, longer_s: float = 0.0
 ) -> float:
     """The shortest of PARKED_HOURS, in seconds, in which the bound on this term's sigma passes;
     infinite where none does. longer_s: of recordings that did not tell it.
@@ -595,7 +599,7 @@ def needed_s(
 
 
 def bound_sigma(
-    model: Model, x: NDArray, dt_s: float, parked_s: float, *, channels: int = 3
+    model: TriadModel, x: NDArray, dt_s: float, parked_s: float, *, channels: int = 3
 ) -> NDArray:
     """Cramer-Rao bound (p,) on the sigma of each log variance from one parked run, by the integral
     of Whittle's information; terms of one channel count once.

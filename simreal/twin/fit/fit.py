@@ -21,7 +21,7 @@ from ins.units import MICRO_G_PER_SQRT_HOUR as MICRO_G_WALK
 from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.constants import (
     CONSTANT_OVER_S,
-    Spread,
+    RunToRunVariance,
     accel_constants,
     gyro_constants,
     spread_between,
@@ -31,19 +31,20 @@ from simreal.twin.fit.evidence import (
     AXES_DIFFER_P,
     BELIEVED_SIGMA,
     IDENTIFIED_SIGMA,
-    Told,
+    TermEstimate,
     TriadFit,
     fit_triad,
 )
 from simreal.twin.fit.gear import GEAR_BELOW_HZ
-from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Fitted, Model
+from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit, Why
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import spectra_of
-from simreal.twin.fit.streams import Line, Stream, stream_of
+from simreal.twin.fit.streams import DitherLine, ParkedStream, stream_of
 from simreal.twin.fit.terms import Shape, Term
+from simreal.twin.reasons import Why
 
 GYRO_TRIAD, ACCEL_TRIAD = (0, 1, 2), (3, 4, 5)
 # of the white noise at the highest frequency, where quantisation is first looked for: 0.1 is seen
@@ -75,7 +76,7 @@ def fit_twin(
     believed: what is kept of what the runs do not tell; table: its thermal table, taken out first.
     """
     header = one_unit(runs)
-    streams: list[Stream] = []
+    streams: list[ParkedStream] = []
     used: list[RunUsed] = []
     for run in runs:
         told(f"reading {run.header.run_id}")
@@ -91,10 +92,10 @@ def fit_twin(
     rate_hz = float(np.median([s.run.imu.rate_hz for s in streams]))
     seconds = float(sum(s.still_s for s in streams))
 
-    def fit_of(channels: Sequence[int], model: Model) -> TriadFit:
+    def fit_of(channels: Sequence[int], model: TriadModel) -> TriadFit:
         of = evidence.of(channels)
 
-        def hopeless(fitted: Fitted, used: Evidence) -> bool:
+        def hopeless(fitted: NoiseEstimate, used: TriadEvidence) -> bool:
             return any(contradicted(c) for c in curves_of(streams, used, (fitted, fitted)))
 
         return fit_triad(of, model, 1.0 / rate_hz, seconds, hopeless)
@@ -147,7 +148,7 @@ def fit_twin(
     )
 
 
-def _line(line: Line) -> SpectralLine:
+def _line(line: DitherLine) -> SpectralLine:
     return SpectralLine(
         channel=SIX_CHANNELS[line.channel],
         frequency_hz=line.frequency_hz,
@@ -177,10 +178,10 @@ def one_unit(runs: Sequence[Run]) -> RunHeader:
 
 
 def _evidence(
-    streams: Sequence[Stream],
-) -> tuple[Evidence, tuple[Line, ...], dict[str, float], NDArray]:
+    streams: Sequence[ParkedStream],
+) -> tuple[TriadEvidence, tuple[DitherLine, ...], dict[str, float], NDArray]:
     bands, slow, share = [], [], []
-    lines: list[Line] = []
+    lines: list[DitherLine] = []
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
     for k, stream in enumerate(streams):
@@ -193,12 +194,12 @@ def _evidence(
         shared = np.maximum(shared, found.shared)
         for name, part in found.left_out.items():
             left_out[name] = max(part, left_out.get(name, 0.0))
-    return Evidence(tuple(bands), tuple(slow), tuple(share)), _merged(lines), left_out, shared
+    return TriadEvidence(tuple(bands), tuple(slow), tuple(share)), _merged(lines), left_out, shared
 
 
-def _merged(lines: Sequence[Line]) -> tuple[Line, ...]:
+def _merged(lines: Sequence[DitherLine]) -> tuple[DitherLine, ...]:
     """Lines of several runs as one where they are of one channel and within 0.5 %."""
-    kept: list[Line] = []
+    kept: list[DitherLine] = []
     for line in sorted(lines, key=lambda one: (one.channel, one.frequency_hz)):
         last = kept[-1] if kept else None
         alike = last is not None and last.channel == line.channel
@@ -210,7 +211,7 @@ def _merged(lines: Sequence[Line]) -> tuple[Line, ...]:
     return tuple(kept)
 
 
-def _gyro_model(twin: TwinModel, dt_s: float) -> Model:
+def _gyro_model(twin: TwinModel, dt_s: float) -> TriadModel:
     d = gyro_densities(twin.gyro)
     white = d.white**2
     creep = (twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / np.sqrt(HOUR)) ** 2
@@ -225,7 +226,7 @@ def _gyro_model(twin: TwinModel, dt_s: float) -> Model:
     return _model(centres, Shape(), without_quantum=not twin.gyro.quantization_rad)
 
 
-def _accel_model(twin: TwinModel, dt_s: float) -> Model:
+def _accel_model(twin: TwinModel, dt_s: float) -> TriadModel:
     d = accel_densities(twin.accel)
     white = d.white**2
     v = twin.vehicle
@@ -243,9 +244,9 @@ def _accel_model(twin: TwinModel, dt_s: float) -> Model:
     return _model(centres, shape, without_quantum=not twin.accel.quantization_m_s)
 
 
-def _model(centres: dict[Term, float], shape: Shape, *, without_quantum: bool) -> Model:
+def _model(centres: dict[Term, float], shape: Shape, *, without_quantum: bool) -> TriadModel:
     width = np.full(len(centres), PRIOR_SIGMA)
-    return Model(
+    return TriadModel(
         tuple(centres),
         np.log(list(centres.values())),
         shape,
@@ -254,14 +255,16 @@ def _model(centres: dict[Term, float], shape: Shape, *, without_quantum: bool) -
     )
 
 
-def _size(told: Told, unit: float) -> tuple[float, float, float, float]:
+def _size(told: TermEstimate, unit: float) -> tuple[float, float, float, float]:
     """Value, sigma, low and high of a term's size in a unit."""
     value = float(np.exp(0.5 * told.value)) / unit
     low = float(np.exp(0.5 * told.low)) / unit if np.isfinite(told.low) else 0.0
     return value, 0.5 * told.sigma * value, low, float(np.exp(0.5 * told.high)) / unit
 
 
-def _parameter(name: str, told: Told, unit: float, believed: float, seconds: float) -> Parameter:
+def _parameter(
+    name: str, told: TermEstimate, unit: float, believed: float, seconds: float
+) -> Parameter:
     if told.hidden:
         return _unknown(name, believed, Why.ROUNDED, seconds)
     value, sigma, low, high = _size(told, unit)
@@ -398,7 +401,7 @@ def _shape_parameters(
     return found
 
 
-def _shape_needed(of: Told | None, sigma: float, seconds: float) -> float:
+def _shape_needed(of: TermEstimate | None, sigma: float, seconds: float) -> float:
     """Parked seconds that would tell a shape: as long as the squared sigma of its logarithm takes
     to fall, and its term has to be told.
     """
@@ -437,7 +440,7 @@ def _unknown(name: str, value: float, why: Why, seconds: float) -> Parameter:
 
 
 def _turn_on(
-    streams: Sequence[Stream], twin: TwinModel, gyro: TriadFit, accel: TriadFit
+    streams: Sequence[ParkedStream], twin: TwinModel, gyro: TriadFit, accel: TriadFit
 ) -> list[Parameter]:
     """The spread of constants from one power-on to the next, from several runs."""
     north = twin.gyro_technology != "mems"
@@ -458,7 +461,7 @@ def _turn_on(
     return [_spread(name, unit, found, twin, len(streams)) for name, unit, found in spreads]
 
 
-def _mean_variance(fit: TriadFit, streams: Sequence[Stream]) -> float:
+def _mean_variance(fit: TriadFit, streams: Sequence[ParkedStream]) -> float:
     """Variance of the mean over the first rest: white noise and what flicker adds to it."""
     seconds = min(CONSTANT_OVER_S, float(np.median([s.still_s for s in streams])))
     white = np.exp(fit.fitted.log_variance(Term.WHITE)) / seconds
@@ -466,7 +469,9 @@ def _mean_variance(fit: TriadFit, streams: Sequence[Stream]) -> float:
     return float(white + flicker)
 
 
-def _spread(name: str, unit: float, found: Spread | None, twin: TwinModel, runs: int) -> Parameter:
+def _spread(
+    name: str, unit: float, found: RunToRunVariance | None, twin: TwinModel, runs: int
+) -> Parameter:
     columns = found.freedom / max(runs - 1, 1) if found else 1.0
     needed = float(np.ceil(ENOUGH_FREEDOM / columns)) + 1.0
     if found is None:
@@ -494,7 +499,7 @@ def _spread(name: str, unit: float, found: Spread | None, twin: TwinModel, runs:
     )
 
 
-def _others(streams: Sequence[Stream], twin: TwinModel) -> list[Parameter]:
+def _others(streams: Sequence[ParkedStream], twin: TwinModel) -> list[Parameter]:
     found = _thermometer_parameters(list(streams), twin)
     fixes = receiver(list(streams))
     for key in ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s"):
@@ -504,7 +509,7 @@ def _others(streams: Sequence[Stream], twin: TwinModel) -> list[Parameter]:
     return found
 
 
-def _thermometer_parameters(streams: list[Stream], twin: TwinModel) -> list[Parameter]:
+def _thermometer_parameters(streams: list[ParkedStream], twin: TwinModel) -> list[Parameter]:
     noise_name, step_name = "temperature.noise_degC", "temperature.resolution_degC"
     seen = thermometers(streams)
     if seen is None:

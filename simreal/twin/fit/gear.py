@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.robust import gamma as gamma_law
-from simreal.twin.fit.model import Evidence, Fitted, band_model, climb
+from simreal.twin.fit.model import NoiseEstimate, TriadEvidence, band_model, climb
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.terms import Term
 
@@ -39,7 +39,7 @@ Gear = frozenset[tuple[int, int]]  # of run and channel
 FALLS_SIGMAS = 3.0  # of the ratio of two halves of a band: 0.0013 of flat ones fall as much
 
 
-def rocked(evidence: Evidence, best: Fitted) -> Gear:
+def rocked(evidence: TriadEvidence, best: NoiseEstimate) -> Gear:
     """The channels, by run, that show more than what they show outside the gear's frequencies lets
     one expect, with the sway of the best fit (a gyro has none), and more than at the upper end of
     these: a spectrum that falls gently is a filter's. Where a sway does not explain what one
@@ -62,7 +62,7 @@ def rocked(evidence: Evidence, best: Fitted) -> Gear:
     return frozenset(found)
 
 
-def _floor(evidence: Evidence, best: Fitted) -> Fitted:
+def _floor(evidence: TriadEvidence, best: NoiseEstimate) -> NoiseEstimate:
     """The noise of a channel alone, as it shows outside the gear's frequencies."""
     model, x = best.model, best.x
     if Term.CREEP in model.terms:
@@ -77,7 +77,7 @@ def _floor(evidence: Evidence, best: Fitted) -> Fitted:
     return climb(replace(evidence, bands=tuple(outside)), model, x, fixed=held)
 
 
-def without_gear(evidence: Evidence, gear: Gear) -> Evidence:
+def without_gear(evidence: TriadEvidence, gear: Gear) -> TriadEvidence:
     """The evidence with nothing of these channels that a vehicle on its gear reaches. The slow
     means go as well: weights that come and go, and a wind that turns, tilt the vehicle for good.
     """
@@ -89,7 +89,7 @@ def without_gear(evidence: Evidence, gear: Gear) -> Evidence:
     return replace(evidence, bands=tuple(kept), slow=slow)
 
 
-def flat_above(evidence: Evidence) -> bool:
+def flat_above(evidence: TriadEvidence) -> bool:
     """Whether what is left, all above the gear's frequencies, falls nowhere, as filtered noise
     would. False where nothing is left.
     """
@@ -115,7 +115,7 @@ class _Cell:
     dof: float
 
 
-def _cells(evidence: Evidence, floor: Fitted) -> Iterator[_Cell]:
+def _cells(evidence: TriadEvidence, floor: NoiseEstimate) -> Iterator[_Cell]:
     """The cells of one channel."""
     for run in sorted({k for k, _ in evidence.bands}):
         mine = [b for k, b in evidence.bands if k == run]
@@ -130,7 +130,7 @@ def _cells(evidence: Evidence, floor: Fitted) -> Iterator[_Cell]:
 
 
 def _ratios(
-    bands: Sequence[Bands], floor: Fitted, share: NDArray
+    bands: Sequence[Bands], floor: NoiseEstimate, share: NDArray
 ) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     for b in bands:
         expected, _ = band_model(floor.model, floor.x, (), b, share)

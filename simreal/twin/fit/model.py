@@ -29,7 +29,7 @@ ABSENT = -80.0  # log variance of a term left out: e^-80 is 1e-35, below any squ
 
 
 @dataclass(frozen=True)
-class Evidence:
+class TriadEvidence:
     """What a triad showed, over all runs. share (6,) of each channel's sway (the level part of its
     axis), by index of the run.
     """
@@ -38,15 +38,15 @@ class Evidence:
     slow: tuple[tuple[int, SlowData], ...]
     share: tuple[NDArray, ...]
 
-    def of(self, channels: Sequence[int]) -> "Evidence":
+    def of(self, channels: Sequence[int]) -> "TriadEvidence":
         """Some of the channels."""
         bands = tuple((k, b) for k, b in self.bands if b.channel in channels)
         slow = tuple((k, s) for k, s in self.slow if s.channel in channels)
-        return Evidence(bands, slow, self.share)
+        return TriadEvidence(bands, slow, self.share)
 
 
 @dataclass(frozen=True)
-class Model:
+class TriadModel:
     """Terms of a triad in order; where a term enters one channel alone (CREEP), its channel.
 
     centre, width (p,): log variances believed before, and their sigma; shape: the same of the sway
@@ -98,7 +98,7 @@ class Model:
             return float(channel == self.creep_channel)
         return self.ratios.get((term, channel), 1.0)
 
-    def without(self, term: Term) -> "Model":
+    def without(self, term: Term) -> "TriadModel":
         """The model less one term."""
         keep = [k for k, t in enumerate(self.terms) if t is not term]
         return replace(
@@ -111,12 +111,12 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class NoiseEstimate:
     """The highest point x (p,) of a model: log likelihood there without the prior, its information
     (p, p) without the prior.
     """
 
-    model: Model
+    model: TriadModel
     x: NDArray
     log_likelihood: float
     information: NDArray
@@ -136,13 +136,13 @@ class Fitted:
 
 
 def climb(
-    evidence: Evidence,
-    model: Model,
+    evidence: TriadEvidence,
+    model: TriadModel,
     x: NDArray | None = None,
     *,
     fixed: Sequence[int] = (),
     within: float = CONVERGED,
-) -> Fitted:
+) -> NoiseEstimate:
     """The highest point of likelihood times prior, by damped Fisher scoring; `fixed` parameters
     stay where x has them.
     """
@@ -172,10 +172,12 @@ def climb(
         damping = 0.0 if damping < 0.1 else damping / 4.0
         if gain < within:
             break
-    return Fitted(model, x, value, information)
+    return NoiseEstimate(model, x, value, information)
 
 
-def derivatives(evidence: Evidence, model: Model, x: NDArray) -> tuple[float, NDArray, NDArray]:
+def derivatives(
+    evidence: TriadEvidence, model: TriadModel, x: NDArray
+) -> tuple[float, NDArray, NDArray]:
     """Log likelihood, its gradient (p,) and expected information (p, p)."""
     value, gradient = 0.0, np.zeros(x.size)
     information = np.zeros((x.size, x.size))
@@ -195,14 +197,14 @@ def derivatives(evidence: Evidence, model: Model, x: NDArray) -> tuple[float, ND
     return value, gradient, information
 
 
-def _moved(model: Model, x: NDArray, k: int) -> NDArray:
+def _moved(model: TriadModel, x: NDArray, k: int) -> NDArray:
     found = x.copy()
     found[k] += SHAPE_STEP
     return found
 
 
 def band_model(
-    model: Model, x: NDArray, moved: Sequence[NDArray], bands: Bands, share: NDArray
+    model: TriadModel, x: NDArray, moved: Sequence[NDArray], bands: Bands, share: NDArray
 ) -> tuple[NDArray, NDArray]:
     """Expected power (b,) and its derivatives (p, b)."""
     shape = model.shape_at(x)
@@ -234,7 +236,7 @@ def band_model(
     return power, parts
 
 
-def rounding_power(model: Model, x: NDArray, bands: Bands, share: NDArray) -> NDArray:
+def rounding_power(model: TriadModel, x: NDArray, bands: Bands, share: NDArray) -> NDArray:
     """Expected power (b,) of the errors of counting, on the noise beneath it."""
     if bands.rounding is None:
         return np.zeros(bands.power.size)
@@ -253,7 +255,7 @@ def rounding_power(model: Model, x: NDArray, bands: Bands, share: NDArray) -> ND
 
 
 def _gaussian(
-    model: Model, x: NDArray, slow: SlowData, share: NDArray
+    model: TriadModel, x: NDArray, slow: SlowData, share: NDArray
 ) -> tuple[float, NDArray, NDArray]:
     """The same of slow contrasts; the shape of the sway is left to the bands."""
     shape, w = model.shape_at(x), slow.whole

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from alignment.motion.kinds import ROLLING
 from ins.earth import radii_of_curvature
 from ins.robust import robust_sigma
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 
 # of the steps between readings that a resolution must explain: 1 in 1,000 may be a glitch
 GRID_SHARE = 0.999
@@ -23,11 +23,10 @@ CORRELATED = np.exp(-1.0)
 
 @dataclass(frozen=True)
 class Sample:
-    """A sigma with the readings behind it; correlation_s: after which an error is a third."""
+    """A sigma with the readings behind it."""
 
     sigma: float
     count: float
-    correlation_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Thermometers:
     resolution: float
 
 
-def thermometers(streams: list[Stream]) -> Thermometers | None:
+def thermometers(streams: list[ParkedStream]) -> Thermometers | None:
     """What all gyro thermometers of the runs show."""
     columns = [
         column[np.isfinite(column)]
@@ -70,14 +69,13 @@ def resolution(columns: list[NDArray]) -> float:
     return step if whole.mean() > GRID_SHARE else 0.0
 
 
-def receiver(streams: list[Stream]) -> dict[str, Sample]:
+def receiver(streams: list[ParkedStream]) -> dict[str, Sample]:
     """Sigmas of position and velocity while parked, by key of the twin; velocities about zero,
     positions about their mean, so that what lasts longer than the rest is not in them.
     """
     position: list[NDArray] = []
     height: list[NDArray] = []
     velocity: list[NDArray] = []
-    rate_s = 1.0
     for stream in streams:
         gnss = stream.run.gnss
         if gnss is None or stream.still_s < SHORTEST_FIX_S:
@@ -85,7 +83,6 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
         at = _at_rest(stream, gnss.time_s)
         if at.sum() < FEWEST_SEEN:
             continue
-        rate_s = float(np.median(np.diff(gnss.time_s)))
         lat, lon = gnss.lat_rad[at], gnss.lon_rad[at]
         meridian, transverse = radii_of_curvature(lat)
         north = (lat - lat.mean()) * meridian
@@ -98,10 +95,10 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
         "gnss.sigma_vertical_m": height,
         "gnss.sigma_velocity_m_s": velocity,
     }
-    return {name: _sample(columns, rate_s) for name, columns in named.items() if columns}
+    return {name: _sample(columns) for name, columns in named.items() if columns}
 
 
-def wheels(streams: list[Stream]) -> Sample | None:
+def wheels(streams: list[ParkedStream]) -> Sample | None:
     """Noise of the wheels' speed: parked where they read anything, else from what neighbouring
     readings differ by while they roll (an upper limit where the vehicle jerks).
     """
@@ -127,21 +124,21 @@ def wheels(streams: list[Stream]) -> Sample | None:
     return Sample(robust_sigma(moving) / np.sqrt(SECOND_DIFFERENCE), moving.size / 3.0)
 
 
-def _at_rest(stream: Stream, time_s: NDArray) -> NDArray:
+def _at_rest(stream: ParkedStream, time_s: NDArray) -> NDArray:
     """Times (k,) that lie in still seconds."""
     at = np.searchsorted(stream.seconds.end_s, time_s - 1e-6)
     inside = at < stream.still.size
     return np.asarray(inside & stream.still[np.minimum(at, stream.still.size - 1)])
 
 
-def _sample(columns: list[NDArray], rate_s: float) -> Sample:
+def _sample(columns: list[NDArray]) -> Sample:
     square = float(np.mean(np.concatenate(columns) ** 2))
     lags = min(len(c) for c in columns) // 4
     r = np.mean([_correlation(c, lags) for c in columns], axis=0)
     below = np.flatnonzero(r < CORRELATED)
     lasting = int(below[0]) if below.size else lags
     independent = sum(len(c) for c in columns) / (1.0 + 2.0 * float(np.sum(r[1:lasting])))
-    return Sample(float(np.sqrt(square)), independent, (lasting - 1) * rate_s)
+    return Sample(float(np.sqrt(square)), independent)
 
 
 def _correlation(column: NDArray, lags: int) -> NDArray:

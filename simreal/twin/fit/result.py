@@ -8,22 +8,7 @@ from numpy.typing import NDArray
 
 from ins.documents import UNWRITTEN
 from ins.records import TwinModel
-
-
-class Why(StrEnum):
-    """Why a parameter of a twin cannot be told from the runs."""
-
-    NOTHING_SEEN = "nothing_seen"
-    TOO_LOOSE = "too_loose"
-    FEW_RUNS = "few_runs"
-    NO_STREAM = "no_stream"
-    EXACT_ZERO = "exact_zero"
-    BELOW_RESOLUTION = "below_resolution"
-    ROUNDED = "rounded"
-    NOT_ON_A_GRID = "not_on_a_grid"
-    GYROS_DIFFER = "gyros_differ"
-    NOT_PARKED = "not_parked"
-    CONTRADICTED = "contradicted"
+from simreal.twin.reasons import Why
 
 
 class Needs(StrEnum):

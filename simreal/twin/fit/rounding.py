@@ -22,7 +22,7 @@ from scipy.special import j0
 
 from alignment.motion.seconds import seconds_of as log_seconds
 from simreal.evidence.seconds import seconds_of
-from simreal.twin.fit.streams import Line, Stream
+from simreal.twin.fit.streams import DitherLine, ParkedStream
 
 GRID_ROWS = 4096  # that a grid is looked for in
 # of a step: readings that lie this much off a grid do not lie on it; any would lie 0.29 off
@@ -102,7 +102,7 @@ class Rounding:
         return np.asarray(np.interp(f_hz, at_hz, np.maximum(drawn, DIED)))
 
 
-def roundings(stream: Stream, lines: Sequence[Line]) -> dict[int, Rounding]:
+def roundings(stream: ParkedStream, lines: Sequence[DitherLine]) -> dict[int, Rounding]:
     """How the channels of a run count, those that lie on a grid; from the rows as they were
     logged, before any table is taken out.
     """

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from simreal.twin.fit.streams import Stream
+from simreal.twin.fit.streams import ParkedStream
 from simreal.twin.fit.terms import Shape, Term, bin_covariance
 
 FEWEST_BINS = 6  # one for a level, two for temperature, one for a tilt, 2 that say something
@@ -32,8 +32,8 @@ RANK = 1e-8  # relative: a regressor that the others hold already, to the root o
 @dataclass(frozen=True)
 class SlowData:
     """Contrasts y (n - p,) of one channel in one run: Q (n, n - p) makes them of means over bins
-    start_s, end_s (n,); regressors: names of what was taken out; of_bins: covariances of the means
-    themselves, which the channels of a run share.
+    start_s, end_s (n,); of_bins: covariances of the means themselves, which the channels of a run
+    share.
     """
 
     channel: int
@@ -42,7 +42,6 @@ class SlowData:
     run_s: float
     Q: NDArray
     y: NDArray
-    regressors: tuple[str, ...]
     of_bins: dict[tuple[Term, Shape], NDArray] = field(repr=False)
     known: dict[tuple[Term, Shape], "Covariance"] = field(default_factory=dict, repr=False)
 
@@ -102,7 +101,7 @@ class Covariance:
     quick: NDArray
 
 
-def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
+def slow_data(stream: ParkedStream, block_s: float) -> list[SlowData]:
     """The six channels of a stream as means over block_s."""
     n = round(block_s)
     rows = [np.arange(a, a + (b - a) // n * n).reshape(-1, n) for a, b in stream.spans]
@@ -112,7 +111,7 @@ def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
     end = stream.seconds.end_s
     start_s, end_s = end[blocks[:, 0]] - 1.0, end[blocks[:, -1]]
     mean = stream.seconds.mean[blocks].mean(axis=1)
-    common, names = _common(stream, stream.place[blocks[:, 0]], 0.5 * (start_s + end_s))
+    common = _common(stream, stream.place[blocks[:, 0]], 0.5 * (start_s + end_s))
     found = []
     of_bins: dict[tuple[Term, Shape], NDArray] = {}
     for c in range(6):
@@ -122,18 +121,15 @@ def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
         X = np.concatenate(own, axis=1)
         Q, y = _contrasts(X, mean[:, c])
         if y.size >= FEWEST_BINS:
-            found.append(SlowData(c, start_s, end_s, stream.run_s, Q, y, names, of_bins))
+            found.append(SlowData(c, start_s, end_s, stream.run_s, Q, y, of_bins))
     return found
 
 
-def _common(
-    stream: Stream, place: NDArray, middle_s: NDArray
-) -> tuple[list[NDArray], tuple[str, ...]]:
-    """Regressors (n, p) that each axis has, and their names: places, powers of temperature."""
+def _common(stream: ParkedStream, place: NDArray, middle_s: NDArray) -> list[NDArray]:
+    """Regressors (n, p) that each axis has: places, powers of temperature."""
     places = (place[:, None] == np.unique(place)).astype(float)
-    names = ["level of each stand"]
     if stream.temperature is None:
-        return [places], tuple(names)
+        return [places]
     T = stream.temperature.at(middle_s)
     nodes = stream.temperature
     found = []
@@ -146,12 +142,12 @@ def _common(
             rate = np.interp(middle_s, nodes.time_s, nodes.rate_degC_min[:, axis])
             columns.append((rate - rate.mean())[:, None])
         found.append(np.concatenate(columns, axis=1))
-    if any(part.shape[1] > places.shape[1] for part in found):
-        names.append("bias against temperature")
-    return found, tuple(names)
+    return found
 
 
-def _tilting(stream: Stream, mean: NDArray, seconds: NDArray, place: NDArray, axis: int) -> NDArray:
+def _tilting(
+    stream: ParkedStream, mean: NDArray, seconds: NDArray, place: NDArray, axis: int
+) -> NDArray:
     """Regressor (n, 1): the rate about a body axis at which the vertical of the accelerometers
     turns, d(up)/dt = -omega x up; none across a disturbance.
     """

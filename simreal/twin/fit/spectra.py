@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ins.robust import gamma as gamma_law
 from simreal.twin.fit.rounding import Rounding
 from simreal.twin.fit.shared_motion import MOSTLY_SHARED, MOSTLY_SWAY, own_power
-from simreal.twin.fit.streams import Line, Stream
+from simreal.twin.fit.streams import DitherLine, ParkedStream
 from simreal.twin.fit.terms import Shape, Term, sampled_psd
 
 HIGH_HZ = 0.4  # the rows' spectra begin here, those of the seconds end here
@@ -105,13 +105,13 @@ class Spectra:
     """
 
     bands: tuple[Bands, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[DitherLine, ...]
     left_out: dict[str, float]
     shared: NDArray
     slow_s: float
 
 
-def spectra_of(stream: Stream) -> Spectra:
+def spectra_of(stream: ParkedStream) -> Spectra:
     """The layers of a stream."""
     layers = [(_row_windows(stream, stream.spans), 1.0 / stream.run.imu.rate_hz, HIGH_HZ, np.inf)]
     steps = decimations(stream)
@@ -120,14 +120,14 @@ def spectra_of(stream: Stream) -> Spectra:
     return replace(found, slow_s=slow_block_s(steps))
 
 
-def few_spectra(stream: Stream) -> tuple[Spectra, Spectra]:
+def few_spectra(stream: ParkedStream) -> tuple[Spectra, Spectra]:
     """Spectra of a few minutes of rows, spread over the rest, and of all seconds."""
     dt_s = 1.0 / stream.run.imu.rate_hz
     rows = (_row_windows(stream, _few_spans(stream)), dt_s, HIGH_HZ, np.inf)
     return _joined([rows], {}), _joined([_mean_layer(stream, 1)], _level_gyros(stream))
 
 
-def _few_spans(stream: Stream) -> list[tuple[int, int]]:
+def _few_spans(stream: ParkedStream) -> list[tuple[int, int]]:
     """FEW stretches of FEW_S seconds at rest, at even places."""
     starts = [first for a, b in stream.spans for first in range(a, b - FEW_S + 1, FEW_S)]
     at = np.unique(np.linspace(0, len(starts) - 1, min(FEW, len(starts))).round().astype(int))
@@ -137,18 +137,18 @@ def _few_spans(stream: Stream) -> list[tuple[int, int]]:
 Layer = tuple[Iterator[NDArray], float, float, float]
 
 
-def _mean_layer(stream: Stream, step: int) -> Layer:
+def _mean_layer(stream: ParkedStream, step: int) -> Layer:
     return _mean_windows(stream, step), float(step), FIRST_BIN / (POINTS * step), HIGH_HZ / step
 
 
 Witnesses = Mapping[int, tuple[int, ...]]  # of a channel: those that tell what the vehicle does
 
 
-def _level_gyros(stream: Stream) -> dict[int, tuple[int, ...]]:
+def _level_gyros(stream: ParkedStream) -> dict[int, tuple[int, ...]]:
     return {int(c): (3, 4, 5) for c in np.flatnonzero(np.abs(stream.up_b) < UPRIGHT)}
 
 
-def _vertical_accelerometer(stream: Stream) -> dict[int, tuple[int, ...]]:
+def _vertical_accelerometer(stream: ParkedStream) -> dict[int, tuple[int, ...]]:
     """Told by the two others, where they are level."""
     level = np.abs(stream.up_b) < UPRIGHT
     if level.sum() != 2:
@@ -159,7 +159,7 @@ def _vertical_accelerometer(stream: Stream) -> dict[int, tuple[int, ...]]:
 
 def _joined(layers: Sequence[Layer], witnesses: Witnesses) -> Spectra:
     bands: list[Bands] = []
-    lines: list[Line] = []
+    lines: list[DitherLine] = []
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
     for windows, dt_s, low_hz, high_hz in layers:
@@ -173,7 +173,7 @@ def _joined(layers: Sequence[Layer], witnesses: Witnesses) -> Spectra:
     return Spectra(tuple(bands), tuple(lines), left_out, shared, 0.0)
 
 
-def decimations(stream: Stream) -> list[int]:
+def decimations(stream: ParkedStream) -> list[int]:
     """Seconds a mean, layer by layer: on until a span holds at most SLOW_BINS of the slow means."""
     steps = [1]
     while _slow_bins(stream, slow_block_s(steps)) > SLOW_BINS:
@@ -189,11 +189,11 @@ def slow_block_s(steps: list[int]) -> float:
     return POINTS * steps[-1] / (2.0 * FIRST_BIN)
 
 
-def _slow_bins(stream: Stream, block_s: float) -> float:
+def _slow_bins(stream: ParkedStream, block_s: float) -> float:
     return sum((b - a) // block_s for a, b in stream.spans)
 
 
-def _row_windows(stream: Stream, spans: Sequence[tuple[int, int]]) -> Iterator[NDArray]:
+def _row_windows(stream: ParkedStream, spans: Sequence[tuple[int, int]]) -> Iterator[NDArray]:
     """Rates and forces (n, 6) of half-overlapping windows of rows."""
     rate = stream.run.imu.rate_hz
     n = 2 * round(0.5 * WINDOW_S * rate)
@@ -208,7 +208,7 @@ def _row_windows(stream: Stream, spans: Sequence[tuple[int, int]]) -> Iterator[N
                 kept = kept[n // 2 :]
 
 
-def _mean_windows(stream: Stream, step: int) -> Iterator[NDArray]:
+def _mean_windows(stream: ParkedStream, step: int) -> Iterator[NDArray]:
     """The same of means over `step` seconds."""
     for a, b in stream.spans:
         count = (b - a) // step
@@ -324,11 +324,11 @@ def _wild(Z: NDArray) -> NDArray:
 
 def _lines(
     mean: NDArray, f: NDArray, windows: int, length: tuple[float, float]
-) -> tuple[NDArray, tuple[Line, ...]]:
+) -> tuple[NDArray, tuple[DitherLine, ...]]:
     """Bins (m, 6) that belong to lines, and the lines; length: of a window and of a sample [s]."""
     window_s, dt_s = length
     line = np.zeros(mean.shape, bool)
-    found: list[Line] = []
+    found: list[DitherLine] = []
     nu = max(SHARE * windows, 0.5)
     limit = gamma_law.isf(LINE_P, nu) / nu
     half = 12  # bins on either side that say what the floor is
@@ -352,7 +352,7 @@ def _lines(
             amplitude = np.sqrt(4.0 * excess)
             swing = amplitude * dt_s / (2.0 * np.sin(np.pi * f[k] * dt_s))
             known = float(2.0 * sigma / amplitude)
-            found.append(Line(c, float(f[k]), float(amplitude), known, float(swing)))
+            found.append(DitherLine(c, float(f[k]), float(amplitude), known, float(swing)))
     return line, tuple(found)
 
 

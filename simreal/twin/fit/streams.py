@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from alignment.motion.imu_faults import repair
-from alignment.motion.kinds import DISTURBED, STILL, Cause
+from alignment.motion.kinds import DISTURBED, STILL, Disturbance
 from alignment.motion.parked_seconds import parked_places
 from alignment.motion.seconds import seconds_of as log_seconds
 from alignment.motion.stillness import Motion, classify
@@ -31,11 +31,18 @@ STILL_AT_LEAST_S = 60.0  # of a still stretch: 3 of the slow means of 20 s
 WHOLE_SECOND = 0.9  # of the usual number of rows: 0.1 fewer change a mean by 5 % of its sigma
 # causes that may leave the vehicle on another level; a gust or a lost row does not, but what makes
 # a sensor clip may: of a person who boarded, a clip was all that the timeline said
-LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH, Cause.CLIPPING, Cause.SHOCK)
+LEAVES_A_STEP = (
+    Disturbance.MOTION,
+    Disturbance.BUMP,
+    Disturbance.LOADING,
+    Disturbance.PUSH,
+    Disturbance.CLIPPING,
+    Disturbance.SHOCK,
+)
 
 
 @dataclass(frozen=True)
-class Line:
+class DitherLine:
     """A line of one channel: its frequency [Hz], amplitude in rad/s or m/s^2, and sigma of that;
     swing: amplitude of the angle [rad] or velocity [m/s] whose changes the rows are.
     """
@@ -48,7 +55,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Stream:
+class ParkedStream:
     """A run's parked time.
 
     seconds: on an even grid, less the table and the twin's nominal errors; still (n,): seconds at
@@ -88,7 +95,7 @@ class Stream:
         return found
 
 
-def stream_of(run: Run, twin: TwinModel, table: ThermalTable | None = None) -> Stream | None:
+def stream_of(run: Run, twin: TwinModel, table: ThermalTable | None = None) -> ParkedStream | None:
     """The parked time of a run; None where it never rests for STILL_AT_LEAST_S."""
     temperature = _temperature(run)
     try:
@@ -110,7 +117,7 @@ def _temperature(run: Run) -> GyroTemperature | None:
 
 def _of_timeline(
     run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None
-) -> Stream | None:
+) -> ParkedStream | None:
     """Rest of a unit that finds north: navigated from its first rest, every witness asked."""
     rest = find_rest(run)
     if rest is None:
@@ -127,7 +134,9 @@ def _of_timeline(
         vertical=VerticalChannel(mode="hold"),
     )
     motion = fused(run, history, classify(history, run.phases, whole, faults))
-    return _with_motion(Stream(run, imu, seconds, *_nowhere(seconds), temperature, motion), motion)
+    return _with_motion(
+        ParkedStream(run, imu, seconds, *_nowhere(seconds), temperature, motion), motion
+    )
 
 
 def _nowhere(seconds: Seconds) -> tuple[NDArray, NDArray, NDArray]:
@@ -144,7 +153,7 @@ def stream_at_rest(
     motion: Motion | None = None,
     rest: tuple[float, float] | None = None,
     temperature: GyroTemperature | None = None,
-) -> Stream | None:
+) -> ParkedStream | None:
     """The parked time of a run whose rest somebody has judged already: the still epochs of a
     motion, or one rest from start to end [s]. temperature: where it is smoothed already.
     """
@@ -153,7 +162,7 @@ def stream_at_rest(
         seconds = seconds_of(compensated_seconds(run, table, temperature, twin))
     except InputError:
         return None
-    stream = Stream(run, run.imu, seconds, *_nowhere(seconds), temperature, motion)
+    stream = ParkedStream(run, run.imu, seconds, *_nowhere(seconds), temperature, motion)
     if motion is not None:
         return _with_motion(stream, motion)
     if rest is None:
@@ -162,7 +171,7 @@ def stream_at_rest(
     return _checked(replace(stream, still=inside & (seconds.rows > 0)))
 
 
-def _with_motion(stream: Stream, motion: Motion) -> Stream | None:
+def _with_motion(stream: ParkedStream, motion: Motion) -> ParkedStream | None:
     """The stream, still where the motion is."""
     seconds = stream.seconds
     still = np.zeros(seconds.end_s.size, bool)
@@ -182,7 +191,7 @@ def _with_motion(stream: Stream, motion: Motion) -> Stream | None:
 
 def _of_rests(
     run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None
-) -> Stream | None:
+) -> ParkedStream | None:
     """Rest of a unit that finds no north: its parked places, by its own quiet seconds."""
     still = np.zeros(seconds.end_s.size, bool)
     place = np.zeros(still.size, int)
@@ -196,7 +205,7 @@ def _of_rests(
             still[at[inside]] = found.still[inside]
             place[at[inside]] = number
     still &= seconds.rows > 0
-    return _checked(Stream(run, imu, seconds, still, place, np.zeros(3), temperature, None))
+    return _checked(ParkedStream(run, imu, seconds, still, place, np.zeros(3), temperature, None))
 
 
 def _up(seconds: Seconds, still: NDArray) -> NDArray:
@@ -204,7 +213,7 @@ def _up(seconds: Seconds, still: NDArray) -> NDArray:
     return np.asarray(force / max(float(np.linalg.norm(force)), 1e-9))
 
 
-def _checked(stream: Stream) -> Stream | None:
+def _checked(stream: ParkedStream) -> ParkedStream | None:
     """The stream less seconds that lack rows, with its vertical; None where too little is left."""
     if not stream.still.any():
         return None

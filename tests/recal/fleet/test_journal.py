@@ -8,14 +8,14 @@ import pytest
 
 from ins.records import InputError
 from recal.fleet.document import Timing
-from recal.fleet.document_records import Band, UnitSummary
+from recal.fleet.document_records import TemperatureBand, UnitReport
 from recal.fleet.pools.journal import Journal
 from recal.fleet.records import CallSettings, RunOutcome
 
 SETTINGS = CallSettings(
     store="sqlite:///a.db", mode="commit", joint=False, config=None, version="1"
 )
-SUMMARY = UnitSummary(of="x", coverage=(Band(low_degC=0.0, high_degC=5.0, seconds=9.0),))
+SUMMARY = UnitReport(of="x", coverage=(TemperatureBand(low_degC=0.0, high_degC=5.0, seconds=9.0),))
 RUNS = [
     RunOutcome(path=f"/r{k}", outcome="committed", reasons=("why",), revision=k) for k in (1, 2)
 ]

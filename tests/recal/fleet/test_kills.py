@@ -165,7 +165,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(fleet, tmp_path):
 
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'strapdown-recal\[cluster\]'"):
+    with pytest.raises(InputError, match=r"'strapdown-recal\[cluster\]'"):
         dask_pool.DaskPool("tcp://127.0.0.1:1", [], sqlite=True)
 
 

@@ -42,7 +42,7 @@ def test_a_folder_is_searched_at_any_depth_and_each_run_found_once(tmp_path):
     (tmp_path / "unfinished" / "imu.parquet").write_bytes(b"")
     found = listed_runs(tmp_path)
     assert [run.path.name for run in found] == ["r1", "unfinished"]
-    assert "run.json is missing" in found[1].wrong
+    assert "run.json" in found[1].wrong
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(InputError, match="no run below it"):

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from infield.session.disagreement import Step
+from infield.session.disagreement import BiasStep
 from infield.store.rows import UnitKey
 from recal.cli.console import EXIT_CODES
 from recal.cli.fleet import summary as summary_lines
 from recal.fleet.document import MAX_POINTS, Timing, fleet_document, fleet_verdict, plain_reason
-from recal.fleet.document_records import Band, Drift, FleetTiming, UnitSummary
+from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBand, UnitReport
 from recal.fleet.figures import progress_drawing
 from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
 from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
 
 UNITS = 240
-STEP = Step(
+STEP = BiasStep(
     axis="x",
     shift_deg_h=0.05,
     sigma_deg_h=0.003,
@@ -34,18 +34,18 @@ STEPS = [STEP, replace(STEP, axis="z", shift_deg_h=0.5)]  # z: no level gyro, so
 
 def summary(k):
     low_degC = 5.0 * (k % 7)
-    return UnitSummary(
+    return UnitReport(
         of="x",
         steps=STEPS if k == 7 else (),
         step_words=["table disagrees with unit <since>"] if k == 7 else (),
         pages=[f"/out/units/U{k}/last"],
-        coverage=[Band(low_degC=low_degC, high_degC=low_degC + 5.0, seconds=600.0)],
+        coverage=[TemperatureBand(low_degC=low_degC, high_degC=low_degC + 5.0, seconds=600.0)],
         drift=drift(k) if k else None,
     )
 
 
 def drift(k):
-    return Drift(
+    return TableDrift(
         level_change_deg_h=0.001 * k,
         nm_h=0.06 * (k % 50),
         sigma_nm_h=0.2,

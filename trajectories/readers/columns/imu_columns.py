@@ -29,7 +29,7 @@ from trajectories.readers.rows.column_map import (
     used_columns,
 )
 from trajectories.readers.rows.gps_time import dated, unix_seconds
-from trajectories.readers.rows.row_cleaning import CleanRows, Stretch, are_all, clean_rows
+from trajectories.readers.rows.row_cleaning import CleanRows, LogSpan, are_all, clean_rows
 from trajectories.runs.checks import MAX_GAP_S, MAX_RATE_HZ, MIN_RATE_HZ
 from trajectories.runs.imu_stream import imu_log
 from trajectories.runs.notes import About, Note
@@ -66,7 +66,7 @@ def converted(
     # the others are rows of other streams
     held = np.isfinite(w).any(axis=1) | np.isfinite(f).any(axis=1)
     nominal = _nominal(time_s[held], label)
-    stretch = Stretch(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
+    stretch = LogSpan(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
         clean = clean_rows(
             time_s,

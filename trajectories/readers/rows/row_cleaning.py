@@ -61,7 +61,7 @@ class LogGapError(InputError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
+class LogSpan:
     """Log time to take [s]; `base_s` is what the log's own clock shows at time 0 of the columns."""
 
     from_s: float = -np.inf
@@ -69,7 +69,7 @@ class Stretch:
     base_s: float = 0.0
 
 
-def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label: str) -> CleanRows:
+def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: LogSpan, label: str) -> CleanRows:
     """The good rows of a stretch, w [rad/s] and f [m/s2] (n, 3). InputError where too many are
     damaged, or a gap is left.
     """

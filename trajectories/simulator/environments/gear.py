@@ -48,7 +48,7 @@ AIRLINER = Gear(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Line:
+class Vibration:
     """A vibration at one frequency: RMS acceleration [m/s^2] (3,), RMS rate [rad/s] (3,); phase and
     envelope (J,) on the grid.
     """
@@ -66,7 +66,7 @@ class Forcing:
 
     loads: NDArray
     motions: NDArray
-    lines: tuple[Line, ...] = ()
+    lines: tuple[Vibration, ...] = ()
 
 
 def still(scene: Scene) -> NDArray:

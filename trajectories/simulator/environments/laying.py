@@ -23,7 +23,7 @@ from scipy.fft import irfft, rfft
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm, wrap_pi
 from ins.earth import omega_ie_n, radii_of_curvature
 from trajectories.simulator.environments.catalogue import CATALOGUE
-from trajectories.simulator.environments.gear import AIRLINER, Line
+from trajectories.simulator.environments.gear import AIRLINER, Vibration
 from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
 from trajectories.simulator.environments.scene import Scene, scene_of
 from trajectories.simulator.sensors import IdealSensors
@@ -45,7 +45,7 @@ class Moves:
     q_dot: NDArray
     d_m: NDArray
     d_dot: NDArray
-    lines: tuple[tuple[float, Line], ...]
+    lines: tuple[tuple[float, Vibration], ...]
 
 
 def lay_environments(
@@ -62,7 +62,7 @@ def draw_moves(
     scene = scene_of(ideal)
     spectrum = np.zeros((scene.frequency_hz.size, 6), dtype=complex)
     response = AIRLINER.response(scene.frequency_hz)
-    lines: list[tuple[float, Line]] = []
+    lines: list[tuple[float, Vibration]] = []
     for environment in environments:
         forcing = CATALOGUE[EnvironmentKind(environment.kind)](scene, rng)
         motion = rfft(forcing.loads, axis=0) * response + rfft(forcing.motions, axis=0)

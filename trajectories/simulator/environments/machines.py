@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from trajectories.simulator.environments.gear import FORE, PITCH, YAW, Forcing, Line, still
+from trajectories.simulator.environments.gear import FORE, PITCH, YAW, Forcing, Vibration, still
 from trajectories.simulator.environments.scene import Scene, closed
 from trajectories.simulator.environments.spectra import band, gaussian
 from trajectories.simulator.vehicle import smooth_step
@@ -51,7 +51,7 @@ def engines(scene: Scene, rng: np.random.Generator) -> Forcing:
     starts = first_s + rng.uniform(0.1, 0.7) * (last_s - first_s)
     sides = rng.permutation([-1.0, 1.0])
     loads = still(scene)
-    lines: list[Line] = []
+    lines: list[Vibration] = []
     for side in sides:
         spool = smooth_step((scene.time_s - starts) / SPOOL_S)
         running = spool * scene.parked
@@ -76,13 +76,13 @@ def gpu(scene: Scene, rng: np.random.Generator) -> Forcing:
     return Forcing(loads=loads, motions=still(scene), lines=lines)
 
 
-def _line(shaker: Shaker, envelope: np.ndarray, rng: np.random.Generator) -> Line:
+def _line(shaker: Shaker, envelope: np.ndarray, rng: np.random.Generator) -> Vibration:
     """The line of one machine, in a random direction."""
     frequency_hz = shaker.frequency_hz * (1.0 + shaker.spread * rng.standard_normal())
     direction = rng.standard_normal((2, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     rate_rad_s = shaker.acceleration_m_s2 / (ARM_M * 2 * np.pi * frequency_hz)
-    return Line(
+    return Vibration(
         frequency_hz=frequency_hz,
         acceleration_m_s2=shaker.acceleration_m_s2 * direction[0],
         rate_rad_s=rate_rad_s * direction[1],

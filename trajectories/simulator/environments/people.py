@@ -40,7 +40,7 @@ SHIFT_M = 1.5  # by which a seated crowd's restlessness is off the centre line
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk:
+class PersonPath:
     """A person's way over the grid: start and end [s], place at either end (ahead, right) [m].
 
     stays: the weight was not aboard before and stays (or it was, and only walks).
@@ -64,7 +64,7 @@ def boarding(scene: Scene, rng: np.random.Generator) -> Forcing:
         seat = (rng.uniform(*CABIN_M), rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5))
         end_s = start_s + 3.0 + abs(seat[0] - DOOR_M[0]) / AISLE_M_S
         if end_s < last_s - 60.0:
-            walk = Walk(start_s=start_s, end_s=end_s, from_m=DOOR_M, to_m=seat, stays=True)
+            walk = PersonPath(start_s=start_s, end_s=end_s, from_m=DOOR_M, to_m=seat, stays=True)
             _walk(scene, loads, walk, rng)
     _crew(scene, loads, CREW, rng)
     aboard = smooth_step((scene.time_s - begin_s) / wanted_s) * scene.parked
@@ -99,7 +99,7 @@ def maintenance(scene: Scene, rng: np.random.Generator) -> Forcing:
     return Forcing(loads=loads, motions=still(scene))
 
 
-def _walk(scene: Scene, loads: NDArray, walk: Walk, rng: np.random.Generator) -> None:
+def _walk(scene: Scene, loads: NDArray, walk: PersonPath, rng: np.random.Generator) -> None:
     """Adds a person's weight and footfalls; from the end on the weight stays at its place."""
     newton = GRAVITY_M_S2 * max(rng.normal(PERSON_KG, PERSON_SIGMA_KG), 40.0)
     first, last = (int(np.searchsorted(scene.time_s, t)) for t in (walk.start_s, walk.end_s))
@@ -126,7 +126,7 @@ def _crew(scene: Scene, loads: NDArray, count: int, rng: np.random.Generator) ->
         while time_s < last_s - LAST_WALK_S:
             to = rng.uniform(*CABIN_M)
             end_s = time_s + 2.0 + abs(to - place) / CREW_M_S
-            walk = Walk(
+            walk = PersonPath(
                 start_s=time_s, end_s=end_s, from_m=(place, 0.0), to_m=(to, 0.0), stays=False
             )
             _walk(scene, loads, walk, rng)
@@ -135,7 +135,7 @@ def _crew(scene: Scene, loads: NDArray, count: int, rng: np.random.Generator) ->
             time_s = end_s + rng.exponential(PAUSE_S)
 
 
-def _carry(scene: Scene, loads: NDArray, walk: Walk) -> None:
+def _carry(scene: Scene, loads: NDArray, walk: PersonPath) -> None:
     """Adds the moment of a person who was aboard before and has moved along the cabin."""
     newton_metre = PERSON_KG * GRAVITY_M_S2 * (walk.to_m[0] - walk.from_m[0])
     first, last = (int(np.searchsorted(scene.time_s, t)) for t in (walk.start_s, walk.end_s))

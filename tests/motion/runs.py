@@ -47,7 +47,7 @@ from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
 from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
 RATE_HZ = 10.0
 KNOWN_SIGMA_DEG_H = 0.01  # of a ring-laser or fibre unit that has a table: it finds north

@@ -28,7 +28,7 @@ from infield.table.prior import smooth_kernel
 from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
 from ins.records import Site, TwinModel
 from ins.units import DEG
-from trajectories.simulator.motions import reference_motion
+from tests.reference_motions import reference_motion
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.session import simulate_run
 from trajectories.simulator.thermal import STARTS, thermal_history

@@ -9,17 +9,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.thermal_sessions import (
-    SETTINGS,
-    TWIN,
-    aged_table,
-    bins_of,
-    draw,
-    drawn_session,
-    evidence_of,
-    take,
-    templates,
-)
 from infield.session.disagreement import find_steps
 from infield.session.hysteresis import SessionLikelihood, joint_posterior
 from infield.session.joint_update import with_thermal_terms
@@ -33,6 +22,17 @@ from infield.table.prior import prior_covariance
 from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
 from ins.records import AXES
 from ins.verdicts import Outcome
+from tests.scenarios.thermal_sessions import (
+    SETTINGS,
+    TWIN,
+    aged_table,
+    bins_of,
+    draw,
+    drawn_session,
+    evidence_of,
+    take,
+    templates,
+)
 
 # ARW / sqrt(5 min), the floor of one five-minute point (requirements.md, head)
 POINT_DEG_H = 0.0069

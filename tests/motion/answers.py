@@ -1,13 +1,13 @@
 """What every part of the product says of when a vehicle stands and moves, frozen on named runs.
 
-Every caller below is asked of every run, and what differs from tests/motion/answers.json is told;
-`--freeze` writes that file anew. Times are seconds of the run, rounded to 0.01. Numbers
-within words become "#". CALLERS is the one place to change where an entry point moves.
+Every caller below is asked of every run and held against answers.json; `python -m
+tests.motion.answers` writes that file anew, or only the runs that are named behind it. Times are
+seconds of the run, rounded to 0.01; a reason is its code. CALLERS is the one place to change where
+an entry point moves.
 """
 
 import json
-import re
-import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -19,11 +19,9 @@ from alignment import gyrocompass
 from alignment.motion import imu_faults, inertial, kinds, parked_seconds, stillness
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.speeds import watched_seconds
-from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
-from benchmarks.study import Work
+from benchmarks.study import commit
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
-from infield.reports.words.sentences import sentence, sentences
 from infield.session import log, pipeline
 from infield.session.parked import stretches
 from infield.thermal import ramp_runs
@@ -33,9 +31,10 @@ from ins.units import DEG
 from ins.verdicts import Reason
 from simreal.effects import telemetry
 from simreal.evidence import run_view
+from tests.motion.runs import DATA, LEFT_OUT, RECORDED, SIMULATED, Case, Named
 from trajectories.runs import physics_gates
 
-ANSWERS = ROOT / "tests" / "motion" / "answers.json"
+ANSWERS = Path(__file__).with_name("answers.json")
 TOLERANCE = 0.02  # s of a time, deg of a turn
 DECIMALS = 2
 KINDS = {
@@ -50,7 +49,6 @@ VIEW_KINDS = {
     telemetry.ROLLING: "rolling",
     telemetry.AIRBORNE: "airborne",
 }
-NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 # The callers --------------------------------------------------------------------------------------
 
@@ -157,11 +155,10 @@ def aided_replay(case: Case) -> Any:
 def azimuth_stops(case: Case) -> Any:
     """`recal misalignment`: stops between turns, how long each was used, how far it turned."""
     stops, left_out = azimuth_runs.find_stops(case.run, case.twin)
-    name = case.run.header.run_id
     found = [
         [*times(s.start_s, s.end_s), rounded(s.used_s), rounded(s.turn_rad / DEG)] for s in stops
     ]
-    return {"stops": found, "left_out": [told(sentence(r).replace(name, "run")) for r in left_out]}
+    return {"stops": found, "left_out": [told(why) for why in left_out]}
 
 
 def chamber_ramps(case: Case) -> Any:
@@ -187,7 +184,7 @@ def parked_rests(case: Case) -> Any:
     for stretch in rests.stretches:
         for place in parked_seconds.parked_places(compensated_seconds(case), *stretch):
             ends = times(place.start_s[0], place.end_s[-1])
-            places.append([*ends, told(place.moved), motion_of(place.motion)["spans"]])
+            places.append([*ends, bool(place.moved), motion_of(place.motion)["spans"]])
     return {
         "stretches": [span_of(s) for s in rests.stretches],
         "left_out": spans(rests.left_out),
@@ -200,12 +197,12 @@ def gap_view(case: Case) -> Any:
     """`recal diagnose` and `plan`: the parked stretch and the kind of every second."""
     found = run_view.view_run(case.run, 0, case.table, case.twin)
     if isinstance(found, str):
-        return told(found)
+        return "not taken"
     kind = found.telemetry.kind
     return {
         "parked": span_of((found.start_s, found.end_s)),
         "kinds": labelled(found.seconds.end_s, kind, [VIEW_KINDS[int(k)] for k in kind], 1.0),
-        "notes": words(found.notes),
+        "notes": len(found.notes),
     }
 
 
@@ -275,14 +272,17 @@ def spans(found: Any) -> list[list[Any]]:
 
 
 def words(reasons: Any) -> list[str]:
-    """Reasons without their numbers."""
-    return [NUMBER.sub("#", reason) for reason in sentences(reasons)]
+    """Codes of reasons."""
+    return [str(reason.code) for reason in reasons]
 
 
 def told(why: Reason | str | None) -> list[Any]:
-    """A reason that names times: its words, then its numbers."""
-    (reason,) = sentences(["" if why is None else why])
-    return [NUMBER.sub("#", reason), *(float(n) for n in NUMBER.findall(reason))]
+    """Code and numbers of a reason that names times, or the cause of a span."""
+    if not isinstance(why, Reason):
+        return [str(why or "")]
+    values = why.values.values()
+    inner = [told(value) for value in values if isinstance(value, Reason)]
+    return [str(why.code), *times(*filter(_number, values)), *inner]
 
 
 def motion_of(motion: stillness.Motion) -> dict[str, Any]:
@@ -313,7 +313,7 @@ def answers_of(case: Case) -> dict[str, Any]:
         try:
             found[name] = ask(case)
         except InputError as error:
-            found[name] = {"error": NUMBER.sub("#", str(error))}
+            found[name] = {"error": type(error).__name__}
     return found
 
 
@@ -363,34 +363,14 @@ def _compact(answer: Any) -> str:
     return json.dumps(answer, separators=(",", ":"))
 
 
-def commit() -> str:
-    """The commit whose product code answered."""
-    said = subprocess.run(
-        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    return said.stdout.strip()
-
-
-def run(
-    work: Work, *, freeze: bool = False, only: tuple[str, ...] = (), quick: bool = False
-) -> str:
-    """freeze: the answers of today, else what differs from the frozen ones is printed; only: names
-    of runs; quick: the runs of the normal suite.
-    """
-    frozen = read_answers()["runs"] if ANSWERS.exists() else {}
-    runs: dict[str, dict[str, Any]] = dict(frozen) if only else {}
-    lines = []
+def main(only: list[str]) -> None:
+    """Write the answers of today; a run whose log is not here keeps its own."""
+    runs = read_answers()["runs"]
     for named in (*SIMULATED, *RECORDED):
-        if (only and named.name not in only) or (quick and not named.quick):
-            continue
-        if why := missing(named):
-            lines.append(f"{named.name}: skipped, {why}")
-            runs |= {name: answers for name, answers in frozen.items() if name == named.name}
-            continue
-        runs[named.name] = answers_of(named.make())
-        differs = list(differences(frozen.get(named.name), runs[named.name]))
-        lines += [f"{named.name}: {len(differs)} differences", *(f"  {d}" for d in differs)]
-        work.failed += [] if freeze else [f"{named.name} differs"] * bool(differs)
-    if freeze:
-        write_answers(runs)
-    return "\n".join(lines)
+        if not missing(named) and (not only or named.name in only):
+            runs[named.name] = answers_of(named.make())
+    write_answers({named.name: runs[named.name] for named in (*SIMULATED, *RECORDED)})
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,15 +1,13 @@
-"""What wind, tyres, installation and stamps do to a session with a taxi: verdicts, errors against
-sigmas, and what was named.
+"""Sessions with a taxi under what wind, tyres, installation and stamps do, each with one thing that
+nobody declared.
 
 Runs of one power-on with half an hour of parking and nine minutes of taxi over three headings, each
-of another unit, laid over with one thing that nobody declared. The bodies are moved and the streams
-shifted here, sample by sample, with no formula of the estimator.
+of another unit. The bodies are moved and the streams shifted here, sample by sample, with no
+formula of the estimator.
 """
 
-import time
-from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -20,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from benchmarks.gap_trials.seen import Seen, moved, run_of, streams_of
-from benchmarks.study import Record, Work, table
 from infield.session.estimate import SessionEstimate
 from infield.session.navigated import nuisances
 from infield.session.one_run import take_run
@@ -281,29 +278,17 @@ WRONG: dict[str, Case] = {
     "fixes six times as noisy": noisy_fixes,
 }
 CASES = {**EXPLAINED, **WRONG}
-MEANS = {
-    "nis": "NIS",
-    "heading": "heading, squared error over variance",
-    "nees": "biases, the same",
-    "heading_mrad": "sigma of heading, mrad",
-    "bias_deg_h": "sigma of level gyros, deg/h",
-    "cpu_s": "CPU s",
-}
 
 
 @dataclass(frozen=True)
 class Scored:
-    """A session against the truth: errors of the session's mean biases over sigma (3,), the same as
-    one sum of squares (3 degrees of freedom), heading error over sigma, sigmas.
+    """A session against the truth: errors of its mean biases over sigma as one sum of squares (3
+    degrees of freedom), heading error over sigma.
     """
 
     result: SessionResult
-    normalised: NDArray
     nees: float
     heading: float
-    sigma_deg_h: NDArray
-    sigma_heading_rad: float
-    cpu_s: float
 
     @property
     def estimate(self) -> SessionEstimate:
@@ -316,14 +301,13 @@ class Scored:
         return rolling.names if rolling is not None else ()
 
 
-def scored_session(case: Case, seed: int, *, aided: bool = True) -> Scored:
-    """One session of a case, of a unit of its own; aided: GNSS and odometer are logged."""
+def scored_session(case: Case, seed: int) -> Scored:
+    """One session of a case, of a unit of its own; GNSS and odometer are logged."""
     ideal = ideal_taxi(25.0 + 40.0 * (seed % 9))
-    simulated = _simulated(ideal, seed, aided=aided)
+    simulated = _simulated(ideal, seed)
     run = case(Made(simulated.run, ideal), np.random.default_rng([seed, 5]))
-    start_s = time.process_time()
     result = take_run(run, _no_table(), TWIN, SessionSettings(), False)
-    return _scored(result, simulated, time.process_time() - start_s)
+    return _scored(result, simulated)
 
 
 @contextmanager
@@ -340,50 +324,7 @@ def ideal_taxi(heading_deg: float) -> IdealSensors:
     return ideal_sensors(truth, 10.0)
 
 
-def told(name: str, seed: int, declared: bool, aided: bool) -> Record:
-    """What the table needs of a session."""
-    with as_declared() if declared else nullcontext():
-        s = scored_session(CASES[name], seed, aided=aided)
-    return {
-        "case": name,
-        "outcome": str(s.result.verdict.outcome),
-        "nis": s.estimate.nis_mean,
-        "heading": s.heading**2,
-        "nees": s.nees / 3.0,
-        "heading_mrad": 1e3 * s.sigma_heading_rad,
-        "bias_deg_h": float(np.mean(s.sigma_deg_h[:2])),
-        "cpu_s": s.cpu_s,
-        "named": [str(name) for name in s.needed],
-    }
-
-
-def row(name: str, of: list[Record]) -> list[str]:
-    """Verdicts, mean squares over sigma, sigmas and what was named, of one case."""
-    outcomes = Counter(r["outcome"] for r in of)
-    named = Counter(name for r in of for name in r["named"])
-    means = {key: np.mean([r[key] for r in of]) for key in MEANS}
-    verdicts = [str(outcomes[o]) for o in ("accepted", "inconsistent", "refused")]
-    said = ", ".join(f"{name} {n}" for name, n in named.items())
-    return [name, *verdicts, *(f"{means[key]:.4g}" for key in MEANS), said]
-
-
-def run(
-    work: Work,
-    *,
-    sessions: int = 12,
-    cases: tuple[str, ...] = tuple(CASES),
-    declared: bool = False,
-    wheels: bool = False,
-) -> str:
-    """declared: nothing is looked for beyond what is declared; wheels: no GNSS, no odometer."""
-    asked = [(name, seed, declared, not wheels) for name in cases for seed in range(sessions)]
-    records = work.each(told, asked)
-    by_case = {name: [r for r in records if r["case"] == name] for name in cases}
-    head = ("case", "accepted", "inconsistent", "refused", *MEANS.values(), "named")
-    return table(head, [row(name, of) for name, of in by_case.items() if of])
-
-
-def _simulated(ideal: IdealSensors, seed: int, *, aided: bool) -> SimulatedRun:
+def _simulated(ideal: IdealSensors, seed: int) -> SimulatedRun:
     """One seeded run; the unit's bias is drawn from the table's own prior (common 70 %, smooth 30
     %).
     """
@@ -394,7 +335,7 @@ def _simulated(ideal: IdealSensors, seed: int, *, aided: bool) -> SimulatedRun:
         ageing_shape_deg_h=PRIOR_DEG_H * np.sqrt(0.3),
         table=_table_of([-40.0, 80.0]),
     )
-    plan = SessionPlan(with_gnss=aided, with_odometer=aided, gnss_lever_arm_m=ARM_M)
+    plan = SessionPlan(with_gnss=True, with_odometer=True, gnss_lever_arm_m=ARM_M)
     return simulate_run(ideal, thermal_history("ambient"), unit, TWIN, rng=rng, plan=plan)
 
 
@@ -419,7 +360,7 @@ def _no_table() -> ThermalTable:
     return table_from_dict({**facts, **_table_of(nodes)}, name="prior")
 
 
-def _scored(result: SessionResult, simulated: SimulatedRun, cpu_s: float) -> Scored:
+def _scored(result: SessionResult, simulated: SimulatedRun) -> Scored:
     """Errors against truth, bin by bin."""
     e = result.estimate
     assert e is not None
@@ -435,18 +376,13 @@ def _scored(result: SessionResult, simulated: SimulatedRun, cpu_s: float) -> Sco
     A = mean_rows(e)
     error = A @ (e.bins.table_deg_h + e.mean_deg_h - truth)
     covariance = A @ e.covariance @ A.T
-    sigma = np.sqrt(np.diag(covariance))
     at = int(np.argmin(np.abs(simulated.reference.time_s - e.alignment.time_s)))
     off = e.alignment.heading_rad - simulated.reference.heading_rad[at]
     true_error = float(np.angle(np.exp(1j * off)))
     return Scored(
         result=result,
-        normalised=error / sigma,
         nees=float(error @ np.linalg.solve(covariance, error)),
         heading=(e.heading_error_rad - true_error) / e.sigma_heading_rad,
-        sigma_deg_h=sigma,
-        sigma_heading_rad=e.sigma_heading_rad,
-        cpu_s=cpu_s,
     )
 
 
