@@ -7,7 +7,6 @@ nodes costs it nothing.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,14 +32,6 @@ class Points:
         """Temperature, bias and sigma of one axis."""
         rows = self.axis_index == axis
         return self.temperature_degC[rows], self.bias_deg_h[rows], self.sigma_deg_h[rows]
-
-
-class Rule(Protocol):
-    """A table that takes in one session after another."""
-
-    def update(self, points: Points) -> None: ...
-
-    def bias_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray: ...
 
 
 class DoNothing:

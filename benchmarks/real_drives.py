@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.study import Record, Work, rms, table
+from benchmarks.study import Record, Work, table
 from infield.aided.flight import AidedResult, Aiding
 from infield.replay.free_inertial import TableChoice, replay
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
@@ -67,8 +67,6 @@ MECHANICAL = (
 SHORT_S, LONG_S = 30.0, 60.0  # of the outages
 LEAST_S = 90.0  # of solution, for an outage; 240 s for the long one besides
 LONG_LEAST_S = 240.0
-OFTEN_S, OFTEN_LEAST_S = 15.0, 100.0  # and logs of 100 s and more
-OFTEN = (0.25, 0.45, 0.65, 0.85), (0.35, 0.55, 0.75)  # of a log, in two flights
 
 
 @dataclass(frozen=True)
@@ -225,39 +223,6 @@ def measured(source: Source, path: Path) -> Row:
     )
 
 
-def often(source: Source, path: Path) -> list[str] | None:
-    """A row of the table of many short outages; None where a log is too short or not flown."""
-    try:
-        run = converted(path).run
-    except InputError:
-        return None
-    if run.gnss is None:
-        return None
-    t = run.gnss.time_s
-    first_s = max(run.imu.start_s, float(t[0])) + 20.0
-    last_s = min(run.imu.end_s, float(t[-1])) - OFTEN_S - 1.0
-    if last_s - first_s < OFTEN_LEAST_S - OFTEN_S:
-        return None
-    over: list[float] = []
-    late: list[float] = []
-    for shares in OFTEN:
-        starts = [first_s + share * (last_s - first_s) for share in shares]
-        spans = tuple((a, a + OFTEN_S) for a in starts if np.any((t > a) & (t < a + OFTEN_S)))
-        found = fly(run, spans) if spans else None
-        if found is not None and found.history is not None:
-            over += [score.error_over_sigma for score in found.outage_scores]
-            late += [score.error_over_sigma for score in found.smoothed_scores]
-    if not over:
-        return None
-    return [
-        f"`{source.path}`",
-        f"{len(over)}",
-        f"{rms(over):.2f}",
-        f"{max(over):.2f}",
-        f"{rms(late):.2f}",
-    ]
-
-
 FLYING_M_S = 5.0
 
 
@@ -349,23 +314,11 @@ def drive(name: str, logs: str, clones: str) -> Record:
     return asdict(measured(source, path))
 
 
-def outages_of(name: str, logs: str, clones: str) -> list[str] | None:
-    """Many short outages of a log."""
-    source = next(s for s in sources() if s.path == name)
-    return often(source, source.fetched(Path(logs), Path(clones) if clones else None))
-
-
-def run(work: Work, *, logs: Path, clones: str = "", short: bool = False) -> str:
+def run(work: Work, *, logs: Path, clones: str = "") -> str:
     """logs: folder of the logs; what is missing there is downloaded, or taken from clones named
-    OWNER+NAME/repo in the folder `clones`; short: 15 s are left out at seven places of each log, in
-    two flights.
+    OWNER+NAME/repo in the folder `clones`.
     """
-    asked = [(source.path, str(logs), clones) for source in sources()]
-    if short:
-        rows = [row for row in work.each(outages_of, asked) if row]
-        head = ("log", "outages", "error over sigma, RMS", "largest", "smoothed, RMS")
-        return table(head, rows)
-    found = work.each(drive, asked)
+    found = work.each(drive, [(source.path, str(logs), clones) for source in sources()])
     late = [
         (row["name"], f"{was:.1f}", f"{now:.1f} ({ratio:.2f})")
         for row in found

@@ -20,7 +20,7 @@ from scipy.fft import dct
 from scipy.optimize import nnls
 
 import recal
-from benchmarks.study import Work
+from benchmarks.study import Work, rms, table
 from ins.records import Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import (
@@ -63,6 +63,9 @@ UNITS = {
     "accel.rate_random_walk_ug_sqrt_h": MICRO_G_PER_SQRT_HOUR,
     "vehicle.sway_m_s": 1.0,
 }
+HEAD = ("unit", "parameter", "hours that tell it", "in the 95 % interval")
+HEAD += ("of those that the fit calls told", "RMS error", "over the bound", "slopes", "moments")
+HEAD += ("called told where the bound says not",)
 GYRO_NAMES, ACCEL_NAMES = list(UNITS)[:5], list(UNITS)[5:]
 
 
@@ -277,41 +280,30 @@ def moments(rate: NDArray) -> dict[str, float]:
     return {n: float(np.sqrt(v)) / UNITS[n] for n, v in zip(GYRO_NAMES[:4], found)}
 
 
-def table_lines(hours: list[dict]) -> list[str]:
-    """The Markdown table: of each technology and parameter what an hour tells, and how well."""
-    head = "| unit | parameter | hours that tell it | in the 95 % interval"
-    head += " | of those that the fit calls told | RMS error | over the bound | slopes | moments"
-    head += " | called told where the bound says not |"
-    lines = [head, "|" + "---|" * 10]
-    for technology in BASES:
-        own = [h for h in hours if h["technology"] == technology]
-        for name in UNITS if own else ():
-            lines.append(_row(technology, name, own))
-    if hours:
-        cpu = np.array([h["cpu_s"] for h in hours])
-        lines.append("")
-        lines.append(f"{len(hours)} hours; CPU a fit {np.median(cpu):.1f} s (median).")
-    return lines
-
-
-def _row(technology: str, name: str, own: list[dict]) -> str:
+def row(technology: str, name: str, own: list[dict]) -> list[str]:
+    """Of a technology and a parameter: what an hour tells, and how well."""
     told = [h for h in own if h["bound"][name] < TOLD_SIGMA and name in h["found"]]
     untold = [h for h in own if h["bound"][name] > UNTOLD_SIGMA and name in h["found"]]
     wrong = sum(bool(h["found"][name][4]) for h in untold)
-    called = f"{wrong} of {len(untold)}"
+    head, called = [technology, f"`{name}`"], f"{wrong} of {len(untold)}"
     if not told:
-        return f"| {technology} | `{name}` | 0 of {len(own)} | | | | | | | {called} |"
+        return [*head, f"0 of {len(own)}", *[""] * 6, called]
     true = np.array([h["truth"][name] for h in told])
     value, _, low, high, _ = np.array([h["found"][name] for h in told], dtype=float).T
     inside = int(np.sum((low <= true) & (true <= high)))
     error = np.log(np.maximum(value, 1e-6 * true) / true)
     bound = np.array([0.5 * h["bound"][name] for h in told])
-    return (
-        f"| {technology} | `{name}` | {len(told)} of {len(own)} | {inside} of {len(told)}"
-        f" ({100 * inside / len(told):.0f} %) | {_of_told(own, name)} | {100 * _rms(error):.2g} %"
-        f" | {_rms(error / bound):.2f} | {_beside(told, name, 'slopes')}"
-        f" | {_beside(told, name, 'moments')} | {called} |"
-    )
+    return [
+        *head,
+        f"{len(told)} of {len(own)}",
+        f"{inside} of {len(told)} ({100 * inside / len(told):.0f} %)",
+        _of_told(own, name),
+        f"{100 * rms(error):.2g} %",
+        f"{rms(error / bound):.2f}",
+        _beside(told, name, "slopes"),
+        _beside(told, name, "moments"),
+        called,
+    ]
 
 
 def _of_told(own: list[dict], name: str) -> str:
@@ -326,11 +318,7 @@ def _beside(told: list[dict], name: str, method: str) -> str:
     if not pairs:
         return ""
     value, true = np.array(pairs).T
-    return f"{100 * _rms(np.log(np.maximum(value, 0.01 * true) / true)):.2g} %"
-
-
-def _rms(values: NDArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return f"{100 * rms(np.log(np.maximum(value, 0.01 * true) / true)):.2g} %"
 
 
 def run(
@@ -344,4 +332,10 @@ def run(
     """quanta: least and largest, over the white noise of a row."""
     seeds = range(first, first + hours)
     asked = [(technology, seed, list(quanta)) for technology in technologies for seed in seeds]
-    return "\n".join(table_lines(work.each(one_hour, asked))) + "\n"
+    found = work.each(one_hour, asked)
+    rows = []
+    for technology in technologies:
+        own = [h for h in found if h["technology"] == technology]
+        rows += [row(technology, name, own) for name in UNITS]
+    cpu_s = np.median([h["cpu_s"] for h in found])
+    return table(HEAD, rows) + f"\n{len(found)} hours; CPU a fit {cpu_s:.1f} s (median).\n"

@@ -123,7 +123,7 @@ def plain(record: Any) -> Any:
     return _written(record, _number)
 
 
-def from_json(kind: type[R], document: str | Mapping[str, object], *, name: str) -> R:
+def from_json(kind: type[R], document: str | Mapping[str, Any], *, name: str) -> R:
     """What `to_json` made of a record of this kind, as that record again.
 
     Parameters
@@ -188,8 +188,8 @@ def _written(value: Any, number: Callable[[float], Any]) -> Any:
     return value
 
 
-def _record(record: Any, number: Callable[[float], Any]) -> dict[str, object]:
-    found: dict[str, object] = {}
+def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
     for f in _fields(record.__class__):
         item = getattr(record, f.name)
         if item is None and (f.metadata.get("omit_none") or f.metadata.get("inline")):

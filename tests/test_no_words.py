@@ -29,7 +29,6 @@ SEARCHES = set(
 )
 EQUAL = (ast.Eq, ast.NotEq, ast.In, ast.NotIn)
 # module: why it may
-WORK = "its verdicts are still texts; each entry goes with its conversion to an enum"
 ALLOWED = {}
 
 

@@ -26,8 +26,6 @@ from ins.records import (
 from ins.units import DEG_PER_HOUR, MICRO_G
 from trajectories.runs.directory import run_sha256
 
-Vector = tuple[float, float, float]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:

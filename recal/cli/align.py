@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.align", "align")
-def command(shown, run, /, store, twin, output, force) -> None:
+def command(shown: Shown, run, /, store, twin, output, force) -> None:
     """Find roll, pitch and heading of a parked unit with their sigmas, and the phases of the run.
 
     Example: recal align run-1 --json

@@ -1,11 +1,11 @@
 """`recal check`: what a run holds, what is wrong with it and where."""
 
-from recal.cli.console import say
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown, say
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.check", "check")
-def command(shown, run, /, serial) -> None:
+def command(shown: Shown, run, /, serial) -> None:
     """Read a run, and say what it holds, what is wrong and where. Exit code 0, or 3 where something
     is wrong.
 

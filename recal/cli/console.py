@@ -146,29 +146,6 @@ def say(text: str, *, quiet: bool = False) -> None:
         print(one_line(text), file=sys.stderr)
 
 
-def answer(
-    result: object,
-    lines: Iterable[str],
-    *,
-    as_json: bool,
-    quiet: bool,
-    verbose: bool,
-    report: Path | None = None,
-) -> None:
-    """The result, once, on standard output: its lines and where its report is, or its JSON.
-
-    verbose: the whole result on standard error, too; quiet: no words.
-    """
-    if verbose:
-        print(to_json(result), file=sys.stderr, end="")
-    if as_json:
-        emit_json(result)
-    elif not quiet:
-        print_lines(lines)
-        if report is not None:
-            print(f"report: {linked(report)}")
-
-
 @dataclass(frozen=True)
 class Shown:
     """How a command says what it does and what came out: in words, as JSON, or not at all."""
@@ -186,15 +163,17 @@ class Shown:
         say(line, quiet=self.quiet)
 
     def answer(self, result: object, lines: Iterable[str], report: Path | None = None) -> None:
-        """The result, once, and where its report is."""
-        answer(
-            result,
-            lines,
-            as_json=self.as_json,
-            quiet=self.quiet,
-            verbose=self.verbose,
-            report=report,
-        )
+        """The result, once, on standard output: its lines and where its report is, or its JSON;
+        verbose: whole on standard error, too.
+        """
+        if self.verbose:
+            print(to_json(result), file=sys.stderr, end="")
+        if self.as_json:
+            emit_json(result)
+        elif not self.quiet:
+            print_lines(lines)
+            if report is not None:
+                print(f"report: {linked(report)}")
 
     def end(self, found: "Result[Any]", report: Path | None = None) -> None:
         """The result of a verb, and the exit code of its verdict."""

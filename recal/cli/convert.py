@@ -5,12 +5,13 @@ from typing import Annotated
 
 import typer
 
+from recal.cli.console import Shown
 from recal.cli.logs.options import of_log, reads_log
 
 
 @reads_log()
 def command(
-    shown,
+    shown: Shown,
     log: Path,
     /,
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],

@@ -2,16 +2,16 @@
 
 from pathlib import Path
 
-from recal.cli.console import finish
-from recal.cli.terminal.options import SEED
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown, finish
+from recal.cli.parameters.shared import SEED_OPTION
+from recal.cli.parameters.verbs import made_from
 
 DEFAULT_SEED = 42
 DEMO_STEPS = 4  # three sessions, one update
 
 
-@made_from("recal.service.demo", "demo", SEED)
-def command(shown, /, output, force, *, rate_hz: float = 50.0, seed=DEFAULT_SEED) -> None:
+@made_from("recal.service.demo", "demo", SEED_OPTION)
+def command(shown: Shown, /, output, force, *, rate_hz: float = 50.0, seed=DEFAULT_SEED) -> None:
     """Simulate three sessions of one aged unit, recalibrate its table from them, and report.
 
     Example: recal demo -o recal-demo

@@ -4,13 +4,14 @@ shrinks with it.
 
 from pathlib import Path
 
-from recal.cli.terminal.options import SEED
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.shared import SEED_OPTION
+from recal.cli.parameters.verbs import made_from
 
 
-@made_from("recal.service.diagnose", "diagnose", SEED, twin="FILE", hold_out="RUN")
+@made_from("recal.service.diagnose", "diagnose", SEED_OPTION, twin="FILE", hold_out="RUN")
 def command(
-    shown, runs, /, twin: Path, hold_out, simulator, alpha, output, force, *, seed=0
+    shown: Shown, runs, /, twin: Path, hold_out, simulator, alpha, output, force, *, seed=0
 ) -> None:
     """Say where simulator and logs disagree, which effect causes it, and how far the gap shrinks
     with that effect.

@@ -8,8 +8,8 @@ import typer
 
 from ins.user_input import one_line
 from recal.cli.console import Command, Shown, finish, login_name
-from recal.cli.terminal.options import SEED, folder_option
-from recal.cli.terminal.verbs import made_from
+from recal.cli.parameters.shared import SEED_OPTION, folder_option
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.fleet.document_records import FleetReport
@@ -35,7 +35,7 @@ def fleet() -> None:
 @app.command("update", cls=Command)
 @made_from("recal.fleet.records", "FleetRequest", cluster="URL")
 def update(
-    shown,
+    shown: Shown,
     source,
     /,
     store,
@@ -121,9 +121,9 @@ def update(
 
 
 @app.command(cls=Command)
-@made_from("recal.service.priors.learn", "LearnRequest", folder_option(LEARN_FOLDER), SEED)
+@made_from("recal.service.priors.learn", "LearnRequest", folder_option(LEARN_FOLDER), SEED_OPTION)
 def learn(
-    shown,
+    shown: Shown,
     /,
     store,
     *,
@@ -170,7 +170,7 @@ def learn(
 @app.command(cls=Command)
 @made_from("recal.service.priors.forecast", "ForecastRequest", folder_option(FORECAST_FOLDER))
 def forecast(
-    shown,
+    shown: Shown,
     /,
     store,
     *,
@@ -202,7 +202,7 @@ def forecast(
 
 @app.command("priors", cls=Command)
 @made_from()
-def priors_list(shown, /, store) -> None:
+def priors_list(shown: Shown, /, store) -> None:
     """List the learnt priors of a store, their state and who decided, oldest first.
 
     Example: recal fleet priors --store sqlite:///recal.db
@@ -215,7 +215,7 @@ def priors_list(shown, /, store) -> None:
 
 @app.command(cls=Command)
 @made_from("recal.service.priors.records", "decide")
-def approve(shown, number, /, by, reason, *, technology="rlg", store) -> None:
+def approve(shown: Shown, number, /, by, reason, *, technology="rlg", store) -> None:
     """Put learnt priors to use; older ones may be approved again.
 
     Example: recal fleet approve 1 --by "K. Reviewer" --reason "240 sessions, innovation 1.00"
@@ -225,7 +225,7 @@ def approve(shown, number, /, by, reason, *, technology="rlg", store) -> None:
 
 @app.command(cls=Command)
 @made_from("recal.service.priors.records", "decide")
-def reject(shown, number, /, by, reason, *, technology="rlg", store) -> None:
+def reject(shown: Shown, number, /, by, reason, *, technology="rlg", store) -> None:
     """Reject learnt priors, for good.
 
     Example: recal fleet reject 2 --by "K. Reviewer" --reason "one aircraft was in the hangar"

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 from recal.cli.terminal.help import INPUT
-from recal.cli.terminal.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.misalignment import KnownAzimuths
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 @made_from(heading_deg="DEG,DEG,...", north_to_west_deg="DEG,DEG,...", twin_out="FILE")
 def command(
-    shown,
+    shown: Shown,
     inputs: list[Path],
     /,
     heading_deg: str | None = None,

@@ -5,26 +5,22 @@ be seen.
 from collections.abc import Sequence
 from pathlib import Path
 
-from recal.cli.terminal.options import SEED
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.shared import SEED_OPTION
+from recal.cli.parameters.verbs import made_from
 
 
-@made_from("recal.service.plan", "PlanRequest", SEED, twin="FILE", separate="A,B")
+@made_from("recal.service.plan", "PlanRequest", SEED_OPTION, twin="FILE", separate="A,B")
 def command(
-    shown,
+    shown: Shown,
     runs: Sequence[Path] = (),
     /,
     twin: Path | None = None,
     *,
-    technology,
-    separate,
-    without,
-    lat_deg,
-    most,
-    flights,
     output,
     force,
     seed=0,
+    **asked,
 ) -> None:
     """Say which recordings would separate rival effects, and from which size on each effect is seen
     and told from its rival.
@@ -43,16 +39,7 @@ def command(
 
     folder = output or Path("recal-plan")
     need_free_report(folder, "plan.json", "recal.plan/1", ("plan.html",), force=force)
-    request = PlanRequest(
-        twin=twin,
-        technology=technology,
-        separate=separate,
-        without=without,
-        lat_deg=lat_deg,
-        most=most,
-        seed=seed,
-        flights=flights,
-    )
+    request = PlanRequest(twin=twin, seed=seed, **asked)
     with shown.progress("planning", plan_steps(request)) as told:
         planned = plan(runs, request, told=told, first_answer=told.say)
     shown.answer(planned.document, planned.lines(), planned.write(output) / "plan.html")

@@ -5,18 +5,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.replay import Aided
 
 REPLAY_STEPS = 5  # reading, two tables, satellite fixes, the report
-OTHER = "other"  # vehicle without wheels
+ANY_VEHICLE = "other"  # nothing is known of its wheels
 
 
 @made_from("recal.service.replay", "Aided", outage="START:LENGTH")
 def command(
-    shown,
+    shown: Shown,
     run: Path,
     /,
     store,
@@ -26,7 +27,7 @@ def command(
     outage: Sequence[str] = (),
     *,
     smooth,
-    vehicle: str = OTHER,
+    vehicle: str = ANY_VEHICLE,
     kml: bool = False,
     csv: bool = False,
     output,
@@ -80,7 +81,7 @@ def _asked(outages: Sequence[str], *, aided: bool, smooth: bool, vehicle: str) -
     from ins.records import InputError
     from recal.service.replay import Aided
 
-    options = {"--outage": bool(outages), "--smooth": smooth, "--vehicle": vehicle != OTHER}
+    options = {"--outage": bool(outages), "--smooth": smooth, "--vehicle": vehicle != ANY_VEHICLE}
     given = [name for name, asked in options.items() if asked]
     if not given:
         return aided

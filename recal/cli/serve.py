@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import say
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown, say
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     import socket
@@ -24,7 +24,7 @@ NEEDS_EXTRA = "serve needs FastAPI and uvicorn: pip install strapdown-recal[web]
 
 @made_from(reports="FOLDER", token_file="FILE")
 def command(
-    shown,
+    shown: Shown,
     /,
     store,
     *,

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from(
@@ -19,7 +20,7 @@ from recal.cli.terminal.verbs import made_from
     environment="KIND[:STRENGTH]",
 )
 def command(
-    shown,
+    shown: Shown,
     scenario: str | None = None,
     /,
     output: Annotated[

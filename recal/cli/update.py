@@ -4,13 +4,13 @@ from pathlib import Path
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, login_name
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import DEFAULT_STORE, Shown, login_name
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.update", "UpdateRequest", retry="[N]")
 def command(
-    shown,
+    shown: Shown,
     runs,
     /,
     store,

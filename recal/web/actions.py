@@ -18,7 +18,7 @@ from recal.web.site import Visit
 
 OTHER_PAGE = (
     "The form is not the one that this page gave you, or it is older than your session. Open the"
-    " page again. Cookies must be allowed."
+    " page again."
 )
 USED_LINK = (
     "This link was used already, or is older than 10 minutes. Sign in with the token that recal"
@@ -33,6 +33,8 @@ Visitor = Annotated[Visit, Depends()]
 class Sent(Visit):
     """A form that a page of this site has sent, with the token that goes with the cookie."""
 
+    needs_session = False
+
     def __init__(self, request: Request, form: Annotated[dict[str, str], Depends(form_of)]) -> None:
         super().__init__(request)
         self.form = form
@@ -40,8 +42,14 @@ class Sent(Visit):
             raise HTTPException(
                 403, "The server was started without a token: nothing can be written here."
             )
-        wanted = self.site.door.form_token(self.cookie)
-        if not self.cookie or not same(wanted, form.get("form_token", "")):
+        if self.needs_session and self.session is None:
+            raise HTTPException(
+                403,
+                "You are not signed in, or your session is over. Sign in and send the form again.",
+            )
+        if not self.cookie:
+            raise HTTPException(403, f"{OTHER_PAGE} Cookies must be allowed.")
+        if not same(self.site.door.form_token(self.cookie), form.get("form_token", "")):
             raise HTTPException(403, OTHER_PAGE)
 
     def number(self, name: str) -> int:
@@ -55,15 +63,13 @@ class Sent(Visit):
 class Signed(Sent):
     """A form of one who is signed in."""
 
-    def __init__(self, request: Request, form: Annotated[dict[str, str], Depends(form_of)]) -> None:
-        super().__init__(request, form)
-        if self.session is None:
-            raise HTTPException(
-                403,
-                "You are not signed in, or your session is over. Sign in and send the form again.",
-            )
-        self.by = self.session.name or form.get("by", "")
-        self.reason = form.get("reason", "")
+    needs_session = True
+
+    @property
+    def by(self) -> str:
+        """Whose token opened the session; the name that is typed where several share the token."""
+        name = self.session.name if self.session else ""
+        return name or self.form.get("by", "")
 
     @property
     def unit(self) -> tuple[str, str, str]:
@@ -113,7 +119,11 @@ def decide(visit: Annotated[Signed, Depends()]) -> Response:
         raise HTTPException(400, "verdict: needed approved or rejected")
     with visit.site.tables() as opened:
         done = opened.decide(
-            visit.number("number"), verdict, *visit.unit, by=visit.by, reason=visit.reason
+            visit.number("number"),
+            verdict,
+            *visit.unit,
+            by=visit.by,
+            reason=visit.form.get("reason", ""),
         )
     return visit.go_to(views.address("/unit", done.unit, done=verdict))
 
@@ -144,7 +154,7 @@ def rollback(visit: Annotated[Signed, Depends()]) -> Response:
             technology,
             mode,
             by=visit.by,
-            reason=visit.reason,
+            reason=visit.form.get("reason", ""),
             active_number=visit.number("active"),
         )
     return visit.go_to(views.address("/unit", done.unit, done="rolled back"))

@@ -17,7 +17,7 @@ NO_FAULT = (
     "The program met a case it does not know. Nothing was changed; the server's log says more."
 )
 # in place of what the library says
-LINES = {
+OWN_LINES = {
     "Not Found": "There is no page here.",
     "Method Not Allowed": "Only GET and POST are served.",
 }
@@ -48,7 +48,9 @@ def build_app(settings: ServeSettings) -> FastAPI:
 
 
 async def _of_http(request: Request, error: HTTPException) -> Response:
-    answer = Visit(request).fault(error.status_code, LINES.get(error.detail, error.detail))
+    if error.headers and "location" in error.headers:
+        return Visit(request).go_to(error.headers["location"])
+    answer = Visit(request).fault(error.status_code, OWN_LINES.get(error.detail, error.detail))
     answer.headers.update(error.headers or {})
     return answer
 

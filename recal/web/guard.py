@@ -30,11 +30,16 @@ MAX_PORT = 65_535  # 2^16 - 1
 
 async def known_host(request: Request) -> None:
     """Refused where the browser asks under a name that is not this server's."""
-    given = request.headers.getlist("host")
-    if len(given) != 1 or not allowed_host(given[0], request.app.state.site.settings):
+    if not has_known_host(request):
         raise HTTPException(
             421, "This address is not served here. The operator may allow a name with --allow-host."
         )
+
+
+def has_known_host(request: Request) -> bool:
+    """Whether the one Host of the request is allowed."""
+    given = request.headers.getlist("host")
+    return len(given) == 1 and allowed_host(given[0], request.app.state.site.settings)
 
 
 def allowed_host(host: str, settings: ServeSettings) -> bool:

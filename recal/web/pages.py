@@ -127,7 +127,7 @@ def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
         rows=views.table_rows(active.table) if active else None,
         contradictions=views.contradiction_rows(contradictions, active.table) if active else [],
         history=history[::-1][:MOST_SHOWN],
-        proposals=[views.proposal_facts(p) for p in reversed(proposals)],
+        proposals=proposals[::-1],
         done=done,
         state=health.judged(summary, forecast, datetime.now(UTC))[0].words,
         diagnoses=[
@@ -190,7 +190,7 @@ def proposals(reader: Reader, state: State = "open") -> HTMLResponse:
         "proposals.html.j2",
         state=state,
         counts={name: sum(p.state == name for p in everything) for name in views.STATE_LOOKS},
-        proposals=[views.proposal_facts(p) for p in chosen[:MOST_SHOWN]],
+        proposals=chosen[:MOST_SHOWN],
     )
 
 
@@ -211,7 +211,6 @@ def proposal(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
         change=views.change_rows(base, full) if base else None,
         lines=lines,
         panels=reader.site.drawings.bias_panels(lines) if lines else [],
-        look=views.STATE_LOOKS[full.state],
     )
 
 

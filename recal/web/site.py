@@ -18,6 +18,7 @@ from recal.web import views
 from recal.web.door import SESSION_S, Door
 from recal.web.drawings import Drawings
 from recal.web.forecasts import Forecasts
+from recal.web.guard import has_known_host
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
 
@@ -80,7 +81,9 @@ class Visit:
     def __init__(self, request: Request) -> None:
         self.site: Site = request.app.state.site
         self.request = request
-        self.cookie = request.cookies.get(self.site.cookie, "")
+        # a page without a route is drawn for any Host, but as for a stranger
+        cookie = request.cookies.get(self.site.cookie, "")
+        self.cookie = cookie if has_known_host(request) else ""
         self.session = self.site.door.session(self.cookie)
 
     def page(self, template: str, status: int = 200, **context: Any) -> HTMLResponse:
@@ -93,6 +96,7 @@ class Visit:
             "locked": self.site.door.locked,
             "has_reports": self.site.reports.given,
             "address": views.address,
+            "looks": views.STATE_LOOKS,
         }
         page = page_environment("recal", "web/templates").get_template(template)
         text = page.render(**shared, **context)

@@ -13,7 +13,7 @@ from ins.records import AXES
 from recal.service.inputs.records import TableDocument, ThermalTable
 from recal.service.priors.forecast_records import UnitForecast
 from recal.service.results.pages import decimals_for
-from recal.service.store import FullProposal, Proposal, Revision, SessionEvidence, UnitKey
+from recal.service.store import FullProposal, Revision, SessionEvidence, UnitKey
 from recal.service.tables import change_between
 
 STATE_LOOKS = {"open": "fair", "out of date": "none", "approved": "good", "rejected": "bad"}
@@ -55,15 +55,6 @@ class ContradictionRow:
     sha256: str
     start_utc: str
     gyros: Sequence[tuple[str, float, float, float]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProposalRow:
-    """A proposal in a list; look: of its state."""
-
-    p: Proposal
-    look: str
-    href: str
 
 
 def address(path: str, unit: UnitKey | None = None, **more: Any) -> str:
@@ -160,10 +151,3 @@ def contradiction_rows(
             )
         )
     return rows
-
-
-def proposal_facts(p: Proposal) -> ProposalRow:
-    """A proposal in a list."""
-    return ProposalRow(
-        p=p, look=STATE_LOOKS[p.state], href=address("/proposal", p.unit, number=p.number)
-    )

@@ -43,7 +43,6 @@ FLIGHT: tuple[Segment, ...] = (
     TurnFlight(angle_deg=-200.0),
     Cruise(duration_s=120.0),
 )
-AIRBORNE_S = 140.0  # after the end of the first park: turning and climbing
 
 
 @lru_cache(maxsize=8)

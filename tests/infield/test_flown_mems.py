@@ -192,6 +192,7 @@ def led_astray(log: GnssLog) -> GnssLog:
     return replace(log, v_n_m_s=turned)
 
 
+@pytest.mark.slow  # 10 s, the path of the next test: what the receiver contradicts is left out
 def test_a_receiver_led_astray_is_left_out():
     """The session is then what its rests say."""
     made = simulated(0)

@@ -52,7 +52,7 @@ def test_no_reader_or_writer_uses_an_active_tag_that_was_moved(five, url):
         assert "revision 3" in said and "recal table verify" in said
         assert "SN-1 (rlg): " in said and "\n" not in said
     assert five.active("SN-2").number == 1
-    assert "revision 3" in faults(five)["SN-1"] and "SN-2" not in faults(five)
+    assert any("revision 3" in said for said in faults(five)["SN-1"]) and "SN-2" not in faults(five)
 
 
 def test_an_active_tag_that_is_gone_is_told(five, url):

@@ -150,7 +150,7 @@ def test_from_log_to_check_and_align(tmp_path, log, args, rows):
         tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align"
     )
     assert document["verdict"] == "level_only"
-    assert "heading cannot be found at rest" in document["reasons"][0]
+    assert document["reason_codes"][0] == "no_heading"
     assert (
         json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"]
         == "recal.alignment/1"

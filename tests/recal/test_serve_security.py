@@ -121,6 +121,33 @@ def test_another_host_is_not_served(visitor, host):
     assert answer.status_code in (400, 421) and "SN-1" not in answer.text
 
 
+FORMS = ("/signin", "/signout", "/decide", "/rollback")
+
+
+def test_no_page_and_no_form_is_served_under_another_name(site, visitor):
+    visitor.sign_in()
+    form = {**UNIT, "form_token": visitor.form_token(PROPOSAL), "to": "1", "active": "2"}
+    evil = {"host": "evil.example"}
+    for path in (*PRIVATE, "/signin", "/login?ticket=x"):
+        assert visitor.get(path, headers=evil).status_code == 421, path
+    # whose cookie a foreign name brings along is not told, nor the token of the forms
+    for answer in (visitor.get("/nothing", headers=evil), visitor.put("/", headers=evil)):
+        assert answer.status_code in (404, 405) and "form_token" not in answer.text
+    for path in FORMS:
+        answer = visitor.submit(path, headers={**evil, "origin": "http://evil.example"}, **form)
+        assert answer.status_code == 421 and "SN-1" not in answer.text, path
+    assert unchanged(site[1])
+
+
+def test_no_form_of_another_site_is_taken(site, visitor):
+    visitor.sign_in()
+    form = {**UNIT, "form_token": visitor.form_token(PROPOSAL), "to": "1", "active": "2"}
+    for path in FORMS:
+        answer = visitor.submit(path, headers={"origin": "http://evil.example"}, **form)
+        assert answer.status_code == 403 and "did not come from this page" in answer.text, path
+    assert unchanged(site[1]) and "Sign out" in visitor.get("/").text
+
+
 def test_no_host_and_two_hosts_are_not_served(site):
     for request in (
         b"GET / HTTP/1.0\r\n\r\n",

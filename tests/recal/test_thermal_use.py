@@ -199,7 +199,7 @@ def test_a_run_of_thermal_apply_goes_through_update_and_is_known_again(folder, u
         result, again = recal(
             "update", folder / part, "--store", url, "-o", folder / "u", "--json", *words
         )
-        assert result.exit_code == 4 and "already holds this run" in again["reasons"][0]
+        assert result.exit_code == 4 and again["reason_codes"] == ["of_run.already_merged"]
     result, _ = recal("update", folder / "all", "--store", url, "-o", folder / "u")
     assert isinstance(result.exception, InputError) and "as a whole, needed that model" in str(
         result.exception

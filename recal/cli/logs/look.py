@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+from recal.cli.console import Shown
 from recal.cli.logs.options import of_log, reads_log
 
 
 @reads_log()
-def command(shown, log: Path, /, output, *, force, **given) -> None:
+def command(shown: Shown, log: Path, /, output, *, force, **given) -> None:
     """Say what a log of any known format holds, how its sensors behave, and what it can be used
     for, each use with the next command. Exit code 0, 3 where something is wrong, 4 where it is fit
     for nothing.

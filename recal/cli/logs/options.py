@@ -7,8 +7,8 @@ from typing import Any
 
 import typer
 
-from recal.cli.terminal.options import option
-from recal.cli.terminal.verbs import Made, made_from
+from recal.cli.parameters.shared import option
+from recal.cli.parameters.verbs import Made, made_from
 
 
 def degrees(text: str) -> float:
@@ -66,6 +66,8 @@ def of_log(
         Serial number of the unit. Default: the log's.
     technology
         Technology of the unit's gyros. Default: the log's.
+    lat_deg
+        Latitude where the run starts [deg], declared by LATITUDE.
     sigma_lat_deg
         How well that latitude is known, 1 sigma [deg]. Default: half a unit of its last digit, at
         least 0.001.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from recal.cli.console import Command, login_name
+from recal.cli.console import Command, Shown, login_name
 from recal.cli.table import verify as table_verify
 from recal.cli.table.files import export, import_
 from recal.cli.table.options import REVISIONS, of_table
@@ -29,7 +29,7 @@ app = typer.Typer(
 
 @app.command("list", cls=Command)
 @of_table()
-def list_(shown, /, store, serial) -> None:
+def list_(shown: Shown, /, store, serial) -> None:
     """List units and their revisions, newest last.
 
     Example: recal table list --store sqlite:///recal.db
@@ -75,7 +75,7 @@ def _unit_lines(u: UnitRecord, history: Sequence[Revision]) -> list[str]:
 
 @app.command(cls=Command)
 @of_table()
-def show(shown, /, store, serial, technology, mode, revision) -> None:
+def show(shown: Shown, /, store, serial, technology, mode, revision) -> None:
     """Show one table with U(k=2); --json prints it as formats.md writes a table.
 
     Example: recal table show --serial SN-0042
@@ -103,7 +103,7 @@ def show(shown, /, store, serial, technology, mode, revision) -> None:
 @app.command(cls=Command)
 @of_table(from_=REVISIONS, to=REVISIONS)
 def diff(
-    shown, /, store, serial, technology, mode, *, from_: str = "previous", to: str = "active"
+    shown: Shown, /, store, serial, technology, mode, *, from_: str = "previous", to: str = "active"
 ) -> None:
     """Show what changed between two revisions, by default from the previous to the active one.
 
@@ -141,7 +141,14 @@ def diff(
 @app.command(cls=Command)
 @of_table()
 def policy(
-    shown, /, one_person: bool = False, two_people: bool = False, *, by, reason: str = "", store
+    shown: Shown,
+    /,
+    one_person: bool = False,
+    two_people: bool = False,
+    *,
+    by,
+    reason: str = "",
+    store,
 ) -> None:
     """Say who may approve updates in this store, or show it; what was said before is kept.
 
@@ -168,7 +175,7 @@ def policy(
 @app.command(cls=Command)
 @of_table(to="NUMBER|factory|previous")
 def rollback(
-    shown,
+    shown: Shown,
     /,
     by: str,
     reason: str,

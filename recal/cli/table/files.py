@@ -35,7 +35,7 @@ class Autopilot(StrEnum):
 
 @of_table()
 def export(
-    shown,
+    shown: Shown,
     /,
     output: Annotated[
         Path | None,
@@ -115,7 +115,7 @@ def export(
 
 @of_table(twin="FILE")
 def import_(
-    shown,
+    shown: Shown,
     table: Path,
     /,
     store,

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from functools import partial
 
+from recal.cli.parameters.shared import option
+from recal.cli.parameters.verbs import Made, made_from
 from recal.cli.terminal.help import METHOD
-from recal.cli.terminal.options import option
-from recal.cli.terminal.verbs import Made, made_from
 
 REVISIONS = "NUMBER|factory|previous|active"
-OPTIONS = (
+OF_TABLE = (
     option(
         "serial",
         str | None,
@@ -42,4 +42,4 @@ OPTIONS = (
         help="Number of the IMU in an autopilot's parameter names.",
     ),
 )
-of_table: Callable[..., Callable[..., Made]] = partial(made_from, "", "", *OPTIONS)
+of_table: Callable[..., Callable[..., Made]] = partial(made_from, "", "", *OF_TABLE)

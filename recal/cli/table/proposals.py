@@ -25,7 +25,7 @@ PROPOSAL_STATES = ("open", "out of date", "approved", "rejected")
 @app.command(cls=Command)
 @of_table(number="[NUMBER]", state="STATE")
 def proposals(
-    shown,
+    shown: Shown,
     number: int | None = None,
     /,
     *,
@@ -82,7 +82,9 @@ def proposals(
 
 @app.command(cls=Command)
 @of_table(number="NUMBER")
-def approve(shown, number: int, /, reason: str, *, by, store, serial, technology, mode) -> None:
+def approve(
+    shown: Shown, number: int, /, reason: str, *, by, store, serial, technology, mode
+) -> None:
     """Make a proposed table the active one; refused where the active table has moved since, or
     where who approves is who put it forward.
 
@@ -101,7 +103,9 @@ def approve(shown, number: int, /, reason: str, *, by, store, serial, technology
 
 @app.command(cls=Command)
 @of_table(number="NUMBER")
-def reject(shown, number: int, /, reason: str, *, by, store, serial, technology, mode) -> None:
+def reject(
+    shown: Shown, number: int, /, reason: str, *, by, store, serial, technology, mode
+) -> None:
     """Turn a proposed table down; the active one stays, the proposal and the reason are kept.
 
     Example: recal table reject 3 --serial SN-0042 --reason "the aircraft was towed at minute 12"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from recal.cli.console import finish, say
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown, finish, say
+from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.tables import VerifyReport
@@ -16,7 +16,9 @@ HEAD_DIGITS = 16  # printed; enough to find it again
 
 
 @made_from(report="FILE")
-def command(shown, /, store, *, head: Sequence[str] = (), report: Sequence[Path] = ()) -> None:
+def command(
+    shown: Shown, /, store, *, head: Sequence[str] = (), report: Sequence[Path] = ()
+) -> None:
     """Check every hash, chain, tag, merged run, twin and proposal; one line a unit, exit code 3
     where one is broken.
 

@@ -5,12 +5,13 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.thermal", "take_out", part="all|rates")
 def command(
-    shown,
+    shown: Shown,
     model,
     run,
     /,

@@ -5,25 +5,23 @@ ramps.
 from collections.abc import Sequence
 from pathlib import Path
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.thermal", "FogRequest", fast="RUN...", slow="RUN...", check="RUN...")
 def command(
-    shown,
+    shown: Shown,
     /,
     fast: list[Path],
     slow: Sequence[Path] = (),
     check: Sequence[Path] = (),
     *,
-    allowed_deg_h,
-    word_bits,
-    remounted,
-    one_sided,
     store,
     twin,
     output,
     force,
+    **asked,
 ) -> None:
     """Fit K_T and K_delta of a fibre-optic gyro, b = K_T(T) + K_delta(T) dT/dt, to temperature
     ramps of the resting unit.
@@ -45,9 +43,7 @@ def command(
     folder = output or Path("recal-thermal")
     others = ("thermal_fog.html",)
     need_free_report(folder, "thermal_fog.json", "recal.thermal_fog/1", others, force=force)
-    request = FogRequest(
-        allowed_deg_h=allowed_deg_h, word_bits=word_bits, remounted=remounted, one_sided=one_sided
-    )
+    request = FogRequest(**asked)
     runs = [*fast, *slow, *check]
     with shown.progress("fitting", len(runs) + THERMAL_STEPS) as told:
         fitted = fit_fog(fast, slow, check, twin=twin, store=store, request=request, told=told)

@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from recal.cli.terminal.verbs import made_from
+from recal.cli.console import Shown
+from recal.cli.parameters.verbs import made_from
 
 
 @made_from("recal.service.thermal", "fit_rlg", check="RUN...")
-def command(shown, runs, /, check, remounted, store, twin, output, force) -> None:
+def command(shown: Shown, runs, /, check, remounted, store, twin, output, force) -> None:
     """Fit K1..K6 of a ring-laser gyro, b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff,
     to runs at rest.
 

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import Command
+from recal.cli.console import Command, Shown
+from recal.cli.parameters.verbs import made_from
 from recal.cli.terminal.help import METHOD
-from recal.cli.terminal.verbs import made_from
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -34,7 +34,7 @@ class Target(StrEnum):
 
 @app.command("fit", cls=Command)
 @made_from("recal.service.twin.fit", "fit_twin")
-def fit(shown, runs, /, start, output, force) -> None:
+def fit(shown: Shown, runs, /, start, output, force) -> None:
     """Fit the noise of a unit to its parked time, each number with its sigma; what the runs cannot
     tell is named, with the recording that would.
 
@@ -54,7 +54,7 @@ def fit(shown, runs, /, start, output, force) -> None:
 
 @app.command("check", cls=Command)
 @made_from("recal.service.twin.check", "check_twin")
-def check(shown, runs, /, twin: Path, output, force) -> None:
+def check(shown: Shown, runs, /, twin: Path, output, force) -> None:
     """Say channel by channel and band by band whether the noise of a twin fits these runs. Exit
     code 0 where it fits, 5 where not, 4 where the runs hold too little rest.
 
@@ -82,7 +82,7 @@ def check(shown, runs, /, twin: Path, output, force) -> None:
 @app.command("import", cls=Command)
 @made_from("recal.service.twin.exchange", "import_twin")
 def import_(
-    shown,
+    shown: Shown,
     source: Path,
     /,
     form: Annotated[
@@ -118,7 +118,7 @@ def import_(
 @app.command("export", cls=Command)
 @made_from("recal.service.twin.exchange", "export_twin")
 def export(
-    shown,
+    shown: Shown,
     twin: Path,
     /,
     form: Annotated[Target, typer.Option("--to", rich_help_panel=METHOD, help="In whose form.")],

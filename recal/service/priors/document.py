@@ -11,7 +11,7 @@ from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
 from ins.verdicts import Outcome, Reason, because, sentences
-from recal.service.priors.kept import ExcludedSession
+from recal.service.priors.kept import SessionLeftOut
 from recal.service.priors.reasons import PriorsReason
 
 PRIORS_SCHEMA = "recal.priors/1"
@@ -100,7 +100,7 @@ class PriorsReport:
     version: str
     method: str = HOW_LEARNT
     technologies: Sequence[TechnologyPriors] = ()
-    left_out: Sequence[ExcludedSession] = ()
+    left_out: Sequence[SessionLeftOut] = ()
 
 
 def technology_priors(found: LearntFleet) -> TechnologyPriors:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ins.documents import OMIT_NONE
-from recal.service.priors.kept import ExcludedSession
+from recal.service.priors.kept import SessionLeftOut
 
 FORECAST_SCHEMA = "recal.forecast/1"
 
@@ -80,4 +80,4 @@ class ForecastReport:
     units: Sequence[UnitForecast]
     without: Sequence[NoForecast] = ()
     less_urgent: int | None = field(default=None, metadata=OMIT_NONE)
-    left_out: Sequence[ExcludedSession] = ()
+    left_out: Sequence[SessionLeftOut] = ()

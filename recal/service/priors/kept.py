@@ -30,7 +30,7 @@ CONTRADICTION_S = HOUR
 
 
 @dataclass(frozen=True)
-class ExcludedSession:
+class SessionLeftOut:
     """A session that cannot be learnt from, and why."""
 
     imu_serial: str
@@ -43,10 +43,10 @@ def year_of(utc_text: str) -> float:
     return (utc(utc_text) - EPOCH).total_seconds() / 86400.0 / DAYS_PER_YEAR
 
 
-def kept_units(store: TableStore) -> tuple[list[KeptUnit], list[ExcludedSession]]:
+def kept_units(store: TableStore) -> tuple[list[KeptUnit], list[SessionLeftOut]]:
     """Every unit's sessions, a unit twice where its table came from outside in between."""
     units: list[KeptUnit] = []
-    left_out: list[ExcludedSession] = []
+    left_out: list[SessionLeftOut] = []
     for record in store.units():
         of_unit = _Unit(record, left_out)
         key = (record.unit.imu_serial, record.unit.gyro_technology, record.unit.gyro_mode)
@@ -60,7 +60,7 @@ def kept_units(store: TableStore) -> tuple[list[KeptUnit], list[ExcludedSession]
 class _Unit:
     """The history of one unit, told revision by revision."""
 
-    def __init__(self, record: UnitRecord, left_out: list[ExcludedSession]) -> None:
+    def __init__(self, record: UnitRecord, left_out: list[SessionLeftOut]) -> None:
         self._record, self._left_out = record, left_out
         self._begun: list[KeptUnit] = []
         self._sessions: list[KeptSession] = []
@@ -109,7 +109,7 @@ class _Unit:
             document = update_of(json.loads(revision.report_json))
         except InputError as error:
             why = f"the report of revision {revision.number} cannot be read ({error})"
-            self._left_out.append(ExcludedSession(serial, "", why))
+            self._left_out.append(SessionLeftOut(serial, "", why))
             return
         for session in estimated_of(document):
             if session.outcome != Outcome.ACCEPTED:
@@ -117,7 +117,7 @@ class _Unit:
             try:
                 self._sessions.append(_of_document(document, session))
             except InputError as error:
-                self._left_out.append(ExcludedSession(serial, session.run_id, str(error)))
+                self._left_out.append(SessionLeftOut(serial, session.run_id, str(error)))
 
 
 def _steps(revision: Revision) -> int:

@@ -6,9 +6,10 @@ signature and the numpydoc of `recal.service`, and a command says only what diff
     @made_from("recal.service.align", "align")
     def command(shown, run, /, store, twin, output, force): ...
 
-A name before the slash is an argument, one after it an option. It is declared by the command
-(Annotated, as typer has it), else by the options that commands share, else by the verb. What the
-command's own signature and numpydoc say of a name goes before what the verb says.
+A name before the slash is an argument, one after it an option; `**given` stands for all that the
+verb documents besides. A name is declared by the command (Annotated, as typer has it), else by the
+options that commands share, else by the verb. What the command's own signature and numpydoc say of
+it goes before what the verb says.
 
 The verb's module is read, not imported: it takes 1 to 3 s to import one, and 0.02 s to read it.
 
@@ -22,7 +23,7 @@ import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, get_origin
@@ -30,16 +31,16 @@ from typing import Annotated, Any, get_origin
 import typer
 
 from recal.cli.console import Shown
-from recal.cli.terminal.options import AT_THE_END, SHARED, by_name
+from recal.cli.parameters.shared import AT_THE_END, SHARED, by_name
 
-KINDS: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool}
-KINDS |= dict.fromkeys(("AnyPath", "AnyRun", "AnyTable", "AnyTwin", "Path"), Path)
+TYPE_OF: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool}
+TYPE_OF |= dict.fromkeys(("AnyPath", "AnyRun", "AnyTable", "AnyTwin", "Path"), Path)
 SEVERAL = re.compile(r"(?:Sequence|list)\[(?:\w+\.)*(\w+)\]")
-CHOICES = re.compile(r"\{(.+)\}")  # of numpydoc: {'rlg', 'fog'}
+ONE_OF = re.compile(r"\{(.+)\}")  # of numpydoc: {'rlg', 'fog'}
 WITHIN = re.compile(r"in \[(\S*), (\S*)\]")  # an end that is left out is no limit
 SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-{3,}$|\Z)", re.DOTALL | re.MULTILINE)
 SAYS_DEFAULT = re.compile(r"\b(Default|Needed)\b")
-NOTHING = inspect.Parameter.empty
+NOT_SAID = inspect.Parameter.empty
 Field = tuple[str, ast.expr | None, ast.expr | None]  # name, type, default
 
 
@@ -51,16 +52,16 @@ class Choice(StrEnum):
 class Said:
     """What a signature and its numpydoc say of a parameter; kind: its type in words."""
 
-    hint: Any = NOTHING
-    default: Any = NOTHING
+    hint: Any = NOT_SAID
+    default: Any = NOT_SAID
     kind: str = ""
     words: str = ""
 
     def over(self, other: "Said") -> "Said":
         """This one, completed by another."""
         return Said(
-            other.hint if self.hint is NOTHING else self.hint,
-            other.default if self.default is NOTHING else self.default,
+            other.hint if self.hint is NOT_SAID else self.hint,
+            other.default if self.default is NOT_SAID else self.default,
             self.kind or other.kind,
             self.words or other.words,
         )
@@ -105,13 +106,6 @@ class Made:
         """The parameters of the function, but for `shown`."""
         return list(inspect.signature(self._function, eval_str=True).parameters.values())[1:]
 
-    def _of(self, verb: Mapping[str, Said]) -> list[inspect.Parameter]:
-        """All options of a verb."""
-        return [
-            self._shared.get(name) or declared(name, said, self._metavars.get(name))
-            for name, said in verb.items()
-        ]
-
     def __call__(self, **words: Any) -> None:
         shown = Shown(*(words.pop(name) for name in ("as_json", "quiet", "verbose")))
         words = {name: _plain(value) for name, value in words.items()}
@@ -121,7 +115,7 @@ class Made:
         self._function(shown, *places, **words)
 
     @property
-    def __annotations__(self) -> dict[str, Any]:  # type: ignore[override]
+    def __annotations__(self) -> dict[str, type]:  # type: ignore[override]
         return {p.name: p.annotation for p in self.__signature__.parameters.values()}
 
     @cached_property
@@ -132,12 +126,12 @@ class Made:
         for own in self._own:
             kind, words = documented_here.get(own.name, ("", ""))
             if own.kind is own.VAR_KEYWORD:
-                found += self._of(of_verb)
+                found += self._all_of(of_verb)
             elif get_origin(own.annotation) is Annotated:
                 found.append(own.replace(kind=own.KEYWORD_ONLY))
             elif own.name in self._shared and not words:
                 shared = self._shared[own.name]
-                default = shared.default if own.default is NOTHING else own.default
+                default = shared.default if own.default is NOT_SAID else own.default
                 found.append(shared.replace(default=default))
             else:
                 said = Said(own.annotation, own.default, kind, words)
@@ -149,6 +143,15 @@ class Made:
         found += [SHARED[name] for name in AT_THE_END if name not in names]
         return inspect.Signature(found)
 
+    def _all_of(self, verb: Mapping[str, Said]) -> list[inspect.Parameter]:
+        """What the verb documents and the command does not name."""
+        named = {own.name for own in self._own}
+        return [
+            self._shared.get(name) or declared(name, said, self._metavars.get(name))
+            for name, said in verb.items()
+            if said.words and name not in named
+        ]
+
 
 def declared(
     name: str, said: Said, metavar: str | None, *, is_place: bool = False
@@ -158,7 +161,7 @@ def declared(
         raise TypeError(f"neither the verb nor the command says what {name} is")
     kind, several = _kind_of(said.hint)
     default = said.default
-    choices = CHOICES.search(said.kind)
+    choices = ONE_OF.search(said.kind)
     if choices:
         kind = _choice(name, choices[1])
         default = kind(default) if isinstance(default, str) else default
@@ -171,20 +174,25 @@ def declared(
     is_silent = default in (None, []) and not SAYS_DEFAULT.search(words)
     if is_silent and kind is not bool and not is_place:
         words += " Default: none."
-    settings: dict[str, Any] = {"help": words, "metavar": metavar}
     within = WITHIN.search(said.kind)
-    if within:
-        ends = [kind(float(end)) if end else None for end in within.groups()]
-        settings |= {"min": ends[0], "max": ends[1]}
+    low, high = within.groups() if within else ("", "")
     flag = f"--{name.strip('_').replace('_', '-')}"
-    flags = [f"{flag}/--no-{flag[2:]}" if default is True else flag]
-    what = typer.Argument(**settings) if is_place else typer.Option(*flags, **settings)
+    declare = typer.Argument
+    if not is_place:
+        declare = partial(typer.Option, f"{flag}/--no-{flag[2:]}" if default is True else flag)
+    what = declare(
+        help=words,
+        metavar=metavar,
+        min=kind(float(low)) if low else None,
+        max=kind(float(high)) if high else None,
+    )
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[hint, what]
     )
 
 
 def _plain(value: Any) -> Any:
+    """A choice as its text."""
     if isinstance(value, list):
         return [_plain(one) for one in value]
     return str(value) if isinstance(value, Choice) else value
@@ -202,7 +210,7 @@ def _kind_of(hint: Any) -> tuple[Any, bool]:
     text = hint if isinstance(hint, str) else inspect.formatannotation(hint)
     several = SEVERAL.search(text)
     name = several[1] if several else text.removesuffix(" | None").rpartition(".")[2]
-    return KINDS[name], several is not None
+    return TYPE_OF[name], several is not None
 
 
 def said_by_verb(module: str, verb: str) -> Mapping[str, Said]:
@@ -233,12 +241,10 @@ def _fields(node: ast.FunctionDef | ast.ClassDef) -> list[Field]:
 
 def _value(node: ast.expr | None) -> Any:
     """A default that is written as a plain value; of another one the command has to say it."""
-    if node is None:
-        return NOTHING
-    try:
-        return ast.literal_eval(node)
-    except ValueError:
-        return NOTHING
+    if isinstance(node, ast.Constant):
+        return node.value
+    is_empty = isinstance(node, ast.Tuple) and not node.elts
+    return () if is_empty else NOT_SAID
 
 
 def documented(text: str) -> dict[str, tuple[str, str]]:

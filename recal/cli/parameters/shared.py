@@ -115,4 +115,4 @@ SHARED = by_name(
     ),
     option("new_store", bool, False, help="Make the store if it is not there yet."),
 )
-SEED = option("seed", int | None, None, min=0, help="Seed of the random generator.")
+SEED_OPTION = option("seed", int | None, None, min=0, help="Seed of the random generator.")
