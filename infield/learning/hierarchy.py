@@ -31,22 +31,22 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Said:
+class Information:
     """What data say: information (p, p) and its vector (p,), about the common point."""
 
     information: NDArray
     vector: NDArray
 
-    def spread(self, sigma: float) -> "Said":
+    def spread(self, sigma: float) -> "Information":
         """Of a parent whose child differs from it by `sigma` in each logarithm."""
         inner = np.linalg.inv(np.eye(len(self.vector)) + sigma**2 * self.information)
-        return Said(self.information @ inner, inner.T @ self.vector)
+        return Information(self.information @ inner, inner.T @ self.vector)
 
-    def __add__(self, other: "Said") -> "Said":
-        return Said(self.information + other.information, self.vector + other.vector)
+    def __add__(self, other: "Information") -> "Information":
+        return Information(self.information + other.information, self.vector + other.vector)
 
-    def __sub__(self, other: "Said") -> "Said":
-        return Said(self.information - other.information, self.vector - other.vector)
+    def __sub__(self, other: "Information") -> "Information":
+        return Information(self.information - other.information, self.vector - other.vector)
 
 
 @dataclass(frozen=True)
@@ -58,19 +58,19 @@ class Tree:
     units: Sequence[Normal]
 
 
-def said_by(gradient: NDArray, curvature: NDArray) -> Said:
+def said_by(gradient: NDArray, curvature: NDArray) -> Information:
     """Of a log likelihood with this gradient (p,) and curvature (p, p) at the common point; a
     direction in which it bends upwards says nothing.
     """
     values, vectors = np.linalg.eigh(-0.5 * (curvature + curvature.T))
     seen = values > LEAST_CURVATURE * max(float(np.max(np.abs(values))), 1e-300)
     V = vectors[:, seen]
-    return Said((V * values[seen]) @ V.T, V @ (V.T @ gradient))
+    return Information((V * values[seen]) @ V.T, V @ (V.T @ gradient))
 
 
 def solve(
-    prior: Said,
-    units: Sequence[Said],
+    prior: Information,
+    units: Sequence[Information],
     types: Sequence[str],
     *,
     type_spread: float,
@@ -81,7 +81,7 @@ def solve(
     point (p,), to which the means are added.
     """
     up = [said.spread(unit_spread) for said in units]
-    zero = Said(np.zeros_like(prior.information), np.zeros_like(prior.vector))
+    zero = Information(np.zeros_like(prior.information), np.zeros_like(prior.vector))
     of_type = {
         name: sum((said for said, t in zip(up, types) if t == name), start=zero)
         for name in dict.fromkeys(types)
@@ -102,6 +102,6 @@ def solve(
     )
 
 
-def _normal(said: Said, about: NDArray) -> Normal:
+def _normal(said: Information, about: NDArray) -> Normal:
     covariance = np.linalg.inv(said.information)
     return Normal(about + covariance @ said.vector, 0.5 * (covariance + covariance.T))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.learning.draws import Draws, draw
-from infield.learning.hierarchy import Normal, Said, said_by, solve
+from infield.learning.hierarchy import Information, Normal, said_by, solve
 from infield.learning.kept import KeptUnit
 from infield.learning.likelihood import FleetEvidence, FleetLikelihood
 from infield.learning.parameters import (
@@ -117,7 +117,7 @@ def learn(units: Sequence[KeptUnit], *, seed: int = 0) -> LearntFleet:
     about = found.theta
     information = np.diag(prior.sigma**-2.0)
     tree = solve(
-        Said(information, information @ (prior.mean - about)),
+        Information(information, information @ (prior.mean - about)),
         [said_by(g, h) for g, h in zip(found.gradients, found.curvatures)],
         [unit.kind for unit in units],
         type_spread=TYPE_SPREAD,

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.fleet_made import made_fleet
 from infield.learning.draws import draw
-from infield.learning.hierarchy import Said, solve
+from infield.learning.hierarchy import Information, solve
 from infield.learning.kept import KeptUnit, covering
 from infield.learning.learn import learn
 from infield.learning.likelihood import FleetLikelihood
@@ -109,8 +109,8 @@ def test_the_tree_is_solved_as_one_normal_distribution():
     units = []
     for _ in range(3):
         A = rng.standard_normal((p, p))
-        units.append(Said(A @ A.T, rng.standard_normal(p)))
-    prior = Said(np.eye(p), np.zeros(p))
+        units.append(Information(A @ A.T, rng.standard_normal(p)))
+    prior = Information(np.eye(p), np.zeros(p))
     about, types = np.array([1.0, -2.0]), ["a", "a", "b"]
     tree = solve(prior, units, types, type_spread=spreads[0], unit_spread=spreads[1], about=about)
     parents = [None, 0, 0, 1, 1, 2]  # technology, a, b, then the units

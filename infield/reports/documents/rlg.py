@@ -12,7 +12,7 @@ from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
-from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Choice, Residual
+from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Residual, TermChoice
 from infield.thermal.rlg.gradients import GradientStudy
 from infield.thermal.rlg.held_out import RlgHeldOut
 from infield.thermal.rlg.model import SCHEMA
@@ -331,7 +331,7 @@ def about_zero(a: AxisModel, reference_degC: float) -> dict[str, float]:
     return dict(zip(TERMS, values))
 
 
-def _order(choice: Choice) -> OrderDocument:
+def _order(choice: TermChoice) -> OrderDocument:
     return OrderDocument(terms=choice.used, rest_deg_h=choice.rest_deg_h, held_out_chi2=choice.chi2)
 
 

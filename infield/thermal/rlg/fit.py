@@ -72,7 +72,7 @@ class Part(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Choice:
+class TermChoice:
     """Terms and size of the rest that foretell held-out folds best: their chi2 a row."""
 
     used: tuple[str, ...]
@@ -104,8 +104,8 @@ class AxisModel:
     covariance: NDArray
     nodes_degC: NDArray
     range_degC: tuple[float, float]
-    choice: Choice
-    orders: tuple[Choice, ...]
+    choice: TermChoice
+    orders: tuple[TermChoice, ...]
     collinear: tuple[Collinear, ...]
     not_better: tuple[str, ...]
     temperature_only: NDArray
@@ -239,7 +239,7 @@ class AxisFit:
             Part(j, at, int((s + j) % STRETCHES)) for s, at in found if at.size >= STRETCH_MIN // 2
         ]
 
-    def _by_run(self, choices: Sequence[Choice]) -> Residual | None:
+    def _by_run(self, choices: Sequence[TermChoice]) -> Residual | None:
         """Each run with the coefficients of the others, None where there is one run."""
         parts = [Part(j, rows, j) for j, rows in self.all]
         return self._held_out(parts, choices) if len(parts) > 1 else None
@@ -309,7 +309,7 @@ class AxisFit:
             ]
         )
 
-    def _held_out(self, parts: list[Part], choices: Sequence[Choice]) -> Residual:
+    def _held_out(self, parts: list[Part], choices: Sequence[TermChoice]) -> Residual:
         """Each part with the coefficients of the other folds."""
         folds, names = self._folds(parts), sorted({part.fold for part in parts})
         left: list[list[NDArray]] = [[] for _ in self.runs]
@@ -366,7 +366,7 @@ def noise_of_means(
     return float(np.trace(P) - P.mean() * len(P))
 
 
-def _shortest(orders: Sequence[Choice], rows: int) -> Choice:
+def _shortest(orders: Sequence[TermChoice], rows: int) -> TermChoice:
     """The fewest terms that foretell held-out blocks as well as any choice, chance apart."""
     least = min(choice.chi2 for choice in orders)
     return next(choice for choice in orders if (choice.chi2 - least) * rows <= CHANCE)
@@ -374,12 +374,12 @@ def _shortest(orders: Sequence[Choice], rows: int) -> Choice:
 
 def _choose(
     folds: list[NormalEquations], kept: Sequence[str], rests: Sequence[float]
-) -> tuple[Choice, ...]:
+) -> tuple[TermChoice, ...]:
     """Of each number of terms the choice that foretells held-out folds best, fewest first."""
     rows = sum(gram.rows for gram in folds)
     others = [[gram for g, gram in enumerate(folds) if g != f] for f in range(len(folds))]
     train = [sum(grams[1:], grams[0]) for grams in others]
-    best: dict[int, Choice] = {}
+    best: dict[int, TermChoice] = {}
     for use in term_sets(kept):
         names = tuple(name for name, yes in zip(TERMS, use) if yes)
         for rest in rests:
@@ -390,5 +390,5 @@ def _choose(
                 / rows
             )
             if len(names) not in best or chi2 < best[len(names)].chi2:
-                best[len(names)] = Choice(names, rest, chi2)
+                best[len(names)] = TermChoice(names, rest, chi2)
     return tuple(best[size] for size in sorted(best))
