@@ -42,7 +42,7 @@ ENVIRONMENT = (
     "TEMP",
     "HDF5_USE_FILE_LOCKING",
 )
-ONE_THREAD = {"OMP_NUM_ONE_THREAD": "1", "OPENBLAS_NUM_ONE_THREAD": "1"}
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 START = (
     "import json, sys; request = json.loads(sys.argv[1]); sys.path[:] = request['search'];"
     f" from {__name__} import Request, answer; answer(Request(**request))"
