@@ -26,7 +26,7 @@ from infield.reports.drawing import (
     Line,
     Marks,
     Panel,
-    Span,
+    ShadedSpan,
     Texts,
     page_script,
     spanned,
@@ -268,7 +268,7 @@ def draw_heading() -> list[Panel]:
                 x_label="time since the start of the taxi [s]",
                 y_label="" if panels else "computed velocity [mm/s]",
                 y_limits=(-25.0, 12.0),
-                spans=[Span(*turned)] if turned else (),
+                spans=[ShadedSpan(*turned)] if turned else (),
             )
         )
     return panels

@@ -367,7 +367,7 @@ class Texts:
 
 
 @dataclass(frozen=True)
-class Span:
+class ShadedSpan:
     """A stretch of x that is shaded, or a line where it begins and ends at once."""
 
     start: float
@@ -418,7 +418,7 @@ class Panel:
     y_ticks: Sequence[tuple[float, str]] | None = None
     x_step: float | None = None
     y_step: float | None = None
-    spans: Sequence[Span] = ()
+    spans: Sequence[ShadedSpan] = ()
     strips: Sequence[Strip] = ()
     group: str = ""
     circle: bool = False

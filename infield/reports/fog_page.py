@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.reports.documents.fog import AxisDocument, CurveDocument, FogDocument
+from infield.reports.documents.fog import CurveDocument, FittedAxis, FogDocument
 from infield.reports.drawing import (
     DASHED,
     DOT,
@@ -15,7 +15,7 @@ from infield.reports.drawing import (
     Line,
     Marks,
     Panel,
-    Span,
+    ShadedSpan,
     spanned,
 )
 from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
@@ -53,7 +53,7 @@ class _Coefficient:
     less_mean: bool = False
 
 
-def _coefficients(fitted: AxisDocument) -> tuple[_Coefficient, _Coefficient]:
+def _coefficients(fitted: FittedAxis) -> tuple[_Coefficient, _Coefficient]:
     document, piecewise = fitted.document, fitted.piecewise
     return (
         _Coefficient(
@@ -76,7 +76,7 @@ def _coefficients(fitted: AxisDocument) -> tuple[_Coefficient, _Coefficient]:
     )
 
 
-def coefficient_panels(axis: str, fitted: AxisDocument) -> list[Panel]:
+def coefficient_panels(axis: str, fitted: FittedAxis) -> list[Panel]:
     """Both coefficients of one gyro over temperature: band, piecewise model with breakpoints, the
     document's subtraction.
     """
@@ -88,8 +88,8 @@ def coefficient_panels(axis: str, fitted: AxisDocument) -> list[Panel]:
         spans = []
         for mark in marks:
             low, high = mark.interval_95_degC
-            spans.append(Span(low, high, INTERVAL_COLOUR))
-            spans.append(Span(mark.temperature_degC, mark.temperature_degC, GREY))
+            spans.append(ShadedSpan(low, high, INTERVAL_COLOUR))
+            spans.append(ShadedSpan(mark.temperature_degC, mark.temperature_degC, GREY))
         items: list[Item] = [
             Band(T, value - 2 * sigma, value + 2 * sigma, NEW, 0.25, "2 sigma"),
             Line(T, value, NEW, "exact separation"),

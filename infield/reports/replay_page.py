@@ -15,7 +15,7 @@ from infield.replay.reasons import ReplayVerdict
 from infield.reports.aided_figures import LOG_GROUP, TIME, aided_figures, map_panel
 from infield.reports.documents.aided import AidedFlightDocument
 from infield.reports.documents.replay import ReplayDocument
-from infield.reports.drawing import DASHED, DOTTED, Item, Line, Marks, Panel, Span
+from infield.reports.drawing import DASHED, DOTTED, Item, Line, Marks, Panel, ShadedSpan
 from infield.reports.figures import BLACK, GREY, NEW, OLD, PANEL_POINTS, thinned
 from infield.reports.page import number, render_page
 from ins.attitude import euler_from_dcm, wrap_pi
@@ -132,7 +132,7 @@ def _panel(
     curves: Sequence[Line],
     *,
     limits: tuple[float, float] | None = None,
-    spans: Sequence[Span] = (),
+    spans: Sequence[ShadedSpan] = (),
 ) -> Panel:
     """Curves over time; panels over the same time zoom together."""
     return Panel(
@@ -204,7 +204,7 @@ def _velocities(
     tracks: Sequence[tuple[TableReplay, NDArray, NDArray]],
     title: str,
     x_label: str,
-    spans: Sequence[Span] = (),
+    spans: Sequence[ShadedSpan] = (),
 ) -> Iterator[Panel]:
     """North and east of velocities (n, 2 or 3) [m/s] at times (n,) [s], a curve for each table."""
     for k, name in enumerate(("North", "East")):
@@ -265,7 +265,7 @@ def _attitude(flown: list[TableReplay]) -> Iterator[Panel]:
 def _closer(document: ReplayDocument, flown: list[TableReplay]) -> Iterator[Panel]:
     """Velocity of each table's flight over the log, the parked span shaded."""
     span = document.parked_span
-    shaded = () if span is None else (Span(span.start_s / 60, span.end_s / 60),)
+    shaded = () if span is None else (ShadedSpan(span.start_s / 60, span.end_s / 60),)
     tracks = [(t, t.history.time_s, t.history.v_n_m_s) for t in flown if t.history is not None]
     return _velocities(tracks, "velocity", TIME, spans=shaded)
 

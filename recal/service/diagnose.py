@@ -26,7 +26,7 @@ from simreal.plan.record_next import record_next, settling
 from simreal.predict.document import PredictedUpdates
 from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
 from simreal.report.diagnosis_document import (
-    Asked,
+    DiagnosisRequest,
     GapReport,
     diagnosis_document,
     refused_document,
@@ -162,7 +162,7 @@ def diagnose(
     notes = [note for _, left_out in read for note in left_out]
     _distinct(paths, loaded)
     held = [_run_id(name, paths, loaded) for name in hold_out]
-    asked = Asked(
+    asked = DiagnosisRequest(
         version=program_version(),
         seed=seed,
         table_sha256=beside.sha256,
@@ -208,7 +208,7 @@ def _results(
     found: Diagnosis,
     runs: list[Run],
     beside: TwinTable,
-    asked: Asked,
+    asked: DiagnosisRequest,
     predicted: PredictedUpdates | None,
 ) -> Diagnosed:
     """The diagnosis, and all files by name."""
@@ -235,7 +235,7 @@ def _results(
     return _made(record, diagnosis_html(record, overlays(found)), files)
 
 
-def _noise_fit(found: Diagnosis, beside: TwinTable, asked: Asked) -> NoiseFit | None:
+def _noise_fit(found: Diagnosis, beside: TwinTable, asked: DiagnosisRequest) -> NoiseFit | None:
     """Whether the twin's noise fits the parked stretches."""
     streams = [
         stream_at_rest(v.run, found.twin, beside.table, rest=(v.start_s, v.end_s))

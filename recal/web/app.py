@@ -11,7 +11,7 @@ from ins.records import InputError
 from recal.service.store import StoreBusy, StoreError, StoreRefused, UnknownUnit
 from recal.web import actions, guard, pages
 from recal.web.settings import ServeSettings
-from recal.web.site import Site, Visit
+from recal.web.site import ReviewSite, Visit
 
 NO_FAULT = (
     "The program met a case it does not know. Nothing was changed; the server's log says more."
@@ -41,7 +41,7 @@ def build_app(settings: ServeSettings) -> FastAPI:
             Exception: _of_program,
         },
     )
-    app.state.site = Site(settings)
+    app.state.site = ReviewSite(settings)
     app.include_router(pages.router)
     app.include_router(actions.router)
     return app

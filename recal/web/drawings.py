@@ -45,7 +45,7 @@ LINES = {
 
 
 @dataclass(frozen=True)
-class Line:
+class TableLine:
     """One table of a figure under its name (a key of LINES), with words for the key."""
 
     name: str
@@ -96,7 +96,9 @@ class Drawings:
     def __init__(self) -> None:
         self._once = Once(MOST_KEPT).of
 
-    def bias_panels(self, lines: Sequence[Line], against: Sequence[SessionEvidence] = ()) -> Markup:
+    def bias_panels(
+        self, lines: Sequence[TableLine], against: Sequence[SessionEvidence] = ()
+    ) -> Markup:
         """Bias against temperature of the three gyros, a line for each table, U(k=2) bands but for
         the factory one; against: sessions that contradict the last table, a point with its U each.
         """
@@ -120,7 +122,7 @@ class Drawings:
         return page
 
 
-def _bias_panel(axis: str, lines: Sequence[Line], against: Sequence[SessionEvidence]) -> Panel:
+def _bias_panel(axis: str, lines: Sequence[TableLine], against: Sequence[SessionEvidence]) -> Panel:
     items: list[Item] = []
     inner, outer, band = [], [], np.zeros(0)
     for line in lines:

@@ -19,10 +19,10 @@ from recal.service.results.pages import (
 )
 from recal.service.store import FullProposal, Revision, TableStore, UnitKey
 from recal.web import health, views
-from recal.web.drawings import Line
+from recal.web.drawings import TableLine
 from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
-from recal.web.site import SCRIPT_PATH, Reading, Site
+from recal.web.site import SCRIPT_PATH, ReaderVisit, ReviewSite
 
 LINE_WORDS = {
     "factory": "factory table",
@@ -59,11 +59,11 @@ MOST_SHOWN = 500  # rows of a history
 
 
 router = APIRouter()
-Reader = Annotated[Reading, Depends()]
+Reader = Annotated[ReaderVisit, Depends()]
 
 
 @dataclass(frozen=True)
-class Asked:
+class UnitAddress:
     """The unit that an address names."""
 
     serial: str
@@ -79,7 +79,7 @@ class Asked:
         return self.serial, self.technology, self.mode
 
 
-Unit = Annotated[Asked, Depends()]
+Unit = Annotated[UnitAddress, Depends()]
 
 
 @router.get("/")
@@ -175,7 +175,7 @@ def diff(reader: Reader, asked: Unit, before: Number = 1, after: Number = 1) -> 
         old = opened.revision(before, *asked.key)
         new = opened.revision(after, *asked.key)
     lines = [
-        Line(name, of.sha256, of.table, f"revision {of.number}, U(k=2) band")
+        TableLine(name, of.sha256, of.table, f"revision {of.number}, U(k=2) band")
         for name, of in (("before", old), ("after", new))
     ]
     return reader.page(
@@ -267,7 +267,7 @@ def diagnosis_document(reader: Reader, folder: str) -> Response:
     return reader.download(_report(reader.site, folder, DOCUMENT), DOCUMENT)
 
 
-def _report(site: Site, folder: str, name: str) -> str:
+def _report(site: ReviewSite, folder: str, name: str) -> str:
     """The text of a file of a diagnosis."""
     text = site.reports.text(folder, name)
     if text is None:
@@ -275,7 +275,7 @@ def _report(site: Site, folder: str, name: str) -> str:
     return text
 
 
-def _lines(history: list[Revision]) -> list[Line]:
+def _lines(history: list[Revision]) -> list[TableLine]:
     """Factory, previous and active table, each once."""
     if not history:
         return []
@@ -284,16 +284,17 @@ def _lines(history: list[Revision]) -> list[Line]:
     if len(history) > 1 and history[-2].sha256 not in (factory.sha256, active.sha256):
         chosen.append(("previous", history[-2]))
     return [
-        Line(name, r.sha256, r.table, LINE_WORDS[name]) for name, r in [*chosen, ("active", active)]
+        TableLine(name, r.sha256, r.table, LINE_WORDS[name])
+        for name, r in [*chosen, ("active", active)]
     ]
 
 
-def _proposed(base: Revision, full: FullProposal) -> list[Line]:
+def _proposed(base: Revision, full: FullProposal) -> list[TableLine]:
     """The table that a proposal was made from, and the proposed one."""
     now = "table now" if full.state == "open" else f"revision {base.number}"
     return [
-        Line("before", base.sha256, base.table, f"{now}, U(k=2) band"),
-        Line("after", full.sha256, full.table, "proposed table, U(k=2) band"),
+        TableLine("before", base.sha256, base.table, f"{now}, U(k=2) band"),
+        TableLine("after", full.sha256, full.table, "proposed table, U(k=2) band"),
     ]
 
 
@@ -309,7 +310,7 @@ def _base(opened: TableStore, full: FullProposal) -> Revision | None:
         return None
 
 
-def _drawn(site: Site, key: str, document: JsonObject) -> str:
+def _drawn(site: ReviewSite, key: str, document: JsonObject) -> str:
     """The report of a stored document; a Refused page where this version cannot draw it."""
     try:
         return site.drawings.page(key, lambda: stored_update_html(document))

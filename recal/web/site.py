@@ -49,7 +49,7 @@ CLOSED = {  # what is no page: nothing may be loaded from it, and nothing may fr
 SCRIPT_PATH = "/figures.js"
 
 
-class Site:
+class ReviewSite:
     """What the routes share. InputError where store or reports cannot be opened."""
 
     def __init__(self, settings: ServeSettings) -> None:
@@ -75,7 +75,7 @@ class Visit:
     """A request, the session that its cookie opens, and the answers that can be given to it."""
 
     def __init__(self, request: Request) -> None:
-        self.site: Site = request.app.state.site
+        self.site: ReviewSite = request.app.state.site
         self.request = request
         # a page without a route is drawn for any Host, but as for a stranger
         cookie = request.cookies.get(self.site.cookie, "")
@@ -143,7 +143,7 @@ class Visit:
         )
 
 
-class Reading(Visit):
+class ReaderVisit(Visit):
     """A visit of who may read: anybody on this machine, elsewhere who is signed in."""
 
     def __init__(self, request: Request) -> None:

@@ -48,7 +48,7 @@ SIDE_STEADY_M_S = 2.0
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowLabels:
     """Labels of whitened rows (k): run and channel numbers, time [s], kind of motion, temperature
     (NaN: none) [degC].
 
@@ -212,7 +212,7 @@ class RunEvidence:
         parked, fixes = self.parked.rows, self.parked.rows + self.fixes.rows
         return slice(0, parked), slice(parked, fixes), slice(fixes, self.z.size)
 
-    def rows(self, number: int) -> Rows:
+    def rows(self, number: int) -> RowLabels:
         """Labels of the rows, in the order of `z`."""
         p, f = self.parked, self.fixes
         bin_s = self.view.start_s + PARKED_MEAN_S * (np.arange(p.bins) + 0.5)
@@ -253,7 +253,7 @@ class RunEvidence:
                 T[axis == k] = np.interp(
                     time_s[axis == k], self.view.telemetry.time_s, gyro_T[:, k]
                 )
-        return Rows(
+        return RowLabels(
             np.full(time_s.size, number), channel.astype(int), time_s, kind, T, steady, variance
         )
 
@@ -279,10 +279,10 @@ class Evidence:
         ]
         self.offsets = np.concatenate([[0], np.cumsum([r.z.size for r in self.runs])])
         labels = [r.rows(k) for k, r in enumerate(self.runs)]
-        self.rows = Rows(
+        self.rows = RowLabels(
             *(
                 np.concatenate([getattr(rows, name) for rows in labels])
-                for name in Rows.__dataclass_fields__
+                for name in RowLabels.__dataclass_fields__
             )
         )
         self.z = np.concatenate([r.z for r in self.runs])

@@ -105,7 +105,7 @@ class GapReport:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class DiagnosisRequest:
     """What a diagnosis was asked with, beside the runs.
 
     table_sha256 : empty where the twin has no table. hold_out : run ids that only judge. notes : of
@@ -123,7 +123,7 @@ class Asked:
 def diagnosis_document(
     diagnosis: Diagnosis,
     runs: Sequence[Run],
-    asked: Asked,
+    asked: DiagnosisRequest,
     *,
     users: Sequence[UserLevel] = (),
     record_next: Sequence[str] = (),
@@ -237,7 +237,7 @@ def _open(c: Cause, why: KeptOut, run_ids: Sequence[str], sentences: Sequence[st
     return OpenCause(c.effect, c.target, why, settled_by, tuple(fitted_items(c, run_ids)))
 
 
-def _mended(c: Cause, run_ids: Sequence[str], asked: Asked) -> Cause:
+def _mended(c: Cause, run_ids: Sequence[str], asked: DiagnosisRequest) -> Cause:
     """The cause with what mends it: its items of the twin, and the command for an aged table."""
     runs = " ".join(shlex.quote(run) for run in asked.runs) or "RUN..."
     advice = f"recal update {runs}" if c.effect == TABLE_AGED else None

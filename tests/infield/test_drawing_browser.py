@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from infield.reports import page as report_page
-from infield.reports.drawing import Line, Marks, Panel, Span, Strip, Texts
+from infield.reports.drawing import Line, Marks, Panel, ShadedSpan, Strip, Texts
 from tests.recal.chromium import chromium, find_chromium
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no chromium on this machine")
@@ -36,7 +36,7 @@ def series(start_s, end_s):
         x_label="time [s]",
         y_label="rate [deg/h]",
         group="log",
-        spans=[Span(100.0, 200.0)],
+        spans=[ShadedSpan(100.0, 200.0)],
         strips=[Strip(0.0, 300.0, "parked", "#009E73")],
         height=220,
     )

@@ -161,7 +161,7 @@ IDLE = (  # what a client may leave the server waiting for
     b"",
     b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
     b"POST /signin HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\n"
-    b"Sec-Fetch-Site: same-origin\r\nContent-Type: application/x-www-form-urlencoded\r\n"
+    b"Sec-Fetch-ReviewSite: same-origin\r\nContent-Type: application/x-www-form-urlencoded\r\n"
     b"Content-Length: 100\r\n\r\na=",
 )
 
@@ -519,10 +519,12 @@ def test_a_fault_shows_no_trace_and_no_secret(tmp_path, monkeypatch):
 def test_no_page_names_the_database_password(tmp_path):
     """A PostgreSQL that is not there: what the driver says is shown without address or password."""
     pytest.importorskip("psycopg")
-    from recal.web.site import Site
+    from recal.web.site import ReviewSite
 
     with pytest.raises(InputError) as refused:
-        Site(ServeSettings(store_url="postgresql://user:hunter2@127.0.0.1:1/db", tokens=TOKENS))
+        ReviewSite(
+            ServeSettings(store_url="postgresql://user:hunter2@127.0.0.1:1/db", tokens=TOKENS)
+        )
     assert "hunter2" not in str(refused.value)
 
 

@@ -20,7 +20,7 @@ from simreal.inference.causes import Cause, Rival, judged, parameter_of
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from simreal.inference.scoring import Scorer, fit
 from simreal.inference.verdict import GapVerdict, KeptOut
-from simreal.report.diagnosis_document import Asked, diagnosis_document, summary
+from simreal.report.diagnosis_document import DiagnosisRequest, diagnosis_document, summary
 from simreal.twin.write_back import effect_items, fitted_items, twin_with_causes
 from tests.simreal.diagnosed import NAMES, trial
 
@@ -79,7 +79,7 @@ def test_an_aged_table_asks_for_an_update_and_is_never_taken_out_of_a_log(found)
     assert effect_items(cause, []) == fitted_items(cause, []) == []
     names = [v.name for v in found.views]
     assert not twin_with_causes(found.twin, found.causes, names, with_table=True)["effects"]
-    asked = Asked(version="1", seed=0, runs=("run 1", "run-2"))
+    asked = DiagnosisRequest(version="1", seed=0, runs=("run 1", "run-2"))
     document = diagnosis_document(found, trial(None, 0.0, 4, "four_parked", 0).runs, asked)
     assert document.causes[0].advice == "recal update 'run 1' run-2"
     assert document.causes[0].advice in "\n".join(summary(document))
@@ -194,7 +194,7 @@ def test_only_what_is_unique_and_plausible_is_taken_out_of_a_log(changes, expect
 
 def test_what_is_open_is_said_with_what_settles_it(found):
     one = judged(replace(SENSED, parameters=LARGE))
-    asked = Asked(version="1", seed=0)
+    asked = DiagnosisRequest(version="1", seed=0)
     runs = trial(None, 0.0, 4, "four_parked", 0).runs
     open_ = replace(found, causes=(one,))
     document = diagnosis_document(open_, runs, asked, settled_by=[["Tumble the unit."]])

@@ -28,7 +28,7 @@ from simreal.inference.verdict import Judging, KeptOut
 from simreal.plan.record_next import record_next, settling
 from simreal.report.diagnosis_curves import fitted_trace, overlays
 from simreal.report.diagnosis_document import (
-    Asked,
+    DiagnosisRequest,
     GapReport,
     diagnosis_document,
     refused_document,
@@ -49,7 +49,7 @@ def found():
 
 
 def document_of(found, **more):
-    asked = Asked(version="1", seed=0, table_sha256="f" * 64)
+    asked = DiagnosisRequest(version="1", seed=0, table_sha256="f" * 64)
     return diagnosis_document(found, trial().runs, asked, **more)
 
 
@@ -329,7 +329,7 @@ def test_a_run_held_out_is_drawn_first_and_fitted_without(found):
     before = next(c for c in overlays(found)[0].curves if c.run_id == name)
     # leave one out is the same fit
     assert np.allclose(overlay.curves[0].effect, before.effect, rtol=0.02)
-    asked = Asked(version="1", seed=0, hold_out=(name,))
+    asked = DiagnosisRequest(version="1", seed=0, hold_out=(name,))
     d = diagnosis_document(apart, trial().runs, asked)
     assert [r.run_id for r in d.runs if r.held_out] == [name]
     assert d.causes[0].shrink.how == "runs held out"

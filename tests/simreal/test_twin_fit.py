@@ -28,7 +28,7 @@ from simreal.twin.fit.other_sensors import resolution
 from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.streams import stream_at_rest, stream_of
-from simreal.twin.fit.terms import Shape, Term, bin_covariance, sampled_psd, sway_folded
+from simreal.twin.fit.terms import NoiseTerm, Shape, bin_covariance, sampled_psd, sway_folded
 from tests.drawn import unscripted
 
 
@@ -38,7 +38,7 @@ def fitted():
     return simulated, recal.fit_twin(simulated.run)
 
 
-@pytest.mark.parametrize("term", list(Term))
+@pytest.mark.parametrize("term", list(NoiseTerm))
 def test_a_terms_spectrum_is_the_transform_of_its_covariance(term):
     """Over 4096 means of a second: what a term's own covariance gives a Hann window, bin by bin."""
     n, shape = 1024, Shape(tau_s=20.0)
@@ -57,7 +57,7 @@ def test_a_resonance_is_expected_as_a_short_window_shows_it():
     """
     n, dt, shape = 400, 0.05, Shape(sway_w=2.0 * np.pi * 0.45, sway_zeta=0.2)
     end = dt * np.arange(1.0, n + 1.0)
-    V = bin_covariance(Term.SWAY, end - dt, end, shape, run_s=1e6)
+    V = bin_covariance(NoiseTerm.SWAY, end - dt, end, shape, run_s=1e6)
     taper = np.hanning(n + 1)[:n]
     k = np.arange(8, 40)
     waves = np.exp(-2j * np.pi * np.outer(k, np.arange(n)) / n) * taper
@@ -65,8 +65,8 @@ def test_a_resonance_is_expected_as_a_short_window_shows_it():
     nothing = np.zeros(k.size, bool)
     each = np.arange(k.size)
     bands = Bands(3, dt, 1.0 / (n * dt), k / (n * dt), each, power, np.ones(k.size), nothing)
-    assert bands.expected(Term.SWAY, shape) == pytest.approx(power, rel=0.01)
-    flat = sampled_psd(Term.SWAY, bands.hz, dt, shape)
+    assert bands.expected(NoiseTerm.SWAY, shape) == pytest.approx(power, rel=0.01)
+    flat = sampled_psd(NoiseTerm.SWAY, bands.hz, dt, shape)
     assert np.max(flat / power) > 1.06
 
 
@@ -91,12 +91,15 @@ def test_a_clip_may_hide_who_stepped_aboard():
 
 def test_a_longer_recording_is_asked_for_than_the_one_that_did_not_tell():
     model = TriadModel(
-        (Term.WHITE, Term.FLICKER), np.log([1e-12, 1e-30]), Shape(), np.full(2, PRIOR_SIGMA)
+        (NoiseTerm.WHITE, NoiseTerm.FLICKER),
+        np.log([1e-12, 1e-30]),
+        Shape(),
+        np.full(2, PRIOR_SIGMA),
     )
     for size, needed in ((1e-30, np.inf), (1e-13, 2.0 * HOUR)):
         x = np.log([1e-12, size])
         fit = NoiseEstimate(model, x, 0.0, np.eye(2))
-        assert needed_s(fit, Term.FLICKER, 0.01, longer_s=HOUR) == needed
+        assert needed_s(fit, NoiseTerm.FLICKER, 0.01, longer_s=HOUR) == needed
 
 
 def test_markov_means_are_those_of_the_noise_model():
@@ -232,7 +235,7 @@ def evidence_of(*bands):
     return TriadEvidence(tuple((0, b) for b in bands), (), (np.ones(6),))
 
 
-WHITE_ALONE = TriadModel((Term.WHITE,), np.zeros(1), Shape(), np.full(1, PRIOR_SIGMA))
+WHITE_ALONE = TriadModel((NoiseTerm.WHITE,), np.zeros(1), Shape(), np.full(1, PRIOR_SIGMA))
 
 
 def test_a_channel_that_a_vehicle_rocks_is_read_above_the_gear_alone():
@@ -242,7 +245,7 @@ def test_a_channel_that_a_vehicle_rocks_is_read_above_the_gear_alone():
     gear = rocked(evidence, climb(evidence, WHITE_ALONE))
     assert gear == {(0, 0)}
     kept = without_gear(evidence, gear)
-    assert climb(kept, WHITE_ALONE).log_variance(Term.WHITE) == pytest.approx(0.0, abs=0.01)
+    assert climb(kept, WHITE_ALONE).log_variance(NoiseTerm.WHITE) == pytest.approx(0.0, abs=0.01)
     assert not (kept.bands[0][1].dof > 0)[hz < GEAR_BELOW_HZ].any()
     assert (kept.bands[1][1].dof > 0).all()
 

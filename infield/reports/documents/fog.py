@@ -188,7 +188,7 @@ class FogHysteresisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisDocument:
+class FittedAxis:
     """One fitted gyro."""
 
     temperature_degC: Sequence[float]
@@ -238,7 +238,7 @@ class FogDocument(ThermalDocument):
     runs: Sequence[FogRunDocument]
     remounted: bool
     noise_model: NoiseModelDocument
-    axes: Mapping[str, AxisDocument]
+    axes: Mapping[str, FittedAxis]
     check: Sequence[FogCheckDocument]
     held_out: Sequence[HeldOutResidual] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
@@ -339,9 +339,9 @@ def _run(role: str, run: RampRun) -> FogRunDocument:
 
 def _axis(
     a: RampFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
-) -> AxisDocument:
+) -> FittedAxis:
     c, T = a.curves, a.curves.temperature_degC
-    return AxisDocument(
+    return FittedAxis(
         temperature_degC=T.tolist(),
         K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
         sigma_K_T_deg_h=_sigma_shape(a, pair).tolist(),

@@ -91,7 +91,7 @@ def _usual_size(k: int, taken: Open) -> float:
 
 
 @dataclass(frozen=True)
-class Cells:
+class LagCells:
     """Lags of the gyro's thermometer and of the lines: where each of m cells begins and ends
     (m, 2) [s].
     """
@@ -107,11 +107,11 @@ class Cells:
     def width_s(self) -> NDArray:
         return np.asarray(self.high_s - self.low_s)
 
-    def __getitem__(self, rows: NDArray) -> "Cells":
-        return Cells(self.low_s[rows], self.high_s[rows])
+    def __getitem__(self, rows: NDArray) -> "LagCells":
+        return LagCells(self.low_s[rows], self.high_s[rows])
 
-    def __add__(self, other: "Cells") -> "Cells":
-        return Cells(
+    def __add__(self, other: "LagCells") -> "LagCells":
+        return LagCells(
             np.concatenate([self.low_s, other.low_s]), np.concatenate([self.high_s, other.high_s])
         )
 
@@ -120,7 +120,7 @@ class Cells:
         near = (self.low_s <= self.high_s[k]) & (self.high_s >= self.low_s[k])
         return np.asarray(np.all(near & (self.width_s >= self.width_s[k]), axis=1))
 
-    def split(self) -> "Cells":
+    def split(self) -> "LagCells":
         """In two along each side that has a width."""
         found = self
         for side in np.flatnonzero(self.width_s.any(axis=0)):
@@ -130,13 +130,13 @@ class Cells:
                 found.low_s[:, 1 - side],
                 found.high_s[:, 1 - side],
             )
-            found = Cells(found.low_s, high_s) + Cells(low_s, found.high_s)
+            found = LagCells(found.low_s, high_s) + LagCells(low_s, found.high_s)
         return found
 
 
 def _shares(
     beside: LaggedNormal, at: NDArray, precision: NDArray, taken: Open, lines: bool
-) -> tuple[Cells, NDArray]:
+) -> tuple[LagCells, NDArray]:
     """Cells of the plane of lags, and each one's share of the evidence (m,)."""
     edges = np.geomspace(USUAL_LAG_s, USUAL_LAG_s + LONGEST_LAG_s, CELLS_A_SIDE + 1) - USUAL_LAG_s
     across = edges if lines else np.zeros(2)
@@ -144,7 +144,7 @@ def _shares(
         np.stack(np.meshgrid(edges[part], across[part], indexing="ij"), axis=-1).reshape(-1, 2)
         for part in (slice(None, -1), slice(1, None))
     )
-    cells = Cells(low_s, high_s)
+    cells = LagCells(low_s, high_s)
     nats = _nats(cells, beside, at, precision, taken)
     for _ in range(MOST_SPLITS):
         large = _share_of(nats) > SPLIT_SHARE
@@ -165,7 +165,7 @@ def _share_of(nats: NDArray) -> NDArray:
 
 
 def _nats(
-    cells: Cells, beside: LaggedNormal, at: NDArray, precision: NDArray, taken: Open
+    cells: LagCells, beside: LaggedNormal, at: NDArray, precision: NDArray, taken: Open
 ) -> NDArray:
     """Log of each cell's share (m,), a constant left out: evidence, prior of the lags, size."""
     A, b = beside.under_each(cells.lags_s, at)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from infield.reports.drawing import Panel, Span
+from infield.reports.drawing import Panel, ShadedSpan
 from recal.service.look.records import Fit, LookReport, LookVerdict, Use
 from recal.service.results.pages import page_environment
 from simreal.report.twin_document import PARAMETER_NAMES, size_words
@@ -60,5 +60,5 @@ def look_html(document: LookReport) -> str:
 
 def _shaded(panel: Panel, document: LookReport) -> Panel:
     """With every second phase shaded."""
-    spans = [Span(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
+    spans = [ShadedSpan(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
     return replace(panel, spans=spans)

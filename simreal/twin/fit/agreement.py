@@ -31,7 +31,7 @@ from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import SlowData, slow_data
 from simreal.twin.fit.spectra import UPRIGHT, Bands, below_hz, few_spectra
 from simreal.twin.fit.streams import ParkedStream
-from simreal.twin.fit.terms import Shape, Term
+from simreal.twin.fit.terms import NoiseTerm, Shape
 
 TOLERATED = 0.1  # of a size: a sigma that is off by less is 20 % of a variance off
 # of a whole run, over all its cells: one run in 100 of a right twin is called wrong
@@ -222,19 +222,23 @@ def declared_model(twin: TwinModel, *, gyro: bool) -> TriadModel:
     """What a twin declares of a triad, as the fit's model at its own values."""
     v = twin.vehicle
     d = gyro_densities(twin.gyro) if gyro else accel_densities(twin.accel)
-    sizes = {Term.WHITE: d.white**2, Term.FLICKER: d.instability**2, Term.WALK: d.walk**2}
+    sizes = {
+        NoiseTerm.WHITE: d.white**2,
+        NoiseTerm.FLICKER: d.instability**2,
+        NoiseTerm.WALK: d.walk**2,
+    }
     if gyro:
-        sizes[Term.QUANTIZATION] = twin.gyro.quantization_rad**2 / 12.0
-        sizes[Term.CREEP] = (v.yaw_creep_arcsec_sqrt_h * ARCSEC) ** 2 / HOUR
+        sizes[NoiseTerm.QUANTIZATION] = twin.gyro.quantization_rad**2 / 12.0
+        sizes[NoiseTerm.CREEP] = (v.yaw_creep_arcsec_sqrt_h * ARCSEC) ** 2 / HOUR
     else:
-        sizes[Term.QUANTIZATION] = twin.accel.quantization_m_s**2 / 12.0
-        sizes[Term.SWAY] = v.sway_m_s**2
+        sizes[NoiseTerm.QUANTIZATION] = twin.accel.quantization_m_s**2 / 12.0
+        sizes[NoiseTerm.SWAY] = v.sway_m_s**2
     logs = np.array([np.log(size) if size > 0 else ABSENT - 1.0 for size in sizes.values()])
     shape = Shape(sway_w=2.0 * np.pi * max(v.sway_hz, 1e-3), sway_zeta=max(v.sway_damping, 1e-3))
-    ratios: dict[tuple[Term, int], float] = {}
+    ratios: dict[tuple[NoiseTerm, int], float] = {}
     for channel, (white, counts) in enumerate(axis_variances(twin)):
         if (channel < 3) is gyro:
-            ratios |= {(Term.WHITE, channel): white, (Term.QUANTIZATION, channel): counts}
+            ratios |= {(NoiseTerm.WHITE, channel): white, (NoiseTerm.QUANTIZATION, channel): counts}
     return TriadModel(tuple(sizes), logs, shape, np.ones(logs.size), ratios)
 
 
@@ -250,13 +254,15 @@ def _between(
     bands: Bands, model: TriadModel, share: NDArray, edges_hz: Sequence[float]
 ) -> list[RunBandPower]:
     """Cells of a spectrum."""
-    quantum = float(np.sqrt(12.0 * np.exp(model.start[model.terms.index(Term.QUANTIZATION)])))
+    quantum = float(np.sqrt(12.0 * np.exp(model.start[model.terms.index(NoiseTerm.QUANTIZATION)])))
     grid = bands.rounding
     if grid is not None and abs(quantum / grid.quantum - 1.0) < SAME_QUANTUM:
         model = replace(model, on_grid=True)
         bands = without_comb(bands, model, model.start, share)
     S, parts = band_model(model, model.start, (), bands, share)
-    sway = parts[model.terms.index(Term.SWAY)] / S if Term.SWAY in model.terms else 0.0 * S
+    sway = (
+        parts[model.terms.index(NoiseTerm.SWAY)] / S if NoiseTerm.SWAY in model.terms else 0.0 * S
+    )
     f = bands.centre_hz
     found: list[RunBandPower] = []
     for low, high in pairwise(edges_hz):
@@ -284,7 +290,7 @@ def _slow(slow: SlowData, model: TriadModel, share: NDArray) -> RunBandPower:
             unit = slow.covariance(*slow.kind(term, model.shape))
             V += factor * np.exp(x[j]) * unit.slow
             v += factor * np.exp(x[j]) * unit.quick
-            if term is Term.SWAY:
+            if term is NoiseTerm.SWAY:
                 sway = factor * float(np.exp(x[j]) * np.trace(unit.slow))
     z = solve_triangular(np.linalg.cholesky(V), slow.y[:w], lower=True)
     square = float(z @ z + np.sum(slow.y[w:] ** 2 / v))

@@ -10,7 +10,7 @@ from simreal.evidence.noise_model import SIX_CHANNELS
 from simreal.twin.fit.model import NoiseEstimate, TriadEvidence, band_model
 from simreal.twin.fit.result import ChannelCurve
 from simreal.twin.fit.streams import ParkedStream
-from simreal.twin.fit.terms import Term, sampled_psd
+from simreal.twin.fit.terms import NoiseTerm, sampled_psd
 
 TAUS = 4  # averaging times of a doubling
 # A model is contradicted over more than this share of the averaging times; chosen: of sound ones
@@ -115,7 +115,7 @@ def allan_of(fitted: NoiseEstimate, channel: int, share: NDArray, tau_s: float) 
         size = model.factor(term, channel, share) * np.exp(fitted.x[j])
         if not size:
             continue
-        if term is Term.WALK:
+        if term is NoiseTerm.WALK:
             total += size * tau_s / 3.0
             continue
         density = sampled_psd(term, f, 1.0, shape)

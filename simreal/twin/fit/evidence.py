@@ -26,7 +26,7 @@ from simreal.twin.fit.model import (
 )
 from simreal.twin.fit.rounding import SIGMA_OF_GRID
 from simreal.twin.fit.spectra import Bands, below_hz
-from simreal.twin.fit.terms import Term, sampled_psd, sway_folded
+from simreal.twin.fit.terms import NoiseTerm, sampled_psd, sway_folded
 
 # of a log variance, 0.25 of the size: beyond, normal limits hold the truth in less than 92 %
 # (chi-square with fewer than 8 degrees of freedom)
@@ -88,7 +88,7 @@ class TermEstimate:
     hidden: by the rounding of rows.
     """
 
-    term: Term
+    term: NoiseTerm
     value: float
     sigma: float
     low: float
@@ -117,7 +117,7 @@ class TriadFit:
     gear: Gear = frozenset()
     contradicted: bool = False
 
-    def of(self, term: Term) -> TermEstimate | None:
+    def of(self, term: NoiseTerm) -> TermEstimate | None:
         return next((t for t in self.told if t.term is term), None)
 
     def read(self, evidence: TriadEvidence) -> TriadEvidence:
@@ -175,7 +175,7 @@ def fit_triad(
     final = climb(evidence, last, _carried(best, last))
     told = [_final(t, final, dt_s=dt_s, used_s=used_s, channels=channels) for t in told]
     if band_hz is not None or (gear and _only_above_gear(evidence)):
-        told = [_beside_filter(t) if t.term is Term.WHITE else t for t in told]
+        told = [_beside_filter(t) if t.term is NoiseTerm.WHITE else t for t in told]
     return TriadFit(tuple(told), final, differ_p, axes, used_s, band_hz, gear)
 
 
@@ -186,7 +186,7 @@ def _best(
     and each axis alone.
     """
     first = climb(evidence, model)
-    if Term.SWAY in model.terms:
+    if NoiseTerm.SWAY in model.terms:
         evidence = _counted_once(evidence, first)
         first = climb(evidence, model, first.x)
     best, evidence = _counted(evidence, first)
@@ -194,19 +194,19 @@ def _best(
     differ_p, axes, ratios = _axes(evidence, best)
     if ratios:
         told_apart = replace(best.model, ratios=ratios)
-        if Term.CREEP in told_apart.terms:
-            told_apart = told_apart.without(Term.CREEP)
+        if NoiseTerm.CREEP in told_apart.terms:
+            told_apart = told_apart.without(NoiseTerm.CREEP)
         best = climb(evidence, told_apart)
     return best, evidence, differ_p, axes
 
 
 def _like_a_filter(best: NoiseEstimate) -> bool:
     """Whether a Markov process stands for noise that was white before a filter."""
-    if Term.MARKOV not in best.model.terms:
+    if NoiseTerm.MARKOV not in best.model.terms:
         return False
     tau_s = best.model.shape_at(best.x).tau_s
-    plateau = best.log_variance(Term.MARKOV) + np.log(2.0 * tau_s)
-    return bool(tau_s < FILTERED_S and plateau > best.log_variance(Term.WHITE))
+    plateau = best.log_variance(NoiseTerm.MARKOV) + np.log(2.0 * tau_s)
+    return bool(tau_s < FILTERED_S and plateau > best.log_variance(NoiseTerm.WHITE))
 
 
 def _unfiltered_band(evidence: TriadEvidence, model: TriadModel) -> float | None:
@@ -218,7 +218,7 @@ def _unfiltered_band(evidence: TriadEvidence, model: TriadModel) -> float | None
         return None
     white, band_hz = -np.inf, 0.5 * top_hz
     while band_hz >= LOWEST_BAND_HZ:
-        found = climb(below(evidence, band_hz), model).log_variance(Term.WHITE)
+        found = climb(below(evidence, band_hz), model).log_variance(NoiseTerm.WHITE)
         if found - white < np.log(1.0 + WHITE_STAYS):
             return band_hz
         white, band_hz = found, 0.5 * band_hz
@@ -277,7 +277,7 @@ def _counted_once(evidence: TriadEvidence, fitted: NoiseEstimate) -> TriadEviden
     the rows have shown that part already.
     """
     model, x = fitted.model, fitted.x
-    at, shape = model.terms.index(Term.SWAY), model.shape_at(fitted.x)
+    at, shape = model.terms.index(NoiseTerm.SWAY), model.shape_at(fitted.x)
     finest = min((b.dt_s for _, b in evidence.bands), default=0.0)
     kept = []
     for k, bands in evidence.bands:
@@ -289,7 +289,7 @@ def _counted_once(evidence: TriadEvidence, fitted: NoiseEstimate) -> TriadEviden
     return replace(evidence, bands=tuple(kept))
 
 
-def _last_model(model: TriadModel, kept: set[Term]) -> TriadModel:
+def _last_model(model: TriadModel, kept: set[NoiseTerm]) -> TriadModel:
     """The model that a twin is written from: what is not told is held to what was believed, and
     left out where nobody believed in it, for its share would be missing elsewhere.
     """
@@ -317,12 +317,12 @@ def _counted(evidence: TriadEvidence, free: NoiseEstimate) -> tuple[NoiseEstimat
     if not quanta:
         return free, evidence
     model = free.model
-    k, white = model.terms.index(Term.QUANTIZATION), model.terms.index(Term.WHITE)
+    k, white = model.terms.index(NoiseTerm.QUANTIZATION), model.terms.index(NoiseTerm.WHITE)
     level = float(np.mean(np.square(list(quanta.values()))))
     centre, width = model.centre.copy(), model.width.copy()
     centre[k] = np.log(level / 12.0)
     width[k] = SIGMA_OF_GRID
-    ratios = {(Term.QUANTIZATION, c): q**2 / level for c, q in quanta.items()}
+    ratios = {(NoiseTerm.QUANTIZATION, c): q**2 / level for c, q in quanta.items()}
     grid = replace(model, centre=centre, width=width, ratios=ratios, on_grid=True)
     start = free.x.copy()
     start[k] = centre[k]
@@ -393,7 +393,7 @@ def _without_combs(evidence: TriadEvidence, model: TriadModel, x: NDArray) -> Tr
 
 def without_comb(bands: Bands, model: TriadModel, x: NDArray, share: NDArray) -> Bands:
     """The bands less those that counting makes, where its errors are alike from row to row."""
-    if _alike(bands, float(x[model.terms.index(Term.WHITE)])) <= COMB_ALIKE:
+    if _alike(bands, float(x[model.terms.index(NoiseTerm.WHITE)])) <= COMB_ALIKE:
         return bands
     part = rounding_power(model, x, bands, share) / band_model(model, x, (), bands, share)[0]
     return replace(bands, dof=np.where(part > COMB, 0.0, bands.dof))
@@ -405,13 +405,13 @@ def _with_markov(evidence: TriadEvidence, best: NoiseEstimate) -> NoiseEstimate:
     if slow == 0:
         return best
     model = best.model
-    flicker = model.terms.index(Term.FLICKER) if Term.FLICKER in model.terms else 0
+    flicker = model.terms.index(NoiseTerm.FLICKER) if NoiseTerm.FLICKER in model.terms else 0
     penalty = float(np.log(slow)) + 2.0
     found = best
     for tau_s in TAUS_S:
         wider = replace(
             model,
-            terms=(*model.terms, Term.MARKOV),
+            terms=(*model.terms, NoiseTerm.MARKOV),
             centre=np.append(model.centre, model.centre[flicker]),
             width=np.append(model.width, PRIOR_SIGMA),
             shape=replace(model.shape, tau_s=tau_s),
@@ -448,19 +448,19 @@ def _score(evidence: TriadEvidence, model: TriadModel, x: NDArray) -> float:
 
 def _axes(
     evidence: TriadEvidence, best: NoiseEstimate
-) -> tuple[float, dict[int, NoiseEstimate], dict[tuple[Term, int], float]]:
+) -> tuple[float, dict[int, NoiseEstimate], dict[tuple[NoiseTerm, int], float]]:
     """Whether the axes are alike (p-value), each axis fitted alone, and the ratios of their white
     noise where they are not.
     """
     channels = sorted({b.channel for _, b in evidence.bands})
-    creep = best.model.creep_channel if Term.CREEP in best.model.terms else None
+    creep = best.model.creep_channel if NoiseTerm.CREEP in best.model.terms else None
     judged = [c for c in channels if c != creep]
     if len(judged) < 2:
         return 1.0, {}, {}
     alone: dict[int, NoiseEstimate] = {}
     for c in channels:
-        model = best.model.without(Term.CREEP) if creep is not None else best.model
-        keep = [k for k, t in enumerate(best.model.terms) if t is not Term.CREEP]
+        model = best.model.without(NoiseTerm.CREEP) if creep is not None else best.model
+        keep = [k for k, t in enumerate(best.model.terms) if t is not NoiseTerm.CREEP]
         keep += range(len(best.model.terms), best.model.size)
         alone[c] = climb(evidence.of((c,)), model, best.x[keep])
     together = climb(evidence.of(judged), alone[judged[0]].model, alone[judged[0]].x)
@@ -469,8 +469,8 @@ def _axes(
     p = float(chi2.sf(max(2.0 * gain, 0.0), freedom))
     if p > AXES_DIFFER_P:
         return p, alone, {}
-    ratios: dict[tuple[Term, int], float] = {}
-    for term in (Term.WHITE, Term.QUANTIZATION):
+    ratios: dict[tuple[NoiseTerm, int], float] = {}
+    for term in (NoiseTerm.WHITE, NoiseTerm.QUANTIZATION):
         if term not in together.model.terms:
             continue
         known = {c: f.log_variance(term) for c, f in alone.items() if f.sigma(term) < AXIS_SIGMA}
@@ -481,7 +481,7 @@ def _axes(
     return p, alone, ratios
 
 
-def _unsaid(best: NoiseEstimate, term: Term) -> TermEstimate:
+def _unsaid(best: NoiseEstimate, term: NoiseTerm) -> TermEstimate:
     """A term of a fit that the data contradict."""
     value, sigma = best.log_variance(term), best.sigma(term)
     return TermEstimate(
@@ -497,13 +497,15 @@ def _unsaid(best: NoiseEstimate, term: Term) -> TermEstimate:
     )
 
 
-def _tell(evidence: TriadEvidence, best: NoiseEstimate, term: Term, penalty: float) -> TermEstimate:
+def _tell(
+    evidence: TriadEvidence, best: NoiseEstimate, term: NoiseTerm, penalty: float
+) -> TermEstimate:
     """One term against its absence."""
     k = best.model.terms.index(term)
     value, sigma = float(best.x[k]), best.sigma(term)
     nats = np.inf
-    counted = term is Term.QUANTIZATION and best.model.on_grid
-    if counted or (term is not Term.WHITE and not (sigma < 0.1 * IDENTIFIED_SIGMA)):
+    counted = term is NoiseTerm.QUANTIZATION and best.model.on_grid
+    if counted or (term is not NoiseTerm.WHITE and not (sigma < 0.1 * IDENTIFIED_SIGMA)):
         keep = np.delete(np.arange(best.x.size), k)
         less = best.model.without(term)
         if less.size == keep.size:
@@ -511,7 +513,7 @@ def _tell(evidence: TriadEvidence, best: NoiseEstimate, term: Term, penalty: flo
                 best.log_likelihood
                 - climb(evidence, less, best.x[keep], within=ROUGHLY).log_likelihood
             )
-    hidden = best.model.hidden and term in (Term.WHITE, Term.QUANTIZATION)
+    hidden = best.model.hidden and term in (NoiseTerm.WHITE, NoiseTerm.QUANTIZATION)
     identified = nats > penalty and sigma < IDENTIFIED_SIGMA and not hidden
     identified = identified and _holds(evidence, best, k, sigma)
     upper = value + 1.96 * sigma if identified else _upper(evidence, best, k)
@@ -584,7 +586,7 @@ def _final(
 
 
 def needed_s(
-    fitted: NoiseEstimate, term: Term, dt_s: float, *, channels: int = 3, longer_s: float = 0.0
+    fitted: NoiseEstimate, term: NoiseTerm, dt_s: float, *, channels: int = 3, longer_s: float = 0.0
 ) -> float:
     """The shortest of PARKED_HOURS, in seconds, in which the bound on this term's sigma passes;
     infinite where none does. longer_s: of recordings that did not tell it.
@@ -613,9 +615,9 @@ def bound_sigma(
     for own in range(channels):
         rows = parts.copy()
         for j, term in enumerate(model.terms):
-            if term is Term.CREEP and own != model.creep_channel:
+            if term is NoiseTerm.CREEP and own != model.creep_channel:
                 rows[j] = 0.0
-            if term is Term.SWAY and own == 2:
+            if term is NoiseTerm.SWAY and own == 2:
                 rows[j] = 0.0
         relative = rows / rows.sum(axis=0)
         total += (relative * df) @ relative.T * parked_s

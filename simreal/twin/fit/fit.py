@@ -43,7 +43,7 @@ from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import spectra_of
 from simreal.twin.fit.streams import DitherLine, ParkedStream, stream_of
-from simreal.twin.fit.terms import Shape, Term
+from simreal.twin.fit.terms import NoiseTerm, Shape
 from simreal.twin.reasons import Why
 
 GYRO_TRIAD, ACCEL_TRIAD = (0, 1, 2), (3, 4, 5)
@@ -216,12 +216,12 @@ def _gyro_model(twin: TwinModel, dt_s: float) -> TriadModel:
     white = d.white**2
     creep = (twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / np.sqrt(HOUR)) ** 2
     centres = {
-        Term.WHITE: white,
-        Term.QUANTIZATION: twin.gyro.quantization_rad**2 / 12.0
+        NoiseTerm.WHITE: white,
+        NoiseTerm.QUANTIZATION: twin.gyro.quantization_rad**2 / 12.0
         or STARTING_SHARE * white * dt_s / 4.0,
-        Term.FLICKER: d.instability**2 or SMALLEST * white,
-        Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
-        Term.CREEP: creep or SMALLEST * white,
+        NoiseTerm.FLICKER: d.instability**2 or SMALLEST * white,
+        NoiseTerm.WALK: d.walk**2 or SMALLEST * white / HOUR,
+        NoiseTerm.CREEP: creep or SMALLEST * white,
     }
     return _model(centres, Shape(), without_quantum=not twin.gyro.quantization_rad)
 
@@ -231,12 +231,12 @@ def _accel_model(twin: TwinModel, dt_s: float) -> TriadModel:
     white = d.white**2
     v = twin.vehicle
     centres = {
-        Term.WHITE: white,
-        Term.QUANTIZATION: twin.accel.quantization_m_s**2 / 12.0
+        NoiseTerm.WHITE: white,
+        NoiseTerm.QUANTIZATION: twin.accel.quantization_m_s**2 / 12.0
         or STARTING_SHARE * white * dt_s / 4.0,
-        Term.FLICKER: d.instability**2 or SMALLEST * white,
-        Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
-        Term.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2,
+        NoiseTerm.FLICKER: d.instability**2 or SMALLEST * white,
+        NoiseTerm.WALK: d.walk**2 or SMALLEST * white / HOUR,
+        NoiseTerm.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2,
     }
     shape = Shape(
         sway_w=2.0 * np.pi * max(v.sway_hz, 0.01), sway_zeta=min(max(v.sway_damping, 0.02), 0.95)
@@ -244,14 +244,14 @@ def _accel_model(twin: TwinModel, dt_s: float) -> TriadModel:
     return _model(centres, shape, without_quantum=not twin.accel.quantization_m_s)
 
 
-def _model(centres: dict[Term, float], shape: Shape, *, without_quantum: bool) -> TriadModel:
+def _model(centres: dict[NoiseTerm, float], shape: Shape, *, without_quantum: bool) -> TriadModel:
     width = np.full(len(centres), PRIOR_SIGMA)
     return TriadModel(
         tuple(centres),
         np.log(list(centres.values())),
         shape,
         width,
-        unbelieved=frozenset([Term.QUANTIZATION] if without_quantum else []),
+        unbelieved=frozenset([NoiseTerm.QUANTIZATION] if without_quantum else []),
     )
 
 
@@ -293,20 +293,20 @@ SEEN_NATS = 2.0  # 2 nats are 2 sigmas: something is there, its size is not told
 QUANTUM = 1.0 / np.sqrt(12.0)  # sigma of a uniform error of one step
 SQRT_HOUR = np.sqrt(HOUR)
 GYRO_TERMS = {
-    Term.WHITE: ("gyro.arw_deg_sqrt_h", DEG_PER_SQRT_HOUR),
-    Term.QUANTIZATION: ("gyro.quantization_rad", QUANTUM),
-    Term.FLICKER: ("gyro.bias_instability_deg_h", DEG_PER_HOUR),
-    Term.WALK: ("gyro.rate_random_walk_deg_h_sqrt_h", DEG_PER_HOUR_SQRT_HOUR),
-    Term.MARKOV: ("gyro.gauss_markov_deg_h", DEG_PER_HOUR),
-    Term.CREEP: ("vehicle.yaw_creep_arcsec_sqrt_h", ARCSEC / SQRT_HOUR),
+    NoiseTerm.WHITE: ("gyro.arw_deg_sqrt_h", DEG_PER_SQRT_HOUR),
+    NoiseTerm.QUANTIZATION: ("gyro.quantization_rad", QUANTUM),
+    NoiseTerm.FLICKER: ("gyro.bias_instability_deg_h", DEG_PER_HOUR),
+    NoiseTerm.WALK: ("gyro.rate_random_walk_deg_h_sqrt_h", DEG_PER_HOUR_SQRT_HOUR),
+    NoiseTerm.MARKOV: ("gyro.gauss_markov_deg_h", DEG_PER_HOUR),
+    NoiseTerm.CREEP: ("vehicle.yaw_creep_arcsec_sqrt_h", ARCSEC / SQRT_HOUR),
 }
 ACCEL_TERMS = {
-    Term.WHITE: ("accel.vrw_ug_sqrt_hz", MICRO_G),
-    Term.QUANTIZATION: ("accel.quantization_m_s", QUANTUM),
-    Term.FLICKER: ("accel.bias_instability_ug", MICRO_G),
-    Term.WALK: ("accel.rate_random_walk_ug_sqrt_h", MICRO_G_WALK),
-    Term.MARKOV: ("accel.gauss_markov_ug", MICRO_G),
-    Term.SWAY: ("vehicle.sway_m_s", 1.0),
+    NoiseTerm.WHITE: ("accel.vrw_ug_sqrt_hz", MICRO_G),
+    NoiseTerm.QUANTIZATION: ("accel.quantization_m_s", QUANTUM),
+    NoiseTerm.FLICKER: ("accel.bias_instability_ug", MICRO_G),
+    NoiseTerm.WALK: ("accel.rate_random_walk_ug_sqrt_h", MICRO_G_WALK),
+    NoiseTerm.MARKOV: ("accel.gauss_markov_ug", MICRO_G),
+    NoiseTerm.SWAY: ("vehicle.sway_m_s", 1.0),
 }
 COVERED = {
     "gyro": ("gyro.gauss_markov_deg_h", "bias_instability_deg_h"),
@@ -331,11 +331,11 @@ def believed_value(twin: TwinModel, name: str) -> float:
 
 
 def _contradicted(
-    terms: Mapping[Term, tuple[str, float]], twin: TwinModel, seconds: float
+    terms: Mapping[NoiseTerm, tuple[str, float]], twin: TwinModel, seconds: float
 ) -> list[Parameter]:
     """The parameters of a triad, all as they were believed to be."""
     keys = [name for name, _ in terms.values() if name not in BESIDE_TWIN]
-    if Term.SWAY in terms:
+    if NoiseTerm.SWAY in terms:
         keys += ["vehicle.sway_hz", "vehicle.sway_damping"]
     return [_kept(key, twin, Why.CONTRADICTED, seconds) for key in keys]
 
@@ -348,8 +348,8 @@ def _gyro_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Par
         for term, (name, unit) in GYRO_TERMS.items()
         if (told := fit.of(term)) is not None
     ]
-    if fit.of(Term.CREEP) is None:
-        name = GYRO_TERMS[Term.CREEP][0]
+    if fit.of(NoiseTerm.CREEP) is None:
+        name = GYRO_TERMS[NoiseTerm.CREEP][0]
         found.append(_kept(name, twin, Why.GYROS_DIFFER, seconds))
     return found + _shape_parameters("gyro", fit, twin, seconds)
 
@@ -370,9 +370,9 @@ def _shape_parameters(
 ) -> list[Parameter]:
     """Frequency and damping of the sway, time of a Markov process; as well known as their term."""
     units = {
-        "sway_w": ("vehicle.sway_hz", 2.0 * np.pi, Term.SWAY),
-        "sway_zeta": ("vehicle.sway_damping", 1.0, Term.SWAY),
-        "tau_s": (f"{section}.gauss_markov_tau_s", 1.0, Term.MARKOV),
+        "sway_w": ("vehicle.sway_hz", 2.0 * np.pi, NoiseTerm.SWAY),
+        "sway_zeta": ("vehicle.sway_damping", 1.0, NoiseTerm.SWAY),
+        "tau_s": (f"{section}.gauss_markov_tau_s", 1.0, NoiseTerm.MARKOV),
     }
     model, found = fit.fitted.model, []
     sigmas = np.sqrt(np.diag(fit.fitted.covariance))
@@ -464,8 +464,8 @@ def _turn_on(
 def _mean_variance(fit: TriadFit, streams: Sequence[ParkedStream]) -> float:
     """Variance of the mean over the first rest: white noise and what flicker adds to it."""
     seconds = min(CONSTANT_OVER_S, float(np.median([s.still_s for s in streams])))
-    white = np.exp(fit.fitted.log_variance(Term.WHITE)) / seconds
-    flicker = np.exp(fit.fitted.log_variance(Term.FLICKER))
+    white = np.exp(fit.fitted.log_variance(NoiseTerm.WHITE)) / seconds
+    flicker = np.exp(fit.fitted.log_variance(NoiseTerm.FLICKER))
     return float(white + flicker)
 
 
@@ -606,7 +606,10 @@ def _axis_variances(fit: TriadFit) -> dict[str, tuple[float, float]]:
     if fit.differ_p > AXES_DIFFER_P:
         return {}
     return {
-        SIX_CHANNELS[c]: (ratios.get((Term.WHITE, c), 1.0), ratios.get((Term.QUANTIZATION, c), 1.0))
+        SIX_CHANNELS[c]: (
+            ratios.get((NoiseTerm.WHITE, c), 1.0),
+            ratios.get((NoiseTerm.QUANTIZATION, c), 1.0),
+        )
         for c in sorted({channel for _, channel in ratios})
     }
 
@@ -615,8 +618,8 @@ def _axis_white(gyro: TriadFit, accel: TriadFit) -> dict[str, float]:
     """White noise of each axis fitted alone, in the units of the twin."""
     found = {}
     for fit, terms in ((gyro, GYRO_TERMS), (accel, ACCEL_TERMS)):
-        unit = terms[Term.WHITE][1]
+        unit = terms[NoiseTerm.WHITE][1]
         for c, alone in fit.axes.items():
-            size = float(np.exp(0.5 * alone.log_variance(Term.WHITE)))
+            size = float(np.exp(0.5 * alone.log_variance(NoiseTerm.WHITE)))
             found[SIX_CHANNELS[c]] = size / unit
     return found

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ins.robust import gamma as gamma_law
 from simreal.twin.fit.model import NoiseEstimate, TriadEvidence, band_model, climb
 from simreal.twin.fit.spectra import Bands
-from simreal.twin.fit.terms import Term
+from simreal.twin.fit.terms import NoiseTerm
 
 # Gears swing at 1 to 2 Hz with a tenth of critical damping (docs/environments.md). In a strong
 # breeze a ring laser's rows show 4 % more noise at 12 to 16 Hz, nothing from 16 Hz on; people
@@ -51,13 +51,13 @@ def rocked(evidence: TriadEvidence, best: NoiseEstimate) -> Gear:
     found: set[tuple[int, int]] = set()
     for p_limit, sigmas in ((MOVES_P / max(len(cells), 1), FLOOR_SIGMAS), (BESIDE_P, 0.0)):
         for cell in cells:
-            known = float(np.exp(sigmas * floors[cell.channel].sigma(Term.WHITE)))
+            known = float(np.exp(sigmas * floors[cell.channel].sigma(NoiseTerm.WHITE)))
             over = cell.ratio / (known * quick[cell.run, cell.channel])
             if float(gamma_law.sf(over * cell.dof, cell.dof)) < p_limit:
                 found.add((cell.run, cell.channel))
         if not found:
             return frozenset()
-    if Term.SWAY in best.model.terms:
+    if NoiseTerm.SWAY in best.model.terms:
         found |= {(k, b.channel) for k, b in evidence.bands if evidence.share[k][b.channel] > SWAYS}
     return frozenset(found)
 
@@ -65,15 +65,15 @@ def rocked(evidence: TriadEvidence, best: NoiseEstimate) -> Gear:
 def _floor(evidence: TriadEvidence, best: NoiseEstimate) -> NoiseEstimate:
     """The noise of a channel alone, as it shows outside the gear's frequencies."""
     model, x = best.model, best.x
-    if Term.CREEP in model.terms:
-        k = model.terms.index(Term.CREEP)
-        model, x = model.without(Term.CREEP), np.delete(x, k)
+    if NoiseTerm.CREEP in model.terms:
+        k = model.terms.index(NoiseTerm.CREEP)
+        model, x = model.without(NoiseTerm.CREEP), np.delete(x, k)
     outside = []
     for run, b in evidence.bands:
         inside = (b.centre_hz > GEAR_ABOVE_HZ) & (b.centre_hz < GEAR_BELOW_HZ)
         outside.append((run, replace(b, dof=np.where(inside, 0.0, b.dof))))
     held = list(range(len(model.terms), x.size))
-    held += [k for k, term in enumerate(model.terms) if term is Term.SWAY]
+    held += [k for k, term in enumerate(model.terms) if term is NoiseTerm.SWAY]
     return climb(replace(evidence, bands=tuple(outside)), model, x, fixed=held)
 
 

@@ -17,7 +17,7 @@ from simreal.evidence.noise_model import oscillator
 from simreal.twin.fit.rounding import LAGS
 from simreal.twin.fit.slow import Covariance, SlowData
 from simreal.twin.fit.spectra import Bands
-from simreal.twin.fit.terms import Shape, Term, sampled_psd
+from simreal.twin.fit.terms import NoiseTerm, Shape, sampled_psd
 
 PRIOR_SIGMA = 2.0 * np.log(10.0)  # of a log variance: a factor 10 of the size, one sigma
 SHAPE_SIGMA = np.log(3.0)  # of the frequency and the damping of the sway
@@ -55,21 +55,21 @@ class TriadModel:
     nobody believed in. hidden: rows are rounded one by one, to steps that hide their noise.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[NoiseTerm, ...]
     centre: NDArray
     shape: Shape
     width: NDArray
-    ratios: Mapping[tuple[Term, int], float] = field(default_factory=dict)
+    ratios: Mapping[tuple[NoiseTerm, int], float] = field(default_factory=dict)
     creep_channel: int = 2
     on_grid: bool = False
-    unbelieved: frozenset[Term] = frozenset()
+    unbelieved: frozenset[NoiseTerm] = frozenset()
     hidden: bool = False
 
     @property
     def shapes(self) -> tuple[str, ...]:
         """Names of the shape parameters that are fitted."""
-        sway = ("sway_w", "sway_zeta") if Term.SWAY in self.terms else ()
-        return (*sway, *(("tau_s",) if Term.MARKOV in self.terms else ()))
+        sway = ("sway_w", "sway_zeta") if NoiseTerm.SWAY in self.terms else ()
+        return (*sway, *(("tau_s",) if NoiseTerm.MARKOV in self.terms else ()))
 
     @property
     def size(self) -> int:
@@ -90,20 +90,20 @@ class TriadModel:
         values = np.exp(x[len(self.terms) :])
         return replace(self.shape, **dict(zip(self.shapes, values.tolist())))
 
-    def factor(self, term: Term, channel: int, share: NDArray) -> float:
+    def factor(self, term: NoiseTerm, channel: int, share: NDArray) -> float:
         """How much of a term's variance a channel has."""
-        if term is Term.SWAY:
+        if term is NoiseTerm.SWAY:
             return float(share[channel])
-        if term is Term.CREEP:
+        if term is NoiseTerm.CREEP:
             return float(channel == self.creep_channel)
         return self.ratios.get((term, channel), 1.0)
 
-    def without(self, term: Term) -> "TriadModel":
+    def without(self, term: NoiseTerm) -> "TriadModel":
         """The model less one term."""
         keep = [k for k, t in enumerate(self.terms) if t is not term]
         return replace(
             self,
-            on_grid=self.on_grid and term is not Term.QUANTIZATION,
+            on_grid=self.on_grid and term is not NoiseTerm.QUANTIZATION,
             terms=tuple(self.terms[k] for k in keep),
             centre=self.centre[keep],
             width=self.width[keep],
@@ -126,10 +126,10 @@ class NoiseEstimate:
         """Of the parameters, prior included."""
         return np.linalg.inv(self.information + np.diag(self.model.prior_sigma**-2.0))
 
-    def log_variance(self, term: Term) -> float:
+    def log_variance(self, term: NoiseTerm) -> float:
         return float(self.x[self.model.terms.index(term)])
 
-    def sigma(self, term: Term) -> float:
+    def sigma(self, term: NoiseTerm) -> float:
         """Of a term's log variance."""
         k = self.model.terms.index(term)
         return float(np.sqrt(self.covariance[k, k]))
@@ -213,11 +213,11 @@ def band_model(
         factor = model.factor(term, bands.channel, share)
         if factor and x[j] > ABSENT:
             parts[j] = factor * np.exp(x[j]) * bands.expected(term, shape)
-            if term is Term.SWAY:
+            if term is NoiseTerm.SWAY:
                 parts[j, bands.own] = 0.0
     power = parts[: len(model.terms)].sum(axis=0)
     if model.on_grid and bands.rounding is not None:
-        at, white = model.terms.index(Term.QUANTIZATION), model.terms.index(Term.WHITE)
+        at, white = model.terms.index(NoiseTerm.QUANTIZATION), model.terms.index(NoiseTerm.WHITE)
         counted = rounding_power(model, x, bands, share)
         power += counted - parts[at]
         there = rounding_power(model, _moved(model, x, white), bands, share)
@@ -225,12 +225,12 @@ def band_model(
         parts[at] = counted
     for j, other in enumerate(moved):
         name = model.shapes[j]
-        term = Term.MARKOV if name == "tau_s" else Term.SWAY
+        term = NoiseTerm.MARKOV if name == "tau_s" else NoiseTerm.SWAY
         at = model.terms.index(term)
         factor = model.factor(term, bands.channel, share)
         if factor:
             there = factor * np.exp(x[at]) * bands.expected(term, model.shape_at(other))
-            if term is Term.SWAY:
+            if term is NoiseTerm.SWAY:
                 there[bands.own] = 0.0
             parts[len(model.terms) + j] = (there - parts[at]) / SHAPE_STEP
     return power, parts
@@ -245,12 +245,12 @@ def rounding_power(model: TriadModel, x: NDArray, bands: Bands, share: NDArray) 
     shape = model.shape_at(x)
     for j, term in enumerate(model.terms):
         size = model.factor(term, bands.channel, share) * float(np.exp(x[j]))
-        if term in (Term.WHITE, Term.CREEP):
+        if term in (NoiseTerm.WHITE, NoiseTerm.CREEP):
             structure += size * lag
-        elif term is Term.SWAY and size:
+        elif term is NoiseTerm.SWAY and size:
             structure += 2.0 * size * (1.0 - oscillator(lag, shape.sway_w, shape.sway_zeta))
     colour = bands.rounding.colour(bands.hz, bands.dt_s, structure)
-    flat = sampled_psd(Term.QUANTIZATION, bands.hz, bands.dt_s, shape)
+    flat = sampled_psd(NoiseTerm.QUANTIZATION, bands.hz, bands.dt_s, shape)
     return bands.rounding.variance * bands.mean(colour * flat)
 
 
@@ -265,10 +265,10 @@ def _gaussian(
         if size and x[j] > ABSENT:
             unit = slow.covariance(*slow.kind(term, shape))
             parts[j] = Covariance(size * unit.slow, size * unit.quick)
-    if Term.MARKOV in model.terms and model.terms.index(Term.MARKOV) in parts:
-        at, tau = model.terms.index(Term.MARKOV), model.size - 1
-        size = model.factor(Term.MARKOV, slow.channel, share) * float(np.exp(x[at]))
-        there = slow.covariance(Term.MARKOV, model.shape_at(_moved(model, x, tau)), keep=False)
+    if NoiseTerm.MARKOV in model.terms and model.terms.index(NoiseTerm.MARKOV) in parts:
+        at, tau = model.terms.index(NoiseTerm.MARKOV), model.size - 1
+        size = model.factor(NoiseTerm.MARKOV, slow.channel, share) * float(np.exp(x[at]))
+        there = slow.covariance(NoiseTerm.MARKOV, model.shape_at(_moved(model, x, tau)), keep=False)
         parts[tau] = Covariance(
             (size * there.slow - parts[at].slow) / SHAPE_STEP,
             (size * there.quick - parts[at].quick) / SHAPE_STEP,

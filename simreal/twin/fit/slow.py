@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from simreal.twin.fit.streams import ParkedStream
-from simreal.twin.fit.terms import Shape, Term, bin_covariance
+from simreal.twin.fit.terms import NoiseTerm, Shape, bin_covariance
 
 FEWEST_BINS = 6  # one for a level, two for temperature, one for a tilt, 2 that say something
 # degC a log must span for each power of the temperature: a table's bias bends over about 20 degC
@@ -42,38 +42,38 @@ class SlowData:
     run_s: float
     Q: NDArray
     y: NDArray
-    of_bins: dict[tuple[Term, Shape], NDArray] = field(repr=False)
-    known: dict[tuple[Term, Shape], "Covariance"] = field(default_factory=dict, repr=False)
+    of_bins: dict[tuple[NoiseTerm, Shape], NDArray] = field(repr=False)
+    known: dict[tuple[NoiseTerm, Shape], "Covariance"] = field(default_factory=dict, repr=False)
 
     @property
     def block_s(self) -> float:
         """Length of each bin."""
         return float(self.end_s[0] - self.start_s[0])
 
-    def kind(self, term: Term, shape: Shape) -> tuple[Term, Shape]:
+    def kind(self, term: NoiseTerm, shape: Shape) -> tuple[NoiseTerm, Shape]:
         """The template that a term has here: what is white is white; a sway that has died down
         within a bin looks like any bounded error; another one is told to a tenth of its shape.
         """
-        if term in (Term.WHITE, Term.CREEP):
-            return Term.WHITE, Shape()
-        if term is Term.SWAY:
+        if term in (NoiseTerm.WHITE, NoiseTerm.CREEP):
+            return NoiseTerm.WHITE, Shape()
+        if term is NoiseTerm.SWAY:
             if shape.sway_zeta * shape.sway_w * self.block_s > DIED_DOWN:
-                return Term.QUANTIZATION, Shape()
+                return NoiseTerm.QUANTIZATION, Shape()
             w, zeta = (
                 float(np.exp(np.round(np.log(v) / SHAPE_GRID) * SHAPE_GRID))
                 for v in (shape.sway_w, shape.sway_zeta)
             )
-            return Term.SWAY, Shape(sway_w=w, sway_zeta=zeta)
-        return term, shape if term is Term.MARKOV else Shape()
+            return NoiseTerm.SWAY, Shape(sway_w=w, sway_zeta=zeta)
+        return term, shape if term is NoiseTerm.MARKOV else Shape()
 
     @property
     def whole(self) -> int:
         """How many of the slowest contrasts are taken with their whole covariance."""
         return min(WHOLE, self.y.size)
 
-    def covariance(self, term: Term, shape: Shape, *, keep: bool = True) -> "Covariance":
+    def covariance(self, term: NoiseTerm, shape: Shape, *, keep: bool = True) -> "Covariance":
         """Covariance of the contrasts for a term of unit variance; kept while its shape stays."""
-        if term is Term.WHITE:
+        if term is NoiseTerm.WHITE:
             ones = np.full(self.y.size, 1.0 / self.block_s)
             return Covariance(np.diag(ones[: self.whole]), ones[self.whole :])
         key = (term, shape)
@@ -113,7 +113,7 @@ def slow_data(stream: ParkedStream, block_s: float) -> list[SlowData]:
     mean = stream.seconds.mean[blocks].mean(axis=1)
     common = _common(stream, stream.place[blocks[:, 0]], 0.5 * (start_s + end_s))
     found = []
-    of_bins: dict[tuple[Term, Shape], NDArray] = {}
+    of_bins: dict[tuple[NoiseTerm, Shape], NDArray] = {}
     for c in range(6):
         own = [common[min(c % 3, len(common) - 1)]]
         if c < 3:

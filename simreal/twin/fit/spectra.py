@@ -18,7 +18,7 @@ from ins.robust import gamma as gamma_law
 from simreal.twin.fit.rounding import Rounding
 from simreal.twin.fit.shared_motion import MOSTLY_SHARED, MOSTLY_SWAY, own_power
 from simreal.twin.fit.streams import DitherLine, ParkedStream
-from simreal.twin.fit.terms import Shape, Term, sampled_psd
+from simreal.twin.fit.terms import NoiseTerm, Shape, sampled_psd
 
 HIGH_HZ = 0.4  # the rows' spectra begin here, those of the seconds end here
 WINDOW_S = 20.0  # of rows
@@ -64,7 +64,7 @@ class Bands:
     dof: NDArray
     own: NDArray
     rounding: Rounding | None = None
-    known: dict[Term, NDArray] = field(default_factory=dict, repr=False, compare=False)
+    known: dict[NoiseTerm, NDArray] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def centre_hz(self) -> NDArray:
@@ -76,11 +76,11 @@ class Bands:
         count = np.bincount(self.band, minlength=self.power.size)
         return np.bincount(self.band, of_bins, self.power.size) / count
 
-    def expected(self, term: Term, shape: Shape) -> NDArray:
+    def expected(self, term: NoiseTerm, shape: Shape) -> NDArray:
         """Power (b,) that a term of unit variance is expected to show under the taper."""
-        if term in (Term.WHITE, Term.CREEP):
+        if term in (NoiseTerm.WHITE, NoiseTerm.CREEP):
             return np.ones(self.power.size)
-        shaped = term in (Term.SWAY, Term.MARKOV)
+        shaped = term in (NoiseTerm.SWAY, NoiseTerm.MARKOV)
         if not shaped and term in self.known:
             return self.known[term]
         around = (self.hz - self.bin_hz, self.hz, self.hz + self.bin_hz)

@@ -17,7 +17,7 @@ from simreal.evidence.noise_model import oscillator
 FOLDS = 4  # images of the spectrum on either side; the next one holds 1e-3 of white flicker power
 
 
-class Term(StrEnum):
+class NoiseTerm(StrEnum):
     """What a channel's noise may be made of."""
 
     WHITE = "white"
@@ -40,20 +40,20 @@ class Shape:
     sway_zeta: float = 0.2
 
 
-def sampled_psd(term: Term, f_hz: NDArray, dt_s: float, shape: Shape) -> NDArray:
+def sampled_psd(term: NoiseTerm, f_hz: NDArray, dt_s: float, shape: Shape) -> NDArray:
     """Two-sided spectrum (k,) of means over dt_s taken every dt_s, for a term of unit variance."""
     half = np.sin(np.pi * f_hz * dt_s)
-    if term in (Term.WHITE, Term.CREEP):
+    if term in (NoiseTerm.WHITE, NoiseTerm.CREEP):
         return np.ones_like(f_hz)
-    if term is Term.QUANTIZATION:
+    if term is NoiseTerm.QUANTIZATION:
         return np.asarray(4.0 * half**2 / dt_s)
-    if term is Term.WALK:
+    if term is NoiseTerm.WALK:
         w = 2.0 * np.pi * f_hz * dt_s
         return np.asarray(dt_s**2 * (2.0 + np.cos(w)) / (12.0 * half**2))
-    if term is Term.SWAY:
+    if term is NoiseTerm.SWAY:
         return np.asarray(4.0 * half**2 / dt_s * _sampled_oscillator(f_hz, dt_s, shape))
     images = f_hz[:, None] + np.arange(-FOLDS, FOLDS + 1) / dt_s
-    if term is Term.FLICKER:
+    if term is NoiseTerm.FLICKER:
         density = 1.0 / (2.0 * np.pi * np.abs(images))
     else:
         density = 2.0 * shape.tau_s / (1.0 + (2.0 * np.pi * images * shape.tau_s) ** 2)
@@ -78,27 +78,27 @@ def sway_folded(f_hz: NDArray, dt_s: float, shape: Shape) -> NDArray:
     resonance = (at**2 - w**2) ** 2 + (2.0 * shape.sway_zeta * at * w) ** 2
     velocity = 4.0 * shape.sway_zeta * at * w**2 / resonance
     own = 4.0 * np.sin(np.pi * f_hz * dt_s) ** 2 / dt_s**2 * velocity
-    return np.asarray(np.clip(1.0 - own / sampled_psd(Term.SWAY, f_hz, dt_s, shape), 0.0, 1.0))
+    return np.asarray(np.clip(1.0 - own / sampled_psd(NoiseTerm.SWAY, f_hz, dt_s, shape), 0.0, 1.0))
 
 
 def bin_covariance(
-    term: Term, start_s: NDArray, end_s: NDArray, shape: Shape, *, run_s: float
+    term: NoiseTerm, start_s: NDArray, end_s: NDArray, shape: Shape, *, run_s: float
 ) -> NDArray:
     """Covariance (n, n) of means over bins, up to a constant that the fit takes out; run_s: length
     of the run, whose quarter of a cycle is the lowest frequency of flicker.
     """
-    if term in (Term.WHITE, Term.CREEP):
+    if term in (NoiseTerm.WHITE, NoiseTerm.CREEP):
         return np.diag(1.0 / (end_s - start_s))
-    if term is Term.FLICKER:
+    if term is NoiseTerm.FLICKER:
         return flicker_covariance(start_s, end_s, lowest_hz=0.25 / run_s)
-    if term is Term.WALK:
+    if term is NoiseTerm.WALK:
         return random_walk_covariance(start_s, end_s)
-    if term is Term.MARKOV:
+    if term is NoiseTerm.MARKOV:
         return markov_covariance(start_s, end_s, tau_s=shape.tau_s)
 
     def bounded(a: NDArray, b: NDArray) -> NDArray:
         lag = np.abs(a[:, None] - b[None, :])
-        if term is Term.QUANTIZATION:
+        if term is NoiseTerm.QUANTIZATION:
             return np.asarray(lag < 1e-6, dtype=float)
         return oscillator(lag, shape.sway_w, shape.sway_zeta)
 

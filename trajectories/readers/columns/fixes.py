@@ -55,7 +55,7 @@ class StartKeys(TypedDict, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fixes:
+class LoggedFixes:
     """The good fixes on the log's own clock [s], and UTC (since 1970) less log seconds (None where
     unknown).
     """
@@ -118,7 +118,7 @@ def may_be_radians(lat: NDArray, lon: NDArray) -> bool:
     )
 
 
-def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
+def good_fixes(raw: RawFixes, *, label: str) -> tuple[LoggedFixes | None, list[str]]:
     """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those
     left out.
 
@@ -149,7 +149,7 @@ def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
     if offset is None and np.isfinite(raw.unix_s[rows]).any():
         no_date = f"{label}: GPS weeks that give no date (unknown, or modulo 1024)"
         told.append(Note(no_date, About.DATE))
-    return Fixes(gnss=gnss, unix_less_log_s=offset), notes + told
+    return LoggedFixes(gnss=gnss, unix_less_log_s=offset), notes + told
 
 
 def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ins.units import DEG
 from trajectories.readers.columns.fix_types import AUTOPILOT, fix_types
-from trajectories.readers.columns.fixes import MATCH_S, Fixes, RawFixes, good_fixes
+from trajectories.readers.columns.fixes import MATCH_S, LoggedFixes, RawFixes, good_fixes
 from trajectories.readers.rows.clocks import going_on
 from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds
 from trajectories.runs.notes import About, Note
@@ -24,7 +24,7 @@ GEOID_NOTE = "GPS heights are above mean sea level, as logged (the ellipsoid is 
 ACCURACY = (("GPA", ("HAcc", "VAcc", "SAcc")), ("UBX3", ("hAcc", "vAcc", "sAcc")))
 
 
-def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, list[str]]:
+def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[LoggedFixes | None, list[str]]:
     """The 3D fixes of one receiver, and notes on those left out; None where there is none."""
     table = tables.get("GPS")
     if table is None:

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from ins.records import AXES, InputError, TemperatureLog
 from trajectories.readers.columns.fix_types import AUTOPILOT, fix_types
-from trajectories.readers.columns.fixes import Fixes, RawFixes, good_fixes
+from trajectories.readers.columns.fixes import LoggedFixes, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import converted, plausible_degC, second_means
 from trajectories.readers.containers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
 from trajectories.readers.registry import ConvertedLog, Reader
@@ -262,7 +262,7 @@ def _temperature(
     return None, []
 
 
-def _fixes(tables: UlogTables, label: str) -> tuple[Fixes | None, list[str]]:
+def _fixes(tables: UlogTables, label: str) -> tuple[LoggedFixes | None, list[str]]:
     """Fixes of the first receiver; old firmware has degrees in 1e-7 and millimetres."""
     gps = next((tables.topics[name, 0] for name in GPS if (name, 0) in tables.topics), None)
     if gps is None:
