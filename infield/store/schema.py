@@ -1,4 +1,4 @@
-"""Tables of the store (SQLAlchemy Core); infield/store/migrations creates them, a test compares the two.
+"""Tables of the store (SQLAlchemy Core); `migrations` beside it creates them, a test compares both.
 
 Names begin with `recal_` because a fleet's PostgreSQL database may hold other people's tables.
 """

@@ -388,8 +388,8 @@ class Attributor:
     def _best(self, others: Sequence[Slot], *, pairs: bool = True) -> Slot | None:
         """The best new effect given others, refined; None where nothing reaches the threshold."""
         odds, groups = self._odds_with_room(others)
-        best = self._best_outside_shadows(odds, groups, others)
-        if best is None:
+        best = int(np.argmax(odds))
+        if odds[best] < self.threshold:
             return None
         known = len(self.bank.hypotheses)
         events = np.array([h.run is not None for h in self.bank.hypotheses])
@@ -398,9 +398,7 @@ class Attributor:
             # a sharp event off its grid looks like noise: refine it first
             self._slot(event, odds, groups, others)
             odds, groups = self._odds_with_room(others)
-            best = self._best_outside_shadows(odds, groups, others)
-            if best is None:
-                return None
+            best = int(np.argmax(odds))
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
         generic = not hypothesis.named or hypothesis.name == SLOW_NAME
@@ -409,20 +407,6 @@ class Attributor:
             if pair is not None:
                 return pair
         return slot
-
-    def _best_outside_shadows(
-        self, odds: NDArray, groups: NDArray, others: Sequence[Slot]
-    ) -> int | None:
-        """The likeliest hypothesis above the threshold that is more than what a found effect is off
-        by in form: what `_finish` would take out again only costs time.
-        """
-        for number in map(int, np.argsort(-odds)):
-            if odds[number] < self.threshold:
-                return None
-            slot = self._unrefined(number, odds, groups)
-            if not self._in_shadow(slot, [*others, slot]):
-                return number
-        return None
 
     def _unrefined(self, number: int, odds: NDArray, groups: NDArray) -> Slot:
         """The slot of a hypothesis as the scan has it."""

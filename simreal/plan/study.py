@@ -189,7 +189,7 @@ class Planner:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSettings:
-    """seed: of the simulated recordings. without: what cannot be had (see `recordings.WITHOUT`).
+    """seed: of the simulated recordings. without: what cannot be had (`recordings.candidates`).
     most: at most so many new recordings.
     """
 
