@@ -408,22 +408,17 @@ class Attributor:
                 return pair
         return slot
 
-    def _unrefined(self, number: int, odds: NDArray, groups: NDArray) -> Slot:
-        """The slot of a hypothesis as the scan has it."""
+    def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
         if number >= len(self.bank.hypotheses):
-            return self._noise_slot(
+            slot = self._noise_slot(
                 self.noises[number - len(self.bank.hypotheses)], float(odds[number])
             )
-        hypothesis = self.bank.hypotheses[number]
-        group = hypothesis.groups[int(np.argmax(groups[self.scorer.groups_of(number)]))]
-        return Slot(hypothesis, group, None, float(odds[number]))
-
-    def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
-        slot = self._unrefined(number, odds, groups)
-        if slot.group is None or isinstance(slot.hypothesis, NoiseHypothesis):
             slot.posterior = np.exp(odds - logsumexp(odds))  # as it is before its own noise is in
             return slot
-        slot.group = self._refined(slot.hypothesis, slot.group, others)
+        hypothesis = self.bank.hypotheses[number]
+        mine = self.scorer.groups_of(number)
+        group = hypothesis.groups[int(np.argmax(groups[mine]))]
+        slot = Slot(hypothesis, self._refined(hypothesis, group, others), None, float(odds[number]))
         return self._at_onset(slot, others)
 
     def _at_onset(self, slot: Slot, others: Sequence[Slot]) -> Slot:
@@ -606,7 +601,7 @@ class Attributor:
             self._judge_named()
             self._judge_noise()
             weak = [s for s in self._effects if s.log_odds < self.threshold]
-            weak = weak or [s for s in self._effects if self._in_shadow(s, self.slots)]
+            weak = weak or [s for s in self._effects if self._in_shadow(s)]
             if not weak:
                 return
             self._drop(min(weak, key=lambda s: s.log_odds))
@@ -662,25 +657,23 @@ class Attributor:
             cost = float(np.log(len(h.tried()[0]))) - h.log_prior
             slot.log_odds = min(slot.log_odds, gained - cost)
 
-    def _in_shadow(self, slot: Slot, slots: Sequence[Slot]) -> bool:
-        """Whether one of `slots` may be no more than what a much larger one is off by in form, on
-        the channels that it touches itself.
+    def _in_shadow(self, slot: Slot) -> bool:
+        """Whether a slot may be no more than what a much larger one is off by in form, on the
+        channels that it touches itself.
         """
-        own, worth = self._energy(slot, slots), 2.0 * max(slot.log_odds, 0.0)
+        own, worth = self._energy(slot), 2.0 * max(slot.log_odds, 0.0)
         touched = own > TOUCHED * own.sum()
         return any(
-            worth < OFF_IN_FORM**2 * float(self._energy(other, slots)[touched].sum())
-            for other in slots
+            worth < OFF_IN_FORM**2 * float(self._energy(other)[touched].sum())
+            for other in self.slots
             if other is not slot
         )
 
-    def _energy(self, slot: Slot, slots: Sequence[Slot]) -> NDArray:
-        """Squared size of one of `slots`, fitted together, on each channel of the parked stretch,
-        then of what follows.
-        """
+    def _energy(self, slot: Slot) -> NDArray:
+        """Squared size of a slot on each channel of the parked stretch, then of what follows."""
         count = len(CHANNELS)
         if slot.group is not None:
-            columns = columns_of(slots)
+            columns = self.columns
             beta, _ = fit(self.bank, columns)
             signature = self.bank.signature(slot.columns, beta[np.isin(columns, slot.columns)])
             key = self.evidence.rows.channel + count * self.evidence.followed
