@@ -357,6 +357,7 @@ class Texts:
                 "text": [f"<b>{t}</b>" if heavy else t for t, heavy in zip(texts, bold)],
                 "textposition": "middle center" if self.middle else "middle right",
                 "textfont": {"color": [row[3] for row in self.rows], "size": LETTER_PX - 1},
+                "cliponaxis": False,
                 "hoverinfo": "skip",
             }
         ]
