@@ -23,7 +23,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
-from infield.reports.figures import BLACK, GREY, NEW, OLD, PALE
+from infield.reports.figures import BLACK, GREY, NEW, OLD, PALE, SKY
 from ins.robust import runs_of_true
 
 Json: TypeAlias = bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"] | None
@@ -34,6 +34,7 @@ INKS = {  # what the style sheet turns in the dark, by the names that it has the
     BLACK: "var(--ink)",
     OLD: "var(--old)",
     NEW: "var(--new)",
+    SKY: "var(--sky)",  # in the dark the new one is as blue
     GREY: "var(--soft)",
     PALE: "var(--pale)",
     PAGE_COLOUR: "var(--page)",
