@@ -103,8 +103,9 @@ def _strip(unit: UnitForecast, limit_nm_h: float) -> Markup:
         ' preserveAspectRatio="none" role="img"'
         f' aria-label="{escape(words)}"><rect width="100" height="30" fill="var(--back)"/>'
         f'<polygon points="{" ".join([*median, *reversed(high)])}" fill="{INKS[PALE]}"/>'
-        f'<polyline points="{" ".join(median)}" fill="none" stroke="{INKS[BLUE]}" stroke-width="1.5"/>'
-        f'<line x1="0" x2="100" y1="15" y2="15" stroke="{INKS[GREY]}" stroke-dasharray="4 3"/></svg>'
+        f'<polyline points="{" ".join(median)}" fill="none" stroke="{INKS[BLUE]}"'
+        ' stroke-width="1.5"/><line x1="0" x2="100" y1="15" y2="15"'
+        f' stroke="{INKS[GREY]}" stroke-dasharray="4 3"/></svg>'
     )
 
 
