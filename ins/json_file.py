@@ -425,7 +425,7 @@ def _complaint(item: Any, model: type, name: str) -> str:
         return f"{name}: unknown key {key}{_suggestion(item['loc'], model)}"
     return (
         f"{name}: {key}: got {shown(item['input'])}, needed"
-        f" {_needed(item['type'], item.get('ctx', {}))}"
+        f" {needed(item['type'], item.get('ctx', {}))}"
     )
 
 
@@ -460,8 +460,25 @@ def _reason(error: Exception) -> str:
     )
 
 
-def _needed(kind: str, facts: Mapping[str, Json]) -> str:
-    """What a key must be, from pydantic's error type and context."""
+def needed(kind: str, facts: Mapping[str, Json]) -> str:
+    """What a value must be, of a fault that pydantic found.
+
+    Parameters
+    ----------
+    kind : str
+        The type of the fault.
+    facts : dict
+        Its context, such as the limit.
+
+    Returns
+    -------
+    words : str
+
+    Examples
+    --------
+    >>> needed("less_than_equal", {"le": 0.5})
+    'at most 0.5'
+    """
     if kind == "value_error":
         return str(facts["error"])
     if kind in ("literal_error", "enum"):

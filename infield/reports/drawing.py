@@ -23,7 +23,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
-from infield.reports.figures import BLACK, GREY, NEW, OLD, PALE
+from infield.reports.figures import BLACK, GREY, NEW, OLD, PALE, SKY
 from ins.robust import runs_of_true
 
 Json: TypeAlias = bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"] | None
@@ -34,6 +34,7 @@ INKS = {  # what the style sheet turns in the dark, by the names that it has the
     BLACK: "var(--ink)",
     OLD: "var(--old)",
     NEW: "var(--new)",
+    SKY: "var(--sky)",  # in the dark the new one is as blue
     GREY: "var(--soft)",
     PALE: "var(--pale)",
     PAGE_COLOUR: "var(--page)",
@@ -357,6 +358,7 @@ class Texts:
                 "text": [f"<b>{t}</b>" if heavy else t for t, heavy in zip(texts, bold)],
                 "textposition": "middle center" if self.middle else "middle right",
                 "textfont": {"color": [row[3] for row in self.rows], "size": LETTER_PX - 1},
+                "cliponaxis": False,
                 "hoverinfo": "skip",
             }
         ]

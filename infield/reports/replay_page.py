@@ -272,7 +272,7 @@ def _closer(document: ReplayDocument, flown: list[TableReplay]) -> Iterator[Pane
 
 def _against(drifts: Sequence[tuple[TableReplay, Any]], name: str) -> Iterator[Panel]:
     """Radial and speed error against an outside track after the parked span."""
-    what = {"gnss": "GNSS", "reference": "the reference (scoring only)"}[name]
+    what = {"gnss": "GNSS", "reference": "the reference"}[name]
     top = max(float(drift.radial_m.max()) for _, drift in drifts)
     unit, short = _unit_of(top)
     radials, speeds = [], []

@@ -139,6 +139,7 @@ def program(
         int | None,
         typer.Option(
             "--max-unpacked-mb",
+            metavar="NUMBER",
             min=1,
             max=1_000_000,
             help="What a packed file may unpack to [MB], else 268, or 50 times its size; and what"

@@ -68,7 +68,12 @@ class Command(TyperCommand):
         for k in reversed(range(given.index("--") if "--" in given else len(given))):
             if given[k] in OPTIONAL_VALUE and not "".join(given[k + 1 : k + 2]).isdecimal():
                 given.insert(k + 1, OPTIONAL_VALUE[given[k]])
-        return super().parse_args(ctx, given)
+        try:
+            return super().parse_args(ctx, given)
+        except typer.BadParameter as error:
+            if error.__cause__ is not None:
+                error.message = _fault(error.__cause__)
+            raise
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """What follows the name in the line of usage."""
@@ -110,6 +115,15 @@ class Command(TyperCommand):
             _emit_fault(ctx, "refused", str(refused))
             say(f"recal: {refused}")
             raise typer.Exit(REFUSED_EXIT) from None
+
+
+def _fault(error: Any) -> str:
+    """What is wrong with an option's value, of the fault that pydantic found in it."""
+    from ins.json_file import needed
+
+    first = error.errors()[0]
+    words = needed(first["type"], first.get("ctx", {}))
+    return words if first["type"] == "value_error" else f"got {first['input']!r}, needed {words}"
 
 
 def _emit_fault(ctx: Any, verdict: str, line: str) -> None:

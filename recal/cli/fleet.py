@@ -21,6 +21,7 @@ NOTES_SHOWN = 3  # kinds of notes on the terminal; all are in fleet.json
 LEARN_FOLDER, FORECAST_FOLDER = "recal-fleet-learn", "recal-fleet-forecast"
 
 app = typer.Typer(
+    add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
     help="Recalibrate many units at once, and forecast their drift.",

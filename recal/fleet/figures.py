@@ -171,5 +171,5 @@ def coverage_strip(bands: Sequence[TemperatureBand]) -> Markup | None:
     return Markup(
         f'<svg class="strip" viewBox="0 0 {high - low:g} 10" preserveAspectRatio="none" role="img"'
         f' aria-label="{words}"><rect width="{high - low:g}" height="10"'
-        f' fill="#eef1f4"/>{"".join(cells)}</svg>'
+        f' fill="var(--shade)"/>{"".join(cells)}</svg>'
     )

@@ -205,7 +205,7 @@ def posterior_bars(cause: Cause) -> Panel:
         items=[*items, Texts(said, middle=False)],
         label=f"Posterior probabilities of the answers for {cause.effect} on {cause.target}",
         x_label="probability",
-        x_limits=(0.0, 1.08),
+        x_limits=(0.0, 1.18),  # the words beside a bar fit on a phone
         y_limits=(len(rows) - 0.4, -0.6),
         y_ticks=list(enumerate(labels)),
         grid_y=False,

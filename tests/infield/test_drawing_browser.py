@@ -61,7 +61,7 @@ def page(tmp_path_factory):
         y_ticks=list(enumerate(names)),
         y_limits=(1.6, -0.6),
     )
-    template = report_page._environment().from_string(TEMPLATE)
+    template = report_page.page_environment().from_string(TEMPLATE)
     path = tmp_path_factory.mktemp("figures") / "page.html"
     text = template.render(
         series=[series(0.0, END_S), series(0.0, LATE_S)], tables=map(table, "xyz"), rows=rows

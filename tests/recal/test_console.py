@@ -112,6 +112,13 @@ def command_of(words):
 PYTHON_WORDS = re.compile(r"<[a-z ]+>|list\[|\bPath\b|\bfloat\b|\bint\b|\bstr\b|None|\{\w+\}")
 
 
+@pytest.mark.parametrize("name", ["", *GROUPS])
+def test_the_help_above_the_commands_speaks_no_python_and_completes_once(helps, name):
+    said = helps[name][0]
+    assert not PYTHON_WORDS.search(said)
+    assert ("--install-completion" in said) == (name == "")  # it is the program that completes
+
+
 @pytest.mark.parametrize("words", ALL, ids=" ".join)
 def test_the_help_keeps_its_units_and_speaks_no_python(helps, words):
     """A unit in square brackets stands in the help as it was written; every option says what it is
@@ -257,6 +264,22 @@ def test_wrong_usage_is_exit_2_and_prints_no_result():
     ):
         result = CliRunner().invoke(app, words)
         assert result.exit_code == 2 and result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("plan --without sun", "'sun' is not one of 'gnss', 'odometer', 'taxi', 'gradient'"),
+        ("plan --lat-deg 90", "got '90', needed at most 85"),
+        ("plan --most 2.5", "got '2.5', needed a whole number"),
+        ("update run --retry 100", "got '100', needed at most 99"),
+        ("demo --seed -3", "got '-3', needed at least 0"),
+    ],
+)
+def test_a_wrong_value_is_said_as_that_of_a_file_is(words, said):
+    result = CliRunner().invoke(app, words.split())
+    assert result.exit_code == 2
+    assert said in result.stderr and "Value error" not in result.stderr
 
 
 def test_every_verdict_has_its_exit_code():

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from recal.service.store import Revision, UnitRecord
 
 app = typer.Typer(
+    add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
     help="List, compare, import and export the stored thermal tables.",

@@ -11,7 +11,10 @@ from recal.cli.thermal import rlg as thermal_rlg
 from recal.cli.thermal.inputs import ManyRuns
 
 app = typer.Typer(
-    rich_markup_mode=None, no_args_is_help=True, help="Fit thermal coefficients to chamber runs."
+    add_completion=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Fit thermal coefficients to chamber runs.",
 )
 app.command("rlg", cls=ManyRuns)(thermal_rlg.command)
 app.command("fog", cls=ManyRuns)(thermal_fog.command)

@@ -11,6 +11,7 @@ from recal.cli.parameters.verbs import made_from
 from recal.cli.terminal.help import METHOD
 
 app = typer.Typer(
+    add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
     help="Fit the noise model of a unit to its own logs, and check it.",

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from infield.reports.drawing import DASHED, Band, Item, Line, Panel
+from infield.reports.drawing import DASHED, INKS, Band, Item, Line, Panel
 from infield.reports.figures import BLUE, CURVE_COLOURS, GREY, PALE
 from infield.reports.page import render_page
 from recal.service.priors.forecast_records import ForecastReport, UnitForecast
@@ -101,10 +101,11 @@ def _strip(unit: UnitForecast, limit_nm_h: float) -> Markup:
     return Markup(
         '<svg class="trend" viewBox="0 0 100 30" width="112" height="34"'
         ' preserveAspectRatio="none" role="img"'
-        f' aria-label="{escape(words)}"><rect width="100" height="30" fill="#f4f6f8"/>'
-        f'<polygon points="{" ".join([*median, *reversed(high)])}" fill="{PALE}"/>'
-        f'<polyline points="{" ".join(median)}" fill="none" stroke="{BLUE}" stroke-width="1.5"/>'
-        f'<line x1="0" x2="100" y1="15" y2="15" stroke="{GREY}" stroke-dasharray="4 3"/></svg>'
+        f' aria-label="{escape(words)}"><rect width="100" height="30" fill="var(--back)"/>'
+        f'<polygon points="{" ".join([*median, *reversed(high)])}" fill="{INKS[PALE]}"/>'
+        f'<polyline points="{" ".join(median)}" fill="none" stroke="{INKS[BLUE]}"'
+        ' stroke-width="1.5"/><line x1="0" x2="100" y1="15" y2="15"'
+        f' stroke="{INKS[GREY]}" stroke-dasharray="4 3"/></svg>'
     )
 
 
