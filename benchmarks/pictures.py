@@ -41,7 +41,7 @@ PAGES = (  # name, what makes it, the page
     ),
     ("look", (("look", AMBIENT, "-o", "look"),), "look/look.html"),
     ("replay", (("replay", AMBIENT, "--store", STORE, "-o", "replay"),), "replay/replay.html"),
-    ("twin_fit", (("twin", "fit", AMBIENT, HOT, "-o", "twin.json"),), "twin.html"),
+    ("twin_fit", (("twin", "fit", AMBIENT, HOT, "-o", "fitted.json"),), "fitted.html"),
     (
         "diagnosis",
         (
