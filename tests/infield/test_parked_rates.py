@@ -27,6 +27,7 @@ from ins.records import Survey
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import sentence, sentences
+from tests.drawn import unscripted
 from tests.infield.mems_sessions import (
     TWIN,
     blank,
@@ -127,7 +128,7 @@ def test_the_report_speaks_of_zero_rates():
     assert "Earth rate on an unknown heading" in terms and "heading (east part)" not in terms
     zero_rate = found["sessions"][0]["zero_rate"]
     assert zero_rate["bins"] == 40 and zero_rate["noise_over_model"] == pytest.approx(1.0, abs=0.15)
-    page = update_html(update_of(found))
+    page = unscripted(update_html(update_of(found)))
     assert (
         "not sought" in page
         and "NM/h" not in page
