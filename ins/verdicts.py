@@ -269,9 +269,9 @@ def worded(value: Any, form: str) -> str:
         A number or a text; a `Reason`; a sequence or mapping of these; None.
     form : str
         Of numbers what `format` takes, after the unit that a number in SI is to be shown in
-        ("mrad .2f"; with a minus in front of the unit the other sign). Of flags and counts
-        "this|that": the first where it holds, or is 1. Of several values what stands between two,
-        and the format of each ("and |.0f"). "abs", "factor", "plural", "span": see `FORMS`.
+        (``mrad .2f``; with a minus in front of the unit the other sign). Of flags and counts
+        ``this|that``: the first where it holds, or is 1. Of several values what stands between two,
+        and the format of each (``and |.0f``). abs, factor, plural, span: see `FORMS`.
 
     Returns
     -------
