@@ -20,9 +20,10 @@ from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S
-from ins.filters import error_model as em
+from ins.errors.table import RAW_BIAS_DEG_H, DEFAULT_SIGMA_deg_h
+from ins.estimation import error_model as em
 from ins.kalman import nis_band
-from ins.noise import DEFAULT_SIGMA_deg_h, gyro_densities
+from ins.noise import gyro_densities
 from ins.records import ImuSource, Phase, Site, Span, TwinModel
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
@@ -48,10 +49,6 @@ BIAS_BIN_S = 300.0
 # the filter, 10 s)
 GATE_GAP_S = 15.0
 WARM_UP_S = 1800.0
-# What gyros read before any table is taken out, one sigma: three times the RMS of factory curves
-# (0.03 and 0.1 deg/h in the unit of every packaged scenario), as a unit may be of a poorer grade.
-# Checked on raw biases drawn at random: tests/alignment/test_gyrocompass.py
-RAW_BIAS_DEG_H = {"rlg": 0.1, "fog": 0.3, "mems": 30.0}
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from alignment.motion.kinds import STILL
 from alignment.motion.level import ParkedLevel
 from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
 from alignment.swing import Swing
-from ins.filters import error_model as em
-from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
 from ins.kalman import nis_band
 
 SURE = 3.0  # nats of log-likelihood for each parameter: odds of 20 to 1

@@ -28,8 +28,8 @@ from alignment.result import BiasPrior, Solution
 from alignment.swing import Swing
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n_by_lat
-from ins.filters import error_model as em
-from ins.filters.error_filter import ErrorFilter
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import ErrorFilter
 from ins.records import ImuLog, ImuSource, InputError, NavHistory, NavState, Phase, Site, TwinModel
 from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate

@@ -1,11 +1,11 @@
 """The navigation-mode filter: what a free-running solution shows while the vehicle stands and
 rolls.
 
-One sweep over a navigation solution: errors propagate by `ins.filters.error_model`; a standing
+One sweep over a navigation solution: errors propagate by `ins.estimation.error_model`; a standing
 vehicle has no velocity (its displacement since the stop) and keeps its heading up to a slow creep
 (parked-attitude constraint); what a rolling vehicle shows is added by aids (lateral motion,
 odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid down as a
-`FilterProgram` first, with numpy over the whole run, and worked through in one go.
+`Tape` first, with numpy over the whole run, and worked through in one go.
 
 Decision: docs/decisions/0007-parked-position.md.
 Decision: docs/decisions/0008-heading-prior-withdrawn.md.
@@ -23,9 +23,10 @@ from alignment.motion.stillness import Motion
 from alignment.swing import STATES, Swing, lay
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
-from ins.filters import error_model as em
-from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filters.program import Compiled, FilterProgram, Row, Steps
+from ins.estimation import error_model as em
+from ins.estimation import sensors
+from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
+from ins.estimation.tape import Compiled, Row, Steps, Tape
 from ins.noise import accel_densities, gyro_densities, walk_with_flicker
 from ins.records import NavHistory, TwinModel
 from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
@@ -86,7 +87,7 @@ class StepViews:
     and turn about north and east (K, 2) [rad]; at the step's end C_nb (K, 3, 3), v_n, lat, lon,
     height, heading; v_start_n at its start; C_mean (K, 3, 3) over it; turn_rad: by the vertical
     gyro, Earth rate included; kind as in `stillness`; jolt_rad and the jumps: as in the plan;
-    jitter_m: sway of the vehicle's position.
+    jitter_m: sway of the vehicle's position; history: the solution.
     """
 
     kind: NDArray
@@ -110,6 +111,7 @@ class StepViews:
     height_m: NDArray
     turn_rad: NDArray
     jitter_m: float
+    history: NavHistory
 
     @property
     def dt_s(self) -> NDArray:
@@ -139,7 +141,7 @@ class StepViews:
 class Aid(Protocol):
     """Something that measures while the vehicle rolls or stands."""
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         """Add what this aid saw, at the steps where it saw it."""
 
 
@@ -215,6 +217,7 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
         height_m=history.height_m[b],
         turn_rad=summed(history.dtheta_b_rad[:, 2]),
         jitter_m=jitter_m,
+        history=history,
     )
 
 
@@ -370,7 +373,8 @@ def lay_down(
     the bins.
     """
     views = views_of(history, plan, float(np.median(parked.displacement_sigma_m)))
-    program = FilterProgram(filter_steps(views))
+    program = Tape(filter_steps(views))
+    sensors.usual(program)
     places = hold_position(program, views, parked, beside)
     headings = hold_heading(program, views, parked) if parked.hold_heading else ()
     for aid in aids:
@@ -404,7 +408,7 @@ class FilterPass:
     def run(self, sigma0: Mapping[str, float], aids: Sequence[Aid]) -> ErrorFilter:
         """The filter after its sweep, the heading prior withdrawn.
 
-        sigma0: prior sigmas of nuisance states by their names in `ins.filters.states`.
+        sigma0: prior sigmas of nuisance states by their names in `ins.estimation.states`.
         """
         return self.over(self.lay_down(aids), sigma0)
 
@@ -475,7 +479,7 @@ def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
 
 
 def hold_position(
-    program: FilterProgram, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
+    program: Tape, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
 ) -> tuple[ConstrainedRows, ...]:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
     the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
@@ -516,7 +520,7 @@ def hold_position(
     return tuple(part for part in held if part.steps.size)
 
 
-def _held(program: FilterProgram, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
+def _held(program: Tape, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
     """The rows that the next call lays down for some steps."""
     return ConstrainedRows(slice(program.rows, program.rows + each * len(steps)), steps, of, each)
 
@@ -538,7 +542,7 @@ def heading_error_row(
 
 
 def hold_heading(
-    program: FilterProgram, views: StepViews, parked: ParkedConstraint
+    program: Tape, views: StepViews, parked: ParkedConstraint
 ) -> tuple[ConstrainedRows, ...]:
     """Parked-attitude constraint: the computed turn about down since the stop is error plus
     creep.

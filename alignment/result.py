@@ -8,7 +8,7 @@ from alignment.level_fit import LevelFit, LevelFound
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import FilterPass, StepPlan
 from alignment.reasons import LATITUDE_REASONS, AlignmentVerdict
-from ins.filters.error_filter import ErrorFilter
+from ins.estimation.error_filter import ErrorFilter
 from ins.records import NavHistory, Phase, Span
 from ins.verdicts import Reason
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from ins.filters.program import FilterProgram, Row
+from ins.estimation.tape import Row, Tape
 
 STATES = 6  # three for each level axis
 
@@ -84,11 +84,7 @@ class Laid:
 
 
 def lay(
-    program: FilterProgram,
-    swing: Swing,
-    still: NDArray,
-    displacement: tuple[int, int],
-    first_state: int,
+    program: Tape, swing: Swing, still: NDArray, displacement: tuple[int, int], first_state: int
 ) -> Laid:
     """Add the swing of a vehicle that stands in the steps `still` (K,).
 
@@ -111,7 +107,7 @@ def lay(
 
 
 def _begin(
-    program: FilterProgram, swing: Swing, at: NDArray, states: tuple[int, ...], counted: int
+    program: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], counted: int
 ) -> Iterator[Noise]:
     """The swing anywhere at the start of a stretch, from where its displacement is counted."""
     place, _, velocity = states
@@ -122,7 +118,7 @@ def _begin(
 
 
 def _move_on(
-    program: FilterProgram, swing: Swing, at: NDArray, states: tuple[int, ...], odd: bool
+    program: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], odd: bool
 ) -> Iterator[Noise]:
     """The swing over the steps `at`, into the second place state where `odd`."""
     if not at.size:

@@ -6,10 +6,10 @@ the bound is the posterior covariance (H' Sigma^-1 H + P0^-1)^-1; here by recurs
 one second.
 
 Kept apart from the estimator on purpose, so that a common mistake cannot hide: nothing comes from
-`ins.filters.error_model`, `ins.filters.error_filter`, `alignment` or `infield`. A solution's errors
-answer by finite differences of the nonlinear mechanization (`benchmarks.navigation_response`);
-vehicle, sensors and unit are the simulator's own (`trajectories`), second by second, sway as the
-oscillator it is. A filter sigma below the bound is a defect of one of the two.
+`ins.estimation`, `alignment` or `infield`. A solution's errors answer by finite differences of the
+nonlinear mechanization (`benchmarks.navigation_response`); vehicle, sensors and unit are the
+simulator's own (`trajectories`), second by second, sway as the oscillator it is. A filter sigma
+below the bound is a defect of one of the two.
 
 Random: gyro bias (common shift and smooth shape over temperature, turn-on, flicker, rate random
 walk), white noise of the sensors, accelerometer turn-on and walk, start errors, crab, lever arm,

@@ -14,14 +14,14 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.study import Record, interval_95
-from simreal.declared.generic import FREE_FUNCTIONS
-from simreal.effects.base import SLOW_NAME
-from simreal.effects.gyro_noise import NOISE_OF_TIME
+from ins.errors.base import SLOW_NAME
+from ins.errors.gyro.noise import NOISE_OF_TIME
+from ins.errors.unnamed import FREE_FUNCTIONS
 from simreal.inference.verdict import GapVerdict
 
 CONFIDENT = 0.9
 # descriptions, not causes
-GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW_NAME, NOISE_OF_TIME}
+GENERIC_ANSWERS = {*FREE_FUNCTIONS, SLOW_NAME, NOISE_OF_TIME}
 # of the planted energy: such a channel is a right place of an effect that sits on no channel
 WHERE_SHARE = 0.2
 BODIES = ("vehicle", "site")  # targets that are no channel of their own

@@ -15,7 +15,7 @@ from benchmarks.gap_trials.other_forms import OTHER_FORMS
 from benchmarks.gap_trials.trial import Planted, Trial, draw_noise_trial, draw_trial
 from benchmarks.study import Record, Work, share, table
 from infield.table.file import table_from_dict
-from simreal.effects.catalogue import catalogue
+from ins.errors.catalogue import catalogue
 from simreal.evidence.whitened import CHANNELS, Evidence
 from simreal.inference.causes import Cause
 from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, DiagnosisSettings, diagnose

@@ -27,9 +27,9 @@ from ins.attitude import (
     euler_from_dcm,
     rotation_vector_from_dcm,
 )
-from ins.filters import error_model as em
-from ins.filters.error_filter import ErrorFilter
-from ins.filters.program import FilterProgram
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import ErrorFilter
+from ins.estimation.tape import Tape
 from ins.records import ImuLog, NavState, Site
 from ins.strapdown.compensation import compensate
 from ins.strapdown.mechanization import VerticalChannel, navigate
@@ -176,7 +176,7 @@ def our_filter(
         plan = StepPlan(
             last - 1, last, np.full(last.size, kinds.DISTURBED), none, np.zeros(last.size)
         )
-        program = FilterProgram(filter_steps(views_of(history, plan)))
+        program = Tape(filter_steps(views_of(history, plan)))
         z = (history.v_n_m_s[1:, :2] - velocity[: last.size, :2]).T
         program.measure(
             "velocity",

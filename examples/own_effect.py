@@ -7,7 +7,8 @@ of each coefficient. To have it in every diagnosis, a package declares it in its
     [project.entry-points."recal.effects"]
     fan = "my_package.fan:FAN"
 
-Run this file to see it found: `python examples/own_effect.py`.
+Run this file to see it found: `python examples/own_effect.py`. magnetic_axis.py is another one, a
+declaration with words, that is simulated, found, planned for and taken out of an update.
 """
 
 from collections.abc import Sequence
@@ -16,19 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ins.units import DEG_PER_HOUR
-from simreal.effects.own import (
-    GYROS,
-    CatalogueEffect,
-    Coefficient,
-    Shape,
-    Telemetry,
-    Trace,
-    on_axis,
-)
+from simreal.effects.own import GYROS, Coefficient, ErrorSource, Shape, Telemetry, Trace, on_axis
 
 
 @dataclass(frozen=True)
-class Fan(CatalogueEffect):
+class Fan(ErrorSource):
     """Bias proportional to the speed: 1 deg/h at 1 m/s for each unit of its coefficient."""
 
     def needs(self, runs: Sequence[Telemetry], target: str) -> str:

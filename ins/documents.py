@@ -8,11 +8,22 @@ Decision: docs/decisions/0091-one-codec.md.
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, fields, is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, field, fields, is_dataclass, make_dataclass
 from enum import Enum
 from functools import lru_cache
-from typing import Any, TypeVar, cast
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
 
 R = TypeVar("R")
 
@@ -21,8 +32,6 @@ R = TypeVar("R")
 OMIT_NONE = {"omit_none": True}
 UNWRITTEN = {"unwritten": True}
 INLINE = {"inline": True}
-NO_SCHEMA = ("default", "metadata", "serialization")  # of a schema's keys
-TRIED = "str"  # place of a kind that was tried, which `ins.json_file` leaves out of the key
 
 
 def written_as(key: str) -> dict[str, str]:
@@ -48,30 +57,6 @@ class Null(Enum):
 
     def __bool__(self) -> bool:
         return False
-
-
-@dataclass(frozen=True)
-class AsRead:
-    """Mark of a type in `Annotated`: `from_json` takes the value as JSON holds it.
-
-    For a part with a reader of its own, such as a table within a report.
-    """
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import core_schema
-
-        return core_schema.any_schema()
-
-
-@dataclass(frozen=True)
-class NullStands:
-    """Mark of a field in `Annotated`: `from_json` reads a null in the file as `Null.NULL`.
-
-    The field's type is a record, `Null` or None.
-    """
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        return handler(source)["schema"]  # what None was an alternative to
 
 
 def to_json(record: Any) -> str:
@@ -108,7 +93,7 @@ def plain(record: Any) -> Any:
 
     Examples
     --------
-    >>> from dataclasses import field
+    >>> from dataclasses import dataclass, field
     >>> @dataclass(frozen=True)
     ... class Point:
     ...     axis: str
@@ -144,6 +129,7 @@ def from_json(kind: type[R], document: str | Mapping[str, Any], *, name: str) ->
 
     Examples
     --------
+    >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Point:
     ...     axis: str
@@ -216,28 +202,64 @@ def _number_or_null(value: float) -> float | None:
 def _reader(kind: Any) -> Any:
     """pydantic's validator of a record."""
     from pydantic import TypeAdapter
-    from pydantic_core import SchemaValidator
 
-    return SchemaValidator(_as_written(TypeAdapter(kind).core_schema))
+    return TypeAdapter(_as_read(kind))
 
 
-def _as_written(schema: Any) -> Any:
-    """A schema of pydantic's with what it has no option for: a number may be null, since one that
-    is not finite was written so; of several kinds the first that holds the value counts; a
-    sequence is a tuple, since records are frozen.
+def _as_read(kind: Any) -> Any:
+    """The type of what JSON holds of a type: a number may be null, since one that is not finite
+    was written so; a list becomes a tuple, since records are frozen; a TypedDict has a reader of
+    its own.
     """
-    if isinstance(schema, list | tuple):
-        return type(schema)(_as_written(part) for part in schema)
-    if not isinstance(schema, dict):
-        return schema
-    changed = {key: _as_written(part) for key, part in schema.items() if key not in NO_SCHEMA}
-    changed |= {key: schema[key] for key in schema.keys() & {"default"}}
-    if "json_schema" in changed and changed["json_schema"].get("type") == "list":
-        items = [changed["json_schema"].get("items_schema", {"type": "any"})]
-        return {"type": "tuple", "items_schema": items, "variadic_item_index": 0}
-    if schema.get("type") == "union":
-        choices = [(choice, TRIED) for choice in changed["choices"]]
-        return {**changed, "choices": choices, "mode": "left_to_right"}
-    if schema.get("type") == "float":
-        return {"type": "nullable", "schema": changed}
-    return changed
+    if kind is float:
+        return float | None
+    if is_typeddict(kind):
+        return Any
+    if isinstance(kind, type) and is_dataclass(kind):
+        return _keys_of(kind)
+    parts, origin = get_args(kind), get_origin(kind)
+    if not parts or origin is Annotated:
+        return kind
+    read = tuple(part if part is Ellipsis else _as_read(part) for part in parts)
+    if origin in (Union, UnionType):
+        return _first_of(read)
+    if origin is Sequence:
+        return tuple[read[0], ...]  # type: ignore[valid-type]
+    return (dict if origin is Mapping else origin)[read]
+
+
+def _first_of(kinds: tuple[Any, ...]) -> Any:
+    """The first kind that holds the value, and None where that is one of them; beside `Null` a
+    null is that, and None is left to keys that are missing.
+    """
+    from pydantic import AfterValidator, Field
+
+    if Null in kinds:
+        known = _first_of(tuple(kind for kind in kinds if kind is not Null))
+        return Annotated[known, AfterValidator(lambda read: Null.NULL if read is None else read)]
+    several: Any = tuple(kind for kind in kinds if kind is not type(None))
+    first: Any = Union[several]  # noqa: UP007
+    if len(several) > 1:
+        first = Annotated[first, Field(union_mode="left_to_right")]
+    return Union[first, None] if type(None) in kinds else first  # noqa: UP007
+
+
+@lru_cache(maxsize=512)
+def _keys_of(kind: Any) -> Any:
+    """A record of the same fields as JSON holds them, which becomes the record once it is read."""
+    from pydantic import AfterValidator
+
+    hints = get_type_hints(kind, include_extras=True)
+    found = make_dataclass(
+        kind.__name__,
+        [
+            (
+                f.name,
+                _as_read(hints[f.name]),
+                field(default=f.default, default_factory=f.default_factory, metadata=f.metadata),
+            )
+            for f in _fields(kind)
+        ],
+        kw_only=True,
+    )
+    return Annotated[found, AfterValidator(lambda read: kind(**vars(read)))]

@@ -30,7 +30,9 @@ MAX_SHOWN = 60  # characters; chosen: file, key and 60 of the value fit a line
 MAX_NUMBER = 1e15
 MAX_DEPTH = 32  # of lists and keys within each other; what is read here has six
 # no key: a kind that was tried
-UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")
+UNION_MEMBER = re.compile(
+    r"(str|int|float|bool)|(list|dict|tuple|nullable|str-enum|constrained-|function-).*[\[-].*"
+)
 NEEDED_WORDS = {
     "string_type": "text",
     "float_type": "a number",

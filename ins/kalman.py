@@ -1,7 +1,7 @@
 """Kalman filter steps with checks: the only door to filterpy.
 
 filterpy 2.0 is the engine for small filters at 1 to 10 Hz and of the smoother, and the yardstick of
-the compiled error filter (ins.filters.error_kernel). Guarded here, because filterpy does not:
+the compiled error filter (ins.estimation.kernel). Guarded here, because filterpy does not:
 shapes, NaN, scalar Q (which it would add to every element), symmetry of P after predict.
 """
 

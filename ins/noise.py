@@ -24,19 +24,6 @@ from ins.units import (
     MICRO_G_PER_SQRT_HOUR,
 )
 
-# Of a gyro's bias [deg/h], one sigma, whose table says no sigmas: a unit as it leaves the factory.
-# docs/reference/formats.md, section 2, which has the raw biases of units without a table, too.
-DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
-# What the scales and the axes of a technology's sensors are off beyond what its twin declares, one
-# sigma: assumptions, each named in the report of an update (docs/reference/formats.md, section 3).
-GYRO_SCALE_ppm = {"rlg": 5.0, "fog": 50.0, "mems": 5000.0}
-MISALIGNMENT_mrad = {"rlg": 0.01, "fog": 0.02, "mems": 5.0}
-ACCEL_SCALE_ppm = {"rlg": 100.0, "fog": 100.0, "mems": 5000.0}
-ACCEL_SLOPE_ug_degC = {"rlg": 0.2, "fog": 0.2, "mems": 100.0}  # left by their compensation
-# The plumb line against the normal of the ellipsoid, one sigma north and east, and the length over
-# which it keeps to itself: assumptions likewise.
-DEFLECTION_arcsec = 5.0
-DEFLECTION_M = 30_000.0
 # The floor of the Allan deviation of flicker over B: sqrt(2 ln 2 / pi) = 0.6643.
 # IEEE Std 952, annex C; judged on simulated flicker in tests/trajectories/test_imperfections.py.
 FLICKER_FLOOR = 0.664

@@ -6,7 +6,7 @@ Decision: docs/decisions/0005-imu-source.md.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timedelta
 from enum import IntEnum, StrEnum
 from itertools import pairwise
@@ -31,6 +31,7 @@ from ins.columns import (
 )
 from ins.columns import AXES as AXES
 from ins.units import DEG
+from ins.verdicts import Reason, sentence
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -191,17 +192,36 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """A stretch of time and why it is named: excluded, repaired, a phase.
+    """A stretch of time and why it is named: excluded, repaired, left out by an estimator.
 
     Parameters
     ----------
     start_s, end_s : float
-    reason : str
+        Seconds from the run's start.
+    reason : Reason or str
+    run_id : str, optional
+        Where several runs share a list.
     """
 
     start_s: float
     end_s: float
-    reason: str
+    reason: Reason | str
+    run_id: str | None = field(default=None, metadata={"omit_none": True})  # of `ins.documents`
+
+    def in_words(self, run_id: str | None = None) -> "Span":
+        """The stretch as documents have it.
+
+        Parameters
+        ----------
+        run_id : str, optional
+            Where several runs share the list.
+
+        Returns
+        -------
+        span : Span
+        """
+        words = self.reason if isinstance(self.reason, str) else sentence(self.reason)
+        return replace(self, reason=str(words), run_id=run_id)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -158,22 +158,6 @@ class Reason:
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LeftOut:
-    """A stretch of time that an estimator did not use, and why.
-
-    Parameters
-    ----------
-    start_s, end_s : float
-        Seconds from the run's start.
-    reason : Reason
-    """
-
-    start_s: float
-    end_s: float
-    reason: Reason
-
-
 def because(code: ReasonCode, **values: Any) -> Reason:
     """The reason of a code with its values.
 

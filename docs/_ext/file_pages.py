@@ -16,9 +16,8 @@ from result_keys import documents
 import trajectories.runs.schema as run_schema
 from infield.table import file as table_file
 from ins import twin_file
+from ins.errors.reference import words_page
 from recal.service.inputs import config
-from simreal.effects.catalogue import catalogue
-from simreal.effects.words import FREE_WORDS, TABLE_WORDS, WORDS, EffectWords
 from trajectories.readers.rows import column_map
 from trajectories.simulator import scenario
 from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
@@ -47,7 +46,7 @@ def file_pages() -> dict[str, str]:
         "scenario": _scenario(),
         "column_map": _map(),
         "settings": _settings(),
-        "effects": _effects(),
+        "effects": words_page(),
         "results": _results(),
     }
     return {"index": _index(pages), **pages}
@@ -224,55 +223,6 @@ def _settings() -> str:
         rows = _record_rows(kind, config.setting_names(kind))
         lines += [f"## [{name}]", "", *_doc(kind), *HEAD, *rows, ""]
     return "\n".join(lines)
-
-
-def _effects() -> str:
-    lines = [
-        "# Effects",
-        "",
-        "The catalogue of `recal diagnose`, `recal plan` and of a twin's `effects`.",
-        "",
-    ]
-    lines += [
-        "| effect | id | targets | parameters: usual size | rivals |",
-        "|---|---|---|---|---|",
-    ]
-    for e in sorted(catalogue(), key=lambda e: (e.name, e.id)):
-        linear = [f"`{c.name}`: {c.low:g} to {c.high:g} {c.unit}" for c in e.coefficients]
-        shape = [f"`{s.name}`: {s.low:g} to {s.high:g} {s.unit}" for s in e.shape]
-        rivals = _names(dict.fromkeys(e.rivals))
-        lines.append(
-            f"| `{e.name}` | `{e.id}` | {_names(e.targets)} | {'; '.join(linear + shape)} |"
-            f" {rivals} |"
-        )
-    lines += ["", "## What they are", ""]
-    for name in sorted(WORDS):
-        lines += _effect_words(name, WORDS[name])
-    lines += [
-        "## Answers without a name",
-        "",
-        "Free functions that compete with the named effects on every channel.",
-        "",
-    ]
-    for name in sorted(FREE_WORDS):
-        lines += _effect_words(name, FREE_WORDS[name])
-    lines += ["## The table itself", ""]
-    for name in sorted(TABLE_WORDS):
-        lines += _effect_words(name, TABLE_WORDS[name])
-    return "\n".join(lines)
-
-
-def _effect_words(name: str, words: EffectWords) -> list[str]:
-    return [
-        f"### {name}",
-        "",
-        words.what,
-        "",
-        f"- Brought on by: {words.brought_on_by}",
-        f"- Size: {words.size}",
-        f"- What to do: {words.remedy}",
-        "",
-    ]
 
 
 def _results() -> str:

@@ -36,11 +36,12 @@ from infield.aided.noise import (
     with_types,
     with_unshown,
 )
+from ins.errors.catalogue import prior
 from ins.filters.aided_records import AidedHistory, Antenna
 from ins.robust import chi2
 
-PRIOR_ARM_M = 2.0
-PRIOR_DELAY_S = 0.3
+PRIOR_ARM_M = prior("gnss_lever_arm_or_latency", "replay", "arm").size
+PRIOR_DELAY_S = prior("gnss_lever_arm_or_latency", "replay", "latency").size
 FREED_GAIN_NATS = 7.0  # for each thing that is freed
 PASSES = 4  # of a free flight, each begun where the last one ended
 SETTLED_S, SETTLED_M = 0.003, 0.1  # 0.003 s at 30 m/s is 0.09 m, as much as the other

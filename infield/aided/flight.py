@@ -55,19 +55,11 @@ from infield.aided.smoothing import smooth_all_headings, smooth_flight
 from infield.aided.start import FoundStart
 from infield.aided.taken import antenna_notes, fixes_note, noise_notes, unbelieved
 from infield.aided.wheels import Mounting, seen_wheels
+from ins.errors.catalogue import prior
+from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
-from ins.noise import (
-    ACCEL_SCALE_ppm,
-    ACCEL_SLOPE_ug_degC,
-    DEFAULT_SIGMA_deg_h,
-    DEFLECTION_arcsec,
-    GYRO_SCALE_ppm,
-    MISALIGNMENT_mrad,
-    accel_densities,
-    flicker_walk,
-    gyro_densities,
-)
+from ins.noise import accel_densities, flicker_walk, gyro_densities
 from ins.records import ImuSource, Run, TemperatureLog, TwinModel
 from ins.units import (
     ARCSEC,
@@ -180,10 +172,14 @@ def aided_noise(twin: TwinModel, technology: str | None = None) -> AidedNoise:
     scale = misaligned = accel_scale = 0.0
     if technology is not None:
         measured = np.array(gyro.sigma_misalignment_mrad)
-        mrad = measured.max() if (measured > 0.0).all() else MISALIGNMENT_mrad[technology]
+        mrad = (
+            measured.max()
+            if (measured > 0.0).all()
+            else prior("gyro_misalignment_x", "replay").each()[technology]
+        )
         misaligned = float(mrad) * MILLIRADIAN
-        scale = GYRO_SCALE_ppm[technology] * PPM
-        accel_scale = ACCEL_SCALE_ppm[technology] * PPM
+        scale = prior("gyro_scale_factor", "replay").each()[technology] * PPM
+        accel_scale = prior("accel_scale_factor", "replay").each()[technology] * PPM
     return AidedNoise(
         gyro_scale=scale,
         misalignment_rad=misaligned,
@@ -217,8 +213,8 @@ def warmed_accel_walk(run: Run) -> float:
     """The random walk of the accelerometers' biases [m/s^2/sqrt(s)] that their slope over
     temperature makes of a run's warming.
     """
-    slope = ACCEL_SLOPE_ug_degC[run.header.gyro_technology] * MICRO_G
-    return slope * warming_walk(run.temperature)
+    slope = prior("accel_thermal", "replay", "linear").each()[run.header.gyro_technology]
+    return slope * MICRO_G * warming_walk(run.temperature)
 
 
 def navigate_aided(
@@ -267,7 +263,7 @@ def navigate_aided(
     warmed = warmed_accel_walk(run)
     noise = replace(noise, accel_walk=float(np.hypot(noise.accel_walk, warmed)))
     if header.gyro_technology in LEVEL_UNITS:
-        noise = replace(noise, deflection_rad=DEFLECTION_arcsec * ARCSEC)
+        noise = replace(noise, deflection_rad=prior("vertical_deflection", "replay").size * ARCSEC)
     sky = Sky(
         imu=imu,
         fixes=fixes,

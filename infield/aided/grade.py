@@ -6,7 +6,7 @@ everywhere else; `inconsistent` is left for what speaks against all of it
 (`infield.aided.flight.judged`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,11 +29,15 @@ TOGETHER_S, FEWEST_REJECTED = 10.0, 3
 
 @dataclass(frozen=True, kw_only=True)
 class Weak:
-    """A stretch in which a solution is degraded."""
+    """A stretch in which a solution is degraded, why, and that in words."""
 
     start_s: float
     end_s: float
     why: AidedWeakness
+    words: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "words", self.why.template)
 
 
 def graded(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.gyrocompass import nis_verdict
+from ins.errors.catalogue import prior
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
 from ins.robust import chi2
@@ -94,9 +95,9 @@ class NoiseScales:
     position: float = 1.0
     velocity: float = 1.0
     slow: float = 0.0
-    slow_s: float = 200.0
+    slow_s: float = prior("gnss_slow_error", "replay", "position").scale
     slow_velocity: float = 0.0
-    slow_velocity_s: float = 3.0
+    slow_velocity_s: float = prior("gnss_slow_error", "replay", "velocity").scale
     slow_other: float = 0.0
 
     @property

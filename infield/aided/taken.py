@@ -21,16 +21,23 @@ LEAST_APART_S = 0.02  # between the delays of positions and velocities, to be to
 APART_SIGMAS = 4.0  # of the difference of the two delays, likewise
 # chosen: of a fix whose sigmas are right, that it is farther off than that: 1 of 1000
 FAR_PROBABILITY = 1e-3
+FIX_TYPE_NAMES = {
+    FixType.SINGLE: "single",
+    FixType.DIFFERENTIAL: "corrected",
+    FixType.FLOAT: "float",
+    FixType.FIXED: "fixed",
+}
+UNKNOWN = "unknown"  # of a fix whose receiver does not say its type
 
 
 @dataclass(frozen=True, kw_only=True)
 class TypeShare:
-    """Fixes of one type (None: unknown) that were seen, how many positions and velocities of them
+    """Fixes of one type that were seen, how many positions and velocities of them
     were rejected, how many fixes were bad: rejected, or used and farther off than one in a thousand
     is; and the share of these.
     """
 
-    fix_type: FixType | None
+    fix_type: str
     count: int
     rejected_position: int
     rejected_velocity: int
@@ -42,21 +49,19 @@ def shares_by_type(history: AidedHistory, fixes: Fixes) -> tuple[TypeShare, ...]
     """How many of the fixes of each type were bad, in order of types, unknown ones last."""
     seen = np.isfinite(history.nis).any(axis=1)
     known = [float(kind) for kind in FixType]
-    of_kinds: list[tuple[FixType | None, NDArray]] = [
-        (kind, seen & (fixes.fix_type == kind)) for kind in FixType
-    ]
-    of_kinds.append((None, seen & ~np.isin(fixes.fix_type, known)))
-    return tuple(_share(history, kind, rows) for kind, rows in of_kinds if rows.any())
+    of_types = {name: seen & (fixes.fix_type == kind) for kind, name in FIX_TYPE_NAMES.items()}
+    of_types[UNKNOWN] = seen & ~np.isin(fixes.fix_type, known)
+    return tuple(_share(history, name, rows) for name, rows in of_types.items() if rows.any())
 
 
-def _share(history: AidedHistory, kind: FixType | None, rows: NDArray) -> TypeShare:
+def _share(history: AidedHistory, name: str, rows: NDArray) -> TypeShare:
     from ins.filters.aided_kernel import REJECTED
 
     rejected = history.used[rows] == REJECTED
     far = np.nan_to_num(history.nis[rows]) > chi2.isf(FAR_PROBABILITY, 3)
     bad = int((rejected | far).any(axis=1).sum())
     return TypeShare(
-        fix_type=kind,
+        fix_type=name,
         count=int(rows.sum()),
         rejected_position=int(rejected[:, 0].sum()),
         rejected_velocity=int(rejected[:, 1].sum()),

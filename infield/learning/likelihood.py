@@ -25,7 +25,8 @@ from infield.learning.kept import KeptSession, KeptUnit, covering, curve_rows
 from infield.learning.parameters import OF_POINTS, OUTLIER_SIZE, PriorName, defaults_of, logs_of
 from infield.table.merge import bin_edges
 from infield.table.thermal_table import ThermalTable
-from ins.noise import DEFAULT_SIGMA_deg_h, flicker_covariance, random_walk_covariance
+from ins.errors.table import DEFAULT_SIGMA_deg_h
+from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import AXES
 from ins.units import HOUR
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from infield.table.prior import KERNEL_LENGTH_degC
 from infield.table.thermal_table import AgeingModel
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.catalogue import prior
+from ins.errors.table import TABLE_AGED, DEFAULT_SIGMA_deg_h
 from ins.twin_file import default_twin
 
 
@@ -57,12 +58,7 @@ WIDTHS: Mapping[PriorName, float] = {
 # sheets give as spread of one model (25 %)
 TYPE_SPREAD = 0.3
 UNIT_SPREAD = 0.25
-DEFAULT_CRAB_MRAD = 10.0  # infield.session.settings, sigma_crab_mrad
 DEFAULT_OUTLIER_SHARE = 0.02  # of sessions that the gates let pass; docs/rates_gate.md
-# ageing in a year relative to the sigma of a unit without a table: 0.006 and 0.004 of 0.01 deg/h
-# (the Monte Carlo of physics.md 6.8)
-AGEING_COMMON_SHARE = 0.6
-AGEING_SHAPE_SHARE = 0.4
 # size of an outlier's common shift relative to the sigma of a unit without a table: 0.05 deg/h for
 # ring lasers, the step of requirement R16
 OUTLIER_SIZE = 5.0
@@ -75,12 +71,12 @@ def defaults_of(technology: str) -> dict[PriorName, float]:
         PriorName.TURN_ON: twin.gyro.turn_on_deg_h,
         PriorName.FLICKER: twin.gyro.bias_instability_deg_h,
         PriorName.RANDOM_WALK: twin.gyro.rate_random_walk_deg_h_sqrt_h,
-        PriorName.AGEING_COMMON: AGEING_COMMON_SHARE * sigma,
-        PriorName.AGEING_SHAPE: AGEING_SHAPE_SHARE * sigma,
+        PriorName.AGEING_COMMON: prior(TABLE_AGED, "learning", "common").size * sigma,
+        PriorName.AGEING_SHAPE: prior(TABLE_AGED, "learning", "shape").size * sigma,
         PriorName.LENGTH: KERNEL_LENGTH_degC,
         PriorName.YAW_CREEP: twin.vehicle.yaw_creep_arcsec_sqrt_h,
         PriorName.OUTLIER_SHARE: DEFAULT_OUTLIER_SHARE,
-        PriorName.CRAB: DEFAULT_CRAB_MRAD,
+        PriorName.CRAB: prior("odometer_boresight", "learning").size,
     }
 
 

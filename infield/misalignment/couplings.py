@@ -2,7 +2,7 @@
 what given headings are worth beside what the gyros say.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,7 @@ from infield.misalignment.geometry import Geometry, azimuth_geometry
 from infield.misalignment.harmonic_fit import COUPLINGS, AzimuthFit, azimuth_columns, fit_azimuths
 from infield.misalignment.reasons import MisalignmentNote, MisalignmentReason, MisalignmentVerdict
 from infield.misalignment.settings import AzimuthSettings
+from ins.documents import UNWRITTEN
 from ins.records import AXES
 from ins.units import ARCSEC, DEG, MILLIRADIAN
 from ins.verdicts import Observability, Reason, because
@@ -29,11 +30,17 @@ NOT_AT_ONE_ATTITUDE = ("xz", "yz", "z own axis")
 
 @dataclass(frozen=True, kw_only=True)
 class CouplingEstimate:
-    """One coefficient with its sigma [rad] and what that is worth beside the prior."""
+    """One coefficient with its sigma and what that is worth beside the prior; the values in border
+    units are NaN (null in the file) where the data do not see it.
+    """
 
-    name: str
-    value_rad: float
-    sigma_rad: float
+    entry: str
+    value_rad: float = field(metadata=UNWRITTEN)
+    sigma_rad: float = field(metadata=UNWRITTEN)
+    value_arcsec: float
+    sigma_arcsec: float
+    value_mrad: float
+    sigma_mrad: float
     verdict: Observability
 
 
@@ -52,7 +59,7 @@ class Misalignment:
     couplings: tuple[CouplingEstimate, ...] = ()
 
     def coupling(self, name: str) -> CouplingEstimate:
-        return next(c for c in self.couplings if c.name == name)
+        return next(c for c in self.couplings if c.entry == name)
 
 
 def measure_misalignment(
@@ -164,8 +171,16 @@ def _weights(**of_coupling: float) -> NDArray:
 def _judged(name: str, value: float, sigma: float, prior: float) -> CouplingEstimate:
     """The verdict by what the sigma is after the measurement over what it was before."""
     ratio = 1.0 / np.sqrt(1.0 + (prior / sigma) ** 2)
+    seen = value if np.isfinite(sigma) else float("nan")
     return CouplingEstimate(
-        name=name, value_rad=value, sigma_rad=sigma, verdict=Observability.of(float(ratio))
+        entry=name,
+        value_rad=value,
+        sigma_rad=sigma,
+        value_arcsec=seen / ARCSEC,
+        sigma_arcsec=sigma / ARCSEC,
+        value_mrad=seen / MILLIRADIAN,
+        sigma_mrad=sigma / MILLIRADIAN,
+        verdict=Observability.of(float(ratio)),
     )
 
 

@@ -1,6 +1,6 @@
 """What azimuths alone allow: their rank, and how near they are to four places 90 deg apart."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from infield.misalignment.harmonic_fit import harmonics
 from infield.misalignment.reasons import MisalignmentReason
 from infield.misalignment.settings import MAX_OFF_DEG
+from ins.documents import UNWRITTEN
 from ins.units import DEG
 from ins.verdicts import Reason, because
 
@@ -17,22 +18,24 @@ RANK_TOLERANCE = 0.02
 ROUNDING_DEG = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Geometry:
     """What the azimuths alone allow: rank and condition number of [1, cosH, sinH], and the four
     places.
 
     origin_deg: of the cross 0, 90, 180, 270 deg that they stand on; missing_deg: places where
-    nothing stood within 45 deg; off_deg: of the stop nearest to each place from it, the largest;
-    reasons: why four azimuths are not there.
+    nothing stood within 45 deg; largest_off_deg: of the stop nearest to each place from it;
+    limit_off_deg: of that; reasons: why four azimuths are not there.
     """
 
     rank: int
+    needed: int = 3
     condition: float
     origin_deg: float
     missing_deg: tuple[float, ...]
-    off_deg: float
-    reasons: tuple[Reason, ...]
+    largest_off_deg: float
+    limit_off_deg: float
+    reasons: tuple[Reason, ...] = field(metadata=UNWRITTEN)
 
 
 def azimuth_geometry(heading_rad: ArrayLike, *, max_off_deg: float = MAX_OFF_DEG) -> Geometry:
@@ -66,7 +69,15 @@ def azimuth_geometry(heading_rad: ArrayLike, *, max_off_deg: float = MAX_OFF_DEG
                 rank=rank,
             )
         )
-    return Geometry(rank, condition, origin, missing, off, tuple(reasons))
+    return Geometry(
+        rank=rank,
+        condition=condition,
+        origin_deg=origin,
+        missing_deg=missing,
+        largest_off_deg=off,
+        limit_off_deg=max_off_deg,
+        reasons=tuple(reasons),
+    )
 
 
 def _cross(heading: NDArray, first_rad: float) -> tuple[float, tuple[float, ...], float]:

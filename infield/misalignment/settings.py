@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from ins.errors.catalogue import prior
+
 MAX_OFF_DEG = 2.0  # of an azimuth from its nominal place (requirements R21)
-# what a coupling may be before it is measured, 1 sigma: 206 arcsec, a machined block
-PRIOR_MRAD = 1.0
 # a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
 SHORTEST_STOP_S = 300.0
 # of the error that all given headings share, 1 sigma: docs/reference/formats.md section 6
@@ -20,6 +20,6 @@ class AzimuthSettings:
 
     shortest_s: float = SHORTEST_STOP_S
     max_off_deg: float = MAX_OFF_DEG
-    prior_mrad: float = PRIOR_MRAD
+    prior_mrad: float = prior("gyro_misalignment_x", "azimuths").size
     sigma_mounting_arcsec: float | None = None
     sigma_heading_deg: float = SIGMA_HEADING_DEG

@@ -351,12 +351,12 @@ def _usable(result: Misalignment) -> dict[str, tuple[float, float]]:
     if result.verdict is not MisalignmentVerdict.MEASURED:
         return {}
     seen = {
-        c.name: (c.value_rad, c.sigma_rad)
+        c.entry: (c.value_rad, c.sigma_rad)
         for c in result.couplings
         if c.verdict is not Observability.NOT_OBSERVABLE
     }
     both = seen.pop("xy+yx", None)
-    pair = [c for c in result.couplings if c.name in ("xy", "yx")]
+    pair = [c for c in result.couplings if c.entry in ("xy", "yx")]
     if both is not None and all(c.verdict is not Observability.OBSERVED for c in pair):
         seen |= dict.fromkeys(("xy", "yx"), (both[0] / 2, both[1] / 2))
     return seen

@@ -14,11 +14,12 @@ rate: 60 NM/h for each deg/h over whole periods of 84.4 min, and between 0 and 1
 between (physics.md 6.3).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.documents import UNWRITTEN
 from ins.earth import displacement_ned, radii_of_curvature
 from ins.records import GnssLog, NavHistory, ReferenceLog, Site
 from ins.units import HOUR, KNOT, NAUTICAL_MILE
@@ -33,12 +34,24 @@ class Drift:
     """Errors of a solution over a span, and their measures (this module's head).
 
     time_s (n,): since navigation began; position_m, velocity_m_s (n, 2): north and east, computed -
-    true.
+    true. limit_2t_2_nm, limit_3t_3_nm: of the classes, at the end.
     """
 
-    time_s: NDArray
-    position_m: NDArray
-    velocity_m_s: NDArray
+    time_s: NDArray = field(repr=False, metadata=UNWRITTEN)
+    position_m: NDArray = field(repr=False, metadata=UNWRITTEN)
+    velocity_m_s: NDArray = field(repr=False, metadata=UNWRITTEN)
+    hours: float
+    end_radial_error_m: float
+    end_radial_error_nm: float
+    max_radial_error_nm: float
+    rate_nm_h: float
+    rms_rate_nm_h: float
+    end_speed_m_s: float
+    max_speed_m_s: float
+    end_speed_kt: float
+    drift_class: str
+    limit_2t_2_nm: float
+    limit_3t_3_nm: float
 
     @property
     def radial_m(self) -> NDArray:
@@ -48,24 +61,37 @@ class Drift:
     def speed_m_s(self) -> NDArray:
         return np.linalg.norm(self.velocity_m_s, axis=1)
 
-    @property
-    def hours(self) -> float:
-        return float(self.time_s[-1] / HOUR)
 
-    @property
-    def rate_nm_h(self) -> float:
-        return float(self.radial_m[-1] / NAUTICAL_MILE / self.hours)
+def drift_of(time_s: NDArray, position_m: NDArray, velocity_m_s: NDArray) -> Drift:
+    """The measures of errors; arguments as of a `Drift`."""
+    radial_m = np.linalg.norm(position_m, axis=1)
+    speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
+    hours = float(time_s[-1] / HOUR)
+    (_, slope2, offset2), (_, slope3, offset3) = DRIFT_CLASSES
+    return Drift(
+        time_s=time_s,
+        position_m=position_m,
+        velocity_m_s=velocity_m_s,
+        hours=hours,
+        end_radial_error_m=float(radial_m[-1]),
+        end_radial_error_nm=float(radial_m[-1]) / NAUTICAL_MILE,
+        max_radial_error_nm=float(radial_m.max()) / NAUTICAL_MILE,
+        rate_nm_h=float(radial_m[-1] / NAUTICAL_MILE / hours),
+        rms_rate_nm_h=float(np.sqrt(np.mean(radial_m**2) / np.mean(time_s**2)) / KNOT),
+        end_speed_m_s=float(speed_m_s[-1]),
+        max_speed_m_s=float(speed_m_s.max()),
+        end_speed_kt=float(speed_m_s[-1]) / KNOT,
+        drift_class=_drift_class(time_s, radial_m),
+        limit_2t_2_nm=slope2 * hours + offset2,
+        limit_3t_3_nm=slope3 * hours + offset3,
+    )
 
-    @property
-    def rms_rate_nm_h(self) -> float:
-        return float(np.sqrt(np.mean(self.radial_m**2) / np.mean(self.time_s**2)) / KNOT)
 
-    @property
-    def drift_class(self) -> str:
-        for name, slope, offset in DRIFT_CLASSES:
-            if np.all(self.radial_m <= (slope * self.time_s / HOUR + offset) * NAUTICAL_MILE):
-                return name
-        return f"beyond {DRIFT_CLASSES[-1][0]}"
+def _drift_class(time_s: NDArray, radial_m: NDArray) -> str:
+    for name, slope, offset in DRIFT_CLASSES:
+        if np.all(radial_m <= (slope * time_s / HOUR + offset) * NAUTICAL_MILE):
+            return name
+    return f"beyond {DRIFT_CLASSES[-1][0]}"
 
 
 def parked_drift(history: NavHistory, site: Site, until_s: float) -> Drift:
@@ -80,7 +106,7 @@ def parked_drift(history: NavHistory, site: Site, until_s: float) -> Drift:
         lon0_rad=site.lon_rad,
         height0_m=site.height_m,
     )
-    return Drift(
+    return drift_of(
         time_s=history.time_s[rows] - history.time_s[0],
         position_m=position,
         velocity_m_s=history.v_n_m_s[rows, :2],
@@ -125,7 +151,7 @@ def drift_against(
     )
     velocity = v + turn_n[:, :2] - other.v_n_m_s[used, :2]
     before = other.time_s <= min(t0 + 1.0, t1)
-    return Drift(
+    return drift_of(
         time_s=t[after] - t0,
         position_m=position[after] - _offset(history, other, before, arm_n[0, :2]),
         velocity_m_s=velocity[after],

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n, radii_of_curvature
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
+from ins.estimation.tape import GYRO
 from ins.noise import accel_densities, gyro_densities
 from ins.records import Site, TwinModel
 from ins.units import DEG_PER_HOUR, KNOT, MICRO_G
@@ -64,10 +65,10 @@ def predict_parked(
 
     Notes
     -----
-    The alignment leaves tilts that balance the accelerometer biases and, for heading,
-    psi = -eps_E / (Omega cosL) + (del_E / g) tanL with eps_E its mean east gyro error (physics.md
-    6.4): so a constant east bias does not drift at the parked heading, and the angle random walk of
-    the alignment does. From there on ins.filters.error_model, in steps of at most 10 s. Left out:
+    The alignment leaves tilts that balance the accelerometer biases and, for heading, psi = -eps_E
+    / (Omega cosL) + (del_E / g) tanL with eps_E its mean east gyro error (physics.md 6.4): so a
+    constant east bias does not drift at the parked heading, and the angle random walk of the
+    alignment does. From there on ins.estimation.error_model, in steps of at most 10 s. Left out:
     yaw creep and sway of the aircraft (no inertial errors), the velocity error at the start (it is
     set to zero, true to the sway).
     """
@@ -89,9 +90,10 @@ def predict_parked(
         j = int(
             np.clip(np.searchsorted(edges_s, 0.5 * (times[k] + times[k - 1])) - 1, 0, count - 1)
         )
-        response[:, 3 * j : 3 * j + 3] += Gamma * DEG_PER_HOUR
-        total = np.diag(response[:4] @ inputs @ response[:4].T + P[:4, :4])
-        variance[k] = total[em.W].sum(), total[em.POS].sum()
+        response[:, 3 * j : 3 * j + 3] += Gamma[:, GYRO : GYRO + 3] * DEG_PER_HOUR
+        for column, errors in enumerate((em.W, em.POS)):
+            of_inputs = response[errors] @ inputs @ response[errors].T
+            variance[k, column] = np.trace(of_inputs + P[errors, errors])
     return DriftPrediction(
         time_s=times[1:] - start_s,
         sigma_speed_m_s=np.sqrt(variance[1:, 0]),
@@ -112,7 +114,7 @@ def level_shares(edges_s: NDArray, C_nb: NDArray, span: tuple[float, float]) -> 
 def _at_alignment(
     edges_s: NDArray, site: Site, C_nb: NDArray, alignment: tuple[float, float]
 ) -> NDArray:
-    """Errors (35, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of
+    """Errors (42, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of
     accelerometer bias.
     """
     count = len(edges_s) - 1
@@ -131,7 +133,7 @@ def _at_alignment(
 def _parked_step(
     site: Site, C_nb: NDArray, twin: TwinModel, dt_s: float
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Phi, Gamma, Q of a parked step (ins.filters.error_model)."""
+    """Phi, Gamma, Q of a parked step (ins.estimation.error_model)."""
     step = em.Step(
         dt_s=dt_s,
         C_nb=C_nb,

@@ -19,7 +19,8 @@ from infield.replay.reasons import SchulerReason
 from infield.table.least_squares import fit_rows
 from ins.earth import gravity_magnitude, radii_of_curvature
 from ins.records import Site
-from ins.verdicts import Reason, because
+from ins.units import MINUTE
+from ins.verdicts import Reason, because, sentence
 
 LEAST_PERIODS = 0.75  # of record, or a trend cannot be told from a swing
 RANGE_S = (30.0 * 60.0, 240.0 * 60.0)  # periods that are looked for
@@ -31,15 +32,16 @@ LEAST_SIGMAS = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class SchulerFit:
-    """period_s with sigma and the swing's amplitude [m/s], NaN where refused for `reason`;
-    expected_s: 2 pi sqrt(R/g).
+    """The period with its sigma and the swing's amplitude, NaN where refused for a reason;
+    expected: 2 pi sqrt(R/g).
     """
 
-    expected_s: float
-    reason: Reason | None = None
-    period_s: float = float("nan")
-    sigma_s: float = float("nan")
+    period_min: float = float("nan")
+    sigma_period_min: float = float("nan")
     amplitude_m_s: float = float("nan")
+    expected_period_min: float
+    reason: str = ""
+    reason_code: str | None = None
 
 
 def expected_period_s(site: Site) -> float:
@@ -55,13 +57,13 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
     length = 0.0 if parked is None else float(parked.time_s[-1])
     if parked is None or length < needed:
         short = because(SchulerReason.PARKED_TOO_SHORT, parked_s=length, needed_s=needed)
-        return SchulerFit(expected_s=expected, reason=short)
+        return _refused(expected, short)
     t, v = _minutes(parked)
     root = np.eye(len(t))
     for _ in range(3):  # ordinary least squares first, then weighted by what it left
         best = _frequency(t, v, root)
         if best is None:
-            return SchulerFit(expected_s=expected, reason=because(SchulerReason.NO_SWING))
+            return _refused(expected, because(SchulerReason.NO_SWING))
         w = best
         left = v - _columns(w, t) @ _solved(w, t, v, root)[0]
         root = _whitening(left)
@@ -71,11 +73,22 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
     rms = float(np.sqrt(np.mean(left**2)))
     if amplitude < LEAST_SIGMAS * rms:
         small = because(SchulerReason.SMALL_SWING, amplitude_m_s=amplitude, left_m_s=rms)
-        return SchulerFit(expected_s=expected, reason=small)
+        return _refused(expected, small)
     if not sigma < LARGEST_SIGMA_S:
         unsure = because(SchulerReason.UNSURE, sigma_s=sigma, needed_s=LARGEST_SIGMA_S)
-        return SchulerFit(expected_s=expected, reason=unsure)
-    return SchulerFit(expected_s=expected, period_s=period, sigma_s=sigma, amplitude_m_s=amplitude)
+        return _refused(expected, unsure)
+    return SchulerFit(
+        period_min=period / MINUTE,
+        sigma_period_min=sigma / MINUTE,
+        amplitude_m_s=amplitude,
+        expected_period_min=expected / MINUTE,
+    )
+
+
+def _refused(expected_s: float, why: Reason) -> SchulerFit:
+    return SchulerFit(
+        expected_period_min=expected_s / MINUTE, reason=sentence(why), reason_code=why.code.value
+    )
 
 
 def _minutes(parked: Drift) -> tuple[NDArray, NDArray]:

@@ -16,6 +16,7 @@ from alignment.motion.stillness import Motion
 from alignment.motion.timeline import BRAKING_S
 from infield.replay.drift import REALIGN_M_S
 from ins.records import NavHistory
+from ins.units import KNOT
 
 
 @dataclass(frozen=True)
@@ -31,19 +32,17 @@ class StopInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class StopSpeed:
-    """Computed ground speed [m/s] while the vehicle stands: all of it is error. seen_by: as of a
-    Stop.
+    """Computed ground speed while the vehicle stands, all of it error: median and largest. realign:
+    it is above REALIGN_M_S; seen_by: as of a StopInterval.
     """
 
     start_s: float
     end_s: float
-    median_m_s: float
+    ground_speed_m_s: float
+    ground_speed_kt: float
     max_m_s: float
-    seen_by: Witness = Witness.ROWS
-
-    @property
-    def realign(self) -> bool:
-        return self.median_m_s > REALIGN_M_S
+    realign: bool
+    seen_by: Witness
 
 
 def find_stops(motion: Motion, steady: NDArray) -> tuple[StopInterval, ...]:
@@ -70,10 +69,13 @@ def _seen_by(motion: Motion, start_s: float, end_s: float) -> Witness:
 def stop_speed(history: NavHistory, stop: StopInterval) -> StopSpeed:
     rows = (history.time_s >= stop.start_s) & (history.time_s <= stop.end_s)
     speed = np.linalg.norm(history.v_n_m_s[rows, :2], axis=1)
+    median_m_s = float(np.median(speed))
     return StopSpeed(
         start_s=stop.start_s,
         end_s=stop.end_s,
-        median_m_s=float(np.median(speed)),
+        ground_speed_m_s=median_m_s,
+        ground_speed_kt=median_m_s / KNOT,
         max_m_s=float(speed.max()),
+        realign=median_m_s > REALIGN_M_S,
         seen_by=stop.seen_by,
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.reports.documents.fog import CurveDocument, FittedAxis, FogDocument
+from infield.reports.documents.fog import FittedAxis, FogDocument
 from infield.reports.drawing import (
     DASHED,
     DOT,
@@ -20,7 +20,8 @@ from infield.reports.drawing import (
 )
 from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.page import render_page
-from infield.thermal.fog.model import HeldOutResidual, curve_from
+from infield.thermal.fog.model import HeldOutResidual
+from infield.thermal.fog.piecewise import Piecewise
 from infield.thermal.reasons import ThermalVerdict
 from ins.documents import plain
 from ins.records import AXES
@@ -49,7 +50,7 @@ class _Coefficient:
     value: Sequence[float]
     sigma: Sequence[float]
     subtracted: Sequence[float] | None
-    curve: CurveDocument
+    curve: Piecewise
     less_mean: bool = False
 
 
@@ -97,7 +98,7 @@ def coefficient_panels(axis: str, fitted: FittedAxis) -> list[Panel]:
         if row.subtracted is not None:
             subtracted = np.array(row.subtracted, dtype=float)
             items.append(Line(T, subtracted, OLD, "subtraction", dash=DASHED))
-        pieces = curve_from(plain(row.curve))(T)
+        pieces = row.curve(T)
         if row.less_mean:
             pieces = pieces - np.mean(pieces)
         items.append(Line(T, pieces, BLACK, "piecewise", width=1.3, dash=DOTTED))

@@ -4,8 +4,9 @@ curve needs.
 
 import numpy as np
 
+from infield.misalignment.couplings import CouplingEstimate
 from infield.misalignment.reasons import MisalignmentVerdict
-from infield.reports.documents.misalignment import CouplingDocument, MisalignmentDocument
+from infield.reports.documents.misalignment import MisalignmentDocument
 from infield.reports.drawing import DOTTED, Boxes, Item, Line, Marks, Panel, rows_height
 from infield.reports.figures import BLACK, BLUE, GREY, VERMILLION
 from infield.reports.page import number, render_page
@@ -59,7 +60,7 @@ def headline(document: MisalignmentDocument) -> str:
     return f"{told} arcsec"
 
 
-def _seen(document: MisalignmentDocument) -> list[CouplingDocument]:
+def _seen(document: MisalignmentDocument) -> list[CouplingEstimate]:
     return [c for c in document.couplings if c.verdict is not Observability.NOT_OBSERVABLE]
 
 

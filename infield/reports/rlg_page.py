@@ -87,9 +87,9 @@ def fit_panels(a: AxisModel, run: GradientRun, reference_degC: float) -> list[Pa
 
 def order_panel(a: AxisModel) -> Panel:
     """Held-out chi2 a row over the number of terms; the chosen order marked."""
-    sizes = np.array([len(c.used) for c in a.orders], dtype=float)
-    chi2 = np.array([c.chi2 for c in a.orders])
-    chosen = np.array([float(len(a.used))]), np.array([a.choice.chi2])
+    sizes = np.array([len(c.terms) for c in a.orders], dtype=float)
+    chi2 = np.array([c.held_out_chi2 for c in a.orders])
+    chosen = np.array([float(len(a.used))]), np.array([a.choice.held_out_chi2])
     return Panel(
         items=[
             Line(sizes, chi2, GREY),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.session import HEATING_DEG_C_MIN
 from infield.reports.documents.session_records import ChainRow, EstimatedDocument, SessionDocument
-from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.update_records import PointDocument, UpdateDocument
 from infield.reports.drawing import (
     DASH_DOT,
@@ -43,7 +42,7 @@ from infield.reports.figures import (
     thinned,
 )
 from infield.table.thermal_table import ThermalTable
-from ins.records import AXES
+from ins.records import AXES, Span
 from ins.verdicts import Observability
 
 SESSION_COLOURS = (BLACK, GREEN, PURPLE, ORANGE, SKY)  # of the runs' points, in turn
@@ -266,7 +265,7 @@ def _plain(text: str, longest: int = 32) -> str:
     return str(text).encode("ascii", "replace").decode()[:longest]
 
 
-def timeline_panels(session: SessionDocument, spans: Sequence[SpanDocument]) -> list[Panel]:
+def timeline_panels(session: SessionDocument, spans: Sequence[Span]) -> list[Panel]:
     """Gyro temperatures, heading and velocity over the run: phases as strips, excluded spans
     shaded; empty where there is nothing.
     """

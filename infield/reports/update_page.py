@@ -19,22 +19,21 @@ from infield.reports.documents.session_records import (
     SessionDocument,
     TemperatureDocument,
 )
-from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.update_records import (
     ChangeDocument,
     ConsistencyDocument,
     HysteresisDocument,
-    ObservedDocument,
     UpdateDocument,
     VarianceShares,
 )
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
 from infield.reports.table_known import TableKnown, table_known
+from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
-from ins.records import AXES, TableDocument
+from ins.records import AXES, Span, TableDocument
 from ins.verdicts import Observability, Outcome
 
 VERDICTS: dict[str, tuple[str, str, str]] = {  # verdict: word, look, symbol
@@ -90,7 +89,7 @@ class AxisView:
     """What the first card says of one gyro."""
 
     axis: str
-    seen: ObservedDocument | None
+    seen: AxisObservability | None
     word: str
     look: str
     help: str
@@ -107,7 +106,7 @@ class SessionView:
 
     run: SessionDocument
     number: int
-    spans: Sequence[SpanDocument]
+    spans: Sequence[Span]
     span_totals: Sequence[tuple[str, int, float]]
     timeline: Sequence[Panel]
     residuals: Sequence[Panel]
@@ -328,7 +327,7 @@ def _axis(document: UpdateDocument, axis: str, known: Mapping[str, TableKnown]) 
     )
 
 
-def _help(document: UpdateDocument, seen: ObservedDocument | None) -> str:
+def _help(document: UpdateDocument, seen: AxisObservability | None) -> str:
     """What would make this gyro better known."""
     if document.verdict == Outcome.INCONSISTENT:
         return "explain the contradiction first"
@@ -375,7 +374,7 @@ def _session(document: UpdateDocument, k: int) -> SessionView:
     spans = _spans(document, k)
     reasons: dict[str, list[float]] = {}
     for span in spans:
-        reasons.setdefault(span.reason, []).append(span.end_s - span.start_s)
+        reasons.setdefault(str(span.reason), []).append(span.end_s - span.start_s)
     chain = [figures.chain_panel(session, way) for way in ("north", "east")]
     residuals = {axis: figures.residual_panel(session, axis) for axis in AXES}
     return SessionView(
@@ -391,7 +390,7 @@ def _session(document: UpdateDocument, k: int) -> SessionView:
     )
 
 
-def _spans(document: UpdateDocument, k: int) -> list[SpanDocument]:
+def _spans(document: UpdateDocument, k: int) -> list[Span]:
     """What was excluded of the run, told at the first run of its id."""
     run_id = document.sessions[k].run_id
     if any(s.run_id == run_id for s in document.sessions[:k]):

@@ -32,7 +32,7 @@ from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import SessionSettings, misalignment_sigma_mrad
 from infield.table.merge import common_parts, session_covariance
 from infield.table.thermal_table import ThermalTable
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, GyroNoise, TwinModel
 from ins.verdicts import Observability, Outcome
 

@@ -18,7 +18,8 @@ from infield.session.bins import SessionBins
 from infield.session.reasons import Nuisance, VarianceSource
 from infield.table.merge import UNOBSERVED, MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
-from ins.verdicts import LeftOut, Reason, because
+from ins.records import Span
+from ins.verdicts import Reason, because
 
 # of what a session took from its prior in any direction, after two estimates of it were averaged;
 # chosen: of 0.2, 0.5 and 0.8, 24 ring-laser flights were off by 0.95, 0.97 and 0.98 of their sigmas
@@ -73,7 +74,7 @@ class ParkedEvidence:
     used_s: NDArray
     earth: SessionEarth
     turns: tuple[HeadingChange, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[Span, ...]
     shape_dof: int
     shape_nis: float
     shape_nis_compensated: float
@@ -179,7 +180,7 @@ class BegunInMotion:
 
     time_s: float
     method: str
-    sigma_heading_rad: float
+    sigma_heading_mrad: float
     parked_s: float
 
 

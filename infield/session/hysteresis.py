@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from infield.session.bins import SessionBins
 from infield.session.reasons import ThermalAction, ThermalKind
 from infield.table.thermal_table import ThermalTable
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES
 from ins.verdicts import Reason, because
 

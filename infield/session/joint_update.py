@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from infield.session.acceptance import judge_merge
 from infield.session.bins import rebinned
 from infield.session.disagreement import BiasStep, utc, widened_for
-from infield.session.flown.worth import LEAST_FLIGHTS, FlightTerm
+from infield.session.flown.worth import FlightTerm
 from infield.session.hysteresis import (
+    FOUND_SIGMAS,
     VAGUE_TERM,
     MOVED_degC_min,
     SessionLikelihood,
@@ -29,16 +30,19 @@ from infield.session.hysteresis import (
     with_free_common,
     with_terms,
 )
-from infield.session.points import measurement_information
+from infield.session.points import measurement_information, unseen_axes
 from infield.session.reasons import ThermalAction, ThermalKind, WrongFact
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.session.wrong_facts import SessionInformation, suspicions, without_lag
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import AgeingModel, ThermalTable
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, Run, TwinModel
 from ins.verdicts import Observability
+
+# of an update; chosen: 1 flight alone is told by itself (`infield.session.flown.gates`)
+LEAST_FLIGHTS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +210,7 @@ def _merged_again(
     current, again, before = table, [], None
     for session in sessions:
         current, before = walk.until(current, session.run, before), session.run
-        held = [a.axis for a in session.seen if a.verdict is Observability.NOT_OBSERVABLE]
+        held = unseen_axes(session.seen)
         data = likelihood_of(session, current, twin, settings)
         m0, C, m1, P1 = posterior_with(data, *with_terms(data, terms))
         merged = merge_posterior(current, data.bins.H, m0, C, m1, P1, held_axes=held)
@@ -271,6 +275,7 @@ def find_flight_terms(
             value_deg_h=float(found.terms[k]),
             sigma_deg_h=float(sigma[k]),
             flights=len(flown),
+            found=bool(abs(found.terms[k]) > FOUND_SIGMAS * sigma[k]),
         )
         for k, axis in enumerate(AXES)
     )

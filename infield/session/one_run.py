@@ -23,7 +23,7 @@ from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_cla
 from infield.session.navigated.estimator import AlignmentRefused, estimate_session
 from infield.session.parked.rates import estimate_parked, no_heading
 from infield.session.parked.stretches import Rests, find_rests
-from infield.session.points import observability, session_points
+from infield.session.points import observability, session_points, unseen_axes
 from infield.session.reasons import SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
@@ -46,7 +46,7 @@ from infield.thermometer.gyro_temperature import (
 )
 from ins.records import Run, TwinModel
 from ins.thermometer_faults import of_another_run
-from ins.verdicts import Observability, Outcome, Reason, because
+from ins.verdicts import Outcome, Reason, because
 
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an hour 6 min, one bin
 
@@ -135,7 +135,7 @@ def take_run(
     )
     if not verdict.accepted:
         return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
-    held = [axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE]
+    held = unseen_axes(seen)
     merged = estimate.merged_into(table, held)
     verdict = acceptance.judge_merge(merged, estimate, suspicions(estimate))
     if not verdict.accepted:

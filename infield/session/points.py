@@ -3,8 +3,8 @@
 Decision: docs/decisions/0010-points-exclude-prior.md.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -17,8 +17,9 @@ from infield.session.estimate import SessionEstimate
 from infield.session.reasons import Advice
 from infield.table.merge import SessionPoints
 from infield.table.thermal_table import ThermalTable
+from ins.documents import OMIT_NONE
 from ins.records import AXES, Run
-from ins.verdicts import WEAK_BELOW, Observability, Reason, because
+from ins.verdicts import WEAK_BELOW, Observability, because, sentence
 
 # prior of the points: this many times the table's sigma, so that they are the session's own
 VAGUE_POINT = 100.0
@@ -26,17 +27,23 @@ VAGUE_POINT = 100.0
 UNSEEN_SIGMA = WEAK_BELOW
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AxisObservability:
-    """Sigma of the session's mean bias on one axis before and after [deg/h], and the verdict on
-    it.
+    """Sigma of the session's mean bias on one axis before and after, the verdict on it, and what
+    would make the gyro better known, empty where nothing more is needed; axis: None under its key.
     """
 
-    axis: str
+    axis: str | None = field(default=None, metadata=OMIT_NONE)
     sigma_before_deg_h: float
     sigma_after_deg_h: float
-    verdict: Observability
-    advice: Reason | None
+    verdict: Observability | str
+    advice: str = ""
+
+
+def unseen_axes(seen: Sequence[AxisObservability]) -> list[str]:
+    """The axes that a session does not show."""
+    verdicts = zip(AXES, (axis.verdict for axis in seen))
+    return [axis for axis, verdict in verdicts if verdict == Observability.NOT_OBSERVABLE]
 
 
 def measurement_information(
@@ -137,12 +144,21 @@ def observability(
     found = []
     for axis, b, a in zip(AXES, before, after):
         verdict = Observability.of(a / b)
-        advice = None
+        advice = ""
         if axis in unusable:
             verdict = Observability.NOT_OBSERVABLE
-            advice = because(Advice.MEND_THERMOMETER, axis=axis, fault=unusable[axis])
+            mend = because(Advice.MEND_THERMOMETER, axis=axis, fault=unusable[axis])
+            advice = sentence(mend)
         elif verdict is not Observability.OBSERVED:
             code = moving[axis] if estimate.parked is None else Advice.PARK_FROM_COLD
-            advice = because(code)
-        found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
+            advice = sentence(because(code))
+        found.append(
+            AxisObservability(
+                axis=axis,
+                sigma_before_deg_h=float(b),
+                sigma_after_deg_h=float(a),
+                verdict=verdict,
+                advice=advice,
+            )
+        )
     return tuple(found)

@@ -6,14 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.noise import (
-    DEFLECTION_M,
-    ACCEL_SCALE_ppm,
-    ACCEL_SLOPE_ug_degC,
-    DEFLECTION_arcsec,
-    GYRO_SCALE_ppm,
-    MISALIGNMENT_mrad,
-)
+from ins.errors.catalogue import prior
 from ins.records import TwinModel
 from ins.units import ARCSEC
 
@@ -21,42 +14,43 @@ BIN_S = 300.0
 FIT: Literal["fit"] = "fit"  # of a level that the data are to find
 
 
-def _by_technology(rlg: float, fog: float, mems: float) -> dict[str, float]:
-    return {"rlg": rlg, "fog": fog, "mems": mems}
+_SLOW, _SLOW_VELOCITY = (
+    prior("gnss_slow_error", "flight", part) for part in ("position", "velocity")
+)
+_ANTENNA, _DELAY = (
+    prior("gnss_lever_arm_or_latency", "flight", part) for part in ("arm", "latency")
+)
+_DEFLECTION = prior("vertical_deflection", "flight")
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlightPriors:
-    """Prior sigmas of a flight's nuisances; each is an assumption and is named in the report.
-
-    Receivers: a single-frequency solution strays by 1 to 2 m over minutes (ionosphere, orbits);
-    positions and velocities lag by 0.1 to 0.2 s (`infield.session.navigated.nuisances`). Verticals
-    are deflected by some 5 arcsec RMS over 20 to 50 km (physics.md 8.4), in mountains by 30: "fit"
-    has the flight find both. Accelerometers of a
-    navigation-grade unit repeat their scale within 100 ppm (`infield.session.wrong_facts`); what
-    its compensation leaves of their temperature slope is taken as 0.2 micro-g per degC. What
-    vibration and pressure change in flight is taken as a tenth of the default turn-on of a gyro,
-    and as 5 micro-g of an accelerometer (quartz: some 30 micro-g per g^2 of vibration, 0.4 g in a
-    cabin).
+    """Prior sigmas of a flight's nuisances, as in the list of errors (`ins.errors`, effects.md 2d);
+    each is an assumption and is named in the report. "fit" has the flight find how far and over
+    which way the vertical is deflected.
     """
 
-    slow_position_m: float = 1.5
-    slow_position_s: float = 300.0
-    slow_velocity_m_s: float = 0.01
-    slow_velocity_s: float = 60.0
-    antenna_m: float = 0.3
-    delay_s: float = 0.3
-    accel_scale_ppm: dict[str, float] = field(default_factory=lambda: dict(ACCEL_SCALE_ppm))
+    slow_position_m: float = _SLOW.size
+    slow_position_s: float = _SLOW.scale
+    slow_velocity_m_s: float = _SLOW_VELOCITY.size
+    slow_velocity_s: float = _SLOW_VELOCITY.scale
+    antenna_m: float = _ANTENNA.size
+    delay_s: float = _DELAY.size
+    accel_scale_ppm: dict[str, float] = field(
+        default_factory=prior("accel_scale_factor", "flight").each
+    )
     accel_shift_ug: dict[str, float] = field(
-        default_factory=lambda: _by_technology(5.0, 5.0, 500.0)
+        default_factory=prior("accel_in_flight", "flight").each
     )
-    accel_slope_ug_degC: dict[str, float] = field(default_factory=lambda: dict(ACCEL_SLOPE_ug_degC))
-    misalignment_mrad: dict[str, float] = field(default_factory=lambda: dict(MISALIGNMENT_mrad))
-    shift_deg_h: dict[str, float] = field(
-        default_factory=lambda: _by_technology(0.0003, 0.0003, 3.0)
+    accel_slope_ug_degC: dict[str, float] = field(
+        default_factory=prior("accel_thermal", "flight", "linear").each
     )
+    misalignment_mrad: dict[str, float] = field(
+        default_factory=prior("gyro_misalignment_x", "flight").each
+    )
+    shift_deg_h: dict[str, float] = field(default_factory=prior("gyro_in_flight", "flight").each)
     force_deg_h_g: dict[str, float] = field(
-        default_factory=lambda: _by_technology(0.0, 0.001, 10.0)
+        default_factory=prior("gyro_g_sensitivity", "flight").each
     )
     deflection_arcsec: float | Literal["fit"] = FIT
     deflection_km: float | Literal["fit"] = FIT
@@ -74,12 +68,12 @@ class FlightPriors:
     def deflection_rad(self) -> float:
         """As given, else what is usual; likewise the length."""
         size = self.deflection_arcsec
-        return ARCSEC * (DEFLECTION_arcsec if size == FIT else size)
+        return ARCSEC * (_DEFLECTION.size if size == FIT else size)
 
     @property
     def deflection_m(self) -> float:
         length = self.deflection_km
-        return DEFLECTION_M if length == FIT else 1e3 * length
+        return _DEFLECTION.scale if length == FIT else 1e3 * length
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,11 +83,13 @@ class SessionSettings:
     """
 
     bin_s: float = BIN_S
-    sigma_crab_mrad: float = 10.0
-    sigma_lever_arm_m: float = 5.0
-    sigma_odometer_scale: float = 0.05  # worn or wrongly entered wheels
-    sigma_scale_factor_ppm: dict[str, float] = field(default_factory=lambda: dict(GYRO_SCALE_ppm))
-    sigma_misalignment_mrad: float = 0.01
+    sigma_crab_mrad: float = prior("odometer_boresight", "session").size
+    sigma_lever_arm_m: float = prior("lever_arm", "session", "x").size
+    sigma_odometer_scale: float = prior("odometer_scale", "session").size
+    sigma_scale_factor_ppm: dict[str, float] = field(
+        default_factory=prior("gyro_scale_factor", "session").each
+    )
+    sigma_misalignment_mrad: float = prior("gyro_misalignment_x", "session").size
     hold_heading: bool = True
     use_gnss: bool = True
     use_odometer: bool = True

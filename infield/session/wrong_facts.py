@@ -30,6 +30,7 @@ from infield.session.reasons import SessionReason, WrongFact
 from infield.table.merge import CONFIDENCE, UNOBSERVED
 from infield.table.thermal_table import ThermalTable
 from ins.earth import gravity_magnitude, omega_ie_n, omega_ie_n_by_lat
+from ins.errors.catalogue import prior
 from ins.records import AXES, Run, Site, TwinModel
 from ins.robust import chi2, norm
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
@@ -53,9 +54,8 @@ FREE_SLOPE, FREE_RATE = 0.003, 0.02
 
 # Of the specific force at rest against gravity [micro-g]: normal gravity leaves out anomalies of
 # some 50 mGal, a height entered above the geoid instead of the ellipsoid is 50 m off (15 micro-g),
-# and the scale of an accelerometer repeats within 100 ppm; a MEMS one within 0.5 %
+# and the scale of an accelerometer repeats (ins.errors), 1 ppm of which is 1 micro-g at rest
 ANOMALY_ug, HEIGHT_ug = 50.0, 15.0
-ACCEL_SCALE_ug = {"rlg": 100.0, "fog": 100.0, "mems": 5000.0}
 # what is not Gaussian in these: no sound unit lies beyond (6e-7 of Gaussian errors)
 FORCE_SIGMAS = 5.0
 
@@ -193,7 +193,7 @@ def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> R
     site = run.header.site
     gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
     excess_ug = float(np.median(force) - gravity) / MICRO_G
-    scale_ug = ACCEL_SCALE_ug[run.header.gyro_technology]
+    scale_ug = prior("accel_scale_factor", "session").each()[run.header.gyro_technology]
     sigma_ug = float(np.linalg.norm([twin.accel.turn_on_ug, ANOMALY_ug, HEIGHT_ug, scale_ug]))
     if abs(excess_ug) <= FORCE_SIGMAS * sigma_ug:
         return None

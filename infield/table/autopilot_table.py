@@ -3,7 +3,7 @@ the table that comes in.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,18 +32,6 @@ TITLES = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class CubicFitDocument:
-    """How far a cubic is from the table on one gyro."""
-
-    max_error_deg_h: float
-    max_error_degC: float
-    rms_error_deg_h: float
-    rms_sigma_deg_h: float
-    worst_sigmas: float
-    worst_degC: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class CubicDocument:
     """What an export says of its cubic; imu: its number."""
 
@@ -53,7 +41,7 @@ class CubicDocument:
     reference_degC: float
     limit_sigmas: float
     rounding_deg_h: float
-    fit: Mapping[str, CubicFitDocument]
+    fit: Mapping[str, CubicFit]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +59,6 @@ class CubicExport:
     def fit_document(self) -> CubicDocument:
         """For --json."""
         c = self.cubic
-        names = [f.name for f in fields(CubicFitDocument)]
         return CubicDocument(
             autopilot=c.autopilot,
             imu=c.number,
@@ -79,10 +66,7 @@ class CubicExport:
             reference_degC=c.reference_degC,
             limit_sigmas=self.limit_sigmas,
             rounding_deg_h=self.rounding_deg_h,
-            fit={
-                fit.axis: CubicFitDocument(**{name: getattr(fit, name) for name in names})
-                for fit in self.fits
-            },
+            fit={fit.axis: fit for fit in self.fits},
         )
 
     def fit_lines(self) -> list[str]:

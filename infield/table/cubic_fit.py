@@ -11,13 +11,14 @@ rough directions, and without D the fit would follow those alone.
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.least_squares import fit_correlated
 from infield.table.thermal_table import ThermalTable
+from ins.documents import UNWRITTEN
 from ins.records import AXES, InputError
 
 GRID = 121  # temperatures that fit and error are taken at
@@ -52,9 +53,9 @@ class CubicFit:
     rms_sigma: of the table.
     """
 
-    axis: str
-    reference_degC: float
-    coefficients: NDArray
+    axis: str = field(metadata=UNWRITTEN)
+    reference_degC: float = field(metadata=UNWRITTEN)
+    coefficients: NDArray = field(metadata=UNWRITTEN)
     max_error_deg_h: float
     max_error_degC: float
     rms_error_deg_h: float

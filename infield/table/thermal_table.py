@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from infield.table.prior import COMMON_FRACTION, KERNEL_LENGTH_degC, prior_covariance, smooth_kernel
 from infield.table.temperature_model import SettledCurve, TemperatureModel
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, check_name, frozen_array
 
 INTERPOLATIONS = ("linear", "hermite")

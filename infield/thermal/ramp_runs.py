@@ -27,7 +27,6 @@ from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
 from ins.records import AXES, InputError, Run, Span, TwinModel
 from ins.robust import robust_scatter, runs_of_true
 from ins.units import DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
-from ins.verdicts import LeftOut
 
 # angle random walk of 0.002 deg/sqrt(h) is 0.0155 deg/h over it (physics.md 6.3), and a ramp of 1
 # degC/min passes 1 degC
@@ -91,7 +90,7 @@ class RampRun:
     rate_sigma_degC_min: NDArray
     level_sigma_deg_h: NDArray
     legs: tuple[Leg, ...]
-    excluded: tuple[Span | LeftOut, ...]
+    excluded: tuple[Span, ...]
     unusable: tuple[str, ...]
     roll_pitch_rad: tuple[float, float]
     heading_known: bool

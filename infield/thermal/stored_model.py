@@ -13,7 +13,7 @@ no second kind of table (US 5,527,003 on top of it).
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -52,15 +52,15 @@ class StoredModel:
 
 @dataclass(frozen=True)
 class Removed:
-    """What a model's rate and gradient terms were along a run (3,) [deg/h]: RMS, and RMS of what is
-    not known of them.
+    """What a model's rate and gradient terms were along a run, by gyro: RMS, and RMS of what is not
+    known of them.
     """
 
     run_id: str
-    rms_deg_h: NDArray
-    sigma_deg_h: NDArray
+    rms_deg_h: Mapping[str, float]
+    sigma_deg_h: Mapping[str, float]
     share_inside: float
-    already: bool
+    taken_out_before: bool
 
 
 def read_thermal_model(path: Path) -> StoredModel:
@@ -163,7 +163,7 @@ def without_rates(run: Run, stored: StoredModel | None) -> tuple[Run, Removed | 
         )
     known = replace(run, sha256=gone.run_sha256)
     if gone.part == "rates":
-        return known, None if stored is None else replace(removal(run, stored), already=True)
+        return known, None if stored is None else removal(run, stored, before=True)
     if stored is None:
         raise InputError(
             f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out of it as a"
@@ -173,7 +173,7 @@ def without_rates(run: Run, stored: StoredModel | None) -> tuple[Run, Removed | 
     settled = _settled(stored.model, run)
     back = less(run.imu, lambda time_s: -settled(time_s))
     header = replace(run.header, removed_model=replace(gone, part="rates"))
-    return replace(known, imu=back, header=header), replace(removal(run, stored), already=True)
+    return replace(known, imu=back, header=header), removal(run, stored, before=True)
 
 
 def _settled(model: TemperatureModel, run: Run) -> BiasSeries:
@@ -184,8 +184,10 @@ def _settled(model: TemperatureModel, run: Run) -> BiasSeries:
     return lambda time_s: whole(time_s) - rates(time_s)
 
 
-def removal(run: Run, stored: StoredModel) -> Removed:
-    """How large the rate and gradient terms are along a run, and how well they are known."""
+def removal(run: Run, stored: StoredModel, *, before: bool = False) -> Removed:
+    """How large the rate and gradient terms are along a run, and how well they are known; before:
+    they had left it already.
+    """
     log = run.temperature
     assert log is not None  # check_usable
     temperature = gyro_temperature(log)
@@ -196,13 +198,19 @@ def removal(run: Run, stored: StoredModel) -> Removed:
         stored.model.rates_deg_h(T, rate, lines),
         stored.model.rates_sigma_deg_h(T, rate, lines),
     )
-    rms = [np.sqrt(np.mean(part**2, axis=0)) for part in parts]
+    rms, sigma = (np.sqrt(np.mean(part**2, axis=0)).tolist() for part in parts)
     share = float(
         stored.model.inside(T)[:, [AXES.index(axis) for axis in stored.model.axes]]
         .all(axis=1)
         .mean()
     )
-    return Removed(run.header.run_id, rms[0], rms[1], share, already=False)
+    return Removed(
+        run_id=run.header.run_id,
+        rms_deg_h=dict(zip(AXES, rms)),
+        sigma_deg_h=dict(zip(AXES, sigma)),
+        share_inside=share,
+        taken_out_before=before,
+    )
 
 
 def prepared(runs: Sequence[Run], stored: StoredModel | None) -> tuple[list[Run], list[Removed]]:
@@ -217,7 +225,7 @@ def with_model_sigma(twin: TwinModel, removed: Sequence[Removed]) -> TwinModel:
     """
     if not removed:
         return twin
-    extra = max(float(found.sigma_deg_h.max()) for found in removed)
+    extra = max(max(found.sigma_deg_h.values()) for found in removed)
     gyro = replace(twin.gyro, turn_on_deg_h=float(np.hypot(twin.gyro.turn_on_deg_h, extra)))
     return replace(
         twin,
@@ -244,9 +252,9 @@ def taken_out(stored: StoredModel, removed: Sequence[Removed]) -> tuple[Reason, 
             ThermalNote.TAKEN_OUT,
             run_id=found.run_id,
             model=stored.name,
-            before=found.already,
-            rms_deg_h={axis: found.rms_deg_h[AXES.index(axis)] for axis in stored.model.axes},
-            worst_deg_h=max(found.sigma_deg_h[AXES.index(axis)] for axis in stored.model.axes),
+            before=found.taken_out_before,
+            rms_deg_h={axis: found.rms_deg_h[axis] for axis in stored.model.axes},
+            worst_deg_h=max(found.sigma_deg_h[axis] for axis in stored.model.axes),
             share_inside=found.share_inside,
         )
         for found in removed

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.reasons import ThermometerReason
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
-from ins.records import AXES, TemperatureLog
+from ins.records import AXES, Span, TemperatureLog
 from ins.thermometer_faults import (
     HOLE_S,
     OF_THE_COLUMN,
@@ -26,7 +26,7 @@ from ins.thermometer_faults import (
     ThermometerFault,
     check_thermometers,
 )
-from ins.verdicts import LeftOut, Reason, because
+from ins.verdicts import Reason, because
 
 # of a temperature log that a session can be told from; chosen: the log of a minute with 12 nodes
 # of the smoother (5 s)
@@ -95,10 +95,10 @@ class GyroTemperature:
             self._of_edges[key] = self._bins(edges_s)
         return self._of_edges[key]
 
-    def left_out(self) -> tuple[LeftOut, ...]:
+    def left_out(self) -> tuple[Span, ...]:
         """What is wrong, as spans of time for the list of what was left out."""
         return tuple(
-            LeftOut(start_s=f.start_s, end_s=f.end_s, reason=fault_reason(f)) for f in self.faults
+            Span(start_s=f.start_s, end_s=f.end_s, reason=fault_reason(f)) for f in self.faults
         )
 
     def why_unusable(self) -> dict[str, str]:

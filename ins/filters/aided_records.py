@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.earth import ecef_from_geodetic
-from ins.noise import DEFLECTION_M
+from ins.errors.catalogue import prior
 from ins.records import GnssLog, NavState
 
 FEWEST_OF_TYPE = 10  # chosen: fixes, as many as a flight needs (10)
@@ -51,11 +51,11 @@ class AidedNoise:
     accel_walk: float
     slow_level_m: float = 0.0
     slow_down_m: float = 0.0
-    slow_s: float = 200.0
+    slow_s: float = prior("gnss_slow_error", "replay", "position").scale
     slow_velocity_m_s: float = 0.0
-    slow_velocity_s: float = 3.0
+    slow_velocity_s: float = prior("gnss_slow_error", "replay", "velocity").scale
     deflection_rad: float = 0.0
-    deflection_m: float = DEFLECTION_M
+    deflection_m: float = prior("vertical_deflection", "replay").scale
     slow_other_level_m: float = 0.0
     slow_other_down_m: float = 0.0
     gyro_scale: float = 0.0

@@ -143,7 +143,7 @@ def align(
     if result.verdict is AlignmentVerdict.LEVEL_ONLY and read.header.gyro_technology == "mems":
         seen = mean_zero_rate(read, unit.twin, SessionSettings())
         document = replace(document, zero_rate=seen or Null.NULL)
-    return Aligned(document, phases=tuple(document.phases))
+    return Aligned(document, phases=tuple(document.phases or ()))
 
 
 def _no_table(unit: UnitInputs, run: Run, sigma_deg_h: NDArray | None) -> Reason:
@@ -189,6 +189,6 @@ def summary(document: AlignmentDocument) -> list[str]:
             f" {seen.end_s:.0f} s)"
             for axis, found in seen.gyro.items()
         ]
-    for phase in document.phases:
+    for phase in document.phases or ():
         lines.append(f"  {phase.phase:20s}{phase.start_s:9.1f} to {phase.end_s:9.1f} s")
     return lines

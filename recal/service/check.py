@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.documents.session_records import PhaseDocument
-from infield.reports.documents.spans import SpanDocument
 from ins.documents import INLINE, OMIT_NONE
-from ins.records import ImuSource, InputError, ReferenceLog, TemperatureLog
+from ins.records import ImuSource, InputError, Phase, ReferenceLog, Span, TemperatureLog
 from ins.units import DEG_PER_HOUR
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -90,7 +88,7 @@ class RunHolds:
 
     imu: ImuHeld | None
     beside: StreamsHeld | None = field(metadata=INLINE)
-    phases: Sequence[PhaseDocument]
+    phases: Sequence[Phase]
     at_rest: RestHeld | None
     reference: Held | None
 
@@ -107,7 +105,7 @@ class CheckReport:
     sha256: str | None
     holds: RunHolds
     problems: Sequence[Finding]
-    repaired: Sequence[SpanDocument]
+    repaired: Sequence[Span]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -195,7 +193,7 @@ def _document(
         sha256=seen.run.sha256 if seen.run else None,
         holds=_holds(seen, reference),
         problems=problems,
-        repaired=[SpanDocument(s.start_s, s.end_s, str(s.reason)) for s in seen.faults],
+        repaired=seen.faults,
     )
 
 
@@ -211,7 +209,7 @@ def _holds(seen: Inspection, reference: ReferenceLog | None) -> RunHolds:
     return RunHolds(
         imu=None if streams is None or streams.imu is None else _imu(streams.imu),
         beside=None if streams is None else _beside(streams),
-        phases=[PhaseDocument(phase=p.phase, start_s=p.start_s, end_s=p.end_s) for p in phases],
+        phases=phases,
         at_rest=_at_rest(seen),
         reference=None if reference is None else _times(reference.time_s),
     )

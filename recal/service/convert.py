@@ -5,9 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from infield.reports.documents.spans import SpanDocument
 from ins.json_file import JsonObject, read_toml
-from ins.records import InputError, ReferenceLog, Run
+from ins.records import InputError, ReferenceLog, Run, Span
 from recal.service.results.overwrite import Peeked
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -37,7 +36,7 @@ class ConvertReport:
     duration_s: float
     time_shift_s: float
     notes: Sequence[str]
-    repaired: Sequence[SpanDocument]
+    repaired: Sequence[Span]
     streams: Sequence[str]
     problems: Sequence[Finding]
 
@@ -290,7 +289,7 @@ def summary(conversion: Conversion, output: AnyPath | None) -> ConvertReport:
         duration_s=run.imu.end_s,
         time_shift_s=record.time_shift_s,
         notes=record.notes,
-        repaired=[SpanDocument(s.start_s, s.end_s, str(s.reason)) for s in run.faults],
+        repaired=run.faults,
         streams=(
             [k for k in ("temperature", "gnss", "odometer") if getattr(run, k) is not None]
             + (["reference"] if conversion.reference is not None else [])

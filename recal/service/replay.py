@@ -9,12 +9,12 @@ import numpy as np
 from alignment.motion.kinds import Witness
 from infield.aided.flight import AidedResult, Aiding, Vehicle
 from infield.aided.reasons import AidedGrade
+from infield.aided.taken import UNKNOWN, TypeShare
 from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
 from infield.reports.documents.aided import (
     AidedDocument,
     AidedFlightDocument,
-    FixesOfTypeDocument,
     SmoothedDocument,
     aided_columns,
     smoothed_result,
@@ -323,9 +323,9 @@ def _realign(table: FlownTableDocument) -> str:
     )
 
 
-def _bad_by_type(shares: Sequence[FixesOfTypeDocument]) -> str:
+def _bad_by_type(shares: Sequence[TypeShare]) -> str:
     """How many fixes of each type were bad; empty where no type is known."""
-    if all(share.fix_type == "unknown" for share in shares):
+    if all(share.fix_type == UNKNOWN for share in shares):
         return ""
     told = [f"{share.bad} of {share.count} (type {share.fix_type})" for share in shares]
     return "; bad fixes: " + ", ".join(told)

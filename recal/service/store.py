@@ -31,7 +31,7 @@ from infield.store.table_store import (
     UnitSummary,
     store_exists,
 )
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import InputError
 from ins.verdicts import Outcome
 from recal.service.inputs.new_units import require_unit

@@ -13,20 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from ins.errors.catalogue import OWN
 from ins.records import InputError, TwinModel
-from ins.units import ARCSEC
 from simreal.declared.twin_effects import TwinEffect
 
-DECLARED = {  # id of the effect: section and key of the twin, and its unit over the coefficient's
-    "gyro_quantization": ("gyro", "quantization_rad", ARCSEC),
-    "gyro_angle_random_walk": ("gyro", "arw_deg_sqrt_h", 1.0),
-    "gyro_bias_instability": ("gyro", "bias_instability_deg_h", 1.0),
-    "gyro_rate_random_walk": ("gyro", "rate_random_walk_deg_h_sqrt_h", 1.0),
-    "accel_noise": ("accel", "vrw_ug_sqrt_hz", 1.0),
-    "accel_bias_instability": ("accel", "bias_instability_ug", 1.0),
-    "accel_rate_random_walk": ("accel", "rate_random_walk_ug_sqrt_h", 1.0),
-    "platform_sway": ("vehicle", "sway_m_s", 1.0),
-}
+# id of the noise: section and key of the twin, and its unit over the coefficient's
+DECLARED = {source.id: source.twin for source in OWN if source.twin and source.is_noise}
 
 
 def declared_square(twin: TwinModel, effect_id: str) -> float:

@@ -14,24 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
+from ins.errors.base import ACCELS, AXIS, GYROS
+from ins.errors.table import TABLE_AGED
+from ins.errors.telemetry import Telemetry, Trace, on_axis
+from ins.errors.unnamed import (
+    OF_RATE,
+    OF_RUN,
+    OF_TEMPERATURE,
+    OF_TIME,
+    UNKNOWN_MOTION,
+    WHILE_MOVING,
+)
 from ins.units import DEG_PER_HOUR
-from simreal.effects.base import ACCELS, AXIS, GYROS
-from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
-OF_TEMPERATURE = "unknown_function_of_temperature"
-OF_RATE = "unknown_function_of_temperature_rate"
-OF_TIME = "unknown_function_of_time"
-OF_RUN = "unknown_function_of_run"
-UNKNOWN_MOTION = "unknown"  # of the motion, on a channel that only moving vehicles have
-# an error of a gyro or an accelerometer that is there only while the vehicle moves
-WHILE_MOVING = "unknown_while_moving"
-FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN_MOTION, WHILE_MOVING})
 # curves over what is logged, which must hold in data that they are not drawn through
 OF_TELEMETRY = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME})
 # of the motion: found, but nothing that a simulator can make
 OF_UNNAMED_MOTION = frozenset({UNKNOWN_MOTION, WHILE_MOVING})
-# the unit has left its table, as far as the table's own covariance lets it
-TABLE_AGED = "table_aged"
 # of a table's error: temperatures that it is drawn over, and the least variance of a curve in them
 # relative to the largest; chosen: 1e-4, a hundredth of its sigma
 TABLE_NODES, LEAST_CURVE = 25, 1e-4

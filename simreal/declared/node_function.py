@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.errors.accelerometer import accel_degC
+from ins.errors.base import AXIS, GYROS, ErrorSource, Shape
+from ins.errors.parts.gyro_needs import gyro_degC, gyro_degC_min
+from ins.errors.telemetry import Telemetry, Trace, on_axis
+from ins.errors.unnamed import OF_RATE, OF_RUN, OF_TEMPERATURE, OF_TIME
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.generic import OF_RATE, OF_RUN, OF_TEMPERATURE, OF_TIME
-from simreal.effects.accelerometer import accel_degC
-from simreal.effects.base import AXIS, GYROS, CatalogueEffect, Shape
-from simreal.effects.parts.gyro_needs import gyro_degC, gyro_degC_min
-from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
 FUNCTIONS = (OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN)
 VALUE_UNITS = {"deg/h": DEG_PER_HOUR, "ug": MICRO_G}
@@ -29,7 +29,7 @@ def unit_of(target: str) -> str:
 
 
 @dataclass(frozen=True)
-class NodeFunction(CatalogueEffect):
+class NodeFunction(ErrorSource):
     """Values (in the unit of the target) at increasing nodes: degC, degC/min or s; of a run: one
     value (no nodes).
     """

@@ -15,13 +15,13 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NoReturn, TypeGuard
 
+from ins.errors.base import ACCELS, GYROS, SLOW_NAME, Effect, ErrorSource
+from ins.errors.catalogue import catalogue, effects_named
+from ins.errors.table import TABLE_AGED
+from ins.errors.telemetry import Telemetry, Trace, total
+from ins.errors.unnamed import OF_RUN, OF_TEMPERATURE, OF_TIME
 from ins.records import EffectDocument, InputError, ParameterValue, TwinModel
-from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME, TABLE_AGED
 from simreal.declared.node_function import FUNCTIONS, NodeFunction, unit_of
-from simreal.effects.base import ACCELS, GYROS, SLOW_NAME, Effect
-from simreal.effects.catalogue import catalogue, effects_named
-from simreal.effects.parts.formula import FormulaEffect, OutOfReach, no_noise
-from simreal.effects.telemetry import Telemetry, Trace, total
 from simreal.evidence.whitened import ExtraNoise
 
 PROCESS, RUN_ID = "process", "run_id"
@@ -65,8 +65,8 @@ class TwinEffect:
 
     @property
     def is_noise(self) -> bool:
-        if isinstance(self.effect, FormulaEffect):
-            return self.effect.noise_formula is not no_noise
+        if isinstance(self.effect, ErrorSource):
+            return self.effect.is_noise
         return self.effect.repeats == "S"
 
     def in_run(self, run_id: str) -> bool:
@@ -180,11 +180,9 @@ class _Item:
         if len(fits) > 1 and _misfit(fits[0], given) == _misfit(fits[1], given):
             kinds = " or ".join(", ".join(c.name for c in e.coefficients) for e in fits)
             self._fail("parameters", ", ".join(given) or None, f"coefficients of one kind: {kinds}")
-        if isinstance(fits[0], OutOfReach):
+        if lacking := getattr(fits[0], "out_of_reach", ""):
             self._fail(
-                "effect",
-                name,
-                f"an effect that a log of this format shows (this one: {fits[0].need})",
+                "effect", name, f"an effect that a log of this format shows (this one: {lacking})"
             )
         return fits[0]
 

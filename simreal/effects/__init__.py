@@ -1,7 +1,1 @@
-"""The catalogue of candidate effects (effects.md section 2), one class each.
-
-A user's own effect is written with the names of `own`; examples/own_effect.py is one. Inside:
-`base` (what an effect is) and `telemetry` (what it sees of a run, and its trace), then a module for
-each family, then `catalogue`, which joins them with those of installed packages; `words` says in
-plain sentences what each is.
-"""
+"""The import path of users' own effects, `simreal.effects.own`; the list itself is `ins.errors`."""

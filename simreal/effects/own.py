@@ -1,22 +1,25 @@
 """All that a user's own effect is written with, in one place.
 
-`Effect` is the protocol that the diagnosis asks; `CatalogueEffect` is a base with its fields filled
-in. An effect says what the runs lack to show it (`needs`), and gives for a run (`Telemetry`) the
+`Effect` is the protocol that the diagnosis asks; `ErrorSource` is a base with its fields filled in.
+An effect says what the runs lack to show it (`needs`), and gives for a run (`Telemetry`) the
 `Trace` of one unit of each `Coefficient`, or the `AddedNoise`. examples/own_effect.py is one.
 """
 
-from simreal.effects.base import (
+from ins.errors.base import (
     ACCELS,
     AXIS,
     GYROS,
     AddedNoise,
-    CatalogueEffect,
     Coefficient,
     Effect,
+    ErrorSource,
     Shape,
     ShapeParameter,
+    Words,
 )
-from simreal.effects.telemetry import Telemetry, Trace, on_axis
+from ins.errors.telemetry import Telemetry, Trace, on_axis
+
+CatalogueEffect = ErrorSource  # its name before
 
 __all__ = [
     "ACCELS",
@@ -26,9 +29,11 @@ __all__ = [
     "CatalogueEffect",
     "Coefficient",
     "Effect",
+    "ErrorSource",
     "Shape",
     "ShapeParameter",
     "Telemetry",
     "Trace",
+    "Words",
     "on_axis",
 ]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.seconds import SAME, LogSeconds, seconds_of
+from ins.errors.base import ACCELS, AXIS, GYROS
 from ins.records import ImuLog, ImuSource
-from simreal.effects.base import ACCELS, AXIS, GYROS
 
 # seconds that share the largest value of a log; chosen: a converter of few counts may read its
 # largest value twice by chance (tests/simreal/test_saturation.py)

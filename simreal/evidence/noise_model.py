@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.linalg import toeplitz
 
+from ins.errors.base import AddedNoise
 from ins.noise import accel_densities, gyro_densities
 from ins.records import TwinModel
 from ins.units import ARCSEC
-from simreal.effects.base import AddedNoise
 
 SIX_CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 FLICKER_GRID_S = 1.0

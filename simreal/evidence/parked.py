@@ -17,8 +17,8 @@ from scipy.linalg import solve_triangular
 
 from ins.attitude import skew
 from ins.earth import gravity_magnitude, omega_ie_n
+from ins.errors.telemetry import Trace, stacked
 from ins.records import TwinModel
-from simreal.effects.telemetry import Trace, stacked
 from simreal.evidence.noise_model import ChannelNoise, channel_noises
 from simreal.evidence.run_view import RunView
 

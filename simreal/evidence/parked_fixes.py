@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import displacement_ned
+from ins.errors.telemetry import Trace
 from ins.records import TwinModel
-from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 
 FIX_MEAN_S = 60.0

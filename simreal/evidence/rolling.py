@@ -2,9 +2,9 @@
 data and every signature.
 
 The nominal solution starts at the end of the parked stretch; its errors obey
-`ins.filters.error_model`, and the wheels (no side slip), odometer, GNSS and stops measure them as
-in `infield.session.navigated.taxi_heading`. The filter is linear, so its gains are worked out once
-and then replayed: a column is the data, or what an effect would add to them::
+`ins.estimation.error_model`, and the wheels (no side slip), odometer, GNSS and stops measure them
+as in `infield.session.navigated.taxi_heading`. The filter is linear, so its gains are worked out
+once and then replayed: a column is the data, or what an effect would add to them::
 
     e- = Phi e + u,   nu = H e- + m,   e+ = e- - K nu
 
@@ -38,21 +38,22 @@ from alignment.navigation_filter import (
     views_of,
 )
 from infield.session.navigated.taxi_heading import LATERAL_FLOOR_M, GnssAid, LateralAid, OdometerAid
-from ins.filters import error_model as em
-from ins.filters.program import ADD, ADVANCE, MEASURE, Compiled, FilterProgram, Steps
+from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Trace, stacked
+from ins.estimation import error_model as em
+from ins.estimation.measurements.antenna import RowSums
+from ins.estimation.tape import ADD, ADVANCE, MEASURE, Compiled, Steps, Tape
 from ins.records import TwinModel
 from ins.units import ARCSEC, DEG_PER_HOUR, MILLIRADIAN, PPM
-from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Trace, stacked
 from simreal.evidence.noise_model import oscillator
 from simreal.evidence.parked import Handoff
 from simreal.evidence.parked_fixes import ParkedFixes
 from simreal.evidence.run_view import RunView
 
 GYRO_STATES = slice(em.BASE, em.BASE + 3)
+ROLLING_STATES = em.BASE + 3  # base states, the 3 gyros
 # of the vertical accelerometer: banked, a part of its bias is level; 80 ug through a turn at 20 deg
 # were 6 sigma
-ACCEL_Z = em.BASE + 3
-ROLLING_STATES = em.BASE + 4  # base states, the 3 gyros, the vertical accelerometer
+ACCEL_Z = em.ACCEL_Z
 YAW_JITTER_RAD = 0.1 * ARCSEC
 # seconds at both ends of a stop in which the vehicle may still roll; chosen: BRAKING_S (2) of
 # alignment.motion.timeline, and 3 of a late receiver
@@ -275,7 +276,7 @@ class RollingBlock:
 KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}
 
 
-def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]:
+def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, Tape]:
     """The filter's steps and measurements over the solution, as
     `alignment.navigation_filter.lay_down` lays them down.
     """
@@ -300,7 +301,7 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]
     views = _level(views_of(history, plan, sway))
     flying = np.zeros(len(views.end_s), bool)
     flying[:] = kind[plan.last] == AIR
-    program = FilterProgram(filter_steps(views))
+    program = Tape(filter_steps(views))
     parked = ParkedConstraint(displacement_sigma_m=sway, yaw_jitter_rad=YAW_JITTER_RAD)
     hold_position(program, views, parked)
     hold_heading(program, views, parked)
@@ -337,7 +338,11 @@ def _aids(view: RunView, twin: TwinModel) -> list[Aid]:
         )
         aids.append(
             GnssAid(
-                bare, header.gnss_lever_arm_m, noise.sigma_horizontal_m, noise.sigma_velocity_m_s
+                bare,
+                RowSums(run.imu),
+                header.gnss_lever_arm_m,
+                noise.sigma_horizontal_m,
+                noise.sigma_velocity_m_s,
             )
         )
     return aids
@@ -388,7 +393,7 @@ def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, 
     )
     full, noise_full = np.eye(ROLLING_STATES), np.zeros((ROLLING_STATES, ROLLING_STATES))
     full[: em.BASE, : em.BASE] = Phi
-    full[: em.BASE, GYRO_STATES] = Gamma
+    full[: em.BASE, GYRO_STATES] = Gamma[:, :3]
     full[em.W, ACCEL_Z] = steps.C_nb[k][:2, 2] * steps.dt_s[k]
     noise_full[: em.BASE, : em.BASE] = Q
     return full, full[:, GYRO_STATES] * (np.arange(ROLLING_STATES) < em.BASE)[:, None], noise_full

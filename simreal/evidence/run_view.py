@@ -37,11 +37,11 @@ from infield.thermometer.gyro_temperature import (
 )
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
+from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 from ins.verdicts import sentence
-from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 from simreal.evidence.at_range import share_at_range
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled
 from simreal.evidence.seconds import Seconds, seconds_of

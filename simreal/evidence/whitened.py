@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
+from ins.errors.base import AddedNoise, Effect
+from ins.errors.telemetry import PARKED, Telemetry, Trace
 from ins.records import TwinModel
-from simreal.effects.base import AddedNoise, Effect
-from simreal.effects.telemetry import PARKED, Telemetry, Trace
 from simreal.evidence.noise_model import SIX_CHANNELS, ChannelNoise, channel_noises
 from simreal.evidence.parked import PARKED_MEAN_S, ParkedBlock
 from simreal.evidence.parked_fixes import FIX_COMPONENTS, ParkedFixes

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
+from ins.errors.telemetry import Trace
 from simreal.declared.generic import OF_ONE_RUN, OF_TELEMETRY
-from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence
 from simreal.inference.attribute import Attribution, Slot

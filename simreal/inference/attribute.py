@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from ins.errors.base import SLOW_NAME, Effect
+from ins.errors.table import TABLE_AGED
+from ins.errors.telemetry import Trace
 from ins.records import TwinModel
-from simreal.declared.generic import TABLE_AGED, Generic
-from simreal.effects.base import SLOW_NAME, Effect
-from simreal.effects.telemetry import Trace
+from simreal.declared.generic import Generic
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, ExtraNoise
 from simreal.inference.bank import Bank, Group, Hypothesis, limits

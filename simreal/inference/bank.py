@@ -14,11 +14,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.errors.base import ACCELS, GYROS, Effect, ShapeParameter
+from ins.errors.table import TABLE_AGED
+from ins.errors.telemetry import Telemetry, Trace
+from ins.errors.unnamed import OF_RUN
 from ins.records import TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.generic import MOTION_SIZE, OF_RUN, TABLE_AGED, Generic, generic_functions
-from simreal.effects.base import ACCELS, GYROS, Effect, ShapeParameter
-from simreal.effects.telemetry import Telemetry, Trace
+from simreal.declared.generic import MOTION_SIZE, Generic, generic_functions
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence
 
 # squared sizes that the prior mixes

@@ -6,29 +6,21 @@ Decision: docs/decisions/0085-unique-and-plausible.md.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.documents import OMIT_NONE, AsRead
+from ins.documents import OMIT_NONE
+from ins.errors.base import ACCELS, GYROS, SLOW_NAME, Effect
+from ins.errors.catalogue import effects_named
+from ins.errors.gyro.noise import NOISE_OF_TIME
+from ins.errors.table import TABLE_AGED
+from ins.errors.telemetry import Telemetry
+from ins.errors.unnamed import FREE_FUNCTIONS, OF_RATE, OF_TEMPERATURE, OF_TIME, UNKNOWN_MOTION
 from ins.records import EffectDocument
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.generic import (
-    FREE_FUNCTIONS,
-    OF_RATE,
-    OF_TELEMETRY,
-    OF_TEMPERATURE,
-    OF_TIME,
-    OF_UNNAMED_MOTION,
-    TABLE_AGED,
-    UNKNOWN_MOTION,
-)
+from simreal.declared.generic import OF_TELEMETRY, OF_UNNAMED_MOTION
 from simreal.declared.twin_effects import leaves_the_log
-from simreal.effects.base import ACCELS, GYROS, SLOW_NAME, Effect
-from simreal.effects.catalogue import effects_named
-from simreal.effects.gyro_noise import NOISE_OF_TIME
-from simreal.effects.telemetry import Telemetry
 from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
 from simreal.inference.bank import Bank, Hypothesis, unit_scale
@@ -133,7 +125,7 @@ class Cause:
     rms: Mapping[str, ParkedRms] = field(default_factory=dict)
     nodes: tuple[float, ...] = ()
     values: tuple[float, ...] = ()
-    twin_effects: tuple[Annotated[EffectDocument, AsRead()], ...] = ()
+    twin_effects: tuple[EffectDocument, ...] = ()
     kept_out: KeptOut | None = field(default=None, metadata=OMIT_NONE)
     advice: str | None = field(default=None, metadata=OMIT_NONE)
 

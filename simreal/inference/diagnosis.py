@@ -15,12 +15,13 @@ from infield.learning.parameters import ageing_of, defaults_of
 from infield.session.disagreement import utc
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.documents import OMIT_NONE
+from ins.errors.base import SLOW_NAME, Effect
+from ins.errors.catalogue import catalogue
+from ins.errors.table import TABLE_AGED
+from ins.errors.telemetry import Trace
 from ins.records import InputError, Run, TwinModel
-from simreal.declared.generic import TABLE_AGED, Generic, table_errors
+from simreal.declared.generic import Generic, table_errors
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
-from simreal.effects.base import SLOW_NAME, Effect
-from simreal.effects.catalogue import catalogue
-from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import ExtraNoise
 from simreal.inference.addback import Gone, HeldOut, shrink_of

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from simreal.effects.telemetry import PARKED
+from ins.errors.telemetry import PARKED
 from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import BAND_HZ, BANDS, CHANNELS, SENSORS, Evidence
 from simreal.inference.noise_hypotheses import Squares

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.linalg import solve_triangular
 
+from ins.errors.base import SLOW_NAME, AddedNoise, Effect
 from simreal.declared.declared_noise import declared_square
-from simreal.effects.base import SLOW_NAME, AddedNoise, Effect
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.evidence.parked import PARKED_MEAN_S, cholesky_of
 from simreal.evidence.whitened import (

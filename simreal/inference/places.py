@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING
+from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING
 from simreal.evidence.whitened import CHANNELS, Evidence
 from simreal.inference.attribute import Attribution, Slot
 from simreal.inference.locate import Cell, CellTable

@@ -17,10 +17,10 @@ from infield.session.log import compensated_imu
 from infield.table.thermal_table import ThermalTable
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.documents import written_as
+from ins.errors.telemetry import Trace, total
 from ins.records import ImuLog, ImuSource, NavState, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC
-from simreal.effects.telemetry import Trace, total
 from simreal.evidence.run_view import RunView
 
 ALIGN_S = 600.0  # 10 min, as in the reference scenario of requirements.md

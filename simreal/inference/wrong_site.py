@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ins.errors.platform import ARCMIN, latitude_error
+from ins.errors.telemetry import Trace, total
 from ins.records import Run
-from simreal.effects.platform import ARCMIN, latitude_error
-from simreal.effects.telemetry import Trace, total
 from simreal.evidence.run_view import RunView
 from simreal.inference.attribute import Attribution, Attributor
 from simreal.inference.scoring import fit

@@ -143,7 +143,7 @@ class GyroSigma:
     """What a flight would show of a gyro: sigma of its mean over the session before and after."""
 
     axis: str
-    verdict: Observability
+    verdict: Observability | str
     sigma_before_deg_h: float
     sigma_after_deg_h: float
 
@@ -225,7 +225,10 @@ def promise(
             after.sigma_deg_h(k, wide.temperature_degC[k]),
         )
     ]
-    gyros = [GyroSigma(m.axis, m.verdict, m.sigma_before_deg_h, m.sigma_after_deg_h) for m in seen]
+    gyros = [
+        GyroSigma(axis, m.verdict, m.sigma_before_deg_h, m.sigma_after_deg_h)
+        for axis, m in zip(AXES, seen)
+    ]
     return PromisedFlight(
         flight=flight.name,
         words=flight.words,

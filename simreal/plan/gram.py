@@ -17,9 +17,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.errors.base import Effect
+from ins.errors.telemetry import Telemetry
 from ins.records import InputError, TwinModel
-from simreal.effects.base import Effect
-from simreal.effects.telemetry import Telemetry
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank, Group, shapes_of

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ins.errors.catalogue import catalogue, effects_named
 from ins.records import InputError
-from simreal.effects.catalogue import catalogue, effects_named
 from simreal.plan.gram import SAME_COS2, Contender, PairSeparation, RunGrams, told
 
 CLASSICAL = (  # effects.md, end of section 2: what is confused when the recordings are poor

@@ -5,8 +5,8 @@ from its rivals.
 from collections.abc import Sequence
 
 from infield.table.thermal_table import ThermalTable
-from simreal.declared.generic import TABLE_AGED
-from simreal.effects.base import SLOW_NAME
+from ins.errors.base import SLOW_NAME
+from ins.errors.table import TABLE_AGED
 from simreal.inference.causes import LEAST_PROBABILITY, Cause, Rival
 from simreal.inference.diagnosis import Diagnosis
 

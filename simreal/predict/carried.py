@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from infield.thermal.found_effects import FoundEffect
+from ins.errors.telemetry import Telemetry
 from ins.records import TwinModel
 from simreal.declared.declared_noise import DECLARED, declared_square
 from simreal.declared.twin_effects import TwinEffect
-from simreal.effects.telemetry import Telemetry
 
 
 def along(item: TwinEffect, run: Telemetry) -> FoundEffect:

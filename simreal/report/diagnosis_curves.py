@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.errors.telemetry import Telemetry, Trace, total
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.twin_effects import parse_effects, twin_traces
-from simreal.effects.telemetry import Telemetry, Trace, total
 from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
 from simreal.inference.addback import HeldOut

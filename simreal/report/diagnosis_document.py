@@ -5,16 +5,14 @@ lines for people.
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
 
 from infield.reports.documents.noise_fit import NoiseFit
-from ins.documents import OMIT_NONE, AsRead
+from ins.documents import OMIT_NONE
+from ins.errors.base import SLOW_NAME
+from ins.errors.catalogue import catalogue, words_of
+from ins.errors.table import TABLE_AGED
 from ins.records import EffectDocument, Run, TwinModel
 from ins.verdicts import plain_number
-from simreal.declared.generic import TABLE_AGED
-from simreal.effects.base import SLOW_NAME
-from simreal.effects.catalogue import catalogue
-from simreal.effects.words import words_of
 from simreal.inference.addback import Gone, Shrink
 from simreal.inference.causes import Cause, CauseParameter
 from simreal.inference.diagnosis import (
@@ -52,7 +50,7 @@ class OpenCause:
     target: str
     why: KeptOut
     settled_by: tuple[str, ...]
-    twin_effects: tuple[Annotated[EffectDocument, AsRead()], ...]
+    twin_effects: tuple[EffectDocument, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,10 @@ import numpy as np
 
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
+from ins.errors.base import SLOW_NAME, Words
+from ins.errors.catalogue import effects_named, rivals_of, words_of
+from ins.errors.platform import ARCMIN
 from ins.units import MILLIRADIAN
-from simreal.effects.base import SLOW_NAME
-from simreal.effects.catalogue import effects_named
-from simreal.effects.platform import ARCMIN
-from simreal.effects.words import EffectWords, words_of
 from simreal.inference.causes import Cause
 from simreal.inference.verdict import GapVerdict, KeptOut, Looks
 from simreal.inference.wrong_site import WRONG_LATITUDE
@@ -68,7 +67,7 @@ class CauseShown:
     panels: list[Panel]
     overlay: Overlay | None
     usual_rivals: tuple[str, ...]
-    words: EffectWords | None
+    words: Words | None
 
     @property
     def slow(self) -> bool:
@@ -170,7 +169,7 @@ def _actions(document: GapReport) -> list[Action]:
     return out
 
 
-def _glossary(document: GapReport) -> list[tuple[str, EffectWords]]:
+def _glossary(document: GapReport) -> list[tuple[str, Words]]:
     """Every effect that the page names as a cause or its rival, once."""
     names = [n for c in document.causes for n in (c.effect, *(r.effect for r in c.rivals))]
     found = {name: words_of(name) for name in names}
@@ -225,5 +224,5 @@ def _channels_of(document: GapReport, cause: Cause) -> list[str]:
 
 
 def _usual_rivals(cause: Cause) -> tuple[str, ...]:
-    names = {r for e in effects_named(cause.effect) for r in e.rivals}
+    names = {r for effect in effects_named(cause.effect) for r in rivals_of(effect)}
     return tuple(sorted(names - set(cause.confounded_with) - {cause.effect}))

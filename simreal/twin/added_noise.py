@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.errors.base import AXIS, GYROS, AddedNoise
+from ins.errors.platform import ROTATIONAL_SWAY_s
+from ins.errors.telemetry import AIRBORNE, Telemetry
+from ins.errors.wheels import CENTIMETRE_PER_S
 from ins.records import VehicleNoise
 from ins.units import ARCSEC
 from simreal.declared.twin_effects import TwinEffect
-from simreal.effects.base import AXIS, GYROS, AddedNoise
-from simreal.effects.platform import ROTATIONAL_SWAY_s
-from simreal.effects.telemetry import AIRBORNE, Telemetry
-from simreal.effects.wheels import CENTIMETRE_PER_S
 from trajectories.simulator import imperfections
 from trajectories.simulator.vehicle import gauss_markov, sway_velocity
 

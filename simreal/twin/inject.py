@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
+from ins.errors.telemetry import Telemetry, Trace
 from ins.records import GnssLog, ImuLog, OdometerLog, Run, TemperatureLog, VehicleNoise
 from simreal.declared.twin_effects import TwinEffect, twin_traces
-from simreal.effects.telemetry import Telemetry, Trace
 from simreal.twin.added_noise import NoiseDraws, at, draw, swayed
 from trajectories.runs.directory import run_sha256
 

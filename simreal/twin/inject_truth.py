@@ -18,13 +18,13 @@ from ins.attitude import (
     wrap_pi,
 )
 from ins.earth import gravity_magnitude, gravity_n, omega_en_n, omega_ie_n
+from ins.errors.base import ACCELS, GYROS
+from ins.errors.platform import ROTATIONS
+from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from ins.records import AIRBORNE_PHASES, Phase, ReferenceLog, VehicleNoise
 from ins.strapdown.increments import rows_before
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.twin_effects import TwinEffect, twin_traces
-from simreal.effects.base import ACCELS, GYROS
-from simreal.effects.platform import ROTATIONS
-from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from simreal.twin.added_noise import at, swayed
 from simreal.twin.inject import Injected, in_body, injected, moved_by
 from trajectories.simulator.chamber import ChamberProfile

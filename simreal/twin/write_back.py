@@ -12,12 +12,14 @@ so does one that an update would take out of its log although it is not unique o
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from ins.errors.base import SLOW_NAME
+from ins.errors.table import TABLE_AGED
+from ins.errors.unnamed import OF_RUN
 from ins.records import EffectDocument, ParameterValue, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
-from simreal.declared.generic import OF_RUN, OF_UNNAMED_MOTION, TABLE_AGED
+from simreal.declared.generic import OF_UNNAMED_MOTION
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PER_RUN, PROCESS, RUN_ID
-from simreal.effects.base import SLOW_NAME
 from simreal.inference.causes import Cause
 
 TABLE_NAME = "table.json"

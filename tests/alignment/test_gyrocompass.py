@@ -16,7 +16,7 @@ from infield.reports.documents.alignment import alignment_document
 from ins import earth
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.documents import plain
-from ins.noise import DEFAULT_SIGMA_deg_h
+from ins.errors.table import RAW_BIAS_DEG_H, DEFAULT_SIGMA_deg_h
 from ins.records import GyroNoise, Run, Site
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
@@ -330,7 +330,7 @@ def test_the_heading_of_an_unknown_unit_is_as_uncertain_as_raw_gyros(runs):
     """Raw biases of 0.1 deg/h, no table: squared heading error over variance in its 99.9 % band,
     and the sigma is what 0.1 deg/h east make of a heading at rest (physics.md 6.4).
     """
-    raw = gyrocompass.RAW_BIAS_DEG_H["rlg"]
+    raw = RAW_BIAS_DEG_H["rlg"]
     z, sigma = [], []
     for seed in range(runs):
         simulated = simulate(ideal_of(), seed, size=raw / PRIOR_DEG_H)

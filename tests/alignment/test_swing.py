@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import expm
 
 from alignment import gyrocompass, swing
-from ins.filters import error_model as em
-from ins.filters.error_filter import ErrorFilter
-from ins.filters.program import FilterProgram
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import ErrorFilter
+from ins.estimation.tape import Tape
 from tests.alignment.parked import attitude_error, ideal_of, simulate
 from tests.ins.filter_steps import steps_of
 from tests.ins.test_error_filter import NOISE, parked_step
@@ -24,7 +24,7 @@ FIRST = em.BASE + 3
 def swung(dt_s, still):
     """A filter of nothing but a swing of 1 m, over steps of given lengths, and the swing laid."""
     steps = replace(steps_of(parked_step(), count=len(dt_s)), dt_s=np.array(dt_s))
-    program = FilterProgram(steps)
+    program = Tape(steps)
     laid = swing.lay(program, SWING, np.array(still), (em.S.start, em.S.start + 1), FIRST)
     flt = ErrorFilter(
         sigma0={},

@@ -9,9 +9,9 @@ from benchmarks.gap_trials import runs
 from benchmarks.gap_trials.effects import EFFECTS, FORMS, effect_named, possible
 from benchmarks.gap_trials.seen import streams_of, turned_back
 from benchmarks.gap_trials.trial import draw_trial
+from ins.errors.catalogue import catalogue
 from ins.records import VehicleNoise
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
-from simreal.effects.catalogue import catalogue
 from tests.gap_trials.cases import SHORT_S, change, planted
 from trajectories.simulator.thermal import STARTS
 from trajectories.simulator.vehicle import disturb

@@ -15,9 +15,9 @@ from infield.session.flown.priors import laid_out
 from infield.session.log import table_series
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
-from ins.filters import error_model as em
-from ins.filters.error_filter import ErrorFilter
-from ins.filters.program import FilterProgram
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import ErrorFilter
+from ins.estimation.tape import Tape
 from ins.records import ImuLog, NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
@@ -156,7 +156,7 @@ def predicted(index, size):
     motion = Motion(history.time_s, kind, np.zeros(kind.size), 1e-3)
     plan = plan_steps(motion, np.array([history.time_s[0], history.time_s[-1] + 1.0]))
     views = views_of(history, plan)
-    program = FilterProgram(filter_steps(views))
+    program = Tape(filter_steps(views))
     layout = layout_of()
     temperature = gyro_temperature(flown().run.temperature)
     body = body_motion(history, plan, views, temperature)

@@ -10,14 +10,16 @@ from alignment.motion.kinds import ROLLING
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import filter_steps, plan_steps, views_of
 from benchmarks import blind_flights as blind
-from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, Antenna, FixAid, Sigmas
+from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, receiver_states
 from infield.session.flown.gates import deflected
 from infield.session.flown.priors import Further
+from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.nuisances import LevelSearch
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors, SessionSettings
-from ins.filters.program import FilterProgram
+from ins.estimation.measurements.antenna import Antenna, RowSums
+from ins.estimation.tape import Tape
 from ins.records import GnssLog, ImuLog, NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.twin_file import default_twin
@@ -88,10 +90,17 @@ def test_a_turning_antenna_is_where_and_as_fast_as_the_rows_say():
     )
     plan = plan_steps(moving, np.array([FROM_S, UNTIL_S]))
     views = views_of(history, plan)
-    program = FilterProgram(filter_steps(views))
+    program = Tape(filter_steps(views))
     antenna = Antenna(ARM_M, LATE_S, LATE_S)
-    aid = FixAid(fixes, Sigmas(0.5, 0.03), antenna, layout_of(), history, log)
-    aid.measure(program, views)
+    FixAid(
+        log=fixes,
+        sigmas=Sigmas(0.5, 0.03),
+        antenna=antenna,
+        states=receiver_states(layout_of()),
+        history=history,
+        rows=RowSums(log),
+        names=(OF_POSITION, OF_VELOCITY),
+    ).measure(program, views)
     done = program.compiled()
 
     def shown(kind):

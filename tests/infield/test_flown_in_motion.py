@@ -16,7 +16,6 @@ from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason, SessionReason
 from ins.filters.states import AIDED_THETA
 from ins.records import FixType
-from ins.units import MILLIRADIAN
 from ins.verdicts import Outcome, sentences
 from tests.cut import cut_run
 from tests.infield.aided_cases import motion_errors
@@ -64,7 +63,7 @@ def test_a_log_of_the_air_alone_is_merged_and_says_that_nothing_was_parked():
     assert result.verdict.accepted and result.flight.joined is not None
     begun = result.estimate.begun
     assert begun.parked_s == 0.0 and begun.time_s > FLIES_S
-    assert begun.sigma_heading_rad < 1.0 * MILLIRADIAN
+    assert begun.sigma_heading_mrad < 1.0
     told = session_document(result)
     assert told.begun_in_motion.parked_s == 0.0 and told.alignment.verdict == "refused"
     assert told.motion_level is None and told.flight.joined

@@ -92,8 +92,8 @@ def test_a_way_shows_gyros_that_an_unknown_heading_hides():
     alone, joined = sigmas(unasked(0).estimate), sigmas(taken(0).estimate)
     assert (alone[:2] > 7.0).all() and (joined[:2] < 0.8 * alone[:2]).all()
     worth = taken(0).flight.worth
-    assert (worth.after_deg_h <= worth.ground_deg_h).all()
-    assert (worth.ground_deg_h < worth.before_deg_h).all()
+    assert all(gyro.after_deg_h <= gyro.ground_alone_deg_h for gyro in worth)
+    assert all(gyro.ground_alone_deg_h < gyro.before_deg_h for gyro in worth)
 
 
 def test_without_a_receiver_there_is_no_way():

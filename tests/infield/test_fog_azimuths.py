@@ -50,7 +50,9 @@ def measured(heading, bias=None, **options):
 
 
 def values_mrad(result):
-    return {c.name: c.value_rad / MILLIRADIAN for c in result.couplings if np.isfinite(c.sigma_rad)}
+    return {
+        c.entry: c.value_rad / MILLIRADIAN for c in result.couplings if np.isfinite(c.sigma_rad)
+    }
 
 
 @pytest.mark.parametrize("start_deg", [0.0, 31.0, 45.0])

@@ -62,7 +62,7 @@ def study(runs, **options):
 def errors(result):
     """Error over sigma of what was observed."""
     seen = [c for c in result.couplings if c.verdict != "not_observable"]
-    return {c.name: (c.value_rad * 1e3 - TRUE[c.name]) / (c.sigma_rad * 1e3) for c in seen}
+    return {c.entry: (c.value_rad * 1e3 - TRUE[c.entry]) / (c.sigma_rad * 1e3) for c in seen}
 
 
 @pytest.mark.parametrize("turn_s", [4.0, 60.0, 600.0])
@@ -87,7 +87,7 @@ def test_one_power_on_without_azimuths(heading_deg):
     assert all(
         c.verdict == "observed" and c.sigma_rad < 0.15e-3
         for c in result.couplings
-        if c.name in found
+        if c.entry in found
     )
 
 
@@ -148,7 +148,7 @@ def mean_squares(studies):
     for made in studies:
         if made.result.verdict == "measured":
             for c in made.result.couplings:
-                found[c.name].append(((c.value_rad - MADE[c.name]) / c.sigma_rad) ** 2)
+                found[c.entry].append(((c.value_rad - MADE[c.entry]) / c.sigma_rad) ** 2)
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 

@@ -10,7 +10,7 @@ import pytest
 from alignment.tilt_rate import tilt_rates
 from ins import earth
 from ins.attitude import dcm_from_euler
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
 from ins.records import NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN

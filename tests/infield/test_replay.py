@@ -4,14 +4,17 @@ page.
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.replay.drift import REALIGN_M_S, Drift, drift_against
+from alignment.motion.kinds import Witness
+from infield.replay.drift import REALIGN_M_S, drift_against, drift_of
 from infield.replay.drift_prediction import predict_parked
-from infield.replay.free_inertial import StopSpeed, TableChoice, heading_change, replay
+from infield.replay.free_inertial import TableChoice, heading_change, replay
+from infield.replay.stops import StopInterval, stop_speed
 from infield.reports.documents.replay import replay_document
 from infield.reports.replay_page import render
 from infield.session.pipeline import update_calibration
@@ -118,7 +121,7 @@ def test_north_table_error_drifts_as_schuler_says():
     u = ERROR_DEG_H * DEG_PER_HOUR
     for seconds, tolerance in ((HOUR, 0.02), (period_s, 0.02)):
         part = slice(0, int(np.searchsorted(drift.time_s, seconds)))
-        cut = Drift(
+        cut = drift_of(
             time_s=drift.time_s[part],
             position_m=drift.position_m[part],
             velocity_m_s=drift.velocity_m_s[part],
@@ -257,7 +260,7 @@ def test_measures_of_a_straight_drift():
     for rate, name in ((2.1, "2T+2"), (3.0, "3T+3"), (4.0, "beyond 3T+3")):
         position = rate * NAUTICAL_MILE * hours[:, None] * [0.6, 0.8]
         velocity = np.full((600, 2), rate * KNOT) * [0.6, 0.8]
-        drift = Drift(time_s=hours * HOUR, position_m=position, velocity_m_s=velocity)
+        drift = drift_of(time_s=hours * HOUR, position_m=position, velocity_m_s=velocity)
         assert drift.rate_nm_h == pytest.approx(rate) and drift.rms_rate_nm_h == pytest.approx(rate)
         assert drift.drift_class == name and drift.hours == pytest.approx(10.0)
         assert drift.speed_m_s[0] == pytest.approx(rate * KNOT)
@@ -268,14 +271,15 @@ def test_a_class_is_lost_by_one_excursion():
     position = np.zeros((60, 2))
     position[30, 0] = (2 * hours[30] + 2.01) * NAUTICAL_MILE
     assert (
-        Drift(time_s=hours * HOUR, position_m=position, velocity_m_s=0 * position).drift_class
+        drift_of(time_s=hours * HOUR, position_m=position, velocity_m_s=0 * position).drift_class
         == "3T+3"
     )
 
 
 def test_realign_above_five_knots():
     def at(speed: float) -> bool:
-        return StopSpeed(start_s=0.0, end_s=60.0, median_m_s=speed, max_m_s=9.0).realign
+        history = SimpleNamespace(time_s=np.arange(3.0), v_n_m_s=np.tile([0.0, speed, 0.0], (3, 1)))
+        return stop_speed(history, StopInterval(0.0, 2.0, Witness.ROWS)).realign
 
     assert REALIGN_M_S == pytest.approx(2.572, abs=1e-3)
     assert at(5.01 * KNOT) and not at(4.99 * KNOT)
@@ -316,7 +320,7 @@ def test_stops_and_outside_tracks_agree_with_truth():
         row = np.searchsorted(
             flown.reference.time_s + flown.history.time_s[0], 0.5 * (stop.start_s + stop.end_s)
         )
-        assert stop.median_m_s == pytest.approx(flown.reference.speed_m_s[row], abs=0.02)
+        assert stop.ground_speed_m_s == pytest.approx(flown.reference.speed_m_s[row], abs=0.02)
     assert flown.reference.radial_m[-1] > 50.0
     # rate and arm: means over an epoch
     for kind, tolerance in (("position_m", 0.3), ("velocity_m_s", 0.1)):
@@ -337,13 +341,15 @@ def test_a_steady_roll_is_no_stop_whoever_looks(outside):
     assert {s.seen_by for s in active.stops} == {"gnss" if outside == "positions" else outside}
     assert [round(s.end_s - s.start_s, -1) for s in active.stops] == [60.0]
     assert (
-        active.stops[0].median_m_s < 0.3 and not table["realign"] and "realign: above" not in page
+        active.stops[0].ground_speed_m_s < 0.3
+        and not table["realign"]
+        and "realign: above" not in page
     )
 
 
 def test_a_fast_stop_that_the_imu_alone_sees_is_said_to_be_one():
     flown = replay(steady_roll("imu"), choices(flat()), QUIET, aided=False)
-    fast = replace(flown.tables[0].stops[0], median_m_s=5.0, max_m_s=5.1)
+    fast = replace(flown.tables[0].stops[0], ground_speed_m_s=5.0, max_m_s=5.1, realign=True)
     flown = replace(flown, tables=(replace(flown.tables[0], stops=(fast,)),))
     document = replay_document(flown, QUIET, store=None, version="1")
     assert plain(document)["tables"][0]["realign_at"] == ["imu"]

@@ -209,7 +209,7 @@ def replace_lags(model):
 
 def test_normal_equations_of_a_lag_are_those_of_the_corrected_columns():
     rng = np.random.default_rng(6)
-    t, lag = 60.0 * np.arange(50.0), Lag(200.0, 90.0)
+    t, lag = 60.0 * np.arange(50.0), Lag(gyro_s=200.0, lines_s=90.0)
     X, y = rng.standard_normal((50, len(TERMS) + 3)), rng.standard_normal(50)
     both = np.column_stack([X, derivatives(X, t)])
     beside = LaggedNormal(NormalEquations(both.T @ both, both.T @ y, float(y @ y), 50))

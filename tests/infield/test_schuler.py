@@ -5,11 +5,11 @@ refusals.
 import numpy as np
 import pytest
 
-from infield.replay.drift import Drift
+from infield.replay.drift import Drift, drift_of
 from infield.replay.free_inertial import replay
 from infield.replay.schuler import expected_period_s, fit_schuler
 from ins.records import TwinModel
-from ins.verdicts import sentence
+from ins.units import MINUTE
 from tests.infield.test_replay import SITE, choices, flat, parked
 
 
@@ -28,7 +28,7 @@ def swing(
     v += noise * rng.standard_normal(v.shape) + walk * np.cumsum(
         rng.standard_normal(v.shape), axis=0
     )
-    return Drift(time_s=t, position_m=np.zeros_like(v), velocity_m_s=v)
+    return drift_of(time_s=t, position_m=np.zeros_like(v), velocity_m_s=v)
 
 
 def test_expected_period_is_84_4_minutes():
@@ -38,8 +38,8 @@ def test_expected_period_is_84_4_minutes():
 @pytest.mark.parametrize("minutes", [70, 90, 240])
 def test_closed_form_is_found(minutes):
     fit = fit_schuler(swing(60.0 * minutes, noise=1e-3), SITE)
-    assert fit.reason is None and fit.period_s == pytest.approx(
-        5064.0, abs=max(4 * fit.sigma_s, 1.0)
+    assert not fit.reason and MINUTE * fit.period_min == pytest.approx(
+        5064.0, abs=max(4 * MINUTE * fit.sigma_period_min, 1.0)
     )
     assert fit.amplitude_m_s == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
 
@@ -48,7 +48,9 @@ def test_sigma_holds_over_seeds():
     """White noise, then a slow wander: squared error over variance 0.25 to 2.5 over 60 seeds."""
     for noise, walk in ((0.02, 0.0), (1e-3, 1e-4)):
         fits = [fit_schuler(swing(7200.0, noise=noise, walk=walk, seed=s), SITE) for s in range(60)]
-        ratio = np.mean([((f.period_s - 5064.0) / f.sigma_s) ** 2 for f in fits])
+        ratio = np.mean(
+            [((f.period_min - 5064.0 / MINUTE) / f.sigma_period_min) ** 2 for f in fits]
+        )
         assert 0.25 < ratio < 2.5
 
 
@@ -57,19 +59,18 @@ def test_simulated_unit_swings_at_the_schuler_period():
     run = parked(600.0 + 5400.0).run
     flown = replay(run, choices(flat(x=0.01)), TwinModel()).tables[0]
     fit = fit_schuler(flown.parked, SITE)
-    assert fit.period_s == pytest.approx(fit.expected_s, rel=0.02)
+    assert fit.period_min == pytest.approx(fit.expected_period_min, rel=0.02)
 
 
 def test_short_records_and_no_swing_are_refused():
-    assert "needed 63 min" in sentence(fit_schuler(swing(3000.0), SITE).reason)
-    assert "needed 63 min" in sentence(fit_schuler(None, SITE).reason)
+    assert "needed 63 min" in fit_schuler(swing(3000.0), SITE).reason
+    assert "needed 63 min" in fit_schuler(None, SITE).reason
     still = swing(7200.0, noise=0.05)
     rng = np.random.default_rng(1)
-    quiet = Drift(
+    quiet = drift_of(
         time_s=still.time_s,
         position_m=still.position_m,
         velocity_m_s=0.05 * rng.standard_normal((7199, 2)),
     )
-    assert fit_schuler(quiet, SITE).reason is not None and np.isnan(
-        fit_schuler(quiet, SITE).period_s
-    )
+    refused = fit_schuler(quiet, SITE)
+    assert refused.reason and np.isnan(refused.period_min)

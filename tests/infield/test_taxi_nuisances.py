@@ -20,7 +20,7 @@ from infield.session.navigated.taxi_heading import GnssAid, LateralAid, Odometer
 from infield.session.reasons import Nuisance
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
 from ins.records import GnssLog, NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
@@ -41,6 +41,7 @@ from tests.infield.test_taxi_heading import (
     TURNING_S,
     WHEEL,
     Listener,
+    rows,
     solution,
     taxi,
     view,
@@ -190,7 +191,7 @@ def fix_of(time_s, *, late_s=0.0, arm=ANTENNA):
 
 
 def gnss(log, assumed=ALL, arm=ANTENNA):
-    return GnssAid(log, arm, 0.5, 0.03, assumed)
+    return GnssAid(log, rows(), arm, 0.5, 0.03, assumed)
 
 
 @pytest.mark.parametrize("end_s", PLACES)
@@ -255,7 +256,7 @@ def test_as_declared_the_rows_are_those_of_before():
 def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
     """A fix that reads too much makes the solution's error seem as much smaller."""
     slow = ReceiverErrors(SlowError(1.5, 300.0, 5.0), SlowError(0.01, 60.0, 5.0))
-    aid = GnssAid(taxi().run.gnss, ANTENNA, 0.5, 0.03, AS_DECLARED, slow)
+    aid = GnssAid(taxi().run.gnss, rows(), ANTENNA, 0.5, 0.03, AS_DECLARED, slow)
     (_, of_position), (_, of_velocity) = read_by(aid, solution(), TURNING_S)
     assert np.array_equal(of_position[:, em.GNSS_SLOW_POS], -np.eye(2))
     assert np.array_equal(of_velocity[:, em.GNSS_SLOW_VEL], -np.eye(2))
@@ -263,11 +264,13 @@ def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
     plan = StepPlan(steps, steps + 1, 0 * steps + ROLLING, 0 * steps, np.zeros(steps.size))
     program = Assigned()
     aid.measure(program, views_of(solution(), plan))
-    levels = {35: 1.5, 36: 1.5, 37: 0.01, 38: 0.01}
+    position, velocity = em.GNSS_SLOW_POS, em.GNSS_SLOW_VEL
+    levels = dict.fromkeys(range(position.start, position.stop), 1.5)
+    levels |= dict.fromkeys(range(velocity.start, velocity.stop), 0.01)
     assert {index for index, _, _ in program.seen} == set(levels)
     for index, row, variance in program.seen:
         assert row[index] ** 2 * levels[index] ** 2 + variance == pytest.approx(levels[index] ** 2)
-    times = {35: 300.0, 37: 60.0}
+    times = {position.start: 300.0, velocity.start: 60.0}
     kept = {index: row[index] for index, row, _ in program.seen}
     for index, time_s in times.items():
         assert kept[index] == pytest.approx(np.exp(-1.0 / time_s))

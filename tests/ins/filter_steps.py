@@ -3,8 +3,9 @@
 import numpy as np
 
 from ins import earth
-from ins.filters import error_model as em
-from ins.filters.program import FilterProgram, Steps
+from ins.estimation import error_model as em
+from ins.estimation import sensors
+from ins.estimation.tape import Steps, Tape
 from ins.units import DEG
 
 LAT = 45 * DEG
@@ -39,7 +40,14 @@ def steps_of(
 
 def advance(flt, step, bin_index=0, **flags):
     """One step, nothing measured."""
-    flt.run(FilterProgram(steps_of(step, bin_index=bin_index, **flags)))
+    flt.run(driven(steps_of(step, bin_index=bin_index, **flags)))
+
+
+def driven(steps):
+    """A tape over steps that the usual sensors' errors drive."""
+    tape = Tape(steps)
+    sensors.usual(tape)
+    return tape
 
 
 def only(time_s=0.0):
@@ -55,7 +63,7 @@ def only(time_s=0.0):
         radius_m=1e30,
         turn_rad=0.0,
     )
-    return FilterProgram(steps_of(step, keep=True, rolling=True, end_s=time_s))
+    return driven(steps_of(step, keep=True, rolling=True, end_s=time_s))
 
 
 def measure(flt, name, z, rows, variance, time_s=0.0, *, gate=np.inf):

@@ -1,5 +1,5 @@
 """Errors of the nonlinear navigation, exactly: perturb a solution and read the states of
-`ins.filters.error_model` back.
+`ins.estimation.error_model` back.
 
 Independent of the linear model: attitude and position errors are taken in the Earth frame, the
 velocity error in body axes, so that theta, p and w need no small-angle formula.
@@ -25,13 +25,16 @@ from ins.strapdown.mechanization import navigate
 STATES = (
     "w_N",
     "w_E",
+    "w_D",
     "p_N",
     "p_E",
+    "p_D",
     "theta_N",
     "theta_E",
     "theta_D",
     "accel_x",
     "accel_y",
+    "accel_z",
     "scale_z",
     "gyro_x",
     "gyro_y",
@@ -85,7 +88,7 @@ def perturbed_imu(imu: ImuLog, errors: Errors) -> ImuLog:
 
 
 def error_states(true, computed, row: int = -1) -> np.ndarray:
-    """[w (2), p (2), theta (3)] at a row of two histories, computed against true, NED of the true
+    """[w (3), p (3), theta (3)] at a row of two histories, computed against true, NED of the true
     one.
     """
     C_en, C_en_c = (dcm_en(h.lat_rad[row], h.lon_rad[row]) for h in (true, computed))
@@ -96,9 +99,7 @@ def error_states(true, computed, row: int = -1) -> np.ndarray:
     turned = (C_en_c @ computed.C_nb[row]) @ (C_en @ true.C_nb[row]).T
     v_b, v_b_c = (h.C_nb[row].T @ h.v_n_m_s[row] for h in (true, computed))
     w = true.C_nb[row] @ (v_b_c - v_b)
-    return np.concatenate(
-        [w[:2], (C_en.T @ (r_c - r))[:2], C_en.T @ rotation_vector_from_dcm(turned)]
-    )
+    return np.concatenate([w, C_en.T @ (r_c - r), C_en.T @ rotation_vector_from_dcm(turned)])
 
 
 def run_errors(

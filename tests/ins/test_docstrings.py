@@ -14,10 +14,13 @@ FOLDER = Path(ins.__file__).parent
 # Parts of compiled loops are documented by one sentence: what Python calls has all its sections.
 KERNELS = [path for path in FOLDER.rglob("*.py") if "ins.jit import" in path.read_text("utf-8")]
 KERNELS.append(FOLDER / "strapdown/loop.py")
-MODULES = sorted(set(FOLDER.rglob("*.py")) - set(KERNELS))
+# Formulas of the list of errors share one signature, which `ins.errors.base.Effect` documents.
+OF_ALL = {FOLDER / "errors/prior.py", FOLDER / "errors/reference.py"}
+FORMULAS = set((FOLDER / "errors").rglob("*.py")) - OF_ALL
+MODULES = sorted(set(FOLDER.rglob("*.py")) - {*KERNELS, *FORMULAS})
 CALLED_FROM_PYTHON = {
     "filters/aided_kernel.py": {"run"},
-    "filters/error_kernel.py": {"run", "system", "transition"},
+    "estimation/kernel.py": {"sweep", "respond", "system", "transition"},
     "strapdown/body_forces.py": {"turned_forces"},
     "strapdown/loop.py": {"integrate"},
 }

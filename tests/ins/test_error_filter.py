@@ -7,32 +7,23 @@ import pytest
 
 from ins import earth, kalman
 from ins.attitude import dcm_from_euler
-from ins.filters import error_kernel as fk
-from ins.filters import error_model as em
-from ins.filters import states
-from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filters.program import FilterProgram
+from ins.estimation import error_model as em
+from ins.estimation import kernel as fk
+from ins.estimation import states
+from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
+from ins.filters import states as aided
 from ins.units import DEG
-from tests.ins.filter_steps import advance, dense, measure, only, steps_of
+from tests.ins.filter_steps import advance, dense, driven, measure, only, steps_of
 
 NOISE = em.ProcessNoise(
     arw=6e-7, vrw=1e-4, accel_rrw=3e-7, yaw_creep=1e-7, lateral_rms=0.03, lateral_time_s=2.0
 )
 DOWN = em.THETA.stop - 1
 CLONE_DOWN = em.THETA_CLONE.stop - 1
-NOT_STATES = (
-    "AIDED_MOTION",
-    "AIDED_DRIVING",
-    "AIDED_STATES",
-    "READING_GYRO",
-    "READ_AXIS",
-    "BASE",
-    "MOVING_STATES",
-    "DRIVING_STATES",
-)
-LAYOUTS = [name for name in vars(states) if name.isupper() and name not in NOT_STATES]
-AIDED_NAMES = [name for name in LAYOUTS if name.startswith("AIDED_")]
-STATE_NAMES = [name for name in LAYOUTS if not name.startswith("AIDED_")]
+NOT_STATES = ("CORE", "BASE")
+STATE_NAMES = [name for name in vars(states) if name.isupper() and name not in NOT_STATES]
+AIDED_NOT_STATES = ("AIDED_MOTION", "AIDED_DRIVING", "AIDED_STATES", "READING_GYRO", "READ_AXIS")
+AIDED_NAMES = [name for name in vars(aided) if name.isupper() and name not in AIDED_NOT_STATES]
 
 
 def new_filter(bins=2, **sigma0):
@@ -261,20 +252,20 @@ def test_covariance_stays_symmetric_and_positive_over_an_hour_and_a_taxi():
 
 
 def test_layouts_leave_no_gap_and_share_no_state():
-    error = [value for name, value in vars(states).items() if name in STATE_NAMES]
-    aided = [value for name, value in vars(states).items() if name in AIDED_NAMES]
-    for parts, count in ((error, states.BASE), (aided, states.AIDED_STATES)):
+    of_errors = [value for name, value in vars(states).items() if name in STATE_NAMES]
+    of_aided = [value for name, value in vars(aided).items() if name in AIDED_NAMES]
+    for parts, count in ((of_errors, states.BASE), (of_aided, aided.AIDED_STATES)):
         taken = [np.atleast_1d(np.arange(count)[part]) for part in parts]
         assert sorted(np.concatenate(taken)) == list(range(count))
 
 
 def test_the_core_order_of_the_kernel_is_that_of_the_layout():
-    moving = [em.W, em.POS, em.THETA, em.S]
-    moving_states = [k for part in moving for k in range(part.start, part.stop)] + [em.LATERAL]
-    driving_states = [em.ACCEL.start, em.ACCEL.start + 1, em.SCALE_Z]
-    assert fk.POSITIONS == (*moving_states, *driving_states)
-    assert (fk.MOVE, fk.BIAS, fk.CORE, fk.NOISY) == (10, 13, 16, 12)
-    assert (fk.BASE, fk.CLONE_DOWN, fk.YAW) == (em.BASE, CLONE_DOWN, em.YAW)
+    level = [em.W, em.POS, em.THETA, em.S]
+    core = [k for part in level for k in range(part.start, part.stop)]
+    assert sorted([*core, em.W_DOWN, em.POS_DOWN, em.LATERAL]) == list(range(fk.CORE))
+    assert (fk.W, fk.POS, fk.THETA, fk.S) == (em.W.start, em.POS.start, em.THETA.start, em.S.start)
+    assert em.moving(level=True).tolist() == sorted([*core, em.LATERAL])
+    assert em.moving(level=False).tolist() == list(range(fk.CORE))
 
 
 def beside_a_taxi(size):
@@ -293,7 +284,8 @@ def random_program(rng, count=40, bins=3):
     dense matrices. What a taxi may have beyond what is declared rests as crab and arms do; its
     sigmas of meters and hundredths would only decide the rounding.
     """
-    dense_steps, measured = [], beside_a_taxi(em.BASE + 3 * bins)
+    known = [em.W_DOWN, em.POS_DOWN, em.ACCEL_Z]  # to be zero: a level filter has no errors there
+    dense_steps, measured = [], np.setdiff1d(beside_a_taxi(em.BASE + 3 * bins), known)
     for _ in range(count):
         rolling = bool(rng.random() < 0.5)
         keep = bool(not rolling and rng.random() < 0.5)
@@ -324,7 +316,7 @@ def by_filterpy(flt, dense_steps):
     for step, bin_index, rolling, keep, rows in dense_steps:
         Phi, Gamma, Q = em.discretize(step, NOISE, rolling=rolling, keep_displacement=keep)
         F, Q_full, column = np.eye(n), np.zeros((n, n)), em.BASE + 3 * bin_index
-        F[: em.BASE, : em.BASE], F[: em.BASE, column : column + 3] = Phi, Gamma
+        F[: em.BASE, : em.BASE], F[: em.BASE, column : column + 3] = Phi, Gamma[:, :3]
         Q_full[: em.BASE, : em.BASE] = Q
         x, P = kalman.predict(x, P, F, Q_full)
         for row, z, variance in rows:
@@ -345,7 +337,7 @@ def test_the_compiled_loop_is_filterpy_on_the_same_steps(seed):
     with_random_errors(flt, rng)
     x, P, nis = by_filterpy(flt, dense_steps)
     for k, (step, bin_index, rolling, keep, rows) in enumerate(dense_steps):
-        program = FilterProgram(
+        program = driven(
             steps_of(step, bin_index=bin_index, rolling=rolling, keep=keep, end_s=float(k))
         )
         for row, z, variance in rows:
@@ -357,13 +349,13 @@ def test_the_compiled_loop_is_filterpy_on_the_same_steps(seed):
     assert flt.tally.nis["row"] == pytest.approx(sum(nis), rel=1e-9)
 
 
-# Rounding of 33 states whose variances lie up to 1e20 apart; 4.4e-12 on one processor, 0.6e-12 on
-# another, which rounds the matrix products otherwise.
-ELEVEN_DIGITS = 1e-11
+# A position known to 10 m and measured to 1 mm loses eight of sixteen digits in either; 1.1e-10
+# was seen over 50 seeds' rows.
+TEN_DIGITS = 3e-10
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_each_step_from_the_same_state_is_filterpys_to_eleven_digits(seed):
+def test_each_step_from_the_same_state_is_filterpys_to_ten_digits(seed):
     """Propagation and scalar rows from a common state, in sigmas of before (an update that leaves a
     thousandth of a sigma loses six digits of it in either).
     """
@@ -372,13 +364,13 @@ def test_each_step_from_the_same_state_is_filterpys_to_eleven_digits(seed):
     for step in random_program(rng, count=20):
         before = np.diag(flt.P).copy()
         x, P, _ = by_filterpy(flt, [step])
-        program = FilterProgram(steps_of(step[0], bin_index=step[1], rolling=step[2], keep=step[3]))
+        program = driven(steps_of(step[0], bin_index=step[1], rolling=step[2], keep=step[3]))
         for row, z, variance in step[4]:
             program.measure("row", np.array([0]), [z], [row], [variance])
         flt.run(program)
         sigma = np.sqrt(np.maximum(np.maximum(np.diag(P), before), 1e-20))
-        assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < ELEVEN_DIGITS
-        assert np.abs((flt.x - x) / sigma).max() < ELEVEN_DIGITS
+        assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < TEN_DIGITS
+        assert np.abs((flt.x - x) / sigma).max() < TEN_DIGITS
         flt.x, flt.P = x, P
 
 
@@ -388,7 +380,7 @@ def test_a_whole_program_is_its_steps_one_by_one():
     """
     whole, single = new_filter(), new_filter()
     step, z = parked_step(speed=3.0), np.array([1e-3, -2e-3, 3e-3])
-    program = FilterProgram(steps_of(step, 3, rolling=True, moving=True))
+    program = driven(steps_of(step, 3, rolling=True, moving=True))
     program.measure(
         "lateral",
         np.arange(3),
@@ -399,7 +391,7 @@ def test_a_whole_program_is_its_steps_one_by_one():
     program.measure("odometer", np.array([1]), [5e-3], [{em.S.start: 1.0}], [1e-4])
     whole.run(program)
     for k in range(3):
-        one = FilterProgram(steps_of(step, rolling=True, moving=True))
+        one = driven(steps_of(step, rolling=True, moving=True))
         one.measure(
             "lateral", np.array([0]), [z[k]], [{em.S.start + 1: 1.0, em.KAPPA: k + 1.0}], [1e-6]
         )
@@ -439,7 +431,7 @@ def test_filtered_bins_are_those_at_the_end_of_their_time():
     measure(flt, "bias", 1e-8, [{em.BASE: 1.0}], 1e-16)
     at_end = flt.P[em.BASE, em.BASE]
     advance(flt, parked_step(), 1)
-    program = FilterProgram(steps_of(parked_step(), bin_index=1))
+    program = driven(steps_of(parked_step(), bin_index=1))
     program.measure("bias", np.array([0]), [1e-8], [{em.BASE + 3: 1.0}], [1e-16])
     flt.run(program)
     assert flt.P[em.BASE, em.BASE] < at_end

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from ins import earth
 from ins.attitude import dcm_from_euler, skew
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
 from ins.records import NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR
@@ -18,15 +18,15 @@ from tests.ins.nonlinear_errors import STATES, Errors, constant_imu, error_state
 LAT = 50 * DEG
 CASES = ("parked", "rolling", "turning", "tilted turn")
 # of the perturbations
-SIZE = {"w": 0.1, "p": 2000.0, "theta": 1e-3, "accel": 1e-2, "gyro": 1e-5, "scale": 1e-3}
-ROWS = {"W": slice(0, 2), "POS": slice(2, 4), "THETA": slice(4, 7), "S": slice(7, 9)}
+SIZE = {"w": 0.1, "p": 800.0, "theta": 1e-3, "accel": 1e-2, "gyro": 1e-5, "scale": 1e-3}
+ROWS = {"W": slice(0, 3), "POS": slice(3, 6), "THETA": slice(6, 9), "S": slice(9, 11)}
 COLUMNS = {
-    "W": (0, 1),
-    "POS": (2, 3),
-    "THETA": (4, 5, 6),
-    "ACCEL": (7, 8),
-    "SCALE_Z": (9,),
-    "BIAS": (10, 11, 12),
+    "W": (0, 1, 2),
+    "POS": (3, 4, 5),
+    "THETA": (6, 7, 8),
+    "ACCEL": (9, 10, 11),
+    "SCALE_Z": (12,),
+    "BIAS": (13, 14, 15),
 }
 # one radius for both curvatures: (a - R_meridian) / a at 50 deg, with its height
 ROUND_EARTH = 5e-3
@@ -80,7 +80,7 @@ def step_of(history):
 
 @cache
 def nonlinear_transition(case, duration_s, dt=0.01):
-    """(9, 13): w, p, theta, S at the end against STATES at the start, by central differences of
+    """(11, 16): w, p, theta, S at the end against STATES at the start, by central differences of
     `navigate`.
     """
     start, imu, truth = run_of(case, duration_s, dt)
@@ -97,19 +97,18 @@ def nonlinear_transition(case, duration_s, dt=0.01):
 
 
 def model_matrix(F, B):
-    """The same (9, 13) out of the model's F (35, 35) and B (35, 3)."""
-    rows = np.r_[em.W, em.POS, em.THETA, em.S]
-    return np.hstack(
-        [F[np.ix_(rows, np.r_[em.W, em.POS, em.THETA, em.ACCEL, em.SCALE_Z])], B[rows]]
-    )
+    """The same (11, 16) out of the model's F (42, 42) and B (42, 9)."""
+    rows = np.arange(em.S.stop)
+    columns = np.r_[em.W.start : em.THETA.stop, em.ACCEL, em.ACCEL_Z, em.SCALE_Z]
+    return np.hstack([F[np.ix_(rows, columns)], B[rows, :3]])
 
 
 def nonlinear_rates(case):
     """F by Richardson from the transitions over h and h/2: (4 Phi(h/2) - Phi(h) - 3 I) / h, error
     h^2 F^3 / 12.
     """
-    start = np.eye(9, 13)
-    start[7:] = 0.0
+    start = np.eye(11, 16)
+    start[9:] = 0.0
     whole, half = (
         nonlinear_transition(case, INSTANT_S, 1e-3),
         nonlinear_transition(case, INSTANT_S / 2, 1e-3),
@@ -133,7 +132,9 @@ def test_block_of_F_is_the_derivative_of_the_nonlinear_navigation(case, row, col
     measured = nonlinear_rates(case)[ROWS[row], COLUMNS[column]]
     # g/R is 1e-6 of the velocity rows' other terms: held to its own size
     if (row, column) == ("W", "POS"):
-        assert measured == pytest.approx(model, abs=ROUND_EARTH * step.gravity / step.radius_m)
+        assert measured == pytest.approx(
+            model, abs=2.0 * ROUND_EARTH * step.gravity / step.radius_m
+        )
         return
     allowed = 1e-3 * TERM[row] if column not in ("POS", "W") else 1e-5
     if (row, column) == ("W", "THETA") and case == "tilted turn":
@@ -152,7 +153,7 @@ def test_discretized_step_is_the_nonlinear_step(case, dt_s):
     noise = em.ProcessNoise(
         arw=0.0, vrw=0.0, accel_rrw=0.0, yaw_creep=0.0, lateral_rms=0.02, lateral_time_s=2.0
     )
-    Phi, Gamma, _ = em.discretize(step_of(truth), noise, rolling=True)
+    Phi, Gamma, _ = em.discretize(step_of(truth), noise, rolling=True, level=False)
     sizes = np.array([SIZE[state.partition("_")[0]] for state in STATES])
     model, measured = model_matrix(Phi, Gamma) * sizes, nonlinear_transition(case, dt_s) * sizes
     # the step's mean attitude: half its turn, 0.1 rad, on dt^2 terms
@@ -208,6 +209,19 @@ def test_nuisance_states_do_not_drive_the_navigation_errors():
     assert np.count_nonzero(F[:, em.LATERAL]) == 2
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_a_given_height_leaves_no_error_down(case):
+    """Level, the errors down stand still, and nothing of them reaches the others."""
+    Phi, Gamma, Q = em.discretize(step_of(run_of(case, 1.0)[2]), NOISE, rolling=True)
+    for state in (em.W_DOWN, em.POS_DOWN):
+        others = np.arange(em.BASE) != state
+        assert Phi[state, state] == 1.0
+        assert not Phi[state, others].any()
+        assert not Phi[others, state].any()
+        assert not Gamma[state].any()
+        assert not Q[state].any()
+
+
 NOISE = em.ProcessNoise(
     arw=6e-7, vrw=1e-4, accel_rrw=3e-7, yaw_creep=1e-7, lateral_rms=0.03, lateral_time_s=2.0
 )
@@ -224,15 +238,19 @@ def test_phi_and_gamma_are_the_matrix_exponential(case, dt_s):
     """
     step = step_of(run_of(case, dt_s)[2])
     F, B = em.system_matrix(step, NOISE.lateral_time_s)
-    Phi, Gamma, _ = em.discretize(step, NOISE, rolling=case != "parked")
-    exact = expm(np.block([[F, B], [np.zeros((3, em.BASE + 3))]]) * dt_s)
+    Phi, Gamma, _ = em.discretize(step, NOISE, rolling=case != "parked", level=False)
+    exact = expm(np.block([[F, B], [np.zeros((9, em.BASE + 9))]]) * dt_s)
     columns = np.setdiff1d(np.arange(em.BASE), [em.S.start, em.S.stop - 1, em.LATERAL])
     for row in ROWS:
         i = getattr(em, row)
         assert Phi[i, columns] == pytest.approx(
             exact[i, columns], abs=1e-4 * np.abs(exact[i, columns]).max()
         )
-        assert Gamma[i] == pytest.approx(exact[i, -3:], abs=1e-3 * np.abs(exact[i, -3:]).max())
+        for inputs in (slice(0, 3), slice(3, 6), slice(6, 9)):
+            column = exact[i, em.BASE :][:, inputs]
+            # of the exponential's rounding, where nothing drives
+            allowed = 1e-3 * np.abs(column).max() + 1e-14
+            assert Gamma[i, inputs] == pytest.approx(column, abs=allowed)
     if case != "parked":
         lateral = [em.LATERAL, em.S.stop - 1]
         assert Phi[lateral, em.LATERAL] == pytest.approx(exact[lateral, em.LATERAL], abs=6e-3)
@@ -253,12 +271,12 @@ def van_loan(F, q, dt):
 
 
 def density(step, rolling):
-    """Spectral density (35, 35) from what each noise is: gyro noise turns theta and, times v, w."""
+    """Spectral density (42, 42) from what each noise is: gyro noise turns theta and, times v, w."""
     G = np.zeros((em.BASE, 3))
-    G[em.THETA], G[em.W] = step.C_nb, (skew(step.v_n) @ step.C_nb)[:2]
+    G[em.THETA], G[: em.POS.start] = step.C_nb, skew(step.v_n) @ step.C_nb
     q = NOISE.arw**2 * (G @ G.T)
     for index, value in [
-        (em.W, NOISE.vrw),
+        (slice(em.W.start, em.W_DOWN + 1), NOISE.vrw),
         (em.ACCEL, NOISE.accel_rrw),
         (slice(em.YAW, em.YAW + 1), NOISE.yaw_creep),
     ]:
@@ -278,7 +296,7 @@ def test_process_noise_is_van_loans(case, dt_s):
     rolling = case != "parked"
     if not rolling:
         F[:, em.LATERAL] = 0.0  # its Q stands for a fresh draw, tested below
-    _, _, Q = em.discretize(step, NOISE, rolling=rolling)
+    _, _, Q = em.discretize(step, NOISE, rolling=rolling, level=False)
     exact = van_loan(F, density(step, rolling), dt_s)
     Q[em.LATERAL, em.LATERAL] *= rolling
     sigma = np.sqrt(np.diag(exact))
@@ -310,7 +328,8 @@ def test_an_hour_of_steps_follows_the_nonlinear_solution():
     Phi, Gamma, _ = em.discretize(step_of(run_of("parked", 10.0)[2]), NOISE, rolling=False)
     x, worst = np.zeros(em.BASE), 0.0
     for row in range(1, 361):
-        x = Phi @ x + Gamma @ bias
-        worst = max(worst, np.abs(x[:7] - error_states(truth, computed, row))[:2].max())
+        x = Phi @ x + Gamma[:, :3] @ bias
+        errors = x[: em.THETA.stop] - error_states(truth, computed, row)
+        worst = max(worst, np.abs(errors)[em.W].max())
     assert np.abs(computed.v_n_m_s[-1]).max() > 0.2
     assert worst < 0.005 * 0.6

@@ -26,10 +26,10 @@ from infield.session import log, pipeline
 from infield.session.parked import stretches
 from infield.thermal import ramp_runs
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short
+from ins.errors import telemetry
 from ins.records import ImuSource, InputError
 from ins.units import DEG
 from ins.verdicts import Reason
-from simreal.effects import telemetry
 from simreal.evidence import run_view
 from tests.motion.runs import DATA, LEFT_OUT, RECORDED, SIMULATED, Case, Named
 from trajectories.runs import physics_gates

@@ -244,7 +244,7 @@ def test_a_unit_without_a_table_starts_from_the_settled_part(folder):
 def test_what_is_not_known_of_the_terms_widens_the_turn_on_by_hand(folder):
     twin, run = default_twin("rlg"), read_run(folder / "run")
     stored = read_thermal_model(folder / "model.json")
-    found = replace(removal(run, stored), sigma_deg_h=np.array([0.004, 0.001, 0.0]))
+    found = replace(removal(run, stored), sigma_deg_h={"x": 0.004, "y": 0.001, "z": 0.0})
     assert with_model_sigma(twin, [found]).gyro.turn_on_deg_h == pytest.approx(0.005)  # 3-4-5
     assert with_model_sigma(twin, []) is twin
     left, gone = without_rates(run, None)
@@ -300,11 +300,11 @@ def test_a_fibre_optic_model_serves_as_well(tmp_path):
     left, gone = without_rates(
         Run(header=header, imu=still, temperature=log, sha256="0" * 64), stored
     )
-    for k in range(3):
+    for k, axis in enumerate("xyz"):
         true = truth.K_delta(k, T) * 0.5
         found = -left.imu.dtheta_rad[:, k] / DEG_PER_HOUR
         assert (
-            np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[k]
-            and gone.sigma_deg_h[k] < 0.01
+            np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[axis]
+            and gone.sigma_deg_h[axis] < 0.01
         )
     assert left.header.removed_model.part == "rates" and left.sha256 == "0" * 64

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from benchmarks.gap_trials.trial import draw_trial
 from infield.table.file import table_from_dict, table_sha256
-from simreal.effects.catalogue import catalogue
+from ins.errors.catalogue import catalogue
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 
 NAMES = (

@@ -13,8 +13,9 @@ from scipy.stats import multivariate_normal
 
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import default_table
-from simreal.declared.generic import TABLE_AGED, table_errors
-from simreal.effects.catalogue import catalogue
+from ins.errors.catalogue import catalogue
+from ins.errors.table import TABLE_AGED
+from simreal.declared.generic import table_errors
 from simreal.inference.bank import Group, Hypothesis
 from simreal.inference.causes import Cause, Rival, judged, parameter_of
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose

@@ -13,8 +13,8 @@ from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.seen import run_of, streams_of, tilted
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
+from ins.errors.catalogue import catalogue
 from ins.units import ARCSEC
-from simreal.effects.catalogue import catalogue
 from simreal.inference.attribute import Attributor
 from simreal.inference.causes import shares_of
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose

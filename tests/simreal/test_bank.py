@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks.gap_trials.trial import draw_trial
 from infield.table.file import table_from_dict
+from ins.errors.base import ACCELS, GYROS
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.generic import MOTION_SIZE
-from simreal.effects.base import ACCELS, GYROS
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank

@@ -9,9 +9,9 @@ import pytest
 
 from infield.table.file import table_from_dict
 from ins.attitude import euler_from_dcm
+from ins.errors.catalogue import catalogue
 from ins.records import ImuLog, InputError, Run
 from ins.units import DEG
-from simreal.effects.catalogue import catalogue
 from simreal.evidence.dead_channels import dead_columns
 from simreal.evidence.run_view import RunView, view_run
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose

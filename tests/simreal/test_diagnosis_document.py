@@ -11,14 +11,14 @@ import pytest
 
 from infield.table.file import table_from_dict
 from ins.documents import from_json, plain, to_json
+from ins.errors.catalogue import words_of
+from ins.errors.gyro.noise import NOISE_OF_TIME
+from ins.errors.telemetry import Trace
+from ins.errors.unnamed import OF_RUN, OF_TEMPERATURE, OF_TIME, WHILE_MOVING
 from ins.records import InputError
 from ins.twin_file import read_twin, twin_from_dict
 from ins.units import DEG_PER_HOUR
-from simreal.declared.generic import OF_RUN, OF_TEMPERATURE, OF_TIME, WHILE_MOVING
 from simreal.declared.twin_effects import parse_effects, twin_traces
-from simreal.effects.gyro_noise import NOISE_OF_TIME
-from simreal.effects.telemetry import Trace
-from simreal.effects.words import words_of
 from simreal.evidence.overlap import overlapping
 from simreal.inference.addback import Shrink
 from simreal.inference.causes import Cause, Rival, judged, parameter_of

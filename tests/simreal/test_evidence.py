@@ -9,9 +9,9 @@ from scipy.stats import chi2
 
 from benchmarks.gap_trials.trial import draw_trial
 from infield.table.file import table_from_dict
+from ins.errors.catalogue import effects_named
+from ins.errors.telemetry import AIRBORNE
 from ins.records import Run, TwinModel
-from simreal.effects.catalogue import effects_named
-from simreal.effects.telemetry import AIRBORNE
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, RunEvidence
 from simreal.inference.bank import Bank

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from ins.errors.catalogue import catalogue
+from ins.errors.flight import FLIGHT_EFFECTS, pressure_change_hpa
+from ins.errors.telemetry import AIRBORNE, Trace, on_axis
 from ins.units import MICRO_G, STANDARD_GRAVITY
-from simreal.effects.catalogue import catalogue
-from simreal.effects.flown.flight import FLIGHT_EFFECTS, pressure_change_hpa
-from simreal.effects.telemetry import AIRBORNE, Trace, on_axis
 from simreal.evidence.run_view import view_run
 from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import shapes_of

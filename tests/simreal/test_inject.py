@@ -10,13 +10,13 @@ import pytest
 
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.earth import displacement_ned
+from ins.errors.catalogue import catalogue
+from ins.errors.parts.formula import PartEffect
 from ins.records import ImuLog, NavState, Site, VehicleNoise
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from simreal.declared.twin_effects import TwinEffect
-from simreal.effects.catalogue import catalogue
-from simreal.effects.parts.formula import PartEffect
 from simreal.evidence import run_view
 from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import shapes_of

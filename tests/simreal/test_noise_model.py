@@ -159,7 +159,7 @@ def test_band_sums_scatter_as_their_freedom_says(sway):
 
 
 def test_added_noise_adds_variances():
-    from simreal.effects.base import AddedNoise
+    from ins.errors.base import AddedNoise
 
     base = ChannelNoise(white=1.0)
     more = base.with_added(AddedNoise("gyro_x", white=2.0), 3.0)

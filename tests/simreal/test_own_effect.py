@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from ins.errors import catalogue as module
+from ins.errors.base import Effect
 from ins.records import InputError
-from simreal.effects import catalogue as module
 from simreal.effects import own
-from simreal.effects.base import Effect
 from simreal.inference.bank import Bank
 from tests.simreal.test_evidence import null_evidence
 

@@ -13,9 +13,10 @@ import pytest
 from benchmarks.gap_trials.seen import run_of, streams_of
 from benchmarks.gap_trials.trial import Trial, draw_trial
 from infield.table.file import table_from_dict
+from ins.errors.catalogue import catalogue
+from ins.errors.unnamed import WHILE_MOVING
 from ins.units import DEG, DEG_PER_HOUR
-from simreal.declared.generic import WHILE_MOVING, generic_functions
-from simreal.effects.catalogue import catalogue
+from simreal.declared.generic import generic_functions
 from simreal.evidence.run_view import RunView, view_run
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.phases import phases_contradict

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ins.errors.catalogue import catalogue, effects_named
 from ins.records import InputError, Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from simreal.effects.catalogue import catalogue, effects_named
 from simreal.evidence.whitened import Evidence
 from simreal.inference.attribute import Attributor
 from simreal.inference.bank import Bank

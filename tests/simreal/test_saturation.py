@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ins.errors.catalogue import catalogue
+from ins.errors.flight import cut_off
+from ins.errors.telemetry import PARKED
 from ins.units import DEG
-from simreal.effects.catalogue import catalogue
-from simreal.effects.flown.flight import cut_off
-from simreal.effects.telemetry import PARKED
 from simreal.evidence.at_range import SECONDS_AT_RANGE, TIED_ROWS, share_at_range
 from simreal.evidence.run_view import view_run
 from tests.simreal.runs import FLIGHT, simulated, table, twin_of

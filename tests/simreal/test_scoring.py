@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from simreal.effects.base import CatalogueEffect, Coefficient
+from ins.errors.base import CatalogueEffect, Coefficient
 from simreal.inference.bank import SIZES, Group, Hypothesis, size_weights
 from simreal.inference.scoring import Conditioned, Scorer, fit
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from ins.attitude import dcm_from_euler
+from ins.errors.accelerometer import ACCELEROMETER
+from ins.errors.navigation import NAVIGATION_EFFECTS
+from ins.errors.platform import PLATFORM
+from ins.errors.telemetry import PARKED, ROLLING, Telemetry, Trace, total
+from ins.errors.wheels import WHEELS
 from ins.records import Site, VehicleNoise
 from ins.units import ARCSEC, DEG
-from simreal.effects.accelerometer import ACCELEROMETER
-from simreal.effects.navigation import NAVIGATION_EFFECTS
-from simreal.effects.platform import PLATFORM
-from simreal.effects.telemetry import PARKED, ROLLING, Telemetry, Trace, total
-from simreal.effects.wheels import WHEELS
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ins.errors.catalogue import catalogue
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, PPM
-from simreal.effects.catalogue import catalogue
 from simreal.evidence.run_view import view_run
 from simreal.evidence.whitened import Evidence
 from tests.simreal import runs

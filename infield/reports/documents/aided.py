@@ -1,39 +1,5 @@
 """The `aided` part of replay.json, and the columns of navigation_aided.parquet, from an
-`infield.aided.flight.AidedResult`::
-
-    verdict, reasons, notes   "aided", "inconsistent" or "refused"
-    table                     role of the table that the log was compensated with
-    start                     time_s, method ("gyrocompass", "velocity matching"), the stretch it
-                              was found on, heading and its first sigma
-    end                       attitude, velocity, biases at the end, each with its sigma
-    fixes                     count, and of each kind: used, rejected; by_type[]: fix_type
-                              ("single", "corrected", "float", "fixed", "unknown"), count,
-                              rejected, bad, bad_share
-    rejected[]                time_s, kind, nis, and the residual over its sigma, NED; at most
-                              MOST of them, in order of time
-    outages[]                 start_s, end_s without a used position, sigma_m (level) at the end,
-                              off_m: what the next fix was off
-    resets_s, leaps_s         when the solution was begun anew, and when the positions leapt while
-                              the velocities fitted
-    outage_scores[]           stretches whose fixes were left out (--outage): level and vertical
-                              error RMS and at the last fix, sigma there, error over sigma
-    grade                     "good", "degraded" or "inconsistent"
-    degraded[]                start_s, end_s, why (a code), words
-    standing[]                start_s, end_s: taken as measurements of no velocity
-    consistency               overall, position, velocity: nis_mean, dof, band_95; standing;
-                              is_test: false where noise was fitted
-    noise                     factors on the declared sigmas, those at the largest that is tried,
-                              declared_nis (before any factor)
-    antenna                   lever_arm_m (with sigma) and delay_s of the solution, what of them
-                              was taken from the fixes, and `seen`: what the fixes say with both
-                              free; null where that could not be flown
-    smoothed                  with --smooth: sigmas of the solution that all fixes make beside the
-                              filter's (first row, median, largest), its outage_scores and
-                              scoring_only
-    wheels                    with --vehicle: measurements used and rejected, how the vehicle
-                              stands in the unit's axes
-    scoring_only              against the run's reference: RMS errors, and squared error over
-                              variance
+`infield.aided.flight.AidedResult`.
 
 Decision: docs/decisions/0038-fitted-nis.md.
 """
@@ -46,10 +12,12 @@ from numpy.typing import NDArray
 
 from infield.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.aided.flight import AidedResult, Outage, leap_times, nis_of, rejected_rows, reset_times
+from infield.aided.grade import Weak
 from infield.aided.left_out import OutageScore
-from infield.aided.reasons import AidedGrade, AidedVerdict, AidedWeakness, StartMethod
+from infield.aided.reasons import AidedGrade, AidedVerdict, StartMethod
 from infield.aided.start import FoundStart
 from infield.aided.taken import TypeShare, shares_by_type
+from infield.reports.documents.alignment import FilterNis
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.documents import OMIT_NONE
 from ins.earth import displacement_ned
@@ -60,18 +28,12 @@ from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_VEL as VEL
 from ins.kalman import nis_band
-from ins.records import FixType, ReferenceLog
+from ins.records import ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import codes, sentences
 
 MOST = 500  # rejects that are listed
 ANGLES = ("roll", "pitch", "heading")
-FIX_TYPE_NAMES = {
-    FixType.SINGLE: "single",
-    FixType.DIFFERENTIAL: "corrected",
-    FixType.FLOAT: "float",
-    FixType.FIXED: "fixed",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,16 +42,6 @@ class TimeSpanDocument:
 
     start_s: float
     end_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class WeakDocument:
-    """A stretch in which the solution is degraded, why, and that in words."""
-
-    start_s: float
-    end_s: float
-    why: AidedWeakness
-    words: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,20 +56,6 @@ class StartDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FixesOfTypeDocument:
-    """Fixes of one type: bad are those of which position or velocity was rejected, or used and
-    farther off than one in a thousand is.
-    """
-
-    fix_type: str
-    count: int
-    rejected_position: int
-    rejected_velocity: int
-    bad: int
-    bad_share: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class FixesDocument:
     """How many fixes were seen, used and rejected."""
 
@@ -126,7 +64,7 @@ class FixesDocument:
     used_velocity: int
     rejected_position: int
     rejected_velocity: int
-    by_type: Sequence[FixesOfTypeDocument]
+    by_type: Sequence[TypeShare]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,11 +80,9 @@ class RejectedDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NisDocument:
+class BandedNis(FilterNis):
     """Mean NIS per degree of freedom; the standing vehicle has no band."""
 
-    nis_mean: float
-    dof: int
     band_95: Sequence[float] | None = field(default=None, metadata=OMIT_NONE)
 
 
@@ -154,10 +90,10 @@ class NisDocument:
 class AidedConsistencyDocument:
     """NIS by kind; is_test: false where the model was fitted to this log."""
 
-    overall: NisDocument
-    position: NisDocument
-    velocity: NisDocument
-    standing: NisDocument
+    overall: BandedNis
+    position: BandedNis
+    velocity: BandedNis
+    standing: BandedNis
     is_test: bool
 
 
@@ -272,7 +208,7 @@ class AidedFlightDocument(AidedDocument):
     resets_s: Sequence[float]
     leaps_s: Sequence[float]
     grade: AidedGrade
-    degraded: Sequence[WeakDocument]
+    degraded: Sequence[Weak]
     consistency: AidedConsistencyDocument
     noise: AidedNoiseDocument
     antenna: AntennaDocument | None
@@ -310,7 +246,7 @@ def aided_document(
         resets_s=[float(t) for t in reset_times(history)],
         leaps_s=[float(t) for t in leap_times(history)],
         grade=result.grade or AidedGrade.GOOD,
-        degraded=[WeakDocument(**vars(w), words=w.why.template) for w in result.weak],
+        degraded=result.weak,
         consistency=_consistency(result, history),
         noise=_noise(result),
         antenna=_antenna(result.antenna),
@@ -384,13 +320,8 @@ def _fixes(history: AidedHistory, fixes: Fixes | None) -> FixesDocument:
         used_velocity=nis_of(history, velocity)[1] // 3,
         rejected_position=int(rejected_rows(history, position).size),
         rejected_velocity=int(rejected_rows(history, velocity).size),
-        by_type=[_of_type(share) for share in shares],
+        by_type=shares,
     )
-
-
-def _of_type(share: TypeShare) -> FixesOfTypeDocument:
-    name = "unknown" if share.fix_type is None else FIX_TYPE_NAMES[share.fix_type]
-    return FixesOfTypeDocument(**(vars(share) | {"fix_type": name}))
 
 
 def _rejected(history: AidedHistory) -> list[RejectedDocument]:
@@ -423,13 +354,13 @@ def _consistency(result: AidedResult, history: AidedHistory) -> AidedConsistency
         overall=_nis(total / dof if dof else float("nan"), dof),
         position=_nis(*position),
         velocity=_nis(*velocity),
-        standing=NisDocument(nis_mean=standing, dof=history.stand_dof),
+        standing=BandedNis(nis_mean=standing, dof=history.stand_dof),
         is_test=not (result.scales.fitted or taken),
     )
 
 
-def _nis(mean: float, dof: int) -> NisDocument:
-    return NisDocument(nis_mean=mean, dof=dof, band_95=list(nis_band(dof, 0.95)))
+def _nis(mean: float, dof: int) -> BandedNis:
+    return BandedNis(nis_mean=mean, dof=dof, band_95=list(nis_band(dof, 0.95)))
 
 
 def _noise(result: AidedResult) -> AidedNoiseDocument:

@@ -1,24 +1,23 @@
 """`alignment.json` of formats.md, section 5."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from alignment.level_fit import LevelFound
 from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
 from infield.reports.documents.noise_fit import NoiseFit
-from infield.reports.documents.spans import SpanDocument, span_document
 from infield.session.parked.zero_rate import ZeroRates
 from ins.documents import OMIT_NONE, Null
-from ins.records import Phase, Run
+from ins.records import Phase, Run, Span
 from ins.units import ARCSEC, DEG
-from ins.verdicts import codes, sentences
+from ins.verdicts import Reason, codes, sentences
 
 SCHEMA = "recal.alignment/1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterDocument:
+class FilterNis:
     """How well the residuals fit the noise model."""
 
     nis_mean: float
@@ -46,13 +45,15 @@ class LevelDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class AlignmentDocument:
-    """The alignment as the file holds it; angles not found are NaN (null in the file)."""
+    """The alignment as the file holds it; angles not found are NaN (null in the file). Within
+    replay.json it has no schema, run and phases of its own.
+    """
 
-    schema: str
+    schema: str | None = field(default=SCHEMA, metadata=OMIT_NONE)
     verdict: AlignmentVerdict
     reasons: Sequence[str]
-    run_id: str
-    imu_serial: str
+    run_id: str | None = field(metadata=OMIT_NONE)
+    imu_serial: str | None = field(metadata=OMIT_NONE)
     time_s: float
     roll_deg: float
     pitch_deg: float
@@ -62,10 +63,10 @@ class AlignmentDocument:
     sigma_heading_deg: float
     latitude_found_deg: float
     sigma_latitude_deg: float
-    phases: Sequence[Phase]
+    phases: Sequence[Phase] | None = field(metadata=OMIT_NONE)
     duration_s: float
-    excluded: Sequence[SpanDocument]
-    consistency: FilterDocument
+    excluded: Sequence[Span]
+    consistency: FilterNis
     reason_codes: Sequence[str | None]
     used_percent: float
     motion_level: LevelDocument | None
@@ -78,7 +79,6 @@ class AlignmentDocument:
 def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:
     """The alignment of a run."""
     return AlignmentDocument(
-        schema=SCHEMA,
         verdict=result.verdict,
         reasons=sentences(result.reasons),
         run_id=run.header.run_id,
@@ -94,11 +94,23 @@ def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:
         sigma_latitude_deg=result.sigma_latitude_rad / DEG,
         phases=result.phases or run.phases,
         duration_s=result.duration_s,
-        excluded=[span_document(span) for span in result.excluded],
-        consistency=FilterDocument(nis_mean=result.nis_mean, dof=result.dof),
+        excluded=result.excluded,
+        consistency=FilterNis(nis_mean=result.nis_mean, dof=result.dof),
         reason_codes=codes(result.reasons),
         used_percent=100.0 * result.used_share,
         motion_level=None if result.level is None else level_document(result.level),
+    )
+
+
+def flown_alignment(result: Alignment, run: Run, reasons: tuple[Reason, ...]) -> AlignmentDocument:
+    """The alignment that a flight of replay.json began with; reasons: also why it was not flown."""
+    return replace(
+        alignment_document(result, run),
+        schema=None,
+        reasons=sentences(reasons),
+        run_id=None,
+        imu_serial=None,
+        phases=None,
     )
 
 

@@ -3,14 +3,13 @@
 import numpy as np
 
 from infield.reports.documents.session_records import (
+    CarriedNuisance,
     FlightAgainstRest,
     FlightDocument,
-    FlightNuisance,
-    FlightWorth,
 )
 from infield.session.flown.gates import Carried
 from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further
-from infield.session.flown.worth import FlightEvidence, Worth
+from infield.session.flown.worth import FlightEvidence
 from infield.session.results import SessionResult
 from ins.records import AXES
 from ins.units import DEG_PER_HOUR, MILLIRADIAN
@@ -38,7 +37,7 @@ def flight_document(session: SessionResult) -> FlightDocument | None:
         notes=sentences(e.notes),
         note_codes=codes(e.notes),
         nuisances=[_nuisance(state) for state in e.carried],
-        worth=None if e.worth is None else _worth(e.worth),
+        worth=e.worth,
     )
 
 
@@ -62,10 +61,10 @@ def _against_rest(e: FlightEvidence) -> list[FlightAgainstRest]:
     ]
 
 
-def _nuisance(found: Carried) -> FlightNuisance:
+def _nuisance(found: Carried) -> CarriedNuisance:
     unit, size = SHOWN_IN[found.state]
     stands = found.state in (*CONSTANT, Further.SHIFT)
-    return FlightNuisance(
+    return CarriedNuisance(
         nuisance=found.state.value,
         text=sentence(because(found.state)),
         value=(found.value / size).tolist() if stands else None,
@@ -73,15 +72,3 @@ def _nuisance(found: Carried) -> FlightNuisance:
         prior_sigma=(found.prior / size).tolist(),
         unit=unit,
     )
-
-
-def _worth(worth: Worth) -> list[FlightWorth]:
-    return [
-        FlightWorth(
-            axis=axis,
-            before_deg_h=float(worth.before_deg_h[k]),
-            ground_alone_deg_h=float(worth.ground_deg_h[k]),
-            after_deg_h=float(worth.after_deg_h[k]),
-        )
-        for k, axis in enumerate(AXES)
-    ]

@@ -8,15 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.documents.spans import SpanDocument, span_document
-from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
+from infield.reports.documents.thermal import (
+    NoiseModelDocument,
+    ThermalDocument,
+    ThermalLevel,
+    noise_model,
+)
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
+from infield.thermal.fog.hysteresis import Hysteresis
 from infield.thermal.fog.model import SCHEMA, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
 from infield.thermal.ramp_runs import RampRun
 from ins.documents import UNWRITTEN
-from ins.records import AXES
+from ins.records import AXES, Span
 from ins.verdicts import codes, sentences
 
 DAY_S = 86400.0
@@ -72,16 +77,7 @@ class FogRunDocument:
     sigma_block_deg_h: Sequence[float]
     sigma_rate_degC_min: Sequence[float]
     ramps: Sequence[RampDocument]
-    excluded: Sequence[SpanDocument]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FogLevelDocument:
-    """Mean of K_T, and whether it is known apart from Earth rate."""
-
-    value_deg_h: float
-    sigma_deg_h: float
-    known: bool
+    excluded: Sequence[Span]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,32 +114,11 @@ class ClosedFormDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BreakpointDocument:
-    """Where two segments meet."""
-
-    temperature_degC: float
-    interval_95_degC: Sequence[float]
-    called_for: bool = True
-    sigma_degC: float
-    kind: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class CurveDocument:
-    """One piecewise curve; `thermal.fog.model.curve_from` reads it."""
-
-    degree: int
-    edges_degC: Sequence[float]
-    coefficients: Sequence[Sequence[float]]
-    breakpoints: Sequence[BreakpointDocument]
-
-
-@dataclass(frozen=True, kw_only=True)
 class PiecewiseDocument:
     """Both piecewise curves, and how well they fit."""
 
-    K_T: CurveDocument
-    K_delta: CurveDocument
+    K_T: Piecewise
+    K_delta: Piecewise
     bic: float
     residual_over_sigma: float
 
@@ -176,33 +151,21 @@ class FixedPointDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FogHysteresisDocument:
-    """Half of the difference between warming and cooling at any rate; held_apart: the runs tell it
-    from K_delta, and it is a term of the fit; shown: it is there beyond chance.
-    """
-
-    value_deg_h: float
-    sigma_deg_h: float
-    held_apart: bool
-    shown: bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class FittedAxis:
     """One fitted gyro."""
 
     temperature_degC: Sequence[float]
     K_T_deg_h: Sequence[float]
     sigma_K_T_deg_h: Sequence[float]
-    level: FogLevelDocument
+    level: ThermalLevel
     K_delta_deg_h_per_degC_min: Sequence[float]
     sigma_K_delta_deg_h_per_degC_min: Sequence[float]
     residual_over_sigma: float
-    hysteresis: FogHysteresisDocument
+    hysteresis: Hysteresis
     up_down: PairDocument | None
     document: SubtractionDocument | None
     closed_forms: Mapping[str, ClosedFormDocument | None]
-    inflections: Mapping[str, Sequence[BreakpointDocument]]
+    inflections: Mapping[str, Sequence[Breakpoint]]
     piecewise: PiecewiseDocument
     slow_rate: SlowRateDocument
     fixed_point: FixedPointDocument
@@ -333,7 +296,7 @@ def _run(role: str, run: RampRun) -> FogRunDocument:
         sigma_block_deg_h=run.sigma_deg_h.tolist(),
         sigma_rate_degC_min=run.rate_sigma_degC_min.tolist(),
         ramps=ramps,
-        excluded=[span_document(span) for span in run.excluded],
+        excluded=[span.in_words() for span in run.excluded],
     )
 
 
@@ -345,28 +308,20 @@ def _axis(
         temperature_degC=T.tolist(),
         K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
         sigma_K_T_deg_h=_sigma_shape(a, pair).tolist(),
-        level=FogLevelDocument(
+        level=ThermalLevel(
             value_deg_h=a.level_deg_h, sigma_deg_h=a.level_sigma_deg_h, known=a.level_known
         ),
         K_delta_deg_h_per_degC_min=c.K_delta.tolist(),
         sigma_K_delta_deg_h_per_degC_min=_sigma(c),
         residual_over_sigma=float(np.sqrt(a.scatter)),
-        hysteresis=FogHysteresisDocument(
-            value_deg_h=a.hysteresis.value_deg_h,
-            sigma_deg_h=a.hysteresis.sigma_deg_h,
-            held_apart=a.hysteresis.apart,
-            shown=a.hysteresis.shown,
-        ),
+        hysteresis=a.hysteresis,
         up_down=_pair(a),
         document=_subtraction(a, study),
         closed_forms={"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},
-        inflections={
-            key: [_breakpoint(b) for b in found]
-            for key, found in zip(("K_T", "K_delta"), pair.inflections)
-        },
+        inflections=dict(zip(("K_T", "K_delta"), pair.inflections)),
         piecewise=PiecewiseDocument(
-            K_T=_piecewise(model.K_T[a.axis]),
-            K_delta=_piecewise(model.K_delta[a.axis]),
+            K_T=model.K_T[a.axis],
+            K_delta=model.K_delta[a.axis],
             bic=pair.bic,
             residual_over_sigma=float(np.sqrt(pair.scatter)),
         ),
@@ -471,25 +426,6 @@ def _fixed_point(
         largest_rate_degC_min=rate,
         worst_rounding_deg_h=worst_rounding(only, tables, rate)[axis],
         fraction_bits={key[2:]: table.fraction_bits for key, table in tables.items()},
-    )
-
-
-def _breakpoint(b: Breakpoint) -> BreakpointDocument:
-    return BreakpointDocument(
-        temperature_degC=b.temperature_degC,
-        interval_95_degC=[b.low_degC, b.high_degC],
-        called_for=b.called_for,
-        sigma_degC=b.sigma_degC,
-        kind=b.kind,
-    )
-
-
-def _piecewise(curve: Piecewise) -> CurveDocument:
-    return CurveDocument(
-        degree=curve.degree,
-        edges_degC=curve.edges_degC.tolist(),
-        coefficients=curve.coefficients.tolist(),
-        breakpoints=[_breakpoint(b) for b in curve.breakpoints],
     )
 
 

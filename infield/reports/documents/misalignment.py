@@ -13,36 +13,17 @@ from numpy.typing import NDArray
 
 from infield.misalignment.closed_forms import DocumentAngles, document_angles, document_compensation
 from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
+from infield.misalignment.geometry import Geometry
 from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, north_to_west_rad
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
 from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
+from infield.reports.documents.update_records import RunDocument
 from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError
-from ins.units import ARCSEC, DEG, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
+from ins.units import ARCSEC, DEG, MICRO_G, STANDARD_GRAVITY
 from ins.verdicts import Observability, Reason, because, codes, sentence, sentences
 
 SCHEMA = "recal.misalignment/1"
-
-
-@dataclass(frozen=True, kw_only=True)
-class AzimuthRunDocument:
-    """A run that the stops are of."""
-
-    run_id: str
-    sha256: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class RankDocument:
-    """What the azimuths alone allow."""
-
-    rank: int
-    needed: int = 3
-    condition: float
-    origin_deg: float
-    missing_deg: Sequence[float]
-    largest_off_deg: float
-    limit_off_deg: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,18 +55,6 @@ class GyroDocument:
     sigma_sin_arcsec: float
     spread_before_deg_h: float
     spread_after_deg_h: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class CouplingDocument:
-    """One coupling; NaN (null in the file) where the data do not see it."""
-
-    entry: str
-    value_arcsec: float
-    sigma_arcsec: float
-    value_mrad: float
-    sigma_mrad: float
-    verdict: Observability
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,11 +132,11 @@ class MisalignmentDocument:
     lat_deg: float
     level_earth_rate_deg_h: float
     noise_model: str
-    runs: Sequence[AzimuthRunDocument]
-    rank: RankDocument
+    runs: Sequence[RunDocument]
+    rank: Geometry
     stops: Sequence[AzimuthStopDocument]
     gyros: Mapping[str, GyroDocument]
-    couplings: Sequence[CouplingDocument]
+    couplings: Sequence[CouplingEstimate]
     not_observable: Sequence[UnseenDocument]
     redundancy: RedundancyDocument | None
     closed_forms: ClosedFormsDocument | NoClosedFormsDocument | None
@@ -197,13 +166,11 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
         lat_deg=study.lat_rad / DEG,
         level_earth_rate_deg_h=level_rate_deg_h(study.lat_rad),
         noise_model=study.twin.source,
-        runs=[
-            AzimuthRunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs
-        ],
-        rank=_rank(study),
+        runs=[RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs],
+        rank=result.geometry,
         stops=_stops(study),
         gyros={} if fit is None else _gyros(fit),
-        couplings=[_coupling(c) for c in result.couplings] if shown else [],
+        couplings=list(result.couplings) if shown else [],
         not_observable=_not_observable(study),
         redundancy=None if fit is None else _redundancy(fit),
         closed_forms=_closed_forms(study),
@@ -218,32 +185,8 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
     )
 
 
-def _rank(study: AzimuthStudy) -> RankDocument:
-    geometry = study.result.geometry
-    return RankDocument(
-        rank=geometry.rank,
-        condition=geometry.condition,
-        origin_deg=geometry.origin_deg,
-        missing_deg=geometry.missing_deg,
-        largest_off_deg=geometry.off_deg,
-        limit_off_deg=study.settings.max_off_deg,
-    )
-
-
 def _redundancy(fit: AzimuthFit) -> RedundancyDocument:
     return RedundancyDocument(chi2=fit.chi2, dof=fit.dof, limit_999=fit.band)
-
-
-def _coupling(c: CouplingEstimate) -> CouplingDocument:
-    value = c.value_rad if np.isfinite(c.sigma_rad) else float("nan")
-    return CouplingDocument(
-        entry=c.name,
-        value_arcsec=value / ARCSEC,
-        sigma_arcsec=c.sigma_rad / ARCSEC,
-        value_mrad=value / MILLIRADIAN,
-        sigma_mrad=c.sigma_rad / MILLIRADIAN,
-        verdict=c.verdict,
-    )
 
 
 def _stops(study: AzimuthStudy) -> list[AzimuthStopDocument]:
@@ -306,7 +249,7 @@ def _not_observable(study: AzimuthStudy) -> list[UnseenDocument]:
         return []
     rows = [(name, because(Unseen.VERTICAL)) for name in NOT_AT_ONE_ATTITUDE]
     rows += [
-        (c.name, because(_why_unseen(c)))
+        (c.entry, because(_why_unseen(c)))
         for c in study.result.couplings
         if c.verdict is Observability.NOT_OBSERVABLE
     ]
@@ -324,7 +267,7 @@ def _unseen(what: str, why: Reason) -> UnseenDocument:
 def _why_unseen(c: CouplingEstimate) -> Unseen:
     if np.isfinite(c.sigma_rad):
         return Unseen.WEAK
-    return Unseen.DIAGONAL if c.name == "xy+yx" else Unseen.NORTH
+    return Unseen.DIAGONAL if c.entry == "xy+yx" else Unseen.NORTH
 
 
 def _closed_forms(study: AzimuthStudy) -> ClosedFormsDocument | NoClosedFormsDocument | None:

@@ -7,12 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.documents.session_records import (
-    MeasurementDocument,
-    StretchDocument,
-    ZeroRateDocument,
-)
-from infield.reports.documents.spans import span_document
+from infield.reports.documents.alignment import FilterNis
+from infield.reports.documents.session_records import StretchDocument, ZeroRateDocument
 from infield.reports.documents.update_records import ZeroRateEffect
 from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.flown.priors import Further
@@ -47,11 +43,11 @@ def rested_sessions(result: UpdateResult) -> list[SessionResult]:
     return [s for s in parked_sessions(result) if s.estimate and evidence_of(s.estimate).stretches]
 
 
-def measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:
+def measurements(e: SessionEstimate) -> Mapping[str, FilterNis]:
     """How the rates change along the session, against the noise model."""
     if not e.dof:
         return {}
-    return {"zero rate over time": MeasurementDocument(nis_mean=e.nis_mean, dof=e.dof)}
+    return {"zero rate over time": FilterNis(nis_mean=e.nis_mean, dof=e.dof)}
 
 
 def zero_rate(e: SessionEstimate) -> ZeroRateDocument | None:
@@ -72,7 +68,7 @@ def zero_rate(e: SessionEstimate) -> ZeroRateDocument | None:
         bin_s=float(e.bins.duration_s.mean()),
         bins=len(e.bins.duration_s),
         stretches=_stretches(e) if len(p.stretches) > 1 else None,
-        left_out=[span_document(span) for span in p.left_out] or None,
+        left_out=[span.in_words() for span in p.left_out] or None,
     )
 
 

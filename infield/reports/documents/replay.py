@@ -1,62 +1,26 @@
-"""`replay.json`, schema recal.replay/1: what `infield.replay.free_inertial` found, in units of the
-border::
+"""`replay.json`, schema recal.replay/1: what `infield.replay.free_inertial` found.
 
-    verdict, reasons, notes     "replayed", "refused" or "inconsistent"; notes hold for any verdict
-    run_id, run_sha256, imu_serial, gyro_technology, store, noise_model, version
-    vertical                    what the height was damped to
-    alignment_span, parked_span {start_s, end_s}
-    tables[]                    role ("active", "previous"), origin, revision, sha256, notes, and:
-      alignment                 as alignment.json: attitude at the end of the alignment, sigmas,
-                                verdict, reasons
-      parked                    a drift (below) against the parked position
-      predicted                 sigma_nm_h and sigma_end_speed_m_s of that drift;
-                                level_gyro_sigma_deg_h (north gyro, mean over the span),
-                                rule_of_thumb_nm_h = 60 NM/h per deg/h of it; seen_over_sigma
-      schuler                   period_min with sigma_period_min and amplitude_m_s of the parked
-                                velocity's swing, null with a reason where it cannot be fitted;
-                                expected_period_min = 2 pi sqrt(R/g)
-      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median),
-                                max_m_s, realign, seen_by ("gnss", "odometer"; "imu": neither
-                                covers it, it may be a steady roll)
-      realign                   any residual ground speed above 5 kt while standing
-      realign_at                where that was: "parked", or seen_by of the stops
-      gnss                      a drift against GNSS after the parked span, null where none is
-                                logged
-      scoring_only              reference: a drift against it after the parked span;
-                                heading_error_mrad, in sigmas too
-    difference                  active less previous: NM/h, heading, and what the tables' own
-                                difference predicts of the heading and of the position at the end
-                                of the parked span; null without two flights
-    aided                       the solution with GNSS (infield.reports.documents.aided), null
-                                without GNSS or with --no-aided
-    definitions                 of the measures, in words
-
-A drift: hours, end_radial_error_nm (and _m), max_radial_error_nm, rate_nm_h, rms_rate_nm_h,
-end_speed_m_s, max_speed_m_s, end_speed_kt, drift_class, limit_2t_2_nm, limit_3t_3_nm at the end.
 The same input gives the same bytes: there is no time of issue.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from alignment.motion.kinds import Witness
-from alignment.reasons import AlignmentVerdict
-from infield.replay.drift import DRIFT_CLASSES, REALIGN_M_S, Drift
+from infield.replay.drift import REALIGN_M_S, Drift
 from infield.replay.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay.free_inertial import ReplayResult, TableReplay, heading_change
 from infield.replay.reasons import ReplayVerdict
-from infield.replay.schuler import fit_schuler
+from infield.replay.schuler import SchulerFit, fit_schuler
 from infield.replay.stops import StopSpeed
 from infield.reports.documents.aided import AidedDocument, TimeSpanDocument, aided_document
-from infield.reports.documents.alignment import FilterDocument, LevelDocument, alignment_document
-from infield.reports.documents.spans import SpanDocument
+from infield.reports.documents.alignment import AlignmentDocument, flown_alignment
 from infield.reports.documents.thermal import ThermalUseDocument
 from ins.documents import OMIT_NONE, UNWRITTEN
-from ins.records import ReferenceLog, Run, TwinModel
+from ins.records import ReferenceLog, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
-from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
+from ins.units import DEG, KNOT, MILLIRADIAN
 from ins.verdicts import Reason, because, codes, differs, sentence, sentences
 
 SCHEMA = "recal.replay/1"
@@ -101,24 +65,6 @@ DEFINITIONS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriftDocument:
-    """A drift, in nautical miles, knots and SI."""
-
-    hours: float
-    end_radial_error_m: float
-    end_radial_error_nm: float
-    max_radial_error_nm: float
-    rate_nm_h: float
-    rms_rate_nm_h: float
-    end_speed_m_s: float
-    max_speed_m_s: float
-    end_speed_kt: float
-    drift_class: str
-    limit_2t_2_nm: float
-    limit_3t_3_nm: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class PredictedDocument:
     """What table and noise model say of the parked drift."""
 
@@ -130,61 +76,13 @@ class PredictedDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SchulerDocument:
-    """The period of the parked swing; NaN (null in the file) with a reason where not fitted."""
-
-    period_min: float
-    sigma_period_min: float
-    amplitude_m_s: float
-    expected_period_min: float
-    reason: str
-    reason_code: str | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class StopDocument:
-    """Computed ground speed while the vehicle stands."""
-
-    start_s: float
-    end_s: float
-    ground_speed_m_s: float
-    ground_speed_kt: float
-    max_m_s: float
-    realign: bool
-    seen_by: Witness
-
-
-@dataclass(frozen=True, kw_only=True)
 class ScoringDocument:
     """Against the run's reference, which never navigates."""
 
     source: str
-    reference: DriftDocument | None
+    reference: Drift | None
     heading_error_mrad: float
     heading_error_sigmas: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlownAlignment:
-    """The alignment that a flight began with; angles not found are NaN."""
-
-    verdict: AlignmentVerdict
-    reasons: Sequence[str]
-    time_s: float
-    roll_deg: float
-    pitch_deg: float
-    heading_deg: float
-    sigma_roll_deg: float
-    sigma_pitch_deg: float
-    sigma_heading_deg: float
-    latitude_found_deg: float
-    sigma_latitude_deg: float
-    duration_s: float
-    excluded: Sequence[SpanDocument]
-    consistency: FilterDocument
-    reason_codes: Sequence[str | None]
-    used_percent: float
-    motion_level: LevelDocument | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,14 +96,14 @@ class FlownTableDocument:
     applied: bool
     notes: Sequence[str]
     note_codes: Sequence[str | None]
-    alignment: FlownAlignment
-    parked: DriftDocument | None
+    alignment: AlignmentDocument
+    parked: Drift | None
     predicted: PredictedDocument | None
-    schuler: SchulerDocument | None
-    stops: Sequence[StopDocument]
+    schuler: SchulerFit | None
+    stops: Sequence[StopSpeed]
     realign: bool
     realign_at: Sequence[str]
-    gnss: DriftDocument | None
+    gnss: Drift | None
     scoring_only: ScoringDocument | None
 
 
@@ -336,41 +234,15 @@ def _table(t: TableReplay, result: ReplayResult) -> FlownTableDocument:
         applied=t.choice.table is not None,
         notes=sentences(t.notes),
         note_codes=codes(t.notes),
-        alignment=_alignment(t, result.run),
-        parked=_drift(t.parked),
+        alignment=flown_alignment(t.alignment, result.run, t.reasons),
+        parked=t.parked,
         predicted=_predicted(t),
-        schuler=_schuler(t, result.run),
-        stops=[_stop(s) for s in t.stops],
+        schuler=None if t.history is None else fit_schuler(t.parked, result.run.header.site),
+        stops=t.stops,
         realign=bool(fast),
         realign_at=sorted(fast),
-        gnss=_drift(t.gnss),
+        gnss=t.gnss,
         scoring_only=_scoring(t),
-    )
-
-
-def _alignment(t: TableReplay, run: Run) -> FlownAlignment:
-    """alignment.json less what stands above it; why it was not flown comes first."""
-    document = replace(alignment_document(t.alignment, run), reasons=sentences(t.reasons))
-    return FlownAlignment(**{f.name: getattr(document, f.name) for f in fields(FlownAlignment)})
-
-
-def _drift(d: Drift | None) -> DriftDocument | None:
-    if d is None:
-        return None
-    (_, slope2, offset2), (_, slope3, offset3) = DRIFT_CLASSES
-    return DriftDocument(
-        hours=d.hours,
-        end_radial_error_m=float(d.radial_m[-1]),
-        end_radial_error_nm=float(d.radial_m[-1]) / NAUTICAL_MILE,
-        max_radial_error_nm=float(d.radial_m.max()) / NAUTICAL_MILE,
-        rate_nm_h=d.rate_nm_h,
-        rms_rate_nm_h=d.rms_rate_nm_h,
-        end_speed_m_s=float(d.speed_m_s[-1]),
-        max_speed_m_s=float(d.speed_m_s.max()),
-        end_speed_kt=float(d.speed_m_s[-1]) / KNOT,
-        drift_class=d.drift_class,
-        limit_2t_2_nm=slope2 * d.hours + offset2,
-        limit_3t_3_nm=slope3 * d.hours + offset3,
     )
 
 
@@ -390,39 +262,12 @@ def _predicted(t: TableReplay) -> PredictedDocument | None:
     )
 
 
-def _schuler(t: TableReplay, run: Run) -> SchulerDocument | None:
-    """None without a flight."""
-    if t.history is None:
-        return None
-    fit = fit_schuler(t.parked, run.header.site)
-    return SchulerDocument(
-        period_min=fit.period_s / 60.0,
-        sigma_period_min=fit.sigma_s / 60.0,
-        amplitude_m_s=fit.amplitude_m_s,
-        expected_period_min=fit.expected_s / 60.0,
-        reason="" if fit.reason is None else sentence(fit.reason),
-        reason_code=None if fit.reason is None else fit.reason.code.value,
-    )
-
-
-def _stop(s: StopSpeed) -> StopDocument:
-    return StopDocument(
-        start_s=s.start_s,
-        end_s=s.end_s,
-        ground_speed_m_s=s.median_m_s,
-        ground_speed_kt=s.median_m_s / KNOT,
-        max_m_s=s.max_m_s,
-        realign=s.realign,
-        seen_by=s.seen_by,
-    )
-
-
 def _scoring(t: TableReplay) -> ScoringDocument | None:
     if np.isnan(t.heading_error_rad):
         return None
     return ScoringDocument(
         source="reference",
-        reference=_drift(t.reference),
+        reference=t.reference,
         heading_error_mrad=t.heading_error_rad / MILLIRADIAN,
         heading_error_sigmas=t.heading_error_rad / t.alignment.sigma_heading_rad,
     )

@@ -8,18 +8,23 @@ from enum import StrEnum
 
 import numpy as np
 
-from infield.reports.documents.spans import SpanDocument, span_document
-from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
+from infield.reports.documents.thermal import (
+    NoiseModelDocument,
+    ThermalDocument,
+    ThermalLevel,
+    noise_model,
+)
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Residual, TermChoice
 from infield.thermal.rlg.gradients import GradientStudy
 from infield.thermal.rlg.held_out import RlgHeldOut
+from infield.thermal.rlg.lag import Lag
 from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
-from ins.documents import UNWRITTEN, written_as
-from ins.records import AXES
-from ins.verdicts import Reason, because, codes, sentence, sentences
+from ins.documents import UNWRITTEN
+from ins.records import AXES, Span
+from ins.verdicts import Reason, because, codes, sentences
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (
@@ -51,7 +56,7 @@ class RlgRunDocument:
     sigma_block_deg_h: Sequence[float]
     sigma_rate_degC_min: Sequence[float]
     sigma_gradient_degC: Sequence[float]
-    excluded: Sequence[SpanDocument]
+    excluded: Sequence[Span]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,15 +67,6 @@ class TermDocument:
     sigma: float | None
     unit: str
     state: TermState
-
-
-@dataclass(frozen=True, kw_only=True)
-class RlgLevelDocument:
-    """K1, and whether it is known apart from Earth rate."""
-
-    value_deg_h: float
-    sigma_deg_h: float
-    known: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,47 +90,6 @@ class ConditionDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LagDocument:
-    """By how much the gyro's thermometer and the gradient lines read late, 0 where that was not
-    believed; the sigmas are of what may be, believed or not.
-    """
-
-    gyro_s: float
-    sigma_gyro_s: float
-    lines_s: float
-    sigma_lines_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class CollinearDocument:
-    """A term that was dropped."""
-
-    term: str
-    others: Sequence[str] = field(metadata=written_as("with"))
-    condition: float
-    noise_share: float
-    text: str
-    code: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class OrderDocument:
-    """The best choice of so many terms."""
-
-    terms: Sequence[str]
-    rest_deg_h: float
-    held_out_chi2: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class RlgResidualDocument(Residual):
-    """RMS of held-out means, and their ratios."""
-
-    over_temperature_only: float
-    over_noise: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class RlgAxisDocument:
     """One fitted gyro."""
 
@@ -142,16 +97,16 @@ class RlgAxisDocument:
     terms: Mapping[str, TermDocument]
     covariance: Sequence[Sequence[float]]
     about_zero_degC: Mapping[str, float]
-    level: RlgLevelDocument
+    level: ThermalLevel
     rest: RlgRestDocument
     condition: ConditionDocument
-    collinear: Sequence[CollinearDocument]
-    orders: Sequence[OrderDocument]
-    held_out: RlgResidualDocument
-    leave_one_run_out: RlgResidualDocument | None
+    collinear: Sequence[Collinear]
+    orders: Sequence[TermChoice]
+    held_out: Residual
+    leave_one_run_out: Residual | None
     temperature_only: Mapping[str, float]
     residual_over_sigma: float
-    lag: LagDocument
+    lag: Lag
     minutes: int
 
 
@@ -253,7 +208,7 @@ def _run(run: GradientRun) -> RlgRunDocument:
         sigma_block_deg_h=b.sigma_deg_h.tolist(),
         sigma_rate_degC_min=run.sigma_rate_degC_min.tolist(),
         sigma_gradient_degC=run.sigma_gradient_degC.tolist(),
-        excluded=[span_document(span) for span in b.excluded],
+        excluded=[span.in_words() for span in b.excluded],
     )
 
 
@@ -264,7 +219,7 @@ def _axis(a: AxisModel, reference_degC: float) -> RlgAxisDocument:
         terms={name: _term(a, k) for k, name in enumerate(TERMS)},
         covariance=a.covariance[:n, :n].tolist(),
         about_zero_degC=about_zero(a, reference_degC),
-        level=RlgLevelDocument(
+        level=ThermalLevel(
             value_deg_h=float(a.theta[0]), sigma_deg_h=float(a.sigma[0]), known=a.level_known
         ),
         rest=RlgRestDocument(
@@ -276,18 +231,13 @@ def _axis(a: AxisModel, reference_degC: float) -> RlgAxisDocument:
         condition=ConditionDocument(
             used=a.condition, all=a.condition_all, all_uncentred=a.condition_uncentred
         ),
-        collinear=[_collinear(found) for found in a.collinear],
-        orders=[_order(choice) for choice in a.orders],
-        held_out=_residual(a.held_out),
-        leave_one_run_out=None if a.by_run is None else _residual(a.by_run),
+        collinear=a.collinear,
+        orders=a.orders,
+        held_out=a.held_out,
+        leave_one_run_out=a.by_run,
         temperature_only={name: float(a.temperature_only[k]) for k, name in enumerate(TERMS[:3])},
         residual_over_sigma=float(np.sqrt(a.scatter)),
-        lag=LagDocument(
-            gyro_s=a.lag.gyro_s,
-            sigma_gyro_s=a.lag.sigma_gyro_s,
-            lines_s=a.lag.lines_s,
-            sigma_lines_s=a.lag.sigma_lines_s,
-        ),
+        lag=a.lag,
         minutes=a.rows,
     )
 
@@ -310,17 +260,6 @@ def _state(a: AxisModel, name: str) -> TermState:
     return TermState.NOT_BETTER if name in a.not_better else TermState.NO_DATA
 
 
-def _collinear(found: Collinear) -> CollinearDocument:
-    return CollinearDocument(
-        term=found.term,
-        others=found.others,
-        condition=found.condition,
-        noise_share=found.noise_share,
-        text=sentence(found.why),
-        code=found.why.code.value,
-    )
-
-
 def about_zero(a: AxisModel, reference_degC: float) -> dict[str, float]:
     """The terms as the document writes them, T counted from 0 degC: K1..K5 mix, K6 is what it
     was.
@@ -329,18 +268,6 @@ def about_zero(a: AxisModel, reference_degC: float) -> dict[str, float]:
     r = reference_degC
     values = (K1 - K2 * r + K3 * r**2, K2 - 2.0 * K3 * r, K3, K4 - K5 * r, K5, *lines)
     return dict(zip(TERMS, values))
-
-
-def _order(choice: TermChoice) -> OrderDocument:
-    return OrderDocument(terms=choice.used, rest_deg_h=choice.rest_deg_h, held_out_chi2=choice.chi2)
-
-
-def _residual(r: Residual) -> RlgResidualDocument:
-    return RlgResidualDocument(
-        **vars(r),
-        over_temperature_only=r.model_deg_h / r.temperature_only_deg_h,
-        over_noise=r.model_deg_h / r.noise_deg_h,
-    )
 
 
 def _check(found: RlgHeldOut) -> RlgCheckDocument:

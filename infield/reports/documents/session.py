@@ -10,35 +10,31 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
-from infield.reports.documents.alignment import level_document
+from infield.reports.documents.alignment import FilterNis, level_document
 from infield.reports.documents.flight import flight_document
 from infield.reports.documents.session_records import (
-    BegunDocument,
     ChainDocument,
     ChainRow,
     CoverageDocument,
     EstimatedDocument,
     HeadingError,
     HeatingCooling,
-    MeasurementDocument,
-    NuisanceDocument,
-    PhaseDocument,
     ResidualDocument,
-    SeenDocument,
     SessionAlignment,
     SessionDocument,
     SiteDocument,
     SmoothingDocument,
     TaxiDocument,
+    TaxiNuisance,
     TemperatureDocument,
     UnitMarksDocument,
     VelocityDocument,
 )
-from infield.session.estimate import BegunInMotion, Found, RollingEvidence, SessionEstimate
+from infield.session.estimate import Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.environment import environment
 from infield.session.navigated.taxi_heading import heading_source
-from infield.session.points import UNSEEN_SIGMA, AxisObservability
+from infield.session.points import UNSEEN_SIGMA
 from infield.session.reasons import Nuisance
 from infield.session.results import SessionResult
 from infield.table.merge import SessionPoints
@@ -128,8 +124,8 @@ def _estimated(
         **vars(facts),
         alignment=_alignment(e),
         heading_error=heading_error(session),
-        observability={a.axis: _seen(a) for a in session.seen},
-        phases=[PhaseDocument(**vars(p)) for p in phases],
+        observability={a.axis: a for a in session.seen if a.axis},
+        phases=phases,
         phases_used=list(dict.fromkeys(filter(None, phases_of(points, phases)))),
         points_covariance_deg_h2=points.covariance.tolist(),
         coverage=_coverage(temperature, e),
@@ -146,7 +142,7 @@ def _estimated(
         environment=environment(e.navigated) if rested else None,
         taxi=_taxi(e.rolling),
         flight=flight_document(session),
-        begun_in_motion=_begun(e.begun),
+        begun_in_motion=e.begun,
         unit_marks=_unit_marks(session),
     )
 
@@ -168,17 +164,6 @@ def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
     )
 
 
-def _begun(begun: BegunInMotion | None) -> BegunDocument | None:
-    if begun is None:
-        return None
-    return BegunDocument(
-        time_s=begun.time_s,
-        method=begun.method,
-        sigma_heading_mrad=begun.sigma_heading_rad / MILLIRADIAN,
-        parked_s=begun.parked_s,
-    )
-
-
 def _alignment(e: SessionEstimate) -> SessionAlignment:
     aligned = e.alignment
     return SessionAlignment(
@@ -194,21 +179,6 @@ def _alignment(e: SessionEstimate) -> SessionAlignment:
         reasons=sentences(aligned.reasons),
         reason_codes=codes(aligned.reasons),
     )
-
-
-def _seen(axis: AxisObservability) -> SeenDocument:
-    return SeenDocument(
-        axis=axis.axis,
-        sigma_before_deg_h=axis.sigma_before_deg_h,
-        sigma_after_deg_h=axis.sigma_after_deg_h,
-        verdict=axis.verdict,
-        advice=advice_words(axis),
-    )
-
-
-def advice_words(axis: AxisObservability) -> str:
-    """What would make the gyro better known; empty where nothing more is needed."""
-    return "" if axis.advice is None else sentence(axis.advice)
 
 
 def logged_phases(session: SessionResult, e: SessionEstimate) -> tuple[Phase, ...]:
@@ -236,11 +206,11 @@ def _detected(e: SessionEstimate) -> tuple[Phase, ...]:
     return tuple(phase for phase in found if phase.phase not in ALIGNMENT_PHASES)
 
 
-def _measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:
+def _measurements(e: SessionEstimate) -> Mapping[str, FilterNis]:
     """Each kind of measurement of a navigated session."""
     tally = e.navigated.filter.tally
     return {
-        kind: MeasurementDocument(nis_mean=tally.nis[kind] / tally.dof[kind], dof=tally.dof[kind])
+        kind: FilterNis(nis_mean=tally.nis[kind] / tally.dof[kind], dof=tally.dof[kind])
         for kind in sorted(tally.nis)
     }
 
@@ -258,9 +228,9 @@ def _taxi(rolling: RollingEvidence | None) -> TaxiDocument | None:
     )
 
 
-def _nuisance(found: Found, gain_nats: float | None) -> NuisanceDocument:
+def _nuisance(found: Found, gain_nats: float | None) -> TaxiNuisance:
     unit, size = NUISANCE_UNITS[found.nuisance]
-    return NuisanceDocument(
+    return TaxiNuisance(
         nuisance=found.nuisance,
         text=sentence(found.reason),
         value=(found.value / size).tolist(),

@@ -4,14 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from alignment.reasons import AlignmentVerdict
-from infield.reports.documents.alignment import LevelDocument
-from infield.reports.documents.spans import SpanDocument
+from infield.reports.documents.alignment import FilterNis, LevelDocument
+from infield.session.estimate import BegunInMotion
+from infield.session.flown.worth import FlightWorth
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
+from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource
 from ins.documents import OMIT_NONE
-from ins.records import LatitudeSource
-from ins.verdicts import Observability, Outcome
+from ins.records import LatitudeSource, Phase, Span
+from ins.verdicts import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,26 +66,6 @@ class HeadingError:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeenDocument:
-    """How well a session saw one gyro."""
-
-    axis: str
-    sigma_before_deg_h: float
-    sigma_after_deg_h: float
-    verdict: Observability | str
-    advice: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PhaseDocument:
-    """A phase of the run, as logged or detected."""
-
-    phase: str
-    start_s: float
-    end_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class CoverageDocument:
     """Seconds in a band of temperature."""
 
@@ -117,49 +99,11 @@ class HeatingCooling:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasurementDocument:
-    """One kind of measurement against the noise model."""
-
-    nis_mean: float
-    dof: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class NuisanceDocument:
-    """What a taxi showed of wind, tyres or installation, in `unit`; prior_sigma: taken for possible
-    before. sigma is None, and the value an RMS, for a crab that changes on its own.
-
-    gain_nats: by how much the log likelihood grew as it was taken; None of what every taxi has.
-    """
-
-    nuisance: str
-    text: str
-    value: Sequence[float]
-    sigma: Sequence[float] | None
-    prior_sigma: Sequence[float]
-    unit: str
-    gain_nats: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class TaxiDocument:
-    """What the taxi needed beyond what is declared, and what every taxi estimates.
-
-    is_test: False where the noise of the lateral way was fitted, so that its NIS tests nothing.
-    nis_mean_as_declared, dof_as_declared: of all measurements with nothing but the declared.
-    """
-
-    needed: Sequence[NuisanceDocument]
-    always: Sequence[NuisanceDocument]
-    is_test: bool
-    nis_mean_as_declared: float
-    dof_as_declared: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlightNuisance:
-    """What a flight carried beside the gyros' biases, in `unit`; value, sigma: None of what comes
-    and goes (slow errors, the vertical along the track) and where nothing was estimated.
+class CarriedNuisance:
+    """What a filter carried beside the gyros' biases, in `unit`; prior_sigma: taken for possible
+    before. value, sigma: None of what comes and goes (slow errors, the vertical along the track)
+    and where nothing was estimated; sigma alone, and the value an RMS, of a crab that changes on
+    its own.
     """
 
     nuisance: str
@@ -171,22 +115,37 @@ class FlightNuisance:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TaxiNuisance(CarriedNuisance):
+    """What a taxi showed of wind, tyres or installation; gain_nats: by how much the log likelihood
+    grew as it was taken, None of what every taxi has.
+    """
+
+    value: Sequence[float]
+    gain_nats: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaxiDocument:
+    """What the taxi needed beyond what is declared, and what every taxi estimates.
+
+    is_test: False where the noise of the lateral way was fitted, so that its NIS tests nothing.
+    nis_mean_as_declared, dof_as_declared: of all measurements with nothing but the declared.
+    """
+
+    needed: Sequence[TaxiNuisance]
+    always: Sequence[TaxiNuisance]
+    is_test: bool
+    nis_mean_as_declared: float
+    dof_as_declared: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class FlightAgainstRest:
     """What a gyro read in flight beyond what it read at rest, by itself; None: not shown."""
 
     axis: str
     size_deg_h: float | None
     sigma_deg_h: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlightWorth:
-    """Sigma of a gyro's table, RMS over the flight's temperatures [deg/h]."""
-
-    axis: str
-    before_deg_h: float
-    ground_alone_deg_h: float
-    after_deg_h: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +169,7 @@ class FlightDocument:
     against_rest: Sequence[FlightAgainstRest]
     notes: Sequence[str] = ()
     note_codes: Sequence[str | None] = ()
-    nuisances: Sequence[FlightNuisance]
+    nuisances: Sequence[CarriedNuisance]
     worth: Sequence[FlightWorth] | None = field(default=None, metadata=OMIT_NONE)
 
 
@@ -284,7 +243,7 @@ class ZeroRateDocument:
     bin_s: float
     bins: int
     stretches: Sequence[StretchDocument] | None = field(default=None, metadata=OMIT_NONE)
-    left_out: Sequence[SpanDocument] | None = field(default=None, metadata=OMIT_NONE)
+    left_out: Sequence[Span] | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,18 +281,6 @@ class SessionDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BegunDocument:
-    """How a session began that has no first rest: when, how its heading was found and to which
-    sigma; parked_s: of the session at rest, after its flight.
-    """
-
-    time_s: float
-    method: str
-    sigma_heading_mrad: float
-    parked_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class EstimatedDocument(SessionDocument):
     """The same of a run that was estimated; what only a navigated session has is None.
 
@@ -347,14 +294,14 @@ class EstimatedDocument(SessionDocument):
 
     alignment: SessionAlignment
     heading_error: HeadingError
-    observability: Mapping[str, SeenDocument]
-    phases: Sequence[PhaseDocument] = ()
+    observability: Mapping[str, AxisObservability]
+    phases: Sequence[Phase] = ()
     phases_used: Sequence[str] = ()
     points_covariance_deg_h2: Sequence[Sequence[float]] | None = None
     coverage: Sequence[CoverageDocument] = ()
     residuals: Sequence[ResidualDocument] = ()
     heating_cooling: Sequence[HeatingCooling] = ()
-    measurements: Mapping[str, MeasurementDocument] = field(default_factory=dict)
+    measurements: Mapping[str, FilterNis] = field(default_factory=dict)
     parked_jitter_m: float | None = None
     smoothing: Mapping[str, SmoothingDocument] = field(default_factory=dict)
     velocity: VelocityDocument | None = None
@@ -365,5 +312,5 @@ class EstimatedDocument(SessionDocument):
     environment: StandingMotion | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
-    begun_in_motion: BegunDocument | None = field(default=None, metadata=OMIT_NONE)
+    begun_in_motion: BegunInMotion | None = field(default=None, metadata=OMIT_NONE)
     unit_marks: UnitMarksDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -54,14 +54,12 @@ def noise_model(twin: TwinModel) -> NoiseModelDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RemovedDocument:
-    """How large the rate and gradient terms were along a run, and how well they are known."""
+class ThermalLevel:
+    """The mean of K_T, or K1, and whether it is known apart from Earth rate."""
 
-    run_id: str
-    rms_deg_h: Mapping[str, float]
-    sigma_deg_h: Mapping[str, float]
-    share_inside: float
-    taken_out_before: bool
+    value_deg_h: float
+    sigma_deg_h: float
+    known: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +78,7 @@ class ThermalUseDocument:
     schema: str
     sha256: str
     part: str = "rates"
-    runs: Sequence[RemovedDocument]
+    runs: Sequence[Removed]
     residual_table: Mapping[str, ThermalResidualDocument]
     text: Sequence[str]
 
@@ -94,22 +92,12 @@ def use_document(
         file=stored.name,
         schema=stored.schema,
         sha256=stored.sha256,
-        runs=[_removed(found) for found in removed],
+        runs=removed,
         residual_table={
             axis: ThermalResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
             for axis, (T, bias) in residual.items()
         },
         text=sentences(taken_out(stored, removed)),
-    )
-
-
-def _removed(found: Removed) -> RemovedDocument:
-    return RemovedDocument(
-        run_id=found.run_id,
-        rms_deg_h=dict(zip(AXES, found.rms_deg_h.tolist())),
-        sigma_deg_h=dict(zip(AXES, found.sigma_deg_h.tolist())),
-        share_inside=found.share_inside,
-        taken_out_before=found.already,
     )
 
 

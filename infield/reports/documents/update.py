@@ -5,7 +5,7 @@ Everything is computed here; `infield.reports.update_page` only draws it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -15,13 +15,11 @@ from alignment.gyrocompass import excluded_spans
 from alignment.navigation_filter import LATERAL_TIME_S
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.session import (
-    advice_words,
     heading_error,
     logged_phases,
     phases_of,
     session_document,
 )
-from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.documents.update_records import (
     BudgetDocument,
@@ -30,11 +28,9 @@ from infield.reports.documents.update_records import (
     DisagreementDocument,
     EffectsCompared,
     EffectsOutcome,
-    FlightTermDocument,
     HysteresisDocument,
     MergeDocument,
     MethodDocument,
-    ObservedDocument,
     PointDocument,
     PredictedEffect,
     RunDocument,
@@ -42,7 +38,6 @@ from infield.reports.documents.update_records import (
     VarianceShares,
 )
 from infield.session.budget import variance_budget
-from infield.session.flown.worth import FlightTerm
 from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalKind
@@ -58,7 +53,7 @@ from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import LeftOut, Observability, Outcome, codes, sentence, sentences
+from ins.verdicts import Observability, Outcome, codes, sentence, sentences
 
 DECISION_RULE = (
     "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"
@@ -151,7 +146,7 @@ def update_document(
         zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
         changes=_changes(result.before, result.after),
         hysteresis=[_hysteresis(term) for term in result.terms],
-        flight_terms=[_flight_term(term) for term in result.flight_terms] or None,
+        flight_terms=result.flight_terms or None,
         disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
         thermal_model=thermal_model,
@@ -180,16 +175,6 @@ def _effects_outcome(result: UpdateResult) -> EffectsOutcome:
     )
 
 
-def _flight_term(term: FlightTerm) -> FlightTermDocument:
-    return FlightTermDocument(
-        axis=term.axis,
-        value_deg_h=term.value_deg_h,
-        sigma_deg_h=term.sigma_deg_h,
-        flights=term.flights,
-        found=term.found,
-    )
-
-
 def _hysteresis(term: ThermalTerm) -> HysteresisDocument:
     rate = term.kind is ThermalKind.RATE
     return HysteresisDocument(
@@ -204,23 +189,23 @@ def _hysteresis(term: ThermalTerm) -> HysteresisDocument:
     )
 
 
-def _observability(sessions: list[SessionResult]) -> dict[str, ObservedDocument]:
+def _observability(sessions: list[SessionResult]) -> dict[str, AxisObservability]:
     """Per axis, the session that saw it best."""
-    found: dict[str, ObservedDocument] = {}
+    found: dict[str, AxisObservability] = {}
     refused = all(s.verdict.outcome is Outcome.REFUSED for s in sessions)
     for k, axis in enumerate(AXES):
         seen = [s.seen[k] for s in sessions if s.seen]
         if not seen:
             continue
-        best: AxisObservability = min(
-            seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h
-        )
-        found[axis] = ObservedDocument(
-            sigma_before_deg_h=best.sigma_before_deg_h,
-            sigma_after_deg_h=best.sigma_before_deg_h if refused else best.sigma_after_deg_h,
-            verdict=Observability.NOT_OBSERVABLE if refused else best.verdict,
-            advice="the session was refused, see the reasons" if refused else advice_words(best),
-        )
+        best = min(seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h)
+        found[axis] = replace(best, axis=None)
+        if refused:
+            found[axis] = AxisObservability(
+                sigma_before_deg_h=best.sigma_before_deg_h,
+                sigma_after_deg_h=best.sigma_before_deg_h,
+                verdict=Observability.NOT_OBSERVABLE,
+                advice="the session was refused, see the reasons",
+            )
     return found
 
 
@@ -260,16 +245,16 @@ def _number(values: NDArray | None, k: int) -> float | None:
     return None if values is None or not np.isfinite(values[k]) else float(values[k])
 
 
-def _excluded(session: SessionResult) -> list[SpanDocument]:
+def _excluded(session: SessionResult) -> list[Span]:
     """What was left out of one run: repaired, without a thermometer, moved."""
-    spans: list[Span | LeftOut] = list(session.run.faults)
+    spans: list[Span] = list(session.run.faults)
     if session.temperature is not None:
         spans += session.temperature.left_out()
     if session.estimate is not None and session.estimate.parked is not None:
         spans += [*session.estimate.motion.excluded(), *session.estimate.parked.left_out]
     elif session.estimate is not None:
         spans += excluded_spans(session.estimate.navigated)
-    return [span_document(span, session.run.header.run_id) for span in spans]
+    return [span.in_words(session.run.header.run_id) for span in spans]
 
 
 def _consistency(sessions: list[SessionResult]) -> ConsistencyDocument:

@@ -5,7 +5,6 @@ What formats.md does not promise of a file may be missing from an older one: it 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
 
 from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.session_records import (
@@ -13,13 +12,14 @@ from infield.reports.documents.session_records import (
     HeadingError,
     SessionDocument,
 )
-from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import BiasStep
+from infield.session.flown.worth import FlightTerm
+from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction, ThermalKind
-from ins.documents import OMIT_NONE, AsRead, Null, NullStands, from_json
+from ins.documents import OMIT_NONE, Null, from_json
 from ins.json_file import JsonObject
-from ins.records import TableDocument
+from ins.records import Span, TableDocument
 from ins.twin_file import TwinDocument
 from ins.verdicts import Observability, Outcome
 
@@ -30,16 +30,6 @@ class RunDocument:
 
     run_id: str
     sha256: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObservedDocument:
-    """How well the best session saw one gyro."""
-
-    sigma_before_deg_h: float
-    sigma_after_deg_h: float
-    verdict: Observability | str
-    advice: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,19 +154,6 @@ class ChangeDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlightTermDocument:
-    """What a gyro reads in flight beyond what it reads at rest, over all flights of an update;
-    found: beyond doubt, so that the runs were taken again with a difference of that size.
-    """
-
-    axis: str
-    value_deg_h: float
-    sigma_deg_h: float
-    flights: int
-    found: bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class HysteresisDocument:
     """Heating against cooling on one axis."""
 
@@ -255,12 +232,12 @@ class UpdateDocument:
     gyro_technology: str | None = None
     runs: Sequence[RunDocument]
     heading_error: HeadingError
-    observability: Mapping[str, ObservedDocument]
+    observability: Mapping[str, AxisObservability]
     points: Sequence[PointDocument]
-    excluded: Sequence[SpanDocument]
+    excluded: Sequence[Span]
     consistency: ConsistencyDocument
-    table_before: Annotated[TableDocument, AsRead()]
-    table_after: Annotated[TableDocument, AsRead()]
+    table_before: TableDocument
+    table_after: TableDocument
     uncertainty_budget: Sequence[BudgetDocument]
     variance_shares: Sequence[VarianceShares] = ()
     table_before_sha256: str | None = None
@@ -271,7 +248,7 @@ class UpdateDocument:
     revision: int | None = None
     rollback_command: str | None = None
     decision_rule: str | None = None
-    noise_model: Annotated[TwinDocument, AsRead()] | None = None
+    noise_model: TwinDocument | None = None
     new_unit: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
@@ -279,12 +256,10 @@ class UpdateDocument:
     priors: PriorsUseDocument | None = field(default=None, metadata=OMIT_NONE)
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
-    zero_rate_effect: Annotated[ZeroRateEffect | Null | None, NullStands()] = field(
-        default=None, metadata=OMIT_NONE
-    )
+    zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
     changes: Sequence[ChangeDocument] = ()
     hysteresis: Sequence[HysteresisDocument] = ()
-    flight_terms: Sequence[FlightTermDocument] | None = field(default=None, metadata=OMIT_NONE)
+    flight_terms: Sequence[FlightTerm] | None = field(default=None, metadata=OMIT_NONE)
     disagreement: DisagreementDocument | None = None
     sessions: Sequence[EstimatedDocument | SessionDocument] = ()
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -28,9 +28,9 @@ from infield.session.flown.gates import FlightEnd
 from infield.session.flown.priors import Further, Layout
 from infield.session.flown.steps import Steady, Steps
 from ins.attitude import cross, dcm_from_rotation_vector, skew
+from ins.estimation.error_filter import Tally
 from ins.filters.aided_filter import REJECT_PROBABILITY
 from ins.filters.aided_records import AidedNoise, Antenna
-from ins.filters.error_filter import Tally
 from ins.filters.states import READ_AXIS, READING_GYRO
 from ins.robust import chi2
 from ins.units import DEG, STANDARD_GRAVITY

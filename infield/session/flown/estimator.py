@@ -3,8 +3,8 @@
 The ground session comes first, as it is without a flight (`infield.session.navigated`); from its
 start and biases the whole log is navigated, height from the receiver, and one filter of the
 linear errors goes over it: parked and taxi as there, fixes throughout, rests after landing. The
-errors hold no specific force (`ins.filters.error_model`), so that they stay linear for hours: after
-the second pass the solution is off by hundreds of metres and 0.1 mrad.
+errors hold no specific force (`ins.estimation.error_model`), so that they stay linear for hours:
+after the second pass the solution is off by hundreds of metres and 0.1 mrad.
 
 Decision: docs/decisions/0053-flight-in-linear-filter.md.
 """
@@ -24,7 +24,6 @@ from alignment.navigation_filter import Aid, ParkedConstraint, StepPlan
 from alignment.result import BiasPrior, Solution
 from infield.session.bins import SessionBins, make_bins
 from infield.session.estimate import RollingEvidence, SessionEstimate
-from infield.session.flown.fixes import Antenna
 from infield.session.flown.flight import Flight, flown_motion
 from infield.session.flown.known import KnownRun
 from infield.session.flown.passes import Beginning, FlownPass, FlownSession, solved
@@ -42,7 +41,8 @@ from infield.session.navigated.taxi_heading import (
 from infield.session.reasons import Nuisance
 from infield.session.settings import FlightPriors
 from ins.attitude import dcm_from_rotation_vector
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
+from ins.estimation.measurements.antenna import Antenna
 from ins.records import GnssLog, NavHistory
 from ins.strapdown.mechanization import VerticalChannel
 from ins.units import DEG_PER_HOUR

@@ -27,7 +27,7 @@ from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further, Layout
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors
 from infield.table.merge import CONFIDENCE
-from ins.filters.error_filter import ErrorFilter, Tally
+from ins.estimation.error_filter import ErrorFilter, Tally
 from ins.robust import norm
 from ins.units import ARCSEC, DEG_PER_HOUR
 from ins.verdicts import Reason, because

@@ -29,10 +29,10 @@ from infield.session.log import compensated_imu
 from infield.session.navigated.estimator import nuisance_sigmas
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import EARTH_RATE_RAD_S
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
 from ins.records import AIRBORNE_PHASES, GnssLog, Run
 from ins.strapdown.mechanization import VerticalChannel
-from ins.units import DEG_PER_HOUR
+from ins.units import DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import because
 
 # of a standing vehicle where no ground session tells: wide beside what a calm one shows
@@ -144,7 +144,7 @@ def estimate_in_motion(
         begun=BegunInMotion(
             time_s=begin_s,
             method=start.method.value,
-            sigma_heading_rad=found_rad,
+            sigma_heading_mrad=found_rad / MILLIRADIAN,
             parked_s=float(solution.motion.seconds(STILL)),
         ),
     )

@@ -8,7 +8,7 @@ from infield.session.flown.priors import Layout, laid_out
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
-from ins.filters import error_model as em
+from ins.estimation import error_model as em
 from ins.records import Run, TwinModel
 
 

@@ -21,14 +21,22 @@ from alignment.navigation_filter import (
 )
 from alignment.result import BiasPrior
 from infield.session.flown.driving import Driving, body_motion
-from infield.session.flown.fixes import Antenna, FixAid, Sigmas
+from infield.session.flown.fixes import (
+    OF_POSITION,
+    OF_VELOCITY,
+    FlightFixes,
+    receiver_states,
+    with_delays,
+)
 from infield.session.flown.flight import Flight, flown_motion, joined_cruise
 from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout
+from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.nuisances import TAXI_GAIN_NATS, LevelSearch
 from infield.session.settings import FIT, FlightPriors
-from ins.filters.error_filter import ErrorFilter
-from ins.filters.program import FilterProgram
+from ins.estimation.error_filter import ErrorFilter
+from ins.estimation.measurements.antenna import Antenna, RowSums
+from ins.estimation.tape import Tape
 from ins.records import GnssLog, NavHistory, TwinModel
 
 # as alignment.linearised: 2 or 3 as a rule; the first is about the ground session's result
@@ -106,7 +114,7 @@ def solved(session: FlownSession, start: Start) -> tuple[FlownPass, Antenna]:
         if number and done is not None:
             start, antenna = (
                 start.corrected(done.filter),
-                antenna.found(done.filter, session.layout),
+                with_delays(antenna, done.filter, session.layout),
             )
         history = navigated(session.log, session.prior, session.course, start)
         last = _pass_over(session, history, start)
@@ -120,7 +128,7 @@ def solved(session: FlownSession, start: Start) -> tuple[FlownPass, Antenna]:
 
 
 def _with_vertical(
-    session: FlownSession, last: FilterPass, fixes: FixAid, flt: ErrorFilter
+    session: FlownSession, last: FilterPass, fixes: FlightFixes, flt: ErrorFilter
 ) -> tuple[ErrorFilter, FlownSession]:
     """The session under the likeliest deflection of the vertical, and the filter; as it is where
     that is not likelier by what a nuisance has to gain.
@@ -151,7 +159,7 @@ def _with_vertical(
     return _swept(session, last, fixes), session
 
 
-def _swept(session: FlownSession, last: FilterPass, fixes: FixAid) -> ErrorFilter:
+def _swept(session: FlownSession, last: FilterPass, fixes: FlightFixes) -> ErrorFilter:
     """The filter of a pass under the priors of a session."""
     under = replace(last, further_sigma=tuple(session.layout.sigma))
     return under.run(session.beginning.sigmas, _aids(session, last, fixes))
@@ -189,26 +197,29 @@ class _Before:
     aid: Aid
     steps: int
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         arrays = {
             name: value[: self.steps] for name, value in vars(views).items() if np.ndim(value)
         }
         self.aid.measure(program, replace(views, **arrays))
 
 
-def _fixes(session: FlownSession, history: NavHistory, antenna: Antenna) -> FixAid:
+def _fixes(session: FlownSession, history: NavHistory, antenna: Antenna) -> FlightFixes:
     gnss = session.known.twin.gnss
-    return FixAid(
-        session.fixes,
-        Sigmas(gnss.sigma_horizontal_m, gnss.sigma_velocity_m_s),
-        antenna,
-        session.layout,
-        history,
-        session.log.imu,
+    return FlightFixes(
+        FixAid(
+            log=session.fixes,
+            sigmas=Sigmas(gnss.sigma_horizontal_m, gnss.sigma_velocity_m_s),
+            antenna=antenna,
+            states=receiver_states(session.layout),
+            history=history,
+            rows=RowSums(session.log.imu),
+            names=(OF_POSITION, OF_VELOCITY),
+        )
     )
 
 
-def _aids(session: FlownSession, last: FilterPass, fixes: FixAid) -> Sequence[Aid]:
+def _aids(session: FlownSession, last: FilterPass, fixes: FlightFixes) -> Sequence[Aid]:
     """The wheels and surveys up to take-off, the fixes throughout."""
     known, history = session.known, last.history
     views = views_of(history, last.plan)

@@ -1,6 +1,6 @@
 """What a flight may hold beside the gyros' biases: prior sigmas, and where each is a state.
 
-The filter's state is that of a parked and taxiing session (`ins.filters.states`, then the bins);
+The filter's state is that of a parked and taxiing session (`ins.estimation.states`, then the bins);
 these states follow the bins. Those whose prior is zero are left out.
 """
 

@@ -34,7 +34,7 @@ from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import AidedHistory, AidedNoise
 from ins.records import ImuSource
-from ins.units import DEG, DEG_PER_HOUR, MICRO_G, PPM
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 from ins.verdicts import because
 
 # a bin under way: a minute at least, as of a rest; what a bin of five minutes shows is 2 deg/h of
@@ -212,7 +212,7 @@ def _begun(result: AidedResult) -> BegunInMotion:
     return BegunInMotion(
         time_s=found.start.state.time_s,
         method=found.method.value,
-        sigma_heading_rad=found.sigma_heading_rad,
+        sigma_heading_mrad=found.sigma_heading_rad / MILLIRADIAN,
         parked_s=0.0,
     )
 

@@ -8,23 +8,21 @@ from numpy.typing import NDArray
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.flight import Flight
 from infield.session.flown.gates import Carried
-from infield.session.hysteresis import FOUND_SIGMAS
 from infield.table.thermal_table import ThermalTable
+from ins.records import AXES
 from ins.verdicts import Reason
 
-# of an update; chosen: 1 flight alone is told by itself (`infield.session.flown.gates`)
-LEAST_FLIGHTS = 2
 
-
-@dataclass(frozen=True)
-class Worth:
-    """Sigma of the table, RMS over the flight's temperatures, gyros x, y, z [deg/h]: before the
-    session, after its ground part alone, after all of it.
+@dataclass(frozen=True, kw_only=True)
+class FlightWorth:
+    """Sigma of a gyro's table, RMS over the flight's temperatures: before the session, after its
+    ground part alone, after all of it.
     """
 
-    before_deg_h: NDArray
-    ground_deg_h: NDArray
-    after_deg_h: NDArray
+    axis: str
+    before_deg_h: float
+    ground_alone_deg_h: float
+    after_deg_h: float
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class FlightEvidence:
     reasons: tuple[Reason, ...] = ()
     joined: SessionEstimate | None = None
     carried: tuple[Carried, ...] = ()
-    worth: Worth | None = None
+    worth: tuple[FlightWorth, ...] | None = None
     notes: tuple[Reason, ...] = ()
     as_usual: SessionEstimate | None = None
 
@@ -52,26 +50,20 @@ class FlightEvidence:
 @dataclass(frozen=True, kw_only=True)
 class FlightTerm:
     """What gyro `axis` reads in flight beyond what it reads at rest, and its sigma, had there been
-    no prior for it; of so many flights.
+    no prior for it; of so many flights. found: beyond doubt, so that the runs were taken again with
+    a difference of that size.
     """
 
     axis: str
     value_deg_h: float
     sigma_deg_h: float
     flights: int
-
-    @property
-    def z(self) -> float:
-        return self.value_deg_h / self.sigma_deg_h
-
-    @property
-    def found(self) -> bool:
-        return self.flights >= LEAST_FLIGHTS and abs(self.z) > FOUND_SIGMAS
+    found: bool
 
 
 def worth_of(
     table: ThermalTable, ground: SessionEstimate | None, joined: SessionEstimate, flight: Flight
-) -> Worth:
+) -> tuple[FlightWorth, ...]:
     """What ground and flight do to the table at the temperatures of the flight. ground: None of a
     session that has no part without the flight.
     """
@@ -85,6 +77,14 @@ def worth_of(
     alone = table.covariance
     if ground is not None:
         alone = ground.merged_into(table).candidate.covariance
-    return Worth(
-        sigma(table.covariance), sigma(alone), sigma(joined.merged_into(table).candidate.covariance)
+    before, ground_alone = sigma(table.covariance), sigma(alone)
+    after = sigma(joined.merged_into(table).candidate.covariance)
+    return tuple(
+        FlightWorth(
+            axis=axis,
+            before_deg_h=float(before[k]),
+            ground_alone_deg_h=float(ground_alone[k]),
+            after_deg_h=float(after[k]),
+        )
+        for k, axis in enumerate(AXES)
     )

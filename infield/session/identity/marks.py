@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 from alignment.motion.speeds import watched_seconds
 from infield.session.estimate import SessionEstimate
 from ins.earth import gravity_magnitude
-from ins.filters.states import ACCEL
+from ins.estimation.states import ACCEL
 from ins.records import AXES, Run, TemperatureLog, TwinModel
 from ins.units import MICRO_G
 

@@ -41,8 +41,9 @@ from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm, wrap_pi
-from ins.filters import error_model as em
-from ins.filters.error_filter import ErrorFilter
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import ErrorFilter
+from ins.estimation.measurements.antenna import RowSums
 from ins.records import InputError, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel
 from ins.units import DEG_PER_HOUR, MILLIRADIAN, PPM
@@ -89,9 +90,10 @@ def estimate_session(
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
     receiver = _receiver(run, twin, settings, rest)
     sigma0 = {**nuisance_sigmas(run, settings), **receiver.priors}
+    rows = RowSums(imu)
 
     def aids(assumed: Assumed) -> list[Aid]:
-        return _aids(KnownSources(run, twin, settings, clone_at, receiver), assumed)
+        return _aids(KnownSources(run, rows, twin, settings, clone_at, receiver), assumed)
 
     try:
         solution = solve(
@@ -192,11 +194,12 @@ def _told(receiver: ReceiverErrors, flt: ErrorFilter) -> tuple[Found, ...]:
 
 @dataclass(frozen=True)
 class KnownSources:
-    """What the aids of a session read: its run, what is known of its sensors, and when the heading
-    at the end of the alignment stands.
+    """What the aids of a session read: its run, the rows that are navigated, what is known of its
+    sensors, and when the heading at the end of the alignment stands.
     """
 
     run: Run
+    rows: RowSums
     twin: TwinModel
     settings: SessionSettings
     aligned_s: float
@@ -215,6 +218,7 @@ def _aids(known: KnownSources, assumed: Assumed) -> list[Aid]:
         aids.append(
             GnssAid(
                 run.gnss,
+                known.rows,
                 header.gnss_lever_arm_m,
                 twin.gnss.sigma_horizontal_m,
                 twin.gnss.sigma_velocity_m_s,

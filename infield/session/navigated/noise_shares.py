@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from alignment.navigation_filter import PARKED, Aid, FilterPass, LaidDown
 from infield.session.reasons import VarianceSource
-from ins.filters.program import MEASURE, Compiled
+from ins.estimation.tape import MEASURE, Compiled
 from ins.units import DEG_PER_HOUR
 
 # change of ln q to either side; central differences are off by its square over 6, 1e-3 of a part

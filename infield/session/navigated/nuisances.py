@@ -29,29 +29,19 @@ from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import Aid, FilterPass
 from infield.session.estimate import Found, RollingEvidence
 from infield.session.reasons import Nuisance
-from ins.filters import states
-from ins.filters.error_filter import ErrorFilter
+from ins.errors.catalogue import prior
+from ins.estimation import states
+from ins.estimation.error_filter import ErrorFilter
 from ins.units import MILLIRADIAN
 
 TAXI_GAIN_NATS = 3.0  # odds of 20 to 1; under the declared model below 1 in 20 (Markov)
-# Prior sigmas. Crab: effects.md O04: 0.1 to 1 deg.
-WIND_CRAB_RAD = 20 * MILLIRADIAN  # of either component of a steady wind
-CRAB_TURN_RAD = 0.5  # turn after which 1/e of a turning crab is left
-GUST_TIME_S = 10.0  # 50 to 100 m of turbulence at 5 to 10 m/s
-# RMS of crabs that change on their own, tried first; from there to the likeliest by factors of two.
-TURNING_CRAB_RAD = 20 * MILLIRADIAN
-GUST_CRAB_RAD = 2 * MILLIRADIAN  # a tenth of a steady wind's: turbulence of 10 to 20 %
+_TURNING, _GUSTS = prior("turning_crab", "taxi"), prior("gust_crab", "taxi")
+CRAB_TURN_RAD, GUST_TIME_S = _TURNING.scale, _GUSTS.scale
+_GNSS_DELAY_S = prior("gnss_lever_arm_or_latency", "taxi", "latency").size
 LEVEL_STEP = 2.0
 LARGEST_CRAB_RAD = 40 * MILLIRADIAN  # 2 deg; above, tyres skid
 # a smaller level is not tried: a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md)
 LEAST_CRAB_RAD = 0.25 * MILLIRADIAN
-SLIP_RAD_S2_M = 10 * MILLIRADIAN  # effects.md O04: 0.1 to 1 deg at 1 m/s^2
-WHEEL_ARM_M = 1.0  # effects.md O03: 0.1 to 3 m
-ODOMETER_DELAY_S = 0.1  # effects.md O06: 10 to 200 ms
-ANTENNA_M = 1.0  # effects.md F02: 0.1 to 3 m
-# As infield.aided.antenna: receivers lag by 0.1 to 0.2 s (u-blox 5: positions 0.13,
-# velocities 0.21 s; autopilots assume 0.11 to 0.22 s), loggers add theirs.
-GNSS_DELAY_S = 0.3
 # beyond which a model is linearised anew: 3 cm at 10 m/s and 2 cm, small beside 0.5 m of a fix
 DELAY_SETTLED_S, ARM_SETTLED_M = 0.003, 0.02
 LINEARISED_MOST = 3
@@ -68,8 +58,8 @@ class Assumed:
     antenna_m: tuple[float, float] = (0.0, 0.0)
     gnss_delay_s: float = 0.0
     gnss_velocity_delay_s: float = 0.0
-    turning_crab_rad: float = TURNING_CRAB_RAD
-    gust_crab_rad: float = GUST_CRAB_RAD
+    turning_crab_rad: float = _TURNING.size * MILLIRADIAN
+    gust_crab_rad: float = _GUSTS.size * MILLIRADIAN
 
 
 AS_DECLARED = Assumed()
@@ -82,14 +72,14 @@ ALWAYS: Mapping[Nuisance, tuple[str, str]] = {
     Nuisance.WHEEL_ARM_X: ("lateral", "LEVER_X"),
     Nuisance.WHEEL_SCALE: ("odometer", "ODOMETER"),
 }
-# Prior sigmas by the names of the states (ins.filters.states).
+# Prior sigmas by the names of the states (ins.estimation.states), as in the list of errors.
 CONSTANTS: Mapping[Nuisance, Mapping[str, float]] = {
-    Nuisance.CROSS_WIND: {"WIND": WIND_CRAB_RAD},
-    Nuisance.SIDE_SLIP: {"SLIP": SLIP_RAD_S2_M},
-    Nuisance.WHEEL_ARM_Y: {"WHEEL_Y": WHEEL_ARM_M},
-    Nuisance.ODOMETER_DELAY: {"ODOMETER_DELAY": ODOMETER_DELAY_S},
-    Nuisance.ANTENNA: {"GNSS_ARM": ANTENNA_M},
-    Nuisance.GNSS_DELAY: {"GNSS_DELAY": GNSS_DELAY_S, "GNSS_VELOCITY_DELAY": GNSS_DELAY_S},
+    Nuisance.CROSS_WIND: {"WIND": prior("cross_wind_crab", "taxi").size * MILLIRADIAN},
+    Nuisance.SIDE_SLIP: {"SLIP": prior("side_slip", "taxi").size * MILLIRADIAN},
+    Nuisance.WHEEL_ARM_Y: {"WHEEL_Y": prior("lever_arm", "taxi", "y").size},
+    Nuisance.ODOMETER_DELAY: {"ODOMETER_DELAY": prior("odometer_time_offset", "taxi").size},
+    Nuisance.ANTENNA: {"GNSS_ARM": prior("gnss_lever_arm_or_latency", "taxi", "arm").size},
+    Nuisance.GNSS_DELAY: {"GNSS_DELAY": _GNSS_DELAY_S, "GNSS_VELOCITY_DELAY": _GNSS_DELAY_S},
 }
 # The state of a crab that changes on its own, and where `Assumed` holds its RMS.
 WANDERING: Mapping[Nuisance, tuple[str, str]] = {

@@ -14,15 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
+from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
-from infield.session.navigated.receiver import WHITE, ReceiverErrors, sigma_of_fixes
-from infield.session.navigated.turning import rate_at
+from infield.session.navigated.receiver import WHITE, ReceiverErrors
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
-from ins.earth import displacement_ned, radii_of_curvature
-from ins.filters import error_model as em
-from ins.filters.error_filter import GATE_SIGMA
-from ins.filters.program import FilterProgram, Row
+from ins.estimation import error_model as em
+from ins.estimation.error_filter import GATE_SIGMA
+from ins.estimation.measurements.antenna import Antenna, RowSums
+from ins.estimation.measurements.fix import ReceiverStates
+from ins.estimation.tape import Row, Tape
 from ins.records import GnssLog, OdometerLog
 from ins.units import DEG
 
@@ -46,7 +47,7 @@ class LateralAid:
     wheel_reference_m: tuple[float, float, float]
     assumed: Assumed = AS_DECLARED
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         at = np.flatnonzero(views.kind == ROLLING)
         forward = views.displacement_b_m[at, 0]
         swung = views.swung_m(self.wheel_reference_m)[at, :2]
@@ -77,7 +78,7 @@ class LateralAid:
             row[em.SLIP] = forward * (forward / dt) * (views.heading_change_rad[at] / dt)
         return row
 
-    def _wander(self, program: FilterProgram, views: StepViews, at: NDArray) -> None:
+    def _wander(self, program: Tape, views: StepViews, at: NDArray) -> None:
         """Crabs that change with heading or with time: first-order Gauss-Markov processes."""
         turned = np.cumsum(np.abs(views.heading_change_rad))[at]
         since = {
@@ -107,7 +108,7 @@ class OdometerAid:
     wheel_reference_m: tuple[float, float, float]
     assumed: Assumed = AS_DECLARED
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         t = self.log.time_s
         samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(
             t, views.start_s, side="right"
@@ -141,41 +142,42 @@ class OdometerAid:
         return whole[k] + into * (v[k] + 0.5 * into * (v[k + 1] - v[k]) / (t[k + 1] - t[k]))
 
 
-@dataclass(frozen=True)
-class _Arm:
-    """The antenna on its arm at each fix (m): level arm in NED (m, 2) [m], its velocity by the turn
-    (m, 2) and how far that may be off [m/s], and the turn rate about down [rad/s].
-    """
-
-    level_m: NDArray
-    swing_m_s: NDArray
-    swing_off_m_s: NDArray
-    spin_rad_s: NDArray
-
-
 @dataclass
 class GnssAid:
     """Satellite position and velocity; while parked one fix a step is used.
 
-    Arm and delays are taken as found so far (`assumed`), and their states are about the declared
-    ones: what was found goes back into z.
+    rows: of the log that is navigated. Arm and delays are taken as found so far (`assumed`), and
+    their states are about the declared ones.
     """
 
     log: GnssLog
+    rows: RowSums
     lever_arm_m: tuple[float, float, float]
     sigma_horizontal_m: float
     sigma_velocity_m_s: float
     assumed: Assumed = AS_DECLARED
     slow: ReceiverErrors = WHITE
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         self._wander(program, views)
-        for back in (2, 1):  # the last fix of a step but one (rolling only), then the last
-            self._positions(program, views, *self._fixes(views, back, self.assumed.gnss_delay_s))
-            delay_s = self.assumed.gnss_velocity_delay_s
-            self._velocities(program, views, *self._fixes(views, back, delay_s))
+        found = np.array([*self.assumed.antenna_m, 0.0])
+        FixAid(
+            log=self.log,
+            sigmas=Sigmas(self.sigma_horizontal_m, self.sigma_velocity_m_s),
+            antenna=Antenna(
+                arm_m=np.asarray(self.lever_arm_m, dtype=float) + found,
+                delay_s=self.assumed.gnss_delay_s,
+                velocity_delay_s=self.assumed.gnss_velocity_delay_s,
+                found_m=found,
+            ),
+            states=self._states(),
+            history=views.history,
+            rows=self.rows,
+            names=(OF_FIXES, OF_FIXES),
+            of_each_step=2,
+        ).measure(program, views)
 
-    def _wander(self, program: FilterProgram, views: StepViews) -> None:
+    def _wander(self, program: Tape, views: StepViews) -> None:
         """The receiver's slow errors: first-order Gauss-Markov processes."""
         every = np.arange(len(views.kind))
         for slow, states in (
@@ -187,78 +189,21 @@ class GnssAid:
                 for k in range(states.start, states.stop):
                     program.assign(every, k, {k: kept}, slow.sigma**2 * (1.0 - kept**2))
 
-    def _fixes(self, views: StepViews, back: int, delay_s: float) -> tuple[NDArray, ...]:
-        """Steps, their fix that is the last but `back` - 1, and how long before the step's end it
-        was measured [s].
-        """
-        measured_s = self.log.time_s - delay_s
-        after = np.searchsorted(measured_s, views.end_s + 1e-9)
-        before = np.searchsorted(measured_s, views.start_s + 1e-9)
-        fix = after - back
-        at = np.flatnonzero((fix >= before) & ((views.kind == ROLLING) | (back == 1)))
-        return at, fix[at], views.end_s[at] - measured_s[fix[at]]
+    def _states(self) -> ReceiverStates:
+        """Those of the base states that take part."""
 
-    def _arm(self, views: StepViews, at: NDArray, ago_s: NDArray) -> _Arm:
-        found = np.array([*self.assumed.antenna_m, 0.0])
-        arm_n = views.C_nb[at] @ (np.asarray(self.lever_arm_m, dtype=float) + found)
-        rate, off = rate_at(views.start_s, views.end_s, views.turned_n_rad, views.end_s[at] - ago_s)
-        # turn x arm, level
-        swing = np.cross(rate, arm_n)[:, :2]
-        # at most |off| |arm|: the rate about down with the level arm, the level one with its height
-        swing_off = off[:, 2] * np.linalg.norm(arm_n[:, :2], axis=1)
-        swing_off += np.linalg.norm(off[:, :2], axis=1) * np.abs(arm_n[:, 2])
-        return _Arm(arm_n[:, :2], swing, swing_off, rate[:, 2])
+        def where(takes_part: bool, states: slice) -> range:
+            return range(states.start, states.stop if takes_part else states.start)
 
-    def _positions(
-        self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
-    ) -> None:
-        ago, v_n, acceleration = _motion_at(views, at, ago_s)
-        way = displacement_ned(
-            self.log.lat_rad[k],
-            self.log.lon_rad[k],
-            lat0_rad=views.lat_rad[at],
-            lon0_rad=views.lon_rad[at],
-            height0_m=views.height_m[at],
+        late = Nuisance.GNSS_DELAY in self.assumed.free
+        of_velocity = em.GNSS_VELOCITY_DELAY
+        return ReceiverStates(
+            arm=where(Nuisance.ANTENNA in self.assumed.free, em.GNSS_ARM),
+            delay=where(late, slice(em.GNSS_DELAY, em.GNSS_DELAY + 1)),
+            velocity_delay=where(late, slice(of_velocity, of_velocity + 1)),
+            slow_position=where(self.slow.position.sigma > 0.0, em.GNSS_SLOW_POS),
+            slow_velocity=where(self.slow.velocity.sigma > 0.0, em.GNSS_SLOW_VEL),
         )
-        arm = self._arm(views, at, ago_s)
-        z = arm.level_m - ago * (arm.swing_m_s + v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
-        variance = sigma_of_fixes(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
-        rows: list[dict[int, ArrayLike]] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
-        if Nuisance.ANTENNA in self.assumed.free:
-            of_arm = -views.C_nb[at, :2, :2]
-            z = z + of_arm @ np.asarray(self.assumed.antenna_m)
-            _with_states(rows, em.GNSS_ARM, of_arm)
-        if Nuisance.GNSS_DELAY in self.assumed.free:
-            of_antenna = v_n[:, :2] + arm.swing_m_s
-            z = z + of_antenna * self.assumed.gnss_delay_s
-            _with_states(rows, slice(em.GNSS_DELAY, em.GNSS_DELAY + 1), of_antenna[:, :, None])
-        if self.slow.position.sigma > 0.0:
-            _with_own(rows, em.GNSS_SLOW_POS)
-        program.measure(OF_FIXES, at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
-
-    def _velocities(
-        self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
-    ) -> None:
-        _, v_n, acceleration = _motion_at(views, at, ago_s)
-        arm = self._arm(views, at, ago_s)
-        spin = arm.spin_rad_s
-        z = v_n[:, :2] + arm.swing_m_s - self.log.v_n_m_s[k, :2]
-        sigma = sigma_of_fixes(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
-        variance = sigma**2 + arm.swing_off_m_s**2
-        rows = velocity_rows(views, at, v_n)
-        if Nuisance.ANTENNA in self.assumed.free:
-            C = views.C_nb[at, :2, :2]
-            of_arm = spin[:, None, None] * np.stack([C[:, 1], -C[:, 0]], axis=1)
-            z = z + of_arm @ np.asarray(self.assumed.antenna_m)
-            _with_states(rows, em.GNSS_ARM, of_arm)
-        if Nuisance.GNSS_DELAY in self.assumed.free:
-            of_antenna = acceleration[:, :2] - spin[:, None] ** 2 * arm.level_m
-            z = z + of_antenna * self.assumed.gnss_velocity_delay_s
-            state = slice(em.GNSS_VELOCITY_DELAY, em.GNSS_VELOCITY_DELAY + 1)
-            _with_states(rows, state, of_antenna[:, :, None])
-        if self.slow.velocity.sigma > 0.0:
-            _with_own(rows, em.GNSS_SLOW_VEL)
-        program.measure(OF_FIXES, at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
 
 
 @dataclass
@@ -269,7 +214,7 @@ class SurveyedHeadingAid:
     sigma_rad: float
     at_s: float
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         at = np.flatnonzero(
             (views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s)
         )
@@ -287,7 +232,7 @@ class CentreLineAid:
 
     azimuth_rad: float
 
-    def measure(self, program: FilterProgram, views: StepViews) -> None:
+    def measure(self, program: Tape, views: StepViews) -> None:
         backward = np.abs(wrap_pi(views.heading_rad - self.azimuth_rad)) > np.pi / 2
         chi = self.azimuth_rad + np.where(backward, np.pi, 0.0)
         straight = np.abs(views.heading_change_rad) <= CENTRE_LINE_TURN_RAD_S * views.dt_s
@@ -315,55 +260,6 @@ def _way_variance(views: StepViews) -> float:
     ends [m^2].
     """
     return LATERAL_FLOOR_M**2 + 2.0 * views.jitter_m**2
-
-
-def _motion_at(views: StepViews, at: NDArray, ago_s: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """ago (m, 1), the velocity so long before the end of each step, and the step's acceleration
-    (m, 3).
-    """
-    ago = ago_s[:, None]
-    acceleration = (views.v_n[at] - views.v_start_n[at]) / views.dt_s[at][:, None]
-    return ago, views.v_n[at] - ago * acceleration, acceleration
-
-
-def _with_states(rows: list[dict[int, ArrayLike]], states: slice, of_states: NDArray) -> None:
-    """Add states to rows in place; of_states (m, rows, states): their coefficients."""
-    for i, row in enumerate(rows):
-        for k, state in enumerate(range(states.start, states.stop)):
-            row[state] = of_states[:, i, k]
-
-
-def _with_own(rows: list[dict[int, ArrayLike]], states: slice) -> None:
-    """Add to each row in place the state of its own component: what a fix reads too much."""
-    for row, state in zip(rows, range(states.start, states.stop), strict=True):
-        row[state] = -1.0
-
-
-def velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[dict[int, ArrayLike]]:
-    """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part.
-
-    A vehicle that stands has v = 0: with the computed velocity, drifted by 0.1 m/s, a parked unit
-    would claim to see its heading (at 75 deg the east gyro's sigma came out 10 % below the
-    Cramer-Rao bound).
-    """
-    v_n = np.where((views.kind[at] == ROLLING)[:, None], v_n, 0.0)
-    meridian, transverse = radii_of_curvature(views.lat_rad[at])
-    radius = 0.5 * (meridian + transverse) + views.height_m[at]
-    tan_L = np.tan(views.lat_rad[at])
-    north, east, down = em.THETA.start, em.THETA.start + 1, em.THETA.start + 2
-    # phi_N = -p_E / R, phi_E = p_N / R, phi_D = p_E tanL / R
-    p_north, p_east = em.POS.start, em.POS.start + 1
-    v_N, v_E, v_D = v_n.T
-    return [
-        {
-            em.W.start: 1.0,
-            east: v_D,
-            down: -v_E,
-            p_north: v_D / radius,
-            p_east: -v_E * tan_L / radius,
-        },
-        {em.W.start + 1: 1.0, north: -v_D, down: v_N, p_east: (v_D + v_N * tan_L) / radius},
-    ]
 
 
 # the evidence behind each kind of measurement

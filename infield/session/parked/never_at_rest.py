@@ -8,13 +8,14 @@ from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment
 from infield.session.bins import SessionBins
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEarth, SessionEstimate
-from ins.verdicts import LeftOut, because
+from ins.records import Span
+from ins.verdicts import because
 
 NOT_FOUND = float("nan")
 
 
 def never_at_rest(
-    bins: SessionBins, begun: BegunInMotion, left_out: tuple[LeftOut, ...]
+    bins: SessionBins, begun: BegunInMotion, left_out: tuple[Span, ...]
 ) -> SessionEstimate:
     """The session before anything was measured. bins: of its ways; left_out: short rests."""
     count = bins.start_s.size

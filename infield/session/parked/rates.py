@@ -40,9 +40,9 @@ from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import FLICKER_FLOOR
-from ins.records import Run, Site, TwinModel
+from ins.records import Run, Site, Span, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
-from ins.verdicts import LeftOut, Reason, because
+from ins.verdicts import Reason, because
 
 SHORTEST_RATE_BIN_S, MOST_BINS = 60.0, 60
 USED_SHARE = 0.5  # of a bin that must be still: its sigma is at most 1.41 of that of a whole one
@@ -87,7 +87,9 @@ def estimate_parked(
     log = compensated_seconds(run, table, temperature, twin)
     stretches, left_out = _settled(log, rests.stretches, twin)
     if not stretches:
-        return left_out[0].reason
+        why = left_out[0].reason
+        assert isinstance(why, Reason)
+        return why
     places = [s.seconds for s in stretches]
     edges, stretch = _edges(places)
     bins = bins_between(table, temperature, twin, settings, edges)
@@ -135,10 +137,10 @@ def estimate_parked(
 
 def _settled(
     log: LogSeconds, found: tuple[tuple[float, float], ...], twin: TwinModel
-) -> tuple[tuple[ParkedStretch, ...], tuple[LeftOut, ...]]:
+) -> tuple[tuple[ParkedStretch, ...], tuple[Span, ...]]:
     """The stretches that stand up to their own seconds, and the others with why not."""
     kept: list[ParkedStretch] = []
-    left_out: list[LeftOut] = []
+    left_out: list[Span] = []
     for start, end in found:
         places = parked_places(log, start, end)
         before = len(kept)
@@ -154,14 +156,14 @@ def _settled(
                     source=twin.source,
                     limit=TOO_NOISY,
                 )
-                left_out.append(LeftOut(start_s=a, end_s=b, reason=noisy))
+                left_out.append(Span(start_s=a, end_s=b, reason=noisy))
                 continue
             kept.append(stretch)
         if len(kept) == before and not (left_out and left_out[-1].start_s >= start):
             not_still = because(
                 ParkedReason.NOT_STILL, needed_s=MIN_PARKED_S, start_s=start, end_s=end
             )
-            left_out.append(LeftOut(start_s=start, end_s=end, reason=not_still))
+            left_out.append(Span(start_s=start, end_s=end, reason=not_still))
     return tuple(kept), tuple(left_out)
 
 

@@ -14,8 +14,8 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import LASTING_S, joined, receiver_says
 from infield.session.log import session_end
 from infield.session.reasons import ParkedReason
-from ins.records import AIRBORNE_PHASES, PARKED_PHASES, Run
-from ins.verdicts import LeftOut, Reason, because
+from ins.records import AIRBORNE_PHASES, PARKED_PHASES, Run, Span
+from ins.verdicts import Reason, because
 
 # the noise of the default MEMS unit (0.3 deg/sqrt(h)) leaves 2.3 deg/h over it, a thirteenth of
 # the 30 of a unit without a table (formats.md section 2)
@@ -34,7 +34,7 @@ class Rests:
     """
 
     stretches: tuple[Where, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[Span, ...]
     why: Reason | None
     from_first: bool
 
@@ -49,7 +49,7 @@ def find_rests(run: Run, *, shortest_s: float = MIN_PARKED_S) -> Rests:
     said = {s: _moves(run, *s) for s in long}
     kept = tuple(s for s in long if said[s] is None)
     short = [_short(a, b) for a, b in found if NAMED_ABOVE_S <= b - a < shortest_s]
-    moving = [LeftOut(start_s=a, end_s=b, reason=why) for (a, b), why in said.items() if why]
+    moving = [Span(start_s=a, end_s=b, reason=why) for (a, b), why in said.items() if why]
     named = any(p.phase in PARKED_PHASES for p in run.phases)
     lost = [
         _never_quiet(*window) for window, stretches in quiet if named and not stretches and found
@@ -80,9 +80,9 @@ def parked_windows(run: Run) -> tuple[Where, ...]:
     )
 
 
-def _short(start_s: float, end_s: float) -> LeftOut:
+def _short(start_s: float, end_s: float) -> Span:
     why = because(ParkedReason.REST_TOO_SHORT, rest_s=end_s - start_s, needed_s=MIN_PARKED_S)
-    return LeftOut(start_s=start_s, end_s=end_s, reason=why)
+    return Span(start_s=start_s, end_s=end_s, reason=why)
 
 
 def _moves(run: Run, start_s: float, end_s: float) -> Reason | None:
@@ -99,16 +99,16 @@ def _moves(run: Run, start_s: float, end_s: float) -> Reason | None:
     return because(ParkedReason.GNSS_DRIFTS, mean_m_s=heard.mean_m_s, allowed_m_s=heard.allowed_m_s)
 
 
-def _never_quiet(start_s: float, end_s: float) -> LeftOut:
+def _never_quiet(start_s: float, end_s: float) -> Span:
     """A phase named as parked of which nothing can be used."""
     named_s = end_s - start_s
     short = named_s < MIN_PARKED_S
     code = ParkedReason.NAMED_TOO_SHORT if short else ParkedReason.NAMED_NOT_AT_REST
     why = because(code, named_s=named_s, needed_s=MIN_PARKED_S)
-    return LeftOut(start_s=start_s, end_s=end_s, reason=why)
+    return Span(start_s=start_s, end_s=end_s, reason=why)
 
 
-def _why_none(found: list[Where], moving: list[LeftOut]) -> Reason:
+def _why_none(found: list[Where], moving: list[Span]) -> Reason:
     if moving:
         first = moving[0]
         return because(

@@ -11,7 +11,7 @@ rate, and the sigma of K_delta has to hold what h may be.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from infield.thermal.blocks import AxisBlocks
 from infield.thermal.coefficient_curves import CurveFit
 from infield.thermal.ramp_runs import RampRun
+from ins.documents import UNWRITTEN
 
 H = 2  # the third curve of a fit with hysteresis
 # of the pointers; the first is the usual one, the others turn over sooner or later; up to a
@@ -30,26 +31,26 @@ FREE_SIZE = np.diag([0.0, 1.0, 1.0, 1.0])
 SHOWN_SIGMAS = 3.3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Hysteresis:
-    """h [deg/h] with its sigma, and the coefficients (4,) of all senses; apart: the runs hold it
-    apart from K_delta (two rates, up and down), and it is a term of the fit.
+    """h, half of the difference between warming and cooling at any rate, with its sigma, and the
+    coefficients (4,) of all senses; held_apart: the runs tell it from K_delta (two rates, up and
+    down), and it is a term of the fit; shown: it is there beyond chance.
     """
 
     value_deg_h: float
     sigma_deg_h: float
-    parts_deg_h: NDArray
-    apart: bool
-
-    @property
-    def shown(self) -> bool:
-        return self.apart and abs(self.value_deg_h) > SHOWN_SIGMAS * self.sigma_deg_h
+    parts_deg_h: NDArray = field(metadata=UNWRITTEN)
+    held_apart: bool
+    shown: bool
 
 
 def no_more_than(sigma_deg_h: float) -> Hysteresis:
     """What runs at one rate leave open."""
     none = np.zeros(len(HALF_WIDTHS_degC))
-    return Hysteresis(0.0, sigma_deg_h, none, apart=False)
+    return Hysteresis(
+        value_deg_h=0.0, sigma_deg_h=sigma_deg_h, parts_deg_h=none, held_apart=False, shown=False
+    )
 
 
 def play(T: NDArray, half_width_degC: float) -> NDArray:
@@ -89,4 +90,11 @@ def each_width(temperature_degC: NDArray) -> NDArray:
 def hysteresis_of(fit: CurveFit) -> Hysteresis:
     """What a fit with hysteresis says of it."""
     parts, P = fit.linear(H, np.eye(len(HALF_WIDTHS_degC)))
-    return Hysteresis(float(parts[0]), float(np.sqrt(P[0, 0])), parts, apart=True)
+    value, sigma = float(parts[0]), float(np.sqrt(P[0, 0]))
+    return Hysteresis(
+        value_deg_h=value,
+        sigma_deg_h=sigma,
+        parts_deg_h=parts,
+        held_apart=True,
+        shown=abs(value) > SHOWN_SIGMAS * sigma,
+    )

@@ -114,8 +114,9 @@ def curve_from(data: dict[str, Any]) -> Piecewise:
     marks = []
     for mark in data["breakpoints"]:
         low, high = mark["interval_95_degC"]
-        told = mark["temperature_degC"], low, high, mark["kind"]
-        marks.append(Breakpoint(*told, bool(mark.get("called_for", True))))
+        told = bool(mark.get("called_for", True))
+        at = mark["temperature_degC"]
+        marks.append(Breakpoint(at, low, high, kind=mark["kind"], called_for=told))
     edges, rows = (
         np.array(data["edges_degC"], dtype=float),
         np.array(data["coefficients"], dtype=float),

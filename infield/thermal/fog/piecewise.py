@@ -11,7 +11,7 @@ posterior. Sources: CN 106017511 (segments at inflections), Schwarz (1978).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -26,6 +26,7 @@ from infield.thermal.coefficient_curves import (
     spline_basis,
 )
 from infield.thermal.fog.knees import Known, find_knees, intervals, places_of
+from ins.documents import UNWRITTEN
 
 STEP_degC = 0.25
 # sigmas: of an interval's end, and of the sign of the second derivative on either side of an
@@ -46,14 +47,17 @@ class Breakpoint:
     """
 
     temperature_degC: float
-    low_degC: float
-    high_degC: float
-    kind: str
-    called_for: bool = True
+    low_degC: float = field(metadata=UNWRITTEN)
+    high_degC: float = field(metadata=UNWRITTEN)
+    interval_95_degC: tuple[float, float] = field(init=False)
+    called_for: bool = field(default=True, kw_only=True)
+    sigma_degC: float = field(init=False)
+    kind: str = field(kw_only=True)
 
-    @property
-    def sigma_degC(self) -> float:
-        return (self.high_degC - self.low_degC) / (2.0 * SURE)
+    def __post_init__(self) -> None:
+        sigma = (self.high_degC - self.low_degC) / (2.0 * SURE)
+        object.__setattr__(self, "interval_95_degC", (self.low_degC, self.high_degC))
+        object.__setattr__(self, "sigma_degC", sigma)
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,13 @@ class Piecewise:
     Beyond the edges the end value is held.
     """
 
+    degree: int = field(init=False)
     edges_degC: NDArray
     coefficients: NDArray
     breakpoints: tuple[Breakpoint, ...]
 
-    @property
-    def degree(self) -> int:
-        return self.coefficients.shape[1] - 1
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "degree", self.coefficients.shape[1] - 1)
 
     def __call__(self, temperature_degC: NDArray) -> NDArray:
         T = np.clip(temperature_degC, self.edges_degC[0], self.edges_degC[-1])
@@ -112,7 +116,10 @@ def inflections(
             share = value[middle] / (value[middle] - value[middle + 1])
             found.append(
                 Breakpoint(
-                    float(T[middle] + share * STEP_degC), float(T[a]), float(T[b]), "inflection"
+                    float(T[middle] + share * STEP_degC),
+                    float(T[a]),
+                    float(T[b]),
+                    kind="inflection",
                 )
             )
     return tuple(found)
@@ -162,7 +169,7 @@ def _choose(
         middle = 0.5 * (edges[widest] + edges[widest + 1])
         if not _apart(ladder[-1], middle, low, high):
             break
-        ladder.append((*ladder[-1], Breakpoint(middle, middle, middle, "added")))
+        ladder.append((*ladder[-1], Breakpoint(middle, middle, middle, kind="added")))
     tried: list[tuple[float, int, tuple[Breakpoint, ...], int]] = []
     for knots, degree in product(ladder, degrees):
         trial = list(bases)
@@ -175,7 +182,7 @@ def _choose(
     for degree, of_degree in places.items():
         at = find_knees(of_degree)
         found = tuple(
-            Breakpoint(value, value, value, "knee")
+            Breakpoint(value, value, value, kind="knee")
             for value in of_degree.grid_degC[list(at)].tolist()
         )
         tried.append((of_degree.bic(at), len(tried), found, degree))

@@ -172,7 +172,7 @@ def separate(
 
 def _of_hysteresis(axes: Sequence[RampFit]) -> list[Reason]:
     """What a reader must know of it."""
-    untold = [a.hysteresis.sigma_deg_h for a in axes if not a.hysteresis.apart]
+    untold = [a.hysteresis.sigma_deg_h for a in axes if not a.hysteresis.held_apart]
     told = [
         because(
             ThermalNote.HYSTERESIS,

@@ -53,7 +53,8 @@ class Residual:
     """RMS [deg/h] of held-out means over RESIDUAL_S, each run less its own mean.
 
     before: no model; temperature_only: K1..K3 and the rest; terms: K1..K6 without the rest; model:
-    K1..K6 and the rest; noise: what white noise and the twin's drift alone would leave.
+    K1..K6 and the rest; noise: what white noise and the twin's drift alone would leave. over_...:
+    the model's over these.
     """
 
     before_deg_h: float
@@ -61,6 +62,8 @@ class Residual:
     terms_deg_h: float
     model_deg_h: float
     noise_deg_h: float
+    over_temperature_only: float
+    over_noise: float
 
 
 class Part(NamedTuple):
@@ -75,13 +78,13 @@ class Part(NamedTuple):
 class TermChoice:
     """Terms and size of the rest that foretell held-out folds best: their chi2 a row."""
 
-    used: tuple[str, ...]
+    terms: tuple[str, ...]
     rest_deg_h: float
-    chi2: float
+    held_out_chi2: float
 
     @property
     def mask(self) -> NDArray:
-        return np.array([name in self.used for name in TERMS])
+        return np.array([name in self.terms for name in TERMS])
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,7 @@ class AxisModel:
 
     @property
     def used(self) -> tuple[str, ...]:
-        return self.choice.used
+        return self.choice.terms
 
     @property
     def sigma(self) -> NDArray:
@@ -161,13 +164,14 @@ class AxisFit:
         orders = _choose(folds, kept, rests)
         best = _shortest(orders, sum(gram.rows for gram in folds))
         plain = min(
-            _choose(folds, [n for n in kept if n in TEMPERATURE_ONLY], rests), key=lambda c: c.chi2
+            _choose(folds, [n for n in kept if n in TEMPERATURE_ONLY], rests),
+            key=lambda c: c.held_out_chi2,
         )
         bare = replace(best, rest_deg_h=0.0)
         self.extra = self._reading_errors(solve_terms(whole, best.mask, best.rest_deg_h)[0])
         whole = self._sum(self.all)
         theta, _ = solve_terms(whole, best.mask, best.rest_deg_h)
-        scatter = whole.misfit(theta) / max(whole.rows - len(best.used), 1)
+        scatter = whole.misfit(theta) / max(whole.rows - len(best.terms), 1)
         taken = Open(
             allowed=np.array([name in self.allowed for name in TERMS]),
             own=f"K6{AXES[self.k]}",
@@ -190,7 +194,7 @@ class AxisFit:
             choice=best,
             orders=orders,
             collinear=tuple(dropped),
-            not_better=tuple(name for name in kept if name not in best.used),
+            not_better=tuple(name for name in kept if name not in best.terms),
             temperature_only=solve_terms(whole, plain.mask, plain.rest_deg_h)[0],
             condition=condition_number(whole.A[np.ix_(used, used)]),
             condition_all=self._condition(whole, allowed),
@@ -334,7 +338,8 @@ class AxisFit:
             floor += noise_of_means(self.twin, run, self.k, time_s, minutes)
             count += len(means)
         rms = np.sqrt(np.r_[squares, floor] / max(count, 1))
-        return Residual(*(float(value) for value in rms))
+        before, plain, terms, model, noise = (float(value) for value in rms)
+        return Residual(before, plain, terms, model, noise, model / plain, model / noise)
 
 
 def five_minute_means(time_s: NDArray, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
@@ -368,8 +373,8 @@ def noise_of_means(
 
 def _shortest(orders: Sequence[TermChoice], rows: int) -> TermChoice:
     """The fewest terms that foretell held-out blocks as well as any choice, chance apart."""
-    least = min(choice.chi2 for choice in orders)
-    return next(choice for choice in orders if (choice.chi2 - least) * rows <= CHANCE)
+    least = min(choice.held_out_chi2 for choice in orders)
+    return next(choice for choice in orders if (choice.held_out_chi2 - least) * rows <= CHANCE)
 
 
 def _choose(
@@ -389,6 +394,6 @@ def _choose(
                 )
                 / rows
             )
-            if len(names) not in best or chi2 < best[len(names)].chi2:
+            if len(names) not in best or chi2 < best[len(names)].held_out_chi2:
                 best[len(names)] = TermChoice(names, rest, chi2)
     return tuple(best[size] for size in sorted(best))

@@ -10,7 +10,7 @@ The normal equations are laid down once for columns and their derivatives togeth
 linear map of them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from infield.table.least_squares import NormalEquations, solve_each
 from infield.thermal.rlg.terms import LINE_TERMS, TERMS
+from ins.documents import UNWRITTEN
 
 LONGEST_LAG_s = 1800.0  # a thermometer on the far side of a block that settles in 25 min
 # tried first; chosen: from a bead's 60 s on, each about 1.5 times the one before
@@ -30,17 +31,17 @@ USUAL_LAG_s = 60.0
 OF_LINES = np.array([name in LINE_TERMS for name in TERMS])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lag:
     """By how much [s] a gyro's thermometer and the lines read late, 0 where that was not believed;
     sigmas of both, whether believed or not. gain_chi2: what the lags take off chi2.
     """
 
     gyro_s: float = 0.0
-    lines_s: float = 0.0
     sigma_gyro_s: float = USUAL_LAG_s
+    lines_s: float = 0.0
     sigma_lines_s: float = USUAL_LAG_s
-    gain_chi2: float = 0.0
+    gain_chi2: float = field(default=0.0, metadata=UNWRITTEN)
 
     @property
     def found(self) -> bool:
@@ -133,6 +134,6 @@ def find_lag(beside: LaggedNormal, columns: NDArray, precision: NDArray) -> Lag:
         if found.fun + price < least:
             gyro_s, lines_s = way(found.x * USUAL_LAG_s)
             gain = plain - float(found.fun)
-            best = Lag(float(gyro_s), float(lines_s), gain_chi2=gain)
+            best = Lag(gyro_s=float(gyro_s), lines_s=float(lines_s), gain_chi2=gain)
             least = float(found.fun) + price
     return best

@@ -10,7 +10,7 @@ normalised error of K6 1.5 on average, up to 5 sigma). Source of the form: physi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from infield.table.least_squares import NormalEquations, scaled
 from infield.thermal.reasons import ThermalNote
-from ins.verdicts import Reason, because
+from ins.documents import UNWRITTEN, written_as
+from ins.verdicts import Reason, because, sentence
 
 LINE_TERMS = ("K6x", "K6y", "K6z")
 TERMS = ("K1", "K2", "K3", "K4", "K5", *LINE_TERMS)
@@ -59,36 +60,19 @@ def solve_terms(
     return theta, P
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Collinear:
     """A term that was dropped: with which others it goes, the condition number with it, the share
-    of its own that is noise.
+    of its own that is noise, and why.
     """
 
     term: str
-    others: tuple[str, ...]
+    others: tuple[str, ...] = field(metadata=written_as("with"))
     condition: float
     noise_share: float
-
-    @property
-    def why(self) -> Reason:
-        """Why it was dropped."""
-        others = self.others or ("the rest",)
-        if self.condition > COLLINEAR:
-            return because(
-                ThermalNote.COLLINEAR,
-                term=self.term,
-                others=others,
-                condition=self.condition,
-                limit=COLLINEAR,
-            )
-        return because(
-            ThermalNote.OF_NOISE,
-            term=self.term,
-            others=others,
-            noise_share=self.noise_share,
-            limit=NOISY_SHARE,
-        )
+    why: Reason = field(metadata=UNWRITTEN)
+    text: str
+    code: str
 
 
 def columns(
@@ -162,9 +146,18 @@ def _collinear(A: NDArray, noise: NDArray, names: list[str]) -> Collinear | None
     of_noise = float(np.r_[on_others, 1.0] ** 2 @ (noise[at] / length**2)) / own
     if condition <= COLLINEAR and of_noise <= NOISY_SHARE:
         return None
+    others = tuple(n for n, c in zip(names, on_others) if abs(c) > INVOLVED)
+    told = {"term": names[-1], "others": others or ("the rest",)}
+    if condition > COLLINEAR:
+        why = because(ThermalNote.COLLINEAR, **told, condition=condition, limit=COLLINEAR)
+    else:
+        why = because(ThermalNote.OF_NOISE, **told, noise_share=of_noise, limit=NOISY_SHARE)
     return Collinear(
-        names[-1],
-        tuple(n for n, c in zip(names, on_others) if abs(c) > INVOLVED),
-        condition,
-        of_noise,
+        term=names[-1],
+        others=others,
+        condition=condition,
+        noise_share=of_noise,
+        why=why,
+        text=sentence(why),
+        code=why.code.value,
     )

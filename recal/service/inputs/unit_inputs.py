@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from alignment import coarse, gyrocompass
-from alignment.gyrocompass import RAW_BIAS_DEG_H
 from alignment.motion.inertial import BRIEF_BLOCKS
 from infield.reports.documents.thermal import ThermalUseDocument, use_document
 from infield.session.log import find_rest
@@ -26,6 +25,7 @@ from infield.thermal.stored_model import (
 )
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.earth import EARTH_RATE_RAD_S
+from ins.errors.table import RAW_BIAS_DEG_H
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR

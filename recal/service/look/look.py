@@ -172,7 +172,7 @@ def look(
             problems=checked.problems,
             notes=[*_gap_note(opened.stretch), *noise_notes, *opened.notes],
             repaired=checked.record.repaired,
-            phases=aligned.phases,
+            phases=aligned.phases or (),
             rest_s=judged.rest_s,
             uses=uses,
             noise=_told_noise(fitted),

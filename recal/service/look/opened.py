@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.gyrocompass import RAW_BIAS_DEG_H
 from ins.earth import EARTH_RATE_RAD_S
+from ins.errors.table import RAW_BIAS_DEG_H
 from ins.json_file import Json, read_toml
 from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR

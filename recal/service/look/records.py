@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from infield.reports.documents.spans import SpanDocument
 from infield.reports.drawing import Panel
 from ins.documents import UNWRITTEN
-from ins.records import Phase
+from ins.records import Phase, Span
 from recal.service.check import RunHolds
 from simreal.report.twin_document import FitReport
 from trajectories.runs.checks import Finding
@@ -97,7 +96,7 @@ class LookReport:
     holds: RunHolds
     problems: Sequence[Finding]
     notes: Sequence[str]
-    repaired: Sequence[SpanDocument]
+    repaired: Sequence[Span]
     phases: Sequence[Phase]
     rest_s: float
     uses: Sequence[LogUse]

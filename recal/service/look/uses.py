@@ -188,7 +188,7 @@ def _table(judged: LookFindings) -> LogUse:
 
 def _still_s(aligned: AlignmentDocument) -> float:
     """Seconds of the parked phases that the alignment used, as an update counts them."""
-    parked_s = sum(p.end_s - p.start_s for p in aligned.phases if p.phase in PARKED_PHASES)
+    parked_s = sum(p.end_s - p.start_s for p in aligned.phases or () if p.phase in PARKED_PHASES)
     return parked_s * aligned.used_percent / 100.0
 
 

@@ -8,13 +8,13 @@ from infield.reports.documents.parked import effect_words, stretch_words
 from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import (
     EffectsCompared,
-    ObservedDocument,
     UpdateDocument,
     ZeroRateEffect,
     update_of,
 )
 from infield.reports.table_known import table_known
 from infield.session.hysteresis import ACTED_ON
+from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction
 from ins.json_file import JsonObject
 from ins.verdicts import OBSERVED_BELOW, Observability
@@ -167,7 +167,7 @@ def _axis_lines(document: UpdateDocument, *, verbose: bool) -> list[str]:
     return lines
 
 
-def _not_by_its_sigma(seen: ObservedDocument) -> bool:
+def _not_by_its_sigma(seen: AxisObservability) -> bool:
     """Whether a gyro taught nothing although its sigma fell by more than half: its thermometer
     failed, and the numbers of its line do not say so.
     """

@@ -1,0 +1,94 @@
+"""All errors: the project's own, and users' under the entry point group `recal.effects`."""
+
+from functools import cache
+from importlib.metadata import entry_points
+
+from ins.errors.accelerometer import ACCELEROMETER
+from ins.errors.base import SLOW_NAME, Effect, ErrorSource, Words
+from ins.errors.data import DATA_EFFECTS
+from ins.errors.flight import FLIGHT_EFFECTS
+from ins.errors.gyro.compensation import COMPENSATION
+from ins.errors.gyro.events import GYRO_EVENTS
+from ins.errors.gyro.noise import GYRO_NOISE
+from ins.errors.gyro.rate import GYRO_RATE
+from ins.errors.gyro.thermal import GYRO_THERMAL
+from ins.errors.navigation import NAVIGATION_EFFECTS
+from ins.errors.platform import PLATFORM
+from ins.errors.prior import Prior
+from ins.errors.table import TABLE_ERRORS
+from ins.errors.unnamed import FREE_FUNCTIONS
+from ins.errors.wheels import WHEELS
+from ins.records import InputError
+
+GROUP = "recal.effects"
+OWN: tuple[ErrorSource, ...] = (
+    *GYRO_THERMAL,
+    *GYRO_EVENTS,
+    *GYRO_RATE,
+    *GYRO_NOISE,
+    *COMPENSATION,
+    *ACCELEROMETER,
+    *PLATFORM,
+    *WHEELS,
+    *NAVIGATION_EFFECTS,
+    *DATA_EFFECTS,
+    *FLIGHT_EFFECTS,
+    *TABLE_ERRORS,
+)
+
+_OF_ID = {source.id: source for source in OWN}
+
+
+@cache
+def catalogue() -> tuple[Effect, ...]:
+    """What a diagnosis may name, a plan separate and a twin hold: errors of the list that a run can
+    show, and those of installed packages. An entry point names an error or a tuple of them.
+
+    InputError where one of them does not follow the protocol or takes an id that is in use.
+    """
+    found: list[Effect] = [source for source in OWN if source.diagnosed]
+    ids = {source.id for source in OWN}
+    for point in entry_points(group=GROUP):
+        loaded = point.load()
+        for effect in loaded if isinstance(loaded, tuple | list) else (loaded,):
+            if not isinstance(effect, Effect):
+                raise InputError(
+                    f"entry point {point.name} of {GROUP}: {effect!r} does not follow"
+                    " simreal.effects.own.Effect"
+                )
+            if effect.id in ids:
+                raise InputError(f"entry point {point.name} of {GROUP}: id {effect.id!r} is in use")
+            found.append(effect)
+            ids.add(effect.id)
+    return tuple(found)
+
+
+def prior(id: str, recipe: str, part: str = "") -> Prior:
+    """What an estimator assumes of an error of the list; LookupError where it does not carry it."""
+    return _OF_ID[id].prior(recipe, part)
+
+
+def effects_named(name: str, among: tuple[Effect, ...] | None = None) -> tuple[Effect, ...]:
+    """The effects that go by a name (several kinds of `slow_variation` share theirs), or by an
+    id.
+    """
+    every = catalogue() if among is None else among
+    return tuple(e for e in every if name in (e.name, e.id))
+
+
+def rivals_of(effect: Effect) -> tuple[str, ...]:
+    """Names that it is easily confused with: its own rivals, and what names it as one."""
+    called = _called(effect)
+    naming = (_called(other) for other in catalogue() if called in other.rivals)
+    return tuple(dict.fromkeys((*effect.rivals, *naming)))
+
+
+def _called(effect: Effect) -> str:
+    """What others call it: a slow process by its id."""
+    return effect.id if effect.name == SLOW_NAME else effect.name
+
+
+def words_of(name: str) -> Words | None:
+    """The words on an error or a free function; None where a user's own has none."""
+    of_errors = {e.name: e.words for e in (*OWN, *catalogue()) if isinstance(e, ErrorSource)}
+    return of_errors.get(name) or FREE_FUNCTIONS.get(name)

@@ -1,0 +1,1 @@
+"""Errors of gyros: of temperature, events, rates, noise, and of the table misapplied."""

@@ -1,0 +1,1 @@
+"""One estimator: a tape says what it is to do, one compiled kernel works through it."""

@@ -1,0 +1,633 @@
+"""The compiled loop of the estimator: propagation and scalar updates without Python in between.
+Import lazily.
+
+Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
+`ins.estimation.error_filter` does that.
+
+Core order, twelve errors that move (`ins.estimation.states`): W 0-2, POS 3-5, THETA 6-8, S 9-10,
+LATERAL 11. Those that take part in a run are its `moves`; `place` says where in the state each
+stands. What sensors and gravity get wrong drives them through nine inputs: gyros 0-2 and
+accelerometers 3-5 in body axes, acceleration north, east, down 6-8. All other states stand still,
+drive through the tape's entries, or are set by its operations.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from ins.estimation import states
+from ins.estimation.tape import (
+    ADD,
+    ADVANCE,
+    BIN,
+    INPUTS,
+    KEEP,
+    LOST,
+    MEASURE,
+    MOVING,
+    NOT_FINITE,
+    REFUSED,
+    ROLLING,
+    SOLUTION,
+    USED,
+)
+from ins.jit import entry, jit
+
+# columns of a step
+DT, C_NB, V_N, OMEGA_IE, TRANSPORT, GRAVITY, RADIUS = 0, 1, 10, 13, 16, 19, 20
+JUMP_W, JUMP_THETA, STEP_COLUMNS = 21, 22, 23
+ARW, VRW, LATERAL_RMS, LATERAL_TIME = 0, 1, 2, 3  # of the noise
+# first core number of each error
+W, POS, THETA = states.W.start, states.POS.start, states.THETA.start
+S, LATERAL, CORE = states.S.start, states.LATERAL, states.CORE
+GYROS, ACCELS, NED = 0, 3, 6  # first input of each kind
+# only kernels call it: less to compile, but a call from Python would end the process
+inner = jit(no_cpython_wrapper=True)
+
+
+@inner
+def system(step, lateral_time_s, A, B):
+    """Fill A and B with the rates of the core errors (equations: ins.estimation.error_model).
+
+    Parameters
+    ----------
+    step : ndarray, shape (STEP_COLUMNS,)
+    lateral_time_s : float
+        Correlation time of the lateral velocity.
+    A : ndarray, shape (12, 12)
+        By the core errors; changed in place.
+    B : ndarray, shape (12, 9)
+        By the inputs; changed in place.
+    """
+    A[:, :] = 0.0
+    B[:, :] = 0.0
+    g, R = step[GRAVITY], step[RADIUS]
+    v_dot_i = 0.0
+    for i in range(3):
+        v_dot_i += step[V_N + i] * step[OMEGA_IE + i]
+    en = (
+        step[TRANSPORT] * step[V_N + 1],
+        -step[TRANSPORT + 1] * step[V_N],
+        -step[TRANSPORT + 2] * step[V_N + 1],
+    )
+    for i in range(3):
+        # -omega x e of row i: omega of the one after next times the next component, and so on
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ie_j, ie_k = step[OMEGA_IE + j], step[OMEGA_IE + k]
+        A[W + i, W + j], A[W + i, W + k] = 2.0 * ie_k + en[k], -2.0 * ie_j - en[j]
+        A[POS + i, POS + j], A[POS + i, POS + k] = en[k], -en[j]
+        A[THETA + i, THETA + j], A[THETA + i, THETA + k] = ie_k + en[k], -ie_j - en[j]
+        # v x (omega_ie x theta) = omega_ie (v . theta) - theta (v . omega_ie)
+        for m in range(3):
+            A[W + i, THETA + m] = step[OMEGA_IE + i] * step[V_N + m]
+        A[W + i, THETA + i] -= v_dot_i
+        A[POS + i, W + i] = 1.0
+        # theta x v
+        A[POS + i, THETA + j], A[POS + i, THETA + k] = step[V_N + k], -step[V_N + j]
+        A[W + i, POS + i] = 2.0 * g / R if i == 2 else -g / R
+        B[W + i, NED + i] = 1.0
+        for m in range(3):
+            C, C_j, C_k = (step[C_NB + 3 * i + m], step[C_NB + 3 * j + m], step[C_NB + 3 * k + m])
+            B[THETA + i, GYROS + m] = C
+            B[W + i, GYROS + m] = step[V_N + j] * C_k - step[V_N + k] * C_j  # v x eps
+            B[W + i, ACCELS + m] = C
+            if m < 2:
+                A[S + m, W + i] = C
+    A[W, THETA + 1] -= g  # -theta x g
+    A[W + 1, THETA] += g
+    A[S + 1, LATERAL] = 1.0
+    A[LATERAL, LATERAL] = -1.0 / lateral_time_s
+
+
+@inner
+def product(A, X, moves, out):
+    """A X over the errors that take part."""
+    for i in moves:
+        for j in range(X.shape[1]):
+            out[i, j] = 0.0
+        for k in moves:
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(X.shape[1]):
+                    out[i, j] += a * X[k, j]
+
+
+@inner
+def transition(step, flags, noise, moves, room, Phi, Gamma, Q):
+    """Transition, input and process noise of the core errors over a step.
+
+    The exponential to third order, Simpson's rule (ins.estimation.error_model.discretize).
+
+    Parameters
+    ----------
+    step : ndarray, shape (STEP_COLUMNS,)
+    flags : ndarray of int64, shape (4,)
+    noise : ndarray, shape (4,)
+        As of `ProcessNoise.values`.
+    moves : ndarray of int64, shape (m,)
+        Numbers of the core errors that take part.
+    room : ndarray, shape (5, 12, 12)
+        Room to work in.
+    Phi : ndarray, shape (12, 12)
+        Changed in place.
+    Gamma : ndarray, shape (12, 9)
+        From what each input is wrong by over the step; changed in place.
+    Q : ndarray, shape (12, 12)
+        Its lower triangle is changed in place.
+    """
+    A, A2, A3, half, q = room[0], room[1], room[2], room[3], room[4]
+    B, AB, A2B = np.empty((CORE, INPUTS)), np.empty((CORE, INPUTS)), np.empty((CORE, INPUTS))
+    system(step, noise[LATERAL_TIME], A, B)
+    product(A, A, moves, A2)
+    product(A2, A, moves, A3)
+    product(A, B, moves, AB)
+    product(A2, B, moves, A2B)
+    dt = step[DT]
+    h = 0.5 * dt
+    for i in moves:
+        for j in moves:
+            one = 1.0 if i == j else 0.0
+            Phi[i, j] = one + dt * (A[i, j] + dt * (A2[i, j] / 2.0 + dt * A3[i, j] / 6.0))
+            half[i, j] = one + h * (A[i, j] + h * (A2[i, j] / 2.0 + h * A3[i, j] / 6.0))
+        for j in range(INPUTS):
+            Gamma[i, j] = dt * (B[i, j] + dt * (AB[i, j] / 2.0 + dt * A2B[i, j] / 6.0))
+    density(B, flags[ROLLING] != 0, noise, moves, q)
+    for i in moves:
+        for j in moves:
+            Q[i, j] = dt / 6.0 * q[i, j]
+    spread(half, q, 4.0 * dt / 6.0, moves, Q)
+    spread(Phi, q, dt / 6.0, moves, Q)
+    if flags[KEEP] == 0:
+        Phi[S, S] = Phi[S + 1, S + 1] = 0.0  # the displacement of a step starts at zero
+    if flags[ROLLING] == 0:
+        Phi[LATERAL, LATERAL] = Phi[S + 1, LATERAL] = 0.0
+        Q[LATERAL, LATERAL] = noise[LATERAL_RMS] * noise[LATERAL_RMS]
+    for i in range(3):
+        Q[W + i, W + i] += step[JUMP_W]
+        Q[THETA + i, THETA + i] += step[JUMP_THETA]
+
+
+@inner
+def density(B, rolling, noise, moves, q):
+    """Spectral density q (12, 12) of the core errors.
+
+    Gyro noise enters theta and, through v x C_nb, w, just as the bias does.
+    """
+    # products, since numba compiles x**2 as a loop over the bits of 2
+    arw2, vrw2 = noise[ARW] * noise[ARW], noise[VRW] * noise[VRW]
+    for i in moves:
+        for j in moves:
+            total = 0.0
+            for k in range(GYROS, ACCELS):
+                total += B[i, k] * B[j, k]
+            q[i, j] = arw2 * total
+        if i < POS:
+            q[i, i] += vrw2
+    if rolling:
+        q[LATERAL, LATERAL] = 2.0 * noise[LATERAL_RMS] * noise[LATERAL_RMS] / noise[LATERAL_TIME]
+
+
+@inner
+def spread(M, q, weight, moves, Q):
+    """Add the lower triangle of weight M q M' to Q."""
+    row = np.empty(CORE)
+    for i in moves:
+        for k in moves:
+            row[k] = 0.0
+        for j in moves:
+            m = M[i, j]
+            if m != 0.0:
+                for k in moves:
+                    row[k] += m * q[j, k]
+        for j in moves:
+            if j > i:
+                break
+            total = 0.0
+            for k in moves:
+                total += row[k] * M[j, k]
+            Q[i, j] += weight * total
+
+
+@inner
+def drive(Gamma, moves, state, target, value, driven, G):
+    """What one unit of each driving state adds to the core errors over a step: columns of G
+    (12, d), their states in driven (d,). Entries of one state stand together. Returns how many.
+    """
+    count = 0
+    for e in range(state.size):
+        if count == 0 or driven[count - 1] != state[e]:
+            driven[count] = state[e]
+            for i in moves:
+                G[i, count] = 0.0
+            count += 1
+        for i in moves:
+            G[i, count - 1] += value[e] * Gamma[i, target[e]]
+    return count
+
+
+@inner
+def propagate(x, P, moves, place, Phi, Q, driven, G, walk, density_of, dt, T, block):
+    """x = F x, P = F P F' + Q, touching only the rows and columns that move or walk.
+
+    driven (d,), G (12, d): as of `drive`; walk, density_of (w,): states that walk at random, which
+    may drive meanwhile; T (12, n), block (12, 12): scratch.
+    """
+    n = x.size
+    for i in moves:
+        total = 0.0
+        for j in range(n):
+            T[i, j] = 0.0
+        for k in moves:
+            f = Phi[i, k]
+            if f != 0.0:
+                c = place[k]
+                total += f * x[c]
+                for j in range(n):
+                    T[i, j] += f * P[c, j]
+        for d in range(driven.size):
+            f = G[i, d]
+            if f != 0.0:
+                c = driven[d]
+                total += f * x[c]
+                for j in range(n):
+                    T[i, j] += f * P[c, j]
+        block[i, 0] = total
+    for i in moves:
+        x[place[i]] = block[i, 0]
+    for i in moves:
+        for j in moves:
+            if j > i:
+                break
+            total = Q[i, j]
+            for k in moves:
+                total += T[i, place[k]] * Phi[j, k]
+            for d in range(driven.size):
+                total += T[i, driven[d]] * G[j, d]
+            block[i, j] = total
+    for w in range(walk.size):
+        added = density_of[w] * dt
+        P[walk[w], walk[w]] += added
+        for d in range(driven.size):
+            if driven[d] == walk[w]:
+                # of a walk from zero: its mean over the step, and the mean's square
+                for i in moves:
+                    T[i, walk[w]] += 0.5 * added * G[i, d]
+                    for j in moves:
+                        if j > i:
+                            break
+                        block[i, j] += added / 3.0 * G[i, d] * G[j, d]
+    for i in moves:
+        for j in range(n):
+            P[place[i], j] = T[i, j]
+            P[j, place[i]] = T[i, j]
+    for i in moves:
+        for j in moves:
+            if j > i:
+                break
+            P[place[i], place[j]] = block[i, j]
+            P[place[j], place[i]] = block[i, j]
+
+
+@inner
+def expected(x, P, index, value, R, v):
+    """v = P h; returns h x and h P h' + R of a sparse row h."""
+    n = x.size
+    for j in range(n):
+        v[j] = 0.0
+    hx = 0.0
+    for k in range(index.size):
+        c, a = index[k], value[k]
+        if a != 0.0:
+            hx += a * x[c]
+            for j in range(n):
+                v[j] += a * P[c, j]
+    variance = R
+    for k in range(index.size):
+        variance += value[k] * v[index[k]]
+    return hx, variance
+
+
+@inner
+def correct(x, P, v, residual, variance):
+    """The optimal update by one scalar: x += v residual / S, P -= v v' / S.
+
+    Symmetric to the last bit. v becomes the gain over the innovation's sigma. Returns the
+    innovation over its sigma.
+    """
+    n = x.size
+    root = sqrt(variance)
+    for j in range(n):
+        v[j] /= root
+    y = residual / root
+    for i in range(n):
+        a = v[i]
+        x[i] += a * y
+        if a != 0.0:
+            for j in range(n):
+                P[i, j] -= a * v[j]
+    return y
+
+
+@inner
+def measure(x, P, index, value, z, R, gate, v, normalised, spread, gains):
+    """Rows (m) with independent noise, one after another; all or none pass the gate.
+
+    Of refused rows, the innovations stand in `normalised` at the gate at most, each as if it were
+    alone. gains (m, n): written where it has rows. Returns what became of them.
+    """
+    refused = False
+    for r in range(z.size):
+        hx, variance = expected(x, P, index[r], value[r], R[r], v)
+        residual = z[r] - hx
+        if not (residual - residual == 0.0 and variance - variance == 0.0):
+            return NOT_FINITE
+        if variance < 0.9 * R[r] or variance <= 0.0:
+            return LOST
+        if residual * residual > gate * gate * variance:
+            refused = True
+        spread[r] = variance
+        normalised[r] = min(max(residual / sqrt(variance), -gate), gate)
+    if refused:
+        return REFUSED
+    for r in range(z.size):
+        hx, variance = expected(x, P, index[r], value[r], R[r], v)
+        if variance < 0.9 * R[r] or variance <= 0.0:
+            return LOST
+        spread[r] = variance
+        normalised[r] = correct(x, P, v, z[r] - hx, variance)
+        if gains.shape[0] > 0:
+            for j in range(x.size):
+                gains[r, j] = v[j]
+    return USED
+
+
+# ways in for `ins.estimation.error_model`
+system_alone, transition_alone = entry(system), entry(transition)
+
+
+@inner
+def assign(x, P, target, index, value, variance, v):
+    """State `target` becomes a combination of states plus independent noise (no entries: a fresh
+    prior).
+    """
+    hx, total = expected(x, P, index, value, 0.0, v)
+    x[target] = hx
+    for j in range(x.size):
+        P[target, j] = v[j]
+        P[j, target] = v[j]
+    P[target, target] = total + variance
+
+
+@jit
+def sweep(
+    x,
+    P,
+    moves,
+    place,
+    steps,
+    flags,
+    shifts,
+    noise,
+    walk,
+    density_of,
+    drive_first,
+    drive_state,
+    drive_target,
+    drive_value,
+    ops,
+    index,
+    value,
+    z,
+    R,
+    gate,
+    watched,
+    bins,
+    outcome,
+    normalised,
+    spread,
+    gain,
+    filtered,
+    gains,
+):
+    """Work through a tape.
+
+    Parameters
+    ----------
+    x, P : ndarray, shapes (n,), (n, n)
+        Changed in place.
+    moves : ndarray of int64, shape (m,)
+        Numbers of the core errors that take part, ascending.
+    place : ndarray of int64, shape (12,)
+        Where in x each core error stands.
+    steps, flags : ndarray, shapes (K, 23), (K, 4)
+        As of `ins.estimation.tape.Steps.table`.
+    shifts : ndarray, shape (K, 9) or (0, 9)
+        How much larger the errors w, p, theta are after each step because the solution was set
+        anew there.
+    noise : ndarray, shape (4,)
+        As of `ProcessNoise.values`.
+    walk, density_of : ndarray, shape (w,)
+        States that walk at random, and the variance that each gains in a second.
+    drive_first : ndarray of int64, shape (K + 1,)
+        First of the entries of each step.
+    drive_state, drive_target, drive_value : ndarray, shape (entries,)
+        State, input and what one unit of the state makes the input wrong by.
+    ops : ndarray of int64, shape (m, 4)
+        Kind of operation, step or target, first row, rows.
+    index, value : ndarray, shape (rows, nz)
+        States and coefficients of each row.
+    z, R : ndarray, shape (rows,)
+        Measured values, variances.
+    gate : ndarray, shape (m,)
+        In sigmas.
+    watched : int
+        The state whose variance `gain` is about.
+    bins : ndarray of int64, shape (bins, 3)
+        Where in x each bin's bias stands.
+    outcome : ndarray of int64, shape (m,)
+        What became of each operation; written.
+    normalised : ndarray, shape (rows,)
+        Innovations over their sigma; written.
+    spread : ndarray, shape (rows,)
+        Variances of the innovations; written.
+    gain : ndarray, shape (m,)
+        Log of the ratio in variance of the watched state; written.
+    filtered : ndarray, shape (bins, 2, 3)
+        Bias and variance of each bin when it ended; written.
+    gains : ndarray, shape (rows, n) or (0, n)
+        Gain of each row over its innovation's sigma; written where it has rows.
+
+    Returns
+    -------
+    stopped : int
+        The operation at which it stopped, being LOST or NOT_FINITE; -1: none.
+    """
+    n, now_bin = x.size, 0
+    room = np.zeros((5, CORE, CORE))
+    Phi, Q, Gamma = np.zeros((CORE, CORE)), np.zeros((CORE, CORE)), np.zeros((CORE, INPUTS))
+    driven, G = np.zeros(n, np.int64), np.zeros((CORE, n))
+    T, block, v = np.zeros((CORE, n)), np.zeros((CORE, CORE)), np.zeros(n)
+    step = np.empty(STEP_COLUMNS)
+    for m in range(ops.shape[0]):
+        kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
+        outcome[m] = USED
+        if kind == ADVANCE:
+            # step[:] = ... compiles text handling for an error message, 3 s
+            for k in range(STEP_COLUMNS):
+                step[k] = steps[which, k]
+            if flags[which, MOVING] != 0:  # errors are linearised about the velocity less its error
+                for i in moves:
+                    if i < POS:
+                        step[V_N + i] -= x[place[i]]
+            now_bin = flags[which, BIN]
+            transition(step, flags[which], noise, moves, room, Phi, Gamma, Q)
+            entries = slice(drive_first[which], drive_first[which + 1])
+            used = drive(
+                Gamma,
+                moves,
+                drive_state[entries],
+                drive_target[entries],
+                drive_value[entries],
+                driven,
+                G,
+            )
+            propagate(
+                x, P, moves, place, Phi, Q, driven[:used], G, walk, density_of, step[DT], T, block
+            )
+            if shifts.shape[0] > 0:
+                for i in moves:
+                    if i < SOLUTION:
+                        x[place[i]] += shifts[which, i]
+        elif kind == MEASURE:
+            before = P[watched, watched]
+            rows = slice(first, first + count)
+            outcome[m] = measure(
+                x,
+                P,
+                index[rows],
+                value[rows],
+                z[rows],
+                R[rows],
+                gate[m],
+                v,
+                normalised[rows],
+                spread[rows],
+                gains[rows],
+            )
+            if outcome[m] < 0:
+                return m
+            if before > 0.0 and outcome[m] == USED:
+                gain[m] = np.log(before / P[watched, watched])
+        elif kind == ADD:
+            P[which, which] += R[first]
+        else:
+            assign(x, P, which, index[first], value[first], R[first], v)
+        if (kind == ADVANCE or kind == MEASURE) and now_bin < bins.shape[0]:
+            for k in range(3):
+                b = bins[now_bin, k]
+                filtered[now_bin, 0, k] = x[b]
+                filtered[now_bin, 1, k] = P[b, b]
+    return -1
+
+
+@jit
+def respond(
+    E,
+    moves,
+    place,
+    steps,
+    flags,
+    noise,
+    drive_first,
+    drive_state,
+    drive_target,
+    drive_value,
+    ops,
+    index,
+    value,
+    outcome,
+    spread,
+    gains,
+    sensed,
+    measured,
+    out,
+):
+    """What further columns add to the innovations of a sweep, by its own gains.
+
+    A column holds what the errors are less what the filter takes them for: e- = Phi e + u,
+    nu = H e + m, e+ = e- - K nu.
+
+    Parameters
+    ----------
+    E : ndarray, shape (n, m)
+        The columns at the start; changed in place.
+    moves, place, steps, flags, noise, drive_first, drive_state, drive_target, drive_value, ops, \
+index, value : as of `sweep`
+    outcome, spread, gains : as `sweep` wrote them
+    sensed : ndarray, shape (K, 9, m)
+        What the inputs are wrong by over each step.
+    measured : ndarray, shape (rows, m)
+        What each row's measured value is changed by.
+    out : ndarray, shape (rows, m)
+        Innovations over their sigmas; written where the row was used.
+    """
+    n, m = E.shape
+    room = np.zeros((5, CORE, CORE))
+    Phi, Q, Gamma = np.zeros((CORE, CORE)), np.zeros((CORE, CORE)), np.zeros((CORE, INPUTS))
+    driven, G, moved = np.zeros(n, np.int64), np.zeros((CORE, n)), np.zeros((CORE, m))
+    nu = np.zeros(m)
+    for o in range(ops.shape[0]):
+        kind, which, first, count = ops[o, 0], ops[o, 1], ops[o, 2], ops[o, 3]
+        if kind == ADVANCE:
+            transition(steps[which], flags[which], noise, moves, room, Phi, Gamma, Q)
+            entries = slice(drive_first[which], drive_first[which + 1])
+            used = drive(
+                Gamma,
+                moves,
+                drive_state[entries],
+                drive_target[entries],
+                drive_value[entries],
+                driven,
+                G,
+            )
+            for i in moves:
+                for j in range(m):
+                    moved[i, j] = 0.0
+                for k in moves:
+                    add_row(moved[i], Phi[i, k], E[place[k]])
+                for d in range(used):
+                    add_row(moved[i], G[i, d], E[driven[d]])
+                for k in range(INPUTS):
+                    add_row(moved[i], Gamma[i, k], sensed[which, k])
+            for i in moves:
+                for j in range(m):
+                    E[place[i], j] = moved[i, j]
+        elif kind == MEASURE:
+            if outcome[o] != USED:
+                continue
+            for r in range(first, first + count):
+                root = sqrt(spread[r])
+                for j in range(m):
+                    nu[j] = measured[r, j]
+                for k in range(index.shape[1]):
+                    add_row(nu, value[r, k], E[index[r, k]])
+                for j in range(m):
+                    nu[j] /= root
+                    out[r, j] = nu[j]
+                for i in range(n):
+                    add_row(E[i], -gains[r, i], nu)
+        elif kind != ADD:
+            for j in range(m):
+                nu[j] = 0.0
+            for k in range(index.shape[1]):
+                add_row(nu, value[first, k], E[index[first, k]])
+            for j in range(m):
+                E[which, j] = nu[j]
+
+
+@inner
+def add_row(to, factor, row):
+    """to (m,) += factor row."""
+    if factor != 0.0:
+        for j in range(to.size):
+            to[j] += factor * row[j]

@@ -1,0 +1,1 @@
+"""What may be measured of a solution's errors: residual and rows, from arrays."""

@@ -1,1 +1,0 @@
-"""Effects that only a flight shows."""
