@@ -11,6 +11,7 @@ from alignment.tilt_rate import tilt_rates
 from ins import earth
 from ins.attitude import dcm_from_euler
 from ins.estimation import error_model as em
+from ins.estimation.tape import GYRO
 from ins.records import NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN
@@ -155,7 +156,7 @@ def test_bracket_form_is_the_tilt_rate_over_an_hour():
     coriolis = 2 * SPIN * np.sin(LAT)
     R_N, R_E = earth.radii_of_curvature(LAT)
     for k in (300, 900, 1266, 1800, 2532, 3500):
-        theta = error_states(truth, history, k)[4:7]
+        theta = error_states(truth, history, k)[em.THETA]
         u = -np.cross(earth.omega_ie_n(LAT), theta) + eps
         (vn, ve), (an, ae) = v[k, :2], (first_derivative(v[:, i], k) for i in (0, 1))
         u_N = (second_derivative(v[:, 1], k) + G / R_E * ve - coriolis * an) / G
@@ -178,7 +179,7 @@ def test_tilt_rates_of_claim_1_are_schuler_corrected():
     )
     assert len(found) == 12
     for rate in found:
-        theta = error_states(truth, history, round(rate.time_s))[4:7]
+        theta = error_states(truth, history, round(rate.time_s))[em.THETA]
         u = -np.cross(earth.omega_ie_n(LAT), theta) + eps
         assert rate.u_north_rad_s == pytest.approx(u[0], abs=0.02 * BIAS)
         assert rate.u_east_rad_s == pytest.approx(u[1], abs=0.02 * BIAS)
@@ -207,7 +208,9 @@ def parked_observability(columns):
         turn_rad=0.0,
     )
     F, B = em.system_matrix(step, 2.0)
-    A = np.block([[F, B], [np.zeros((3, em.BASE + 3))]])
+    down = [em.W_DOWN, em.POS_DOWN]  # the height is given
+    F[down], B[down] = 0.0, 0.0
+    A = np.block([[F, B[:, GYRO : GYRO + 3]], [np.zeros((3, em.BASE + 3))]])
     H = np.zeros((2, em.BASE + 3))
     H[0, em.W.start] = H[1, em.W.start + 1] = 1.0
     hour = 1000.0  # time unit that keeps F near one
@@ -259,7 +262,7 @@ def test_two_heading_table(turn_deg):
         imu, begin, Errors(gyro=(eps_N, eps_E, 0.0), theta=theta), epoch_s=1.0, vertical=HOLD
     )
     truth = navigate(imu, begin, epoch_s=1.0, vertical=HOLD)
-    u = (error_states(truth, history)[4:7] - theta) / 60.0
+    u = (error_states(truth, history)[em.THETA] - theta) / 60.0
     assert u[0] == pytest.approx(eps_N * np.cos(turn) - eps_E * np.sin(turn), abs=0.01 * BIAS)
     assert u[1] == pytest.approx(
         eps_N * np.sin(turn) + eps_E * (np.cos(turn) - 1.0), abs=0.01 * BIAS

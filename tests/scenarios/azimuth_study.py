@@ -85,8 +85,8 @@ def study(seed: int, *, power_ons: int, given: bool) -> Found:
     seen = [c for c in result.couplings if c.verdict != "not_observable"]
     assert result.fit is not None
     return Found(
-        {c.name: (c.value_rad * 1e3 - true[c.name]) / (c.sigma_rad * 1e3) for c in seen},
-        {c.name: c.sigma_rad * 1e3 for c in seen},
+        {c.entry: (c.value_rad * 1e3 - true[c.entry]) / (c.sigma_rad * 1e3) for c in seen},
+        {c.entry: c.sigma_rad * 1e3 for c in seen},
         result.fit.chi2,
         result.fit.dof,
     )

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from ins.errors.base import CatalogueEffect, Coefficient
+from ins.errors.base import ErrorSource, Coefficient
 from simreal.inference.bank import SIZES, Group, Hypothesis, size_weights
 from simreal.inference.scoring import Conditioned, Scorer, fit
 
 
 def bank_of(U, z, *, low=1e-3, high=1e3):
-    effect = CatalogueEffect(
+    effect = ErrorSource(
         "e", "e", ("gyro_x",), tuple(Coefficient(f"c{k}", "", low, high) for k in range(U.shape[1]))
     )
     group = Group({}, np.arange(U.shape[1]), np.full(U.shape[1], np.sqrt(low * high)))
