@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from ins.errors.base import ErrorSource, Coefficient
+from ins.errors.base import Coefficient, ErrorSource
 from simreal.inference.bank import SIZES, Group, Hypothesis, size_weights
 from simreal.inference.scoring import Conditioned, Scorer, fit
 
