@@ -19,6 +19,7 @@ from ins.records import ImuLog
 from tests.infield import mems_away
 
 FROM_S, UNTIL_S = mems_away.PARKED_S + 60.0, mems_away.PARKED_S + 260.0
+VRW, SIGMA_V_M_S = 1e-3, 0.02  # of the accelerometers, of the solution's velocity
 FIX_S = np.arange(FROM_S + 0.37, UNTIL_S, 0.7)
 
 
@@ -52,11 +53,12 @@ def solution(truth, dp=0.0, dv=0.0, phi=0.0):
         height_m=height,
         v_n_m_s=v_n,
         C_nb=dcm_from_rotation_vector(np.broadcast_to(phi, v_n.shape)) @ C_nb,
+        variance=np.full((v_n.shape[0], 15), SIGMA_V_M_S**2),
     )
 
 
 def over(imu, rows):
-    return reference(imu, rows, FIX_S, [slice(0, rows.time_s.size)])
+    return reference(imu, rows, FIX_S, [slice(0, rows.time_s.size)], VRW)
 
 
 def test_a_true_solution_is_set_anew_by_nothing():
@@ -86,19 +88,38 @@ def test_errors_of_the_solution_are_carried_from_row_to_row():
     rows = solution(truth, dp, dv, phi)
     north, east, _ = dp.T / SEMI_MAJOR_AXIS_M
     theta = phi - np.column_stack([-east, north, east * np.tan(rows.lat_rad)])
-    errors = np.hstack([dv - np.cross(theta, rows.v_n_m_s), dp, theta])
+    made = over(imu, rows)
+    about = made.travels_n[made.closes]
+    errors = np.hstack([dv - np.cross(theta, about), dp, theta])
     silent = ProcessNoise(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     flt = ErrorFilter(
         sigma0={}, noise=silent, bias_mean=np.zeros(3), bias_covariance=np.zeros((3, 3))
     )
     flt.x[:9] = errors[0]
-    made = over(imu, rows)
     flt.run(Tape(made.steps(np.zeros(made.dt_s.size, dtype=np.int64))))
     off = flt.x[:9] - errors[-1]
     # second order: 200 settings of 1e-3 rad at 60 m/s and under a specific force of 10 m/s^2
     assert np.abs(off[6:]).max() < 5e-5
     assert np.abs(off[:3]).max() < 0.05 and np.abs(errors[:, :3]).max() > 0.2
     assert np.abs(off[3:6]).max() < 3.0
+
+
+def test_noise_of_a_solution_is_no_motion_to_be_linearised_about():
+    """Straight ahead, noise of the velocities is gone from what the errors are linearised about;
+    a turn is followed at once.
+    """
+    imu, truth = flown()
+    rows = solution(truth)
+    noise = SIGMA_V_M_S * np.random.default_rng(7).standard_normal(rows.v_n_m_s.shape)
+    made = over(imu, solution(truth, dv=noise))
+    travels = made.travels_n[made.closes]
+    turns = np.abs(np.gradient(rows.v_n_m_s, axis=0)).max(axis=1) > 0.5
+    calm = ~np.convolve(turns, np.ones(5), mode="same").astype(bool)
+    straight = calm[1:] & calm[:-1]
+    followed, of = (np.diff(rows, axis=0)[straight] for rows in (travels - rows.v_n_m_s, noise))
+    assert calm.sum() > 60 and turns.sum() > 20
+    assert abs(np.sum(followed * of) / np.sum(of**2)) < 0.05  # 1 of the solution itself
+    assert np.abs(travels - rows.v_n_m_s)[turns].max() < 1.0
 
 
 def test_the_axes_of_a_step_are_their_mean_over_it():
@@ -120,8 +141,9 @@ def test_the_axes_of_a_step_are_their_mean_over_it():
         height_m=np.zeros(3),
         v_n_m_s=np.zeros((3, 3)),
         C_nb=np.stack([C @ dcm_from_rotation_vector(angle * of) for of in s]),
+        variance=np.full((3, 15), SIGMA_V_M_S**2),
     )
-    made = reference(imu, rows, np.zeros(0), [slice(0, 3)])
+    made = reference(imu, rows, np.zeros(0), [slice(0, 3)], VRW)
     share = (np.arange(1000) + 0.5) / 1000
     mean = np.mean([rows.C_nb[0] @ dcm_from_rotation_vector(angle * u) for u in share], axis=0)
     assert made.dt_s == pytest.approx([0.0, 1.0, 1.0])

@@ -158,7 +158,8 @@ def _tape(way: Way, believed: Believed) -> Tape:
 def _begin_and_fade(tape: Tape, believed: Believed) -> None:
     """Motion and slow errors where a stretch begins, a step of no length; how the latter fade.
 
-    The velocity is known to BEGIN_SPEED_M_S whatever the heading, and w is dv - theta x v.
+    The velocity is known to BEGIN_SPEED_M_S whatever the heading, and w is dv - theta x v, v being
+    the velocity that the errors are linearised about.
     """
     dt = np.asarray(tape.steps.dt_s)
     begins, moves = np.flatnonzero(dt == 0.0), np.flatnonzero(dt > 0.0)
@@ -242,10 +243,10 @@ def _measure_fixes(tape: Tape, way: Way, believed: Believed) -> None:
         tape.measure(OF_POSITION, at, z, rows, list(variance), gate=GATE_SIGMA)
     whole = np.isfinite(fixes.v_n_m_s[k]).all(axis=1)
     at, of, moved = motion(whole, antenna.velocity_delay_s)
-    every = np.ones(at.size, dtype=bool)
+    swing = moved.swing_n(antenna.arm_m)
+    about = way.reference.travels_n[at] + swing
     z, rows = fix.velocity(
-        moved, antenna, fixes.v_n_m_s[of], states(SLOW_VELOCITY), moves=every, level=False
+        moved, antenna, fixes.v_n_m_s[of], states(SLOW_VELOCITY), about_n=about, level=False
     )
-    variance = fixes.sigma_velocity_m_s[of].T ** 2
-    variance = variance + (SWING_SHARE * moved.swing_n(antenna.arm_m).T) ** 2
+    variance = fixes.sigma_velocity_m_s[of].T ** 2 + (SWING_SHARE * swing.T) ** 2
     tape.measure(OF_VELOCITY, at, z, rows, list(variance), gate=GATE_SIGMA)

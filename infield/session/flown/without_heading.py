@@ -205,7 +205,7 @@ def _way(
     """The stretches as one way. bin_ends_s (N,): of the bins under way."""
     assert result.history is not None and result.given is not None
     fixes, temperature = result.given.fixes, known.temperature
-    along = reference(imu, result.history, fixes.time_s, stretches)
+    along = reference(imu, result.history, fixes.time_s, stretches, result.given.noise.vrw)
     middle_s = along.end_s - 0.5 * along.dt_s
     degC = temperature.temperature_degC.mean(axis=1)
     standing = np.zeros(along.end_s.size, dtype=bool)
