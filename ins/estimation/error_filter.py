@@ -317,7 +317,7 @@ def _in_use(c: Compiled, x: NDArray, P: NDArray, walks: Mapping[int, float]) -> 
     use = (np.diag(P) != 0.0) | (x != 0.0)
     use[[state for state, density in walks.items() if density > 0.0]] = True
     use[: em.CORE] = False
-    use[em.moving(c.level)] = True
+    use[em.moving(c.level, c.wheels)] = True
     changed = (c.ops[:, 0] == ADD) | (c.ops[:, 0] == ASSIGN)
     use[c.ops[changed, 1]] = True
     use[em.THETA_CLONE.stop - 1] = True
@@ -333,7 +333,7 @@ def _placed(c: Compiled, use: NDArray) -> _Placed:
     drives = c.drives.only(use[c.drives.state])
     drives = Drives(drives.first, of[drives.state], drives.target, drives.value)
     value = np.where(use[c.index], c.value, 0.0)
-    return _Placed(of, of[: em.CORE], em.moving(c.level), drives, ops, of[c.index], value)
+    return _Placed(of, of[: em.CORE], em.moving(c.level, c.wheels), drives, ops, of[c.index], value)
 
 
 @dataclass(frozen=True)

@@ -258,20 +258,21 @@ def discretize(
     return Phi_full, Gamma_full, Q_full
 
 
-def moving(level: bool) -> NDArray:
+def moving(level: bool, wheels: bool = True) -> NDArray:
     """Numbers of the core errors that take part.
 
     Parameters
     ----------
-    level : bool
-        The height is given.
+    level, wheels : bool
+        As of `ins.estimation.tape.Steps`.
 
     Returns
     -------
-    moves : ndarray of int64, shape (10,) or (12,)
+    moves : ndarray of int64, shape (m,)
     """
-    every = np.arange(CORE)
-    return every[~np.isin(every, (W_DOWN, POS_DOWN))] if level else every
+    down = (W_DOWN, POS_DOWN) if level else ()
+    on_wheels = () if wheels else (*range(S.start, S.stop), LATERAL)
+    return np.setdiff1d(np.arange(CORE), [*down, *on_wheels])
 
 
 def _in_full(step: Step, core: NDArray, inputs: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:

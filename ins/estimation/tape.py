@@ -54,6 +54,8 @@ class Steps:
         anew there: it need not be a free one.
     level : bool
         The height is given: velocity and position down have no error.
+    wheels : bool
+        The way over a step and the lateral velocity are of use: they move.
     """
 
     end_s: NDArray
@@ -74,6 +76,7 @@ class Steps:
     jump_theta: NDArray
     shift: NDArray | None = None
     level: bool = True
+    wheels: bool = True
 
     def table(self) -> tuple[NDArray, NDArray]:
         """The steps as the kernel takes them.
@@ -162,7 +165,7 @@ class Compiled:
     flags : ndarray of int64, shape (K, 4)
         Both as of `Steps.table`.
     shift : ndarray, shape (K, 9) or (0, 9)
-    level : bool
+    level, wheels : bool
     drives : Drives
     ops : ndarray of int64, shape (m, 4)
         Kind of operation, step or target state, first row, number of rows.
@@ -181,6 +184,7 @@ class Compiled:
     flags: NDArray
     shift: NDArray
     level: bool
+    wheels: bool
     drives: Drives
     ops: NDArray
     index: NDArray
@@ -352,6 +356,7 @@ class Tape:
             flags,
             np.ascontiguousarray(shift, dtype=float),
             self.steps.level,
+            self.steps.wheels,
             self._driving(),
             np.ascontiguousarray(ops, dtype=np.int64),
             np.concatenate([_padded(b.index, width) for b in blocks]),

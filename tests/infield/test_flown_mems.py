@@ -13,9 +13,9 @@ from scipy.stats import chi2
 from infield.aided.flight import warmed_accel_walk
 from infield.reports.documents.parked import budget_terms
 from infield.session.flown import without_heading
-from infield.session.flown.about import begun
 from infield.session.flown.gates import DOUBTED_SIGMAS
 from infield.session.flown.priors import Further
+from infield.session.flown.ways import estimated_ways
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import AidedNoise
 from ins.records import FixType, GnssLog
@@ -163,11 +163,11 @@ def test_ways_with_fixes_of_two_types_are_within_their_sigmas(monkeypatch):
     """
     seen = []
 
-    def see(believed):
+    def see(way, believed):
         seen.append(believed.noise)
-        return begun(believed)
+        return estimated_ways(way, believed)
 
-    monkeypatch.setattr(without_heading, "begun", see)
+    monkeypatch.setattr(without_heading, "estimated_ways", see)
     nees, count = 0.0, 0
     for seed in range(3):
         made = rtk(seed)

@@ -1,5 +1,5 @@
 """Units without a heading whose log begins in motion and never stands: one way, taken with its
-sigmas or refused; the sensors' axes over a step that turns.
+sigmas or refused.
 """
 
 from dataclasses import replace
@@ -12,10 +12,8 @@ from scipy.stats import chi2
 
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.session import session_document
-from infield.session.flown.about import Reading, begun
 from infield.session.reasons import FlightReason, ParkedReason
 from infield.table.thermal_table import AgeingModel
-from ins.attitude import dcm_from_rotation_vector
 from ins.verdicts import Outcome
 from tests.cut import cut_run
 from tests.infield import mems_away
@@ -91,28 +89,3 @@ def test_a_receiver_led_astray_leaves_nothing():
     codes = [reason.code for reason in result.verdict.reasons]
     assert codes[0] is ParkedReason.NO_REST
     assert any(isinstance(code, FlightReason) for code in codes[1:])
-
-
-def test_the_axes_of_a_step_are_their_mean_over_it():
-    """Constant rate, 20 deg a step: against the mean of a thousand attitudes."""
-    angle = np.radians(20.0) * np.array([0.3, -0.2, 0.93])
-    C = dcm_from_rotation_vector([0.2, -0.1, 1.0])
-    share = (np.arange(1000) + 0.5) / 1000
-    mean = np.mean([C @ dcm_from_rotation_vector(angle * u) for u in share], axis=0)
-    believed = SimpleNamespace(
-        noise=SimpleNamespace(vrw=1e-3, arw=1e-4),
-        layout=SimpleNamespace(sigma=np.zeros(0)),
-        first_bin=27,
-        mean=np.zeros(3),
-        covariance=np.eye(3),
-        of_mean=0.0,
-        accel_m_s2=0.1,
-        wander_rad_s=1e-5,
-    )
-    flt = begun(believed)
-    steps = SimpleNamespace(
-        dt_s=[1.0], force_b_m_s2=[np.array([0.0, 0.0, -9.8])], angle_b_rad=[angle], bin=[0]
-    )
-    read = Reading(believed).of(flt, steps, 0, C)
-    assert np.abs(read.C_nb - mean).max() < 2e-3  # of 0.17 at the step's start
-    assert np.abs(C - mean).max() > 0.1

@@ -3,7 +3,7 @@ its parked ones or left out.
 
 The parked stretches are estimated first (`infield.session.parked`). The whole log is navigated with
 the receiver (`infield.aided`); between the rests a filter about that solution estimates the bins
-(`infield.session.flown.about`), with the table's and the session's joint prior over all bins, and
+(`infield.session.flown.ways`), with the table's and the session's joint prior over all bins, and
 with what the rests said. The rests' own seconds are not used again. A log without a rest is one
 way: what its gyros may read under way beyond what they read at rest stays in its sigmas.
 """
@@ -20,18 +20,20 @@ from infield.aided.flight import AidedResult, navigate_aided, warmed_accel_walk
 from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
-from infield.session.flown.about import FIRST_FURTHER, Believed, begun, over
+from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight
 from infield.session.flown.gates import against, carried, doubted, uncovered
 from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout, laid_out
-from infield.session.flown.steps import steps_between
+from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
 from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
 from infield.session.parked.never_at_rest import never_at_rest
 from infield.session.parked.stretches import MIN_PARKED_S, Rests
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
+from ins.estimation import error_model as em
+from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.filters.aided_records import AidedHistory, AidedNoise
 from ins.records import ImuSource
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
@@ -185,24 +187,39 @@ def _estimated(
         ground = never_at_rest(bins, _begun(result), ground.left_out)
     after = _after_rests(ground, bins, ~is_away)
     believed = _believed(known, result, bins, after, is_away)
-    flt = begun(believed)
-    for rows in stretches:
-        steps = steps_between(
-            imu,
-            history,
-            given.fixes,
-            rows,
-            temperature=known.temperature,
-            bin_ends_s=bins.end_s[is_away],
-            stands=result.stands,
-        )
-        over(flt, steps, believed)
-    end = flt.end(_antenna_found(known, result))
-    reasons = against(end, believed.layout, rested=alone is not None)
-    states = carried(end, believed.layout)
-    joined = None if reasons else _joined(ground, bins, is_away, after, flt.biases(believed))
+    flt = estimated_ways(_way(known, imu, result, stretches, bins.end_s[is_away]), believed)
+    reasons = against(flt, believed.layout, rested=alone is not None)
+    states = carried(flt, believed.layout)
+    joined = None if reasons else _joined(ground, bins, is_away, after, flt.bias)
     worth = None if joined is None else worth_of(known.table, alone, joined, left_out.flight)
     return replace(left_out, reasons=reasons, joined=joined, carried=states, worth=worth)
+
+
+def _way(
+    known: KnownRun,
+    imu: ImuSource,
+    result: AidedResult,
+    stretches: list[slice],
+    bin_ends_s: NDArray,
+) -> Way:
+    """The stretches as one way. bin_ends_s (N,): of the bins under way."""
+    assert result.history is not None and result.given is not None
+    fixes, temperature = result.given.fixes, known.temperature
+    along = reference(imu, result.history, fixes.time_s, stretches, result.given.noise.vrw)
+    middle_s = along.end_s - 0.5 * along.dt_s
+    degC = temperature.temperature_degC.mean(axis=1)
+    standing = np.zeros(along.end_s.size, dtype=bool)
+    for start_s, end_s in result.stands:
+        standing |= (along.end_s > start_s) & (along.end_s <= end_s)
+    return Way(
+        reference=along,
+        rows=RowSums(imu),
+        fixes=fixes,
+        bins=np.minimum(np.searchsorted(bin_ends_s, middle_s), bin_ends_s.size - 1),
+        flies=~standing,
+        warmer_degC=np.interp(along.end_s, temperature.time_s, degC - degC[0]),
+        stands=np.flatnonzero(standing & along.closes & (along.dt_s > 0.0)),
+    )
 
 
 def _begun(result: AidedResult) -> BegunInMotion:
@@ -263,47 +280,41 @@ def _believed(
     accepted_ppm = known.run.header.accepted_accel_scale / PPM
     scale_ppm = {technology: max(priors.accel_scale_ppm[technology], accepted_ppm)}
     assert result.antenna is not None and result.given is not None
+    of = np.flatnonzero(np.repeat(is_away, 3))
     every = laid_out(
         replace(priors, accel_scale_ppm=priors.accel_scale_ppm | scale_ppm),
         technology,
-        first=FIRST_FURTHER,
+        first=em.BASE + of.size + COMES_AND_GOES,
         scale_ppm=known.settings.sigma_scale_factor_ppm[technology],
         accel_z_ug=twin.accel.turn_on_ug,
     )
-    found = _antenna_found(known, result)
-    layout = _layout(every, found)
-    of = np.flatnonzero(np.repeat(is_away, 3))
-    mean, covariance = after.mean[of], after.covariance[np.ix_(of, of)] * DEG_PER_HOUR**2
-    n = layout.sigma.size
-    x = np.zeros(n + mean.size)
-    x[: found.size] = found
-    x[n:] = mean * DEG_PER_HOUR
-    P = np.zeros((x.size, x.size))
-    P[:n, :n] = np.diag(layout.sigma**2)
-    P[n:, n:] = covariance
+    antenna = _antenna(known, result)
     return Believed(
         noise=_noise(known, result.given.noise),
-        antenna=result.antenna.antenna,
-        layout=layout,
-        mean=x,
-        covariance=P,
+        antenna=antenna,
+        layout=_layout(every, antenna),
+        bias_mean=after.mean[of] * DEG_PER_HOUR,
+        bias_covariance=after.covariance[np.ix_(of, of)] * DEG_PER_HOUR**2,
         accel_m_s2=2.0 * twin.accel.turn_on_ug * MICRO_G,
         flicker_rad_s=twin.gyro.bias_instability_deg_h * DEG_PER_HOUR,
         bin_s=float(bins.duration_s[is_away].mean()),
     )
 
 
-def _antenna_found(known: KnownRun, result: AidedResult) -> NDArray:
-    """Lever arm and delays of the solution less the declared ones (5,) [m], [s]."""
+def _antenna(known: KnownRun, result: AidedResult) -> Antenna:
+    """The antenna of the solution."""
     assert result.antenna is not None
-    antenna = result.antenna.antenna
-    declared = np.asarray(known.run.header.gnss_lever_arm_m, dtype=float)
-    delays = [antenna.delay_s, antenna.velocity_delay_s]
-    return np.concatenate([antenna.lever_arm_m - declared, delays])
+    found, declared = result.antenna.antenna, np.asarray(known.run.header.gnss_lever_arm_m)
+    arm_m = found.lever_arm_m
+    return Antenna(arm_m, found.delay_s, found.velocity_delay_s, found_m=arm_m - declared)
 
 
-def _layout(every: Layout, found: NDArray) -> Layout:
-    """The states that are carried; the antenna's no nearer than the solution found it (5,)."""
+def _layout(every: Layout, antenna: Antenna) -> Layout:
+    """The states that are carried; the antenna's are no nearer than the solution found it."""
+    found = {
+        Further.ANTENNA: antenna.found_m,
+        Further.DELAY: np.array([antenna.delay_s, antenna.velocity_delay_s]),
+    }
     at: dict[Further, slice] = {}
     sigma: list[float] = []
     for state in CARRIED:
@@ -313,12 +324,11 @@ def _layout(every: Layout, found: NDArray) -> Layout:
         own = every.sigma[where.start - every.first : where.stop - every.first]
         if state is Further.GYRO_SCALE:
             own = np.full(COMPONENTS_OF_SCALE, own[0])
+        own = np.maximum(own, np.abs(found.get(state, 0.0)))
         begin = every.first + len(sigma)
         at[state] = slice(begin, begin + own.size)
         sigma += own.tolist()
-    size = np.array(sigma)
-    size[: found.size] = np.maximum(size[: found.size], np.abs(found))
-    return Layout(every.first, size, at)
+    return Layout(every.first, np.array(sigma), at)
 
 
 def _noise(known: KnownRun, flown: AidedNoise) -> AidedNoise:

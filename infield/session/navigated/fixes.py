@@ -77,7 +77,8 @@ class FixAid:
 
     def _velocities(self, program: Tape, views: StepViews, at: NDArray, k: NDArray) -> None:
         log, motion = self.log, self._motions[1].at(k)
-        rolls = views.kind[at] == ROLLING
-        z, rows = fix.velocity(motion, self.antenna, log.v_n_m_s[k], self.states, moves=rolls)
+        rolls = (views.kind[at] == ROLLING)[:, None]
+        about = np.where(rolls, motion.v_n + motion.swing_n(self.antenna.arm_m), 0.0)
+        z, rows = fix.velocity(motion, self.antenna, log.v_n_m_s[k], self.states, about_n=about)
         variance = sigma_of_fixes(log.sigma_velocity_m_s, k, self.sigmas.velocity_m_s) ** 2
         program.measure(self.names[1], at, z, rows, [variance, variance], gate=GATE_SIGMA)

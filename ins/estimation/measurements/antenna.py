@@ -1,13 +1,13 @@
 """An antenna on its lever arm when each of its fixes was measured, from a solution and its rows."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from ins.attitude import dcm_from_rotation_vector
-from ins.earth import omega_ie_n
+from ins.earth import omega_ie_n, radii_of_curvature
 from ins.records import ImuSource, NavHistory
 
 # over which rows are summed for the rate at a fix; chosen: it leaves 99.8 % of turbulence at
@@ -86,6 +86,26 @@ class AntennaMotion:
         return np.einsum("kij,kj->ki", self.C_nb, np.cross(self.rate_b, arm_m))
 
 
+@dataclass(frozen=True)
+class Epoch:
+    """The unit at m times.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (m,)
+    place : ndarray, shape (m, 3)
+        Latitude, longitude [rad], height [m].
+    v_n : ndarray, shape (m, 3)
+        In m/s.
+    C_nb : ndarray, shape (m, 3, 3)
+    """
+
+    time_s: NDArray
+    place: NDArray
+    v_n: NDArray
+    C_nb: NDArray
+
+
 class RowSums:
     """What the rows of a log add up to. The log is read once for each set of times.
 
@@ -149,29 +169,97 @@ def motion_at(history: NavHistory, rows: RowSums, arm_m: NDArray, time_s: NDArra
     -------
     motion : AntennaMotion
     """
-    h, half = history, 0.5 * RATE_OVER_S
+    h = history
     place = np.column_stack([h.lat_rad, np.unwrap(h.lon_rad), h.height_m])
     k = np.clip(np.searchsorted(h.time_s, time_s, side="right") - 1, 0, h.time_s.size - 2)
-    asked = [h.time_s[k], h.time_s[k + 1], time_s - half, time_s, time_s + half]
-    begins, ends, before, now, after = np.split(rows.at(np.concatenate(asked)), len(asked))
-    C_start = h.C_nb[k]
-
-    def since_epoch(sums: NDArray) -> NDArray:
-        turned, pushed = np.split(sums - begins, 2, axis=1)
-        return np.einsum("kij,kj->ki", C_start, pushed + 0.5 * np.cross(turned, pushed))
-
-    whole = h.time_s[k + 1] - h.time_s[k]
-    left = (h.v_n_m_s[k + 1] - h.v_n_m_s[k] - since_epoch(ends)) / whole[:, None]
-    C_nb = C_start @ dcm_from_rotation_vector((now - begins)[:, :3])
-    earth_b = np.einsum("kji,kj->ki", C_nb, omega_ie_n(h.lat_rad[k]))
-    rate = (after - before)[:, :3] / RATE_OVER_S - earth_b
-    faster = (after - 2.0 * now + before)[:, :3] / half**2
-    pull = np.cross(faster, arm_m) + np.cross(rate, np.cross(rate, arm_m))
-    pushed = (since_epoch(after) - since_epoch(before)) / RATE_OVER_S
-    return AntennaMotion(
+    begins, ends, *about = _sums(rows, [h.time_s[k], h.time_s[k + 1]], time_s)
+    epoch = Epoch(h.time_s[k], place[k], h.v_n_m_s[k], h.C_nb[k])
+    gained = h.v_n_m_s[k + 1] - h.v_n_m_s[k] - _pushed_n(epoch, ends - begins)
+    left = gained / (h.time_s[k + 1] - h.time_s[k])[:, None]
+    return replace(
+        _moved(epoch, left, [sums - begins for sums in about], arm_m, time_s),
         place=CubicSpline(h.time_s, place)(time_s),
-        v_n=h.v_n_m_s[k] + since_epoch(now) + left * (time_s - h.time_s[k])[:, None],
+    )
+
+
+def motion_from(
+    epoch: Epoch, pull_n: NDArray, rows: RowSums, arm_m: NDArray, time_s: NDArray
+) -> AntennaMotion:
+    """The motion at given times, each from a state of the unit shortly before or after it.
+
+    Parameters
+    ----------
+    epoch : Epoch
+        Of m states, within a second of the times.
+    pull_n : ndarray, shape (m, 3)
+        What accelerates the unit beside what its accelerometers read: gravity and Coriolis [m/s^2].
+    rows : RowSums
+        Of the log that the states are of.
+    arm_m : ndarray, shape (3,)
+        From the unit to the antenna, body axes.
+    time_s : ndarray, shape (m,)
+
+    Returns
+    -------
+    motion : AntennaMotion
+    """
+    begins, *about = _sums(rows, [epoch.time_s], time_s)
+    motion = _moved(epoch, pull_n, [sums - begins for sums in about], arm_m, time_s)
+    way = 0.5 * (epoch.v_n + motion.v_n) * (time_s - epoch.time_s)[:, None]
+    return replace(motion, place=moved_by(epoch.place, way))
+
+
+def moved_by(place: NDArray, way_n: NDArray) -> NDArray:
+    """Places a short way from others.
+
+    Parameters
+    ----------
+    place : ndarray, shape (m, 3)
+        Latitude, longitude [rad], height [m].
+    way_n : ndarray, shape (m, 3)
+        North, east, down [m]; as of `ins.earth.displacement_ned`.
+
+    Returns
+    -------
+    place : ndarray, shape (m, 3)
+    """
+    lat, lon, height = place.T
+    meridian, transverse = radii_of_curvature(lat)
+    north, east, down = way_n.T
+    east_rad = east / ((transverse + height) * np.cos(lat))
+    return np.column_stack([lat + north / (meridian + height), lon + east_rad, height - down])
+
+
+def _sums(rows: RowSums, epochs: list[NDArray], time_s: NDArray) -> list[NDArray]:
+    """Sums (m, 6) at the epochs, then RATE_OVER_S / 2 before the times, at them and after them."""
+    half = 0.5 * RATE_OVER_S
+    asked = [*epochs, time_s - half, time_s, time_s + half]
+    return np.split(rows.at(np.concatenate(asked)), len(asked))
+
+
+def _pushed_n(epoch: Epoch, sums: NDArray) -> NDArray:
+    """Velocity (m, 3) that rows add since an epoch. sums (m, 6): of them."""
+    turned, pushed = np.split(sums, 2, axis=1)
+    return np.einsum("kij,kj->ki", epoch.C_nb, pushed + 0.5 * np.cross(turned, pushed))
+
+
+def _moved(
+    epoch: Epoch, left_n: NDArray, sums: list[NDArray], arm_m: NDArray, time_s: NDArray
+) -> AntennaMotion:
+    """From the epoch's place. left_n (m, 3): acceleration beside what rows add; sums: of the rows
+    since the epoch, RATE_OVER_S / 2 before the times, at them and after them.
+    """
+    before, now, after = sums
+    C_nb = epoch.C_nb @ dcm_from_rotation_vector(now[:, :3])
+    earth_b = np.einsum("kji,kj->ki", C_nb, omega_ie_n(epoch.place[:, 0]))
+    rate = (after - before)[:, :3] / RATE_OVER_S - earth_b
+    faster = (after - 2.0 * now + before)[:, :3] / (0.5 * RATE_OVER_S) ** 2
+    pull = np.cross(faster, arm_m) + np.cross(rate, np.cross(rate, arm_m))
+    pushed = (_pushed_n(epoch, after) - _pushed_n(epoch, before)) / RATE_OVER_S
+    return AntennaMotion(
+        place=epoch.place,
+        v_n=epoch.v_n + _pushed_n(epoch, now) + left_n * (time_s - epoch.time_s)[:, None],
         C_nb=C_nb,
         rate_b=rate,
-        acceleration_n=pushed + left + np.einsum("kij,kj->ki", C_nb, pull),
+        acceleration_n=pushed + left_n + np.einsum("kij,kj->ki", C_nb, pull),
     )

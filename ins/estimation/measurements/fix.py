@@ -94,7 +94,7 @@ def velocity(
     v_n_m_s: NDArray,
     of: ReceiverStates,
     *,
-    moves: NDArray,
+    about_n: NDArray,
     level: bool = True,
 ) -> tuple[NDArray, Rows]:
     """Computed less measured velocity of the antenna.
@@ -107,10 +107,10 @@ def velocity(
     v_n_m_s : ndarray, shape (m, 3)
         As measured.
     of : ReceiverStates
-    moves : ndarray of bool, shape (m,)
-        Where not, the vehicle is known to stand: its rows are of velocity zero. With the computed
-        velocity, drifted by 0.1 m/s, a parked unit would claim to see its heading (at 75 deg the
-        east gyro's sigma came out 10 % below the Cramer-Rao bound).
+    about_n : ndarray, shape (m, 3)
+        Velocity of the antenna that the rows are linearised about; zero of a vehicle that is known
+        to stand. With the computed velocity, drifted by 0.1 m/s, a parked unit would claim to see
+        its heading (at 75 deg the east gyro's sigma came out 10 % below the Cramer-Rao bound).
     level : bool
         North and east alone.
 
@@ -125,8 +125,7 @@ def velocity(
     z = motion.v_n + swing_n - v_n_m_s
     z = z + np.einsum("kij,j->ki", of_arm, antenna.found_m) + of_delay * antenna.velocity_delay_s
     rows: Rows = [{state: 1.0} for state in (*_range(states.W), states.W_DOWN)]
-    seen_n = np.where(moves[:, None], motion.v_n + swing_n, 0.0)
-    _add_attitude(rows, -skew(seen_n), motion.place)
+    _add_attitude(rows, -skew(about_n), motion.place)
     _add(rows, of.arm, of_arm)
     _add(rows, of.velocity_delay, of_delay[:, :, None])
     _add_own(rows, of.slow_velocity)

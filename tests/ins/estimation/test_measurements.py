@@ -83,8 +83,9 @@ def read(kind, x, *, antenna=None, level=False, moves=True):
     if kind == "position":
         z, rows = fix.position(computed(x), antenna, places, OF, level=level)
     else:
-        seen = np.array([moves])
-        z, rows = fix.velocity(computed(x), antenna, v_n, OF, moves=seen, level=level)
+        motion = computed(x)
+        about = motion.v_n + motion.swing_n(antenna.arm_m) if moves else np.zeros((1, 3))
+        z, rows = fix.velocity(motion, antenna, v_n, OF, about_n=about, level=level)
     return z[:, 0], rows
 
 

@@ -1,0 +1,303 @@
+"""A stretch of an aided solution as what an error filter is linearised about: from each row of the
+solution the increments are integrated anew, and at the next the solution is set to that row.
+
+So no bias of the aided filter is used, and nothing that its start was found with counts twice: what
+the rows are is known, however they were found.
+"""
+
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from ins.attitude import rotation_vector_from_dcm, skew
+from ins.earth import (
+    SEMI_MAJOR_AXIS_M,
+    displacement_ned,
+    gravity_n,
+    omega_en_n,
+    omega_ie_n,
+    radii_of_curvature,
+)
+from ins.estimation.measurements.antenna import Epoch, moved_by
+from ins.estimation.sensors import REST_B
+from ins.estimation.tape import Steps
+from ins.filters.aided_records import AidedHistory
+from ins.filters.states import AIDED_VEL
+from ins.records import ImuSource
+from ins.strapdown.increments import joined
+
+# rows of the solution, a second apart, whose log is read at a time; chosen: of 200 Hz 8 MB
+READ_ROWS = 600
+# squared sigmas of a velocity's change in a second beyond which it is motion: 1.5e-5 of noise
+CHANGES_SQUARES = 25.0
+SLOW_ROWS = 30.0  # sigma of the mean of the slow part; chosen: of noise 1 % is left in its changes
+BEFORE_S = 0.2  # in which a row before ends; a log of fewer rows a second begins without its coning
+UNIT_MATRIX = np.eye(3)
+Columns = TypeVar("Columns", "Reference", "_Increments", Epoch)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """K steps, each of which ends at a fix or at a row of the solution; the first, of no length, is
+    where the stretch begins.
+
+    end_s, dt_s (K,); closes (K,): the step ends at a row; end: the reference there, of a step that
+    closes the row itself; C_mean (K, 3, 3): over the step; travels_n, travels_mean_n (K, 3): the
+    velocity that the errors are linearised about, at the end and over the step; shift (K, 9): of
+BEFORE_S = 0.2  # in which a row before ends; of a slower log the first coning is missing
+    that the sensors read; omega_ie_n, pull_n (K, 3): Earth rate, gravity with Coriolis; gravity
+    (K,); transport (K, 3), radius_m (K,): as of `Steps`; fix (K,): the fix at the end, -1: none.
+    """
+
+    end_s: NDArray
+    dt_s: NDArray
+    closes: NDArray
+    end: Epoch
+    C_mean: NDArray
+    travels_n: NDArray
+    travels_mean_n: NDArray
+    shift: NDArray
+    rate_b: NDArray
+    force_b: NDArray
+    omega_ie_n: NDArray
+    pull_n: NDArray
+    gravity: NDArray
+    transport: NDArray
+    radius_m: NDArray
+    fix: NDArray
+
+    def steps(self, bin_index: NDArray) -> Steps:
+        """For a tape whose gyros have these bins (K,)."""
+        none, off = np.zeros(self.dt_s.size), np.zeros(self.dt_s.size, dtype=bool)
+        return Steps(
+            end_s=self.end_s,
+            dt_s=self.dt_s,
+            C_nb=self.C_mean,
+            v_n=self.travels_mean_n,
+            omega_ie_n=self.omega_ie_n,
+            transport=self.transport,
+            gravity=self.gravity,
+            radius_m=self.radius_m,
+            turn_rad=none,
+            bin_index=bin_index,
+            rolling=off,
+            keep=off,
+            moving=off,
+            jump_yaw=none,
+            jump_w=none,
+            jump_theta=none,
+            shift=self.shift,
+            level=False,
+            wheels=False,
+        )
+
+
+def reference(
+    imu: ImuSource, history: AidedHistory, fix_s: NDArray, stretches: list[slice], vrw: float
+) -> Reference:
+    """The reference over stretches of a solution, one after the other.
+
+    imu: compensated, holds them; fix_s (F,): times of fixes; stretches: rows of the solution; vrw:
+    velocity random walk of the accelerometers [m/s/sqrt(s)].
+    """
+    return _joined([_over(imu, history, fix_s, rows, vrw) for rows in stretches])
+
+
+def _over(
+    imu: ImuSource, history: AidedHistory, fix_s: NDArray, rows: slice, vrw: float
+) -> Reference:
+    t = history.time_s[rows]
+    edges = [*range(0, t.size - 1, READ_ROWS), t.size - 1]
+    log = _joined([_increments(imu, t, span, fix_s) for span in pairwise(edges)])
+    row = np.searchsorted(t, log.end_s - 0.5 * log.dt_s, side="right") - 1
+    place = np.column_stack([history.lat_rad, history.lon_rad, history.height_m])[rows]
+    v_n, C_nb = history.v_n_m_s[rows], history.C_nb[rows]
+    earth = omega_ie_n(place[:, 0])
+    transport_n = omega_en_n(place[:, 0], place[:, 2], v_n)
+    gravity = gravity_n(place[:, 0], place[:, 2])
+    pull = gravity - np.cross(2.0 * earth + transport_n, v_n)
+    meridian, transverse = radii_of_curvature(place[:, 0])
+    east, north = 1.0 / (transverse + place[:, 2]), 1.0 / (meridian + place[:, 2])
+    transport = np.column_stack([east, north, east * np.tan(place[:, 0])])
+    end, C_mean = _integrated(log, row, (v_n, C_nb), (earth + transport_n, pull))
+    reached = Epoch(log.end_s, moved_by(place[row], end.way_n), end.v_n, end.C_nb)
+    last = np.flatnonzero(log.closes)
+    travels = _travels(t, v_n, history.variance[rows, AIDED_VEL], vrw)
+    shift = np.zeros((log.dt_s.size, 9))
+    shift[last] = _shift(reached, last, (place[1:], v_n[1:], C_nb[1:]), travels[1:])
+    for values, of_rows in zip((reached.place, reached.v_n, reached.C_nb), (place, v_n, C_nb)):
+        values[last] = of_rows[1:]
+
+    def from_start(values: NDArray, first: NDArray | float) -> NDArray:
+        return np.concatenate([np.broadcast_to(first, values[:1].shape), values])
+
+    return Reference(
+        end_s=from_start(log.end_s, t[0]),
+        dt_s=from_start(log.dt_s, 0.0),
+        closes=from_start(log.closes, True),
+        end=Epoch(
+            from_start(log.end_s, t[0]),
+            from_start(reached.place, place[0]),
+            from_start(reached.v_n, v_n[0]),
+            from_start(reached.C_nb, C_nb[0]),
+        ),
+        C_mean=from_start(C_mean, C_nb[0]),
+        travels_n=from_start(_at(log.end_s, t, travels), travels[0]),
+        travels_mean_n=from_start(_at(log.end_s - 0.5 * log.dt_s, t, travels), travels[0]),
+        shift=from_start(shift, 0.0),
+        rate_b=from_start(log.angle_b_rad / log.dt_s[:, None], 0.0),
+        force_b=from_start(log.dv_b_m_s / log.dt_s[:, None], REST_B),
+        omega_ie_n=from_start(earth[row], earth[0]),
+        pull_n=from_start(pull[row], pull[0]),
+        gravity=from_start(gravity[row, 2], gravity[0, 2]),
+        transport=from_start(transport[row], transport[0]),
+        radius_m=SEMI_MAJOR_AXIS_M + from_start(place[row, 2], place[0, 2]),
+        fix=from_start(log.fix, -1),
+    )
+
+
+class _Ends(NamedTuple):
+    """Way from the row before (k, 3), velocity (k, 3), attitude (k, 3, 3), as integrated."""
+
+    way_n: NDArray
+    v_n: NDArray
+    C_nb: NDArray
+
+    def at(self, steps: NDArray) -> "_Ends":
+        return _Ends(*(column[steps] for column in self))
+
+
+def _integrated(
+    log: "_Increments",
+    row: NDArray,
+    begins: tuple[NDArray, NDArray],
+    pulls: tuple[NDArray, NDArray],
+) -> tuple[_Ends, NDArray]:
+    """Where each step ends, and the mean attitude over it (K, 3, 3).
+
+    row (K,): the row of the solution before; begins: velocities (R, 3) and attitudes (R, 3, 3) of
+    the rows; pulls (R, 3): turn rate of the frame, and gravity with Coriolis.
+    """
+    count, dt = row.size, log.dt_s[:, None]
+    begin = _Ends(np.zeros((count, 3)), begins[0][row], begins[1][row])
+    end = _Ends(*(np.zeros_like(column) for column in begin))
+    turn, pull = pulls[0][row] * dt, pulls[1][row] * dt
+    frame = UNIT_MATRIX - skew(turn)
+    number = np.arange(count) - np.searchsorted(row, row)  # of a step since its row
+    for k in range(int(number.max()) + 1):
+        of = np.flatnonzero(number == k)
+        if k:
+            for column, ended in zip(begin, end.at(of - 1)):
+                column[of] = ended
+        way, v, C = begin.at(of)
+        pushed = np.einsum("kij,kj->ki", C, log.dv_b_m_s[of])
+        lags = np.einsum("kij,kj->ki", C, log.way_b_m[of] - 0.5 * dt[of] * log.dv_b_m_s[of])
+        end.v_n[of] = v + pushed - 0.5 * np.cross(turn[of], pushed) + pull[of]
+        end.way_n[of] = way + 0.5 * (v + end.v_n[of]) * dt[of] + lags
+        end.C_nb[of] = frame[of] @ C @ log.C_bb[of]
+    # of a car that turns by 20 deg in a step the sensors' axes at its start are 10 deg off
+    turned = skew(log.angle_b_rad)
+    return end, begin.C_nb @ (UNIT_MATRIX + 0.5 * turned + turned @ turned / 6.0)
+
+
+def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> NDArray:
+    """The velocity (R, 3) of rows of a solution without the noise of its fixes and accelerometers,
+    which the errors are linearised about.
+
+    Where the velocity changes by less than noise may, the slow part of it: a filter that takes
+    noise for motion of a known size sees a heading in it that fixes do not confirm (of gyro z the
+    sigma was 6 deg/h after 40 min straight ahead, 10 with a solution that has no noise). variance
+    (R, 3): of the velocities; vrw: velocity random walk.
+    """
+    change = np.diff(v_n, axis=0, prepend=v_n[:1])
+    white = variance + vrw**2 * np.diff(t, prepend=t[0])[:, None]
+    plain = np.sum(change**2 / white, axis=1) < CHANGES_SQUARES
+    at_once = np.cumsum(np.where(plain[:, None], 0.0, change), axis=0)
+    return at_once + gaussian_filter1d(v_n - at_once, SLOW_ROWS, axis=0, mode="nearest")
+
+
+def _at(time_s: NDArray, t: NDArray, rows: NDArray) -> NDArray:
+    """Rows (R, 3) in between."""
+    return np.stack([np.interp(time_s, t, column) for column in rows.T], axis=1)
+
+
+def _shift(
+    reached: Epoch, last: NDArray, rows: tuple[NDArray, NDArray, NDArray], travels: NDArray
+) -> NDArray:
+    """How much larger the errors w, p, theta (R - 1, 9) are at rows of the solution than at what
+    the increments reached there, at the steps `last`. rows: place, velocity, attitude of them;
+    travels (R - 1, 3): the velocity that w is about.
+
+    p and theta as of `ins.estimation.error_model`: theta is the turn less that of the place.
+    """
+    place, v_n, C_nb = rows
+    lat, lon, height = reached.place[last].T
+    level = displacement_ned(place[:, 0], place[:, 1], lat0_rad=lat, lon0_rad=lon, height0_m=height)
+    dp = np.column_stack([level, height - place[:, 2]])
+    turn = rotation_vector_from_dcm(C_nb @ np.swapaxes(reached.C_nb[last], 1, 2))
+    north, east, _ = dp.T / (SEMI_MAJOR_AXIS_M + place[:, 2])
+    dtheta = turn - np.column_stack([-east, north, east * np.tan(place[:, 0])])
+    dw = v_n - reached.v_n[last] - np.cross(dtheta, travels)
+    return np.hstack([dw, dp, dtheta])
+
+
+@dataclass(frozen=True)
+class _Increments:
+    """What the log did over K steps: end_s, dt_s (K,); closes (K,): the step ends at a row of the
+    solution; fix (K,): the fix at its end, -1: none; C_bb (K, 3, 3): rotation; dv_b_m_s, way_b_m
+    (K, 3): velocity gained and its integral, in the body frame of the start; angle_b_rad (K, 3):
+    sum of angles.
+    """
+
+    end_s: NDArray
+    closes: NDArray
+    fix: NDArray
+    dt_s: NDArray
+    C_bb: NDArray
+    dv_b_m_s: NDArray
+    way_b_m: NDArray
+    angle_b_rad: NDArray
+
+
+def _increments(imu: ImuSource, t: NDArray, rows: tuple[int, int], fix_s: NDArray) -> _Increments:
+    """Those between two rows of the solution. t (R,): its times; fix_s (F,): of all fixes."""
+    first, last = rows
+    begin_s, end_s = float(t[first]), float(t[last])
+    # a row before: the first one's coning needs its angles
+    log = imu.between(begin_s - BEFORE_S, end_s + 1e-6)
+    before = int(np.searchsorted(log.time_s, begin_s + 1e-6, side="right"))
+    at_row = np.searchsorted(log.time_s, t[first + 1 : last + 1] - 1e-6)
+    here = np.flatnonzero((fix_s > begin_s + 1e-6) & (fix_s <= end_s + 1e-6))
+    at_fix = np.searchsorted(log.time_s, fix_s[here] - 1e-6)
+    ends = np.unique(np.concatenate([at_row, at_fix]))
+    fix = np.full(ends.size, -1)
+    fix[np.searchsorted(ends, at_fix)] = here  # of several in one row, the last
+    starts = np.concatenate([[before], ends[:-1] + 1])
+    edges = ends + 1 if before == 0 else np.concatenate([[before], ends + 1])
+    C_bb, dv, way = joined(log.between(-np.inf, float(log.time_s[ends[-1]])), edges)
+    own = slice(int(before > 0), None)
+    inside = slice(None, int(ends[-1]) + 1)
+    return _Increments(
+        end_s=log.time_s[ends],
+        closes=np.isin(ends, at_row),
+        fix=fix,
+        dt_s=np.add.reduceat(log.dt_s[inside], starts),
+        C_bb=C_bb[own],
+        dv_b_m_s=dv[own],
+        way_b_m=way[own],
+        angle_b_rad=np.add.reduceat(log.dtheta_rad[inside], starts, axis=0),
+    )
+
+
+def _joined(parts: list[Columns]) -> Columns:
+    """Records of columns, one after the other."""
+
+    def column(name: str) -> Any:
+        of_parts = [getattr(part, name) for part in parts]
+        return _joined(of_parts) if isinstance(of_parts[0], Epoch) else np.concatenate(of_parts)
+
+    return type(parts[0])(*(column(field.name) for field in fields(parts[0])))
