@@ -48,9 +48,10 @@ class Reference:
     end_s, dt_s (K,); closes (K,): the step ends at a row; end: the reference there, of a step that
     closes the row itself; C_mean (K, 3, 3): over the step; travels_n, travels_mean_n (K, 3): the
     velocity that the errors are linearised about, at the end and over the step; shift (K, 9): of
-BEFORE_S = 0.2  # in which a row before ends; of a slower log the first coning is missing
-    that the sensors read; omega_ie_n, pull_n (K, 3): Earth rate, gravity with Coriolis; gravity
-    (K,); transport (K, 3), radius_m (K,): as of `Steps`; fix (K,): the fix at the end, -1: none.
+    the errors w, p, theta at a row, as of `ins.estimation.tape.Steps`; rate_b, force_b (K, 3):
+    means that the sensors read; omega_ie_n, pull_n (K, 3): Earth rate, gravity with Coriolis;
+    gravity (K,); transport (K, 3), radius_m (K,): as of `Steps`; fix (K,): the fix at the end, -1:
+    none.
     """
 
     end_s: NDArray
