@@ -192,6 +192,12 @@ class Compiled:
     names: tuple[str, ...]
     time_s: NDArray
 
+    @property
+    def operation_of_row(self) -> NDArray:
+        """The operation that each row (rows,) belongs to."""
+        order = np.argsort(self.ops[:, 2])
+        return np.repeat(order, self.ops[order, 3])
+
     def under(self, variance: NDArray, gates: Mapping[str, float]) -> "Compiled":
         """The tape with other noise.
 
