@@ -141,7 +141,7 @@ class StepViews:
 class Aid(Protocol):
     """Something that measures while the vehicle rolls or stands."""
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         """Add what this aid saw, at the steps where it saw it."""
 
 
@@ -367,22 +367,20 @@ def lay_down(
     clone_at_s: float = np.inf,
     beside: int = em.BASE,
 ) -> "LaidDown":
-    """The filter's program over the plan, ready for any level of the parked vehicle's motion.
+    """The filter's tape over the plan, ready for any level of the parked vehicle's motion.
 
     theta is cloned at the end of the step that reaches `clone_at_s`; beside: the first state behind
     the bins.
     """
     views = views_of(history, plan, float(np.median(parked.displacement_sigma_m)))
-    program = Tape(filter_steps(views))
-    sensors.usual(program)
-    places = hold_position(program, views, parked, beside)
-    headings = hold_heading(program, views, parked) if parked.hold_heading else ()
+    tape = Tape(filter_steps(views))
+    sensors.usual(tape)
+    places = hold_position(tape, views, parked, beside)
+    headings = hold_heading(tape, views, parked) if parked.hold_heading else ()
     for aid in aids:
-        aid.measure(program, views)
-    program.clone(
-        np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE
-    )
-    return LaidDown(program.compiled(), (*places, *headings))
+        aid.measure(tape, views)
+    tape.clone(np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE)
+    return LaidDown(tape.compiled(), (*places, *headings))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -413,7 +411,7 @@ class FilterPass:
         return self.over(self.lay_down(aids), sigma0)
 
     def lay_down(self, aids: Sequence[Aid]) -> "LaidDown":
-        """The pass's program, ready for any level of the parked vehicle's motion."""
+        """The pass's tape, ready for any level of the parked vehicle's motion."""
         return lay_down(
             self.history,
             self.plan,
@@ -424,7 +422,7 @@ class FilterPass:
         )
 
     def over(self, laid: "LaidDown", sigma0: Mapping[str, float]) -> ErrorFilter:
-        """The filter after a program that was laid down, the heading prior withdrawn."""
+        """The filter after a tape that was laid down, the heading prior withdrawn."""
         flt = new_filter(
             self.twin,
             sigma0,
@@ -444,7 +442,7 @@ class FilterPass:
 
 @dataclass(frozen=True)
 class ConstrainedRows:
-    """Rows of a program whose variance is the parked vehicle's: of which steps, and of what (a
+    """Rows of a tape whose variance is the parked vehicle's: of which steps, and of what (a
     field of `ParkedConstraint`); each step has so many of them on end. share: of that variance.
     """
 
@@ -457,19 +455,19 @@ class ConstrainedRows:
 
 @dataclass(frozen=True)
 class LaidDown:
-    """A program, and which of its rows are the parked vehicle's noise."""
+    """A tape, and which of its rows are the parked vehicle's noise."""
 
-    program: Compiled
+    tape: Compiled
     held: tuple[ConstrainedRows, ...]
 
     def under(self, parked: ParkedConstraint) -> Compiled:
-        """The program with the parked vehicle's noise as given."""
-        variance = self.program.variance.copy()
+        """The tape with the parked vehicle's noise as given."""
+        variance = self.tape.variance.copy()
         for part in self.held:
             value = variance_of(parked, part.of)
             of_steps = value[part.steps] if value.ndim else np.full(part.steps.shape, value)
             variance[part.rows] = np.repeat(part.share * of_steps, part.each)
-        return self.program.under(variance, dict.fromkeys(PARKED, parked.gate))
+        return self.tape.under(variance, dict.fromkeys(PARKED, parked.gate))
 
 
 def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
@@ -479,7 +477,7 @@ def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
 
 
 def hold_position(
-    program: Tape, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
+    tape: Tape, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
 ) -> tuple[ConstrainedRows, ...]:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
     the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
@@ -494,14 +492,14 @@ def hold_position(
     held = []
     for index in (em.S.start, em.S.start + 1):
         # where in its jitter the vehicle was at the stop, and where its place went since
-        held.append(_held(program, stops, "displacement_sigma_m"))
-        program.widen(stops, index, variance[stops])
+        held.append(_held(tape, stops, "displacement_sigma_m"))
+        tape.widen(stops, index, variance[stops])
         if np.ndim(parked.place_walk_m):
-            held.append(_held(program, at, "place_walk_m"))
-            program.widen(at, index, walk[at])
+            held.append(_held(tape, at, "place_walk_m"))
+            tape.widen(at, index, walk[at])
     swung = None
     if parked.swing is not None:
-        swung = lay(program, parked.swing, still, (em.S.start, em.S.start + 1), beside)
+        swung = lay(tape, parked.swing, still, (em.S.start, em.S.start + 1), beside)
         for part in swung.noise:
             rows_of = slice(part.first_row, part.first_row + part.steps.size)
             held.append(ConstrainedRows(rows_of, part.steps, "swing_m", share=part.share))
@@ -515,14 +513,14 @@ def hold_position(
         if swung is not None:
             rows = [{**row, **swung.place(axis, at[where])} for axis, row in enumerate(rows)]
         noise = variance[at[where]]
-        held.append(_held(program, at[where], "displacement_sigma_m", each=2))
-        program.measure(name, at[where], moved[where].T, rows, [noise, noise], gate=parked.gate)
+        held.append(_held(tape, at[where], "displacement_sigma_m", each=2))
+        tape.measure(name, at[where], moved[where].T, rows, [noise, noise], gate=parked.gate)
     return tuple(part for part in held if part.steps.size)
 
 
-def _held(program: Tape, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
+def _held(tape: Tape, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
     """The rows that the next call lays down for some steps."""
-    return ConstrainedRows(slice(program.rows, program.rows + each * len(steps)), steps, of, each)
+    return ConstrainedRows(slice(tape.rows, tape.rows + each * len(steps)), steps, of, each)
 
 
 def _each(value: NDArray | float, views: StepViews) -> NDArray:
@@ -542,7 +540,7 @@ def heading_error_row(
 
 
 def hold_heading(
-    program: Tape, views: StepViews, parked: ParkedConstraint
+    tape: Tape, views: StepViews, parked: ParkedConstraint
 ) -> tuple[ConstrainedRows, ...]:
     """Parked-attitude constraint: the computed turn about down since the stop is error plus
     creep.
@@ -555,15 +553,15 @@ def hold_heading(
     walk = _each(variance_of(parked, "yaw_walk_rad"), views)
     assigned = {index: -value for index, value in heading_error_row(views, references).items()}
     # the heading at the stop is the reference
-    noise = [_held(program, references, "yaw_jitter_rad")]
-    program.assign(references, em.YAW, assigned, variance[references])
+    noise = [_held(tape, references, "yaw_jitter_rad")]
+    tape.assign(references, em.YAW, assigned, variance[references])
     if np.ndim(parked.yaw_walk_rad):
-        noise.append(_held(program, held, "yaw_walk_rad"))
-        program.widen(held, em.YAW, walk[held])
+        noise.append(_held(tape, held, "yaw_walk_rad"))
+        tape.widen(held, em.YAW, walk[held])
     C_ref = views.C_nb[references[number[np.isin(still, held)]]]
     turn = rotation_vector_from_dcm(views.C_nb[held] @ np.swapaxes(C_ref, 1, 2))[:, 2]
-    noise.append(_held(program, held, "yaw_jitter_rad"))
-    program.measure(
+    noise.append(_held(tape, held, "yaw_jitter_rad"))
+    tape.measure(
         "heading held",
         held,
         [turn],

@@ -55,7 +55,7 @@ ONE_MM = 1e-3
 
 
 class Listener:
-    """A program that only writes down what an aid measures: name, z, dense rows and R of each
+    """A tape that only writes down what an aid measures: name, z, dense rows and R of each
     measurement.
     """
 
@@ -72,7 +72,7 @@ class Listener:
 
 
 class Velocities:
-    """A program that keeps z (n, 2) and R (n,) of what an aid measures last."""
+    """A tape that keeps z (n, 2) and R (n,) of what an aid measures last."""
 
     last = None
 
@@ -312,9 +312,9 @@ def velocities_in_the_taxi():
     """z (n, 2) and R (n,) of the velocities of seconds 61 to 120, one step each."""
     at = np.arange(60, 120)
     plan = StepPlan(at, at + 1, np.full(60, ROLLING), np.zeros(60, np.int64), np.zeros(60))
-    program = Velocities()
-    aids()["gnss"].measure(program, views_of(solution(), plan))
-    return program.last
+    tape = Velocities()
+    aids()["gnss"].measure(tape, views_of(solution(), plan))
+    return tape.last
 
 
 @pytest.mark.parametrize("ago", [0.3, 0.7])

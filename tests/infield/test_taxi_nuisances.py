@@ -77,9 +77,9 @@ class Assigned:
 
 
 def read_by(aid, history, end_s):
-    program = Program()
-    aid.measure(program, view(history, end_s))
-    return [(z, H) for _, z, H, _ in program.seen]
+    tape = Program()
+    aid.measure(tape, view(history, end_s))
+    return [(z, H) for _, z, H, _ in tape.seen]
 
 
 def change_of(state, minus, plus, size):
@@ -262,16 +262,16 @@ def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
     assert np.array_equal(of_velocity[:, em.GNSS_SLOW_VEL], -np.eye(2))
     steps = np.arange(TURNING_S - 3, TURNING_S + 2)
     plan = StepPlan(steps, steps + 1, 0 * steps + ROLLING, 0 * steps, np.zeros(steps.size))
-    program = Assigned()
-    aid.measure(program, views_of(solution(), plan))
+    tape = Assigned()
+    aid.measure(tape, views_of(solution(), plan))
     position, velocity = em.GNSS_SLOW_POS, em.GNSS_SLOW_VEL
     levels = dict.fromkeys(range(position.start, position.stop), 1.5)
     levels |= dict.fromkeys(range(velocity.start, velocity.stop), 0.01)
-    assert {index for index, _, _ in program.seen} == set(levels)
-    for index, row, variance in program.seen:
+    assert {index for index, _, _ in tape.seen} == set(levels)
+    for index, row, variance in tape.seen:
         assert row[index] ** 2 * levels[index] ** 2 + variance == pytest.approx(levels[index] ** 2)
     times = {position.start: 300.0, velocity.start: 60.0}
-    kept = {index: row[index] for index, row, _ in program.seen}
+    kept = {index: row[index] for index, row, _ in tape.seen}
     for index, time_s in times.items():
         assert kept[index] == pytest.approx(np.exp(-1.0 / time_s))
 
@@ -280,11 +280,11 @@ def test_wandering_crabs_keep_their_level():
     """A fresh start, then x -> a x + noise: the variance stays the level's square at any a."""
     steps = np.arange(TURNING_S - 3, TURNING_S + 2)
     plan = StepPlan(steps, steps + 1, 0 * steps + ROLLING, 0 * steps, np.zeros(steps.size))
-    program = Assigned()
-    LateralAid(WHEEL, ALL).measure(program, views_of(solution(), plan))
+    tape = Assigned()
+    LateralAid(WHEEL, ALL).measure(tape, views_of(solution(), plan))
     levels = {em.CRAB_TURN: ALL.turning_crab_rad, em.CRAB_GUST: ALL.gust_crab_rad}
-    assert {index for index, _, _ in program.seen} == set(levels)
-    for index, row, variance in program.seen:
+    assert {index for index, _, _ in tape.seen} == set(levels)
+    for index, row, variance in tape.seen:
         assert row[index] ** 2 * levels[index] ** 2 + variance == pytest.approx(levels[index] ** 2)
         assert row[index][0] == 1.0
         assert (row[index][1:] < 1.0).all()

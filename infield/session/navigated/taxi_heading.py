@@ -47,7 +47,7 @@ class LateralAid:
     wheel_reference_m: tuple[float, float, float]
     assumed: Assumed = AS_DECLARED
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         at = np.flatnonzero(views.kind == ROLLING)
         forward = views.displacement_b_m[at, 0]
         swung = views.swung_m(self.wheel_reference_m)[at, :2]
@@ -59,8 +59,8 @@ class LateralAid:
             em.LEVER_X: turn,
             **self._of_wind_and_tyres(views, at, forward + swung[:, 0]),
         }
-        self._wander(program, views, at)
-        program.measure("lateral", at, [side], [row], [_way_variance(views)], gate=GATE_SIGMA)
+        self._wander(tape, views, at)
+        tape.measure("lateral", at, [side], [row], [_way_variance(views)], gate=GATE_SIGMA)
 
     def _of_wind_and_tyres(self, views: StepViews, at: NDArray, forward: NDArray) -> Row:
         """What a crab that is not constant adds to the row; forward: way of the no-slip point."""
@@ -78,7 +78,7 @@ class LateralAid:
             row[em.SLIP] = forward * (forward / dt) * (views.heading_change_rad[at] / dt)
         return row
 
-    def _wander(self, program: Tape, views: StepViews, at: NDArray) -> None:
+    def _wander(self, tape: Tape, views: StepViews, at: NDArray) -> None:
         """Crabs that change with heading or with time: first-order Gauss-Markov processes."""
         turned = np.cumsum(np.abs(views.heading_change_rad))[at]
         since = {
@@ -96,7 +96,7 @@ class LateralAid:
         for nuisance, (state, lengths, sigma) in since.items():
             if nuisance in self.assumed.free:
                 kept = np.exp(-np.diff(lengths, prepend=lengths[:1]))
-                program.assign(at, state, {state: kept}, sigma**2 * (1.0 - kept**2))
+                tape.assign(at, state, {state: kept}, sigma**2 * (1.0 - kept**2))
 
 
 @dataclass
@@ -108,7 +108,7 @@ class OdometerAid:
     wheel_reference_m: tuple[float, float, float]
     assumed: Assumed = AS_DECLARED
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         t = self.log.time_s
         samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(
             t, views.start_s, side="right"
@@ -127,7 +127,7 @@ class OdometerAid:
             speeds = self.log.speed_m_s
             faster = np.interp(views.end_s[at], t, speeds) - np.interp(views.start_s[at], t, speeds)
             row[em.ODOMETER_DELAY] = faster
-        program.measure(
+        tape.measure(
             "odometer", at, [z], [row], [wheels**2 + _way_variance(views)], gate=GATE_SIGMA
         )
 
@@ -158,8 +158,8 @@ class GnssAid:
     assumed: Assumed = AS_DECLARED
     slow: ReceiverErrors = WHITE
 
-    def measure(self, program: Tape, views: StepViews) -> None:
-        self._wander(program, views)
+    def measure(self, tape: Tape, views: StepViews) -> None:
+        self._wander(tape, views)
         found = np.array([*self.assumed.antenna_m, 0.0])
         FixAid(
             log=self.log,
@@ -175,9 +175,9 @@ class GnssAid:
             rows=self.rows,
             names=(OF_FIXES, OF_FIXES),
             of_each_step=2,
-        ).measure(program, views)
+        ).measure(tape, views)
 
-    def _wander(self, program: Tape, views: StepViews) -> None:
+    def _wander(self, tape: Tape, views: StepViews) -> None:
         """The receiver's slow errors: first-order Gauss-Markov processes."""
         every = np.arange(len(views.kind))
         for slow, states in (
@@ -187,7 +187,7 @@ class GnssAid:
             if slow.sigma > 0.0:
                 kept = np.exp(-views.dt_s / slow.time_s)
                 for k in range(states.start, states.stop):
-                    program.assign(every, k, {k: kept}, slow.sigma**2 * (1.0 - kept**2))
+                    tape.assign(every, k, {k: kept}, slow.sigma**2 * (1.0 - kept**2))
 
     def _states(self) -> ReceiverStates:
         """Those of the base states that take part."""
@@ -214,12 +214,12 @@ class SurveyedHeadingAid:
     sigma_rad: float
     at_s: float
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         at = np.flatnonzero(
             (views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s)
         )
         z = wrap_pi(views.heading_rad[at] - self.heading_rad)
-        program.measure(
+        tape.measure(
             "survey", at, [z], [heading_error_row(views, at)], [self.sigma_rad**2], gate=GATE_SIGMA
         )
 
@@ -232,7 +232,7 @@ class CentreLineAid:
 
     azimuth_rad: float
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         backward = np.abs(wrap_pi(views.heading_rad - self.azimuth_rad)) > np.pi / 2
         chi = self.azimuth_rad + np.where(backward, np.pi, 0.0)
         straight = np.abs(views.heading_change_rad) <= CENTRE_LINE_TURN_RAD_S * views.dt_s
@@ -252,7 +252,7 @@ class CentreLineAid:
         }
         wander = CENTRE_LINE_WANDER_M**2 * views.dt_s[at]
         z = np.einsum("ki,ki->k", cross, way_n)
-        program.measure("centre line", at, [z], [row], [wander], gate=GATE_SIGMA)
+        tape.measure("centre line", at, [z], [row], [wander], gate=GATE_SIGMA)
 
 
 def _way_variance(views: StepViews) -> float:
