@@ -56,7 +56,7 @@ PLACES = [TURNING_S, STRAIGHT_S]
 DELAY_S = 0.1
 
 
-class Program(Listener):
+class Measurements(Listener):
     """Listens to measurements only."""
 
     def assign(self, at, index, row, variance):
@@ -77,7 +77,7 @@ class Assigned:
 
 
 def read_by(aid, history, end_s):
-    tape = Program()
+    tape = Measurements()
     aid.measure(tape, view(history, end_s))
     return [(z, H) for _, z, H, _ in tape.seen]
 
@@ -143,9 +143,7 @@ def test_crabs_are_the_derivative_of_the_lateral_way(state, kind, size, end_s):
 def test_the_wheels_arm_across_is_the_derivative_of_the_way(end_s):
     log = taxi().run.odometer
     minus, plus = (
-        read_by(
-            OdometerAid(log, 0.01, (WHEEL[0], WHEEL[1] + off, WHEEL[2]), ALL), solution(), end_s
-        )
+        read_by(OdometerAid(log, 0.01, (WHEEL[0], WHEEL[1] + off, WHEEL[2])), solution(), end_s)
         for off in (-0.5, 0.5)
     )
     # the declared arm from the no-slip point is the one less -off: true less declared is +off
@@ -156,13 +154,10 @@ def test_the_wheels_arm_across_is_the_derivative_of_the_way(end_s):
 def test_the_wheels_delay_is_the_derivative_of_the_way():
     """Stamps shifted while it gathers speed."""
     log = taxi().run.odometer
-    assumed = Assumed(frozenset([Nuisance.ODOMETER_DELAY]))
     speeding_s = 63
     minus, plus = (
         read_by(
-            OdometerAid(replace(log, time_s=log.time_s + late), 0.01, WHEEL, assumed),
-            solution(),
-            speeding_s,
+            OdometerAid(replace(log, time_s=log.time_s + late), 0.01, WHEEL), solution(), speeding_s
         )
         for late in (-0.02, 0.02)
     )
@@ -240,17 +235,9 @@ def test_what_was_found_goes_back_into_the_residual():
         assert velocity[0][0] == pytest.approx(velocity[1][0] @ x, abs=0.8)
 
 
-def test_as_declared_the_rows_are_those_of_before():
-    """Nothing free: no state of a nuisance stands in any row."""
-    log = taxi().run.gnss
-    aids = (
-        LateralAid(WHEEL),
-        OdometerAid(taxi().run.odometer, 0.01, WHEEL),
-        gnss(log, AS_DECLARED),
-    )
-    for aid in aids:
-        for _, H in read_by(aid, solution(), TURNING_S):
-            assert not H[:, em.WIND.start : em.BASE].any()
+def test_of_a_receiver_as_declared_no_nuisance_stands_in_the_rows():
+    for _, H in read_by(gnss(taxi().run.gnss, AS_DECLARED), solution(), TURNING_S):
+        assert not H[:, em.WIND.start : em.BASE].any()
 
 
 def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
