@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector
-from ins.earth import SEMI_MAJOR_AXIS_M, dcm_en, ecef_from_geodetic, geodetic_from_ecef
+from ins.earth import (
+    SEMI_MAJOR_AXIS_M,
+    dcm_en,
+    ecef_from_geodetic,
+    geodetic_from_ecef,
+    gravity_magnitude,
+    omega_ie_n,
+)
 from ins.estimation import states
-from ins.estimation.measurements import standstill, survey, wheels
+from ins.estimation.measurements import gravity, standstill, survey, wheels
 from ins.units import DEG
 
 LAT, LON, HEIGHT_M = 50 * DEG, 7 * DEG, 900.0
@@ -165,3 +172,33 @@ def test_ways_are_counted_from_the_last_stop():
     way = standstill.way_since_stop(moved, still)
     expected = [[0.0, 1.0], [3.0, 5.0], [9.0, 10.0], [21.0, 23.0], [18.0, 19.0]]
     assert way == pytest.approx(np.array(expected))
+
+
+TILTED = dcm_from_euler(0.3, -0.2, HEADING_RAD)
+
+
+def at_rest(phi, north_rad):
+    C_nb = dcm_from_rotation_vector(phi) @ TILTED
+    return gravity.rest_readings(C_nb, lat_rad=LAT + north_rad, height_m=HEIGHT_M)
+
+
+@pytest.mark.parametrize("sensor", ["rate", "force"])
+@pytest.mark.parametrize("axis", range(3))
+def test_readings_at_rest_by_attitude(sensor, axis):
+    phi = 1e-4 * np.eye(3)[axis]
+    slope = (getattr(at_rest(phi, 0.0), sensor) - getattr(at_rest(-phi, 0.0), sensor)) / 2e-4
+    of_phi = getattr(at_rest(np.zeros(3), 0.0), f"{sensor}_of_phi")[:, axis]
+    assert of_phi == pytest.approx(slope, rel=1e-6, abs=1e-10)
+    assert np.linalg.norm(slope) > 1e-5 or (sensor, axis) == ("force", 2)
+
+
+def test_readings_at_rest_by_latitude():
+    none = np.zeros(3)
+    slope = (at_rest(none, 1e-4).rate - at_rest(none, -1e-4).rate) / 2e-4
+    assert at_rest(none, 0.0).rate_of_latitude == pytest.approx(slope, rel=1e-6)
+
+
+def test_readings_at_rest_are_gravity_and_earth_rate():
+    level = gravity.rest_readings(np.eye(3), lat_rad=LAT, height_m=HEIGHT_M)
+    assert level.rate == pytest.approx(omega_ie_n(LAT))
+    assert level.force == pytest.approx([0.0, 0.0, -gravity_magnitude(LAT, HEIGHT_M)])
