@@ -15,13 +15,13 @@ from alignment.linearised import Course, NothingStands, RestedLog, solve
 from alignment.motion import imu_faults, kinds, stillness
 from alignment.motion.inertial import BRIEF_BLOCKS, first_rest
 from alignment.motion.seconds import LogSeconds, seconds_of
-from alignment.navigation_filter import diffuse_heading_rad, heading_error_row, views_of
+from alignment.navigation_filter import diffuse_heading_rad, views_of
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.table import RAW_BIAS_DEG_H, DEFAULT_SIGMA_deg_h
-from ins.estimation import error_model as em
+from ins.estimation.measurements.attitude import error_rows
 from ins.kalman import nis_band
 from ins.noise import gyro_densities
 from ins.records import ImuSource, Phase, Site, Span, TwinModel
@@ -212,13 +212,11 @@ def unknown_bias_sigma_deg_h(
 def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
     """Corrected attitude at the end of the filter's plan."""
     flt, views = solution.filter, views_of(solution.history, solution.plan)
-    radius, end_s = views.radius_m[-1], float(views.end_s[-1])
-    rows = np.zeros((3, flt.x.size))  # phi from theta and p (physics.md 6.2)
-    rows[:2, em.THETA] = np.eye(3)[:2]
-    rows[0, em.POS.start + 1] = -1.0 / radius
-    rows[1, em.POS.start] = 1.0 / radius
-    for index, value in heading_error_row(views, -1).items():
-        rows[2, index] = value
+    end_s = float(views.end_s[-1])
+    rows = np.zeros((3, flt.x.size))
+    for row, of_phi in zip(rows, error_rows(views.lat_rad[-1], views.radius_m[-1])):
+        for state, coefficient in of_phi.items():
+            row[state] = coefficient
     C_nb = dcm_from_rotation_vector(-(rows @ flt.x)) @ views.C_nb[-1]
     P_phi = rows @ flt.P @ rows.T
     roll, pitch, heading = (float(a) for a in euler_from_dcm(C_nb))

@@ -221,7 +221,7 @@ def explained(flt: ErrorFilter) -> bool:
 
 
 class _Search:
-    """Filters over one program under one scale after another, each run once."""
+    """Filters over one tape under one scale after another, each run once."""
 
     def __init__(self, run: FilterRun, stretch: SearchInputs) -> None:
         self._run, self._stretch = run, stretch

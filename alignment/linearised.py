@@ -245,16 +245,16 @@ def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> 
     rolls = np.flatnonzero(last.plan.kind >= ROLLING)
     until = int(rolls[0]) if rolls.size else len(last.plan.kind)
     first = replace(last, plan=last.plan.until(until)) if until else last
-    programs: dict[tuple[bool, Swing | None], LaidDown] = {}
+    laid: dict[tuple[bool, Swing | None], LaidDown] = {}
 
     def run(parked: ParkedConstraint, unit: float, *, first_stand: bool = False) -> ErrorFilter:
         part = first if first_stand else last
         held = parked.until(len(part.plan.kind))
         key = (part is first, parked.swing)
-        if key not in programs:
-            programs[key] = replace(part, parked=held).lay_down(aids)
+        if key not in laid:
+            laid[key] = replace(part, parked=held).lay_down(aids)
         under = replace(part, parked=held, twin=scaled_noise(last.twin, unit))
-        return under.over(programs[key], sigma0)
+        return under.over(laid[key], sigma0)
 
     return run
 

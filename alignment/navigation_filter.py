@@ -26,6 +26,9 @@ from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of
 from ins.estimation import error_model as em
 from ins.estimation import sensors
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
+from ins.estimation.measurements import standstill
+from ins.estimation.measurements.attitude import heading_error_row
+from ins.estimation.measurements.wheels import PointWay
 from ins.estimation.tape import Compiled, Row, Steps, Tape
 from ins.noise import accel_densities, gyro_densities, walk_with_flicker
 from ins.records import NavHistory, TwinModel
@@ -122,15 +125,24 @@ class StepViews:
         """Turn of the body against Earth over each step (K, 3) about north, east and down [rad]."""
         return np.column_stack([self.level_turn_rad, self.heading_change_rad])
 
-    def swung_m(self, arm_b_m: ArrayLike) -> NDArray:
-        """Way of a point of the body beyond the unit's own over each step (K, 3), body axes [m];
-        arm_b_m (3,): from the unit to the point.
+    def way_of(self, arm_b_m: ArrayLike, at: NDArray) -> PointWay:
+        """Way of a point of the body over given steps; arm_b_m (3,): from the unit to the point.
 
         A unit 2 m above its wheels on a road that leans by 0.01 has them 2 cm beside it: turns
         show that as an arm.
         """
-        turned_b = np.einsum("kji,kj->ki", self.C_mean, self.turned_n_rad)
-        return np.cross(turned_b, np.asarray(arm_b_m, dtype=float))
+        turned_b = np.einsum("kji,kj->ki", self.C_mean[at], self.turned_n_rad[at])
+        swung = np.cross(turned_b, np.asarray(arm_b_m, dtype=float))
+        return PointWay(
+            way_b_m=self.displacement_b_m[at] + swung,
+            turn_rad=self.heading_change_rad[at],
+            dt_s=self.dt_s[at],
+            C_nb=self.C_mean[at],
+        )
+
+    def place_of(self, at: NDArray) -> tuple[NDArray, NDArray]:
+        """Latitude and radius at given steps, as measurements of attitude take them."""
+        return self.lat_rad[at], self.radius_m[at]
 
     @property
     def radius_m(self) -> NDArray:
@@ -141,7 +153,7 @@ class StepViews:
 class Aid(Protocol):
     """Something that measures while the vehicle rolls or stands."""
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         """Add what this aid saw, at the steps where it saw it."""
 
 
@@ -367,22 +379,20 @@ def lay_down(
     clone_at_s: float = np.inf,
     beside: int = em.BASE,
 ) -> "LaidDown":
-    """The filter's program over the plan, ready for any level of the parked vehicle's motion.
+    """The filter's tape over the plan, ready for any level of the parked vehicle's motion.
 
     theta is cloned at the end of the step that reaches `clone_at_s`; beside: the first state behind
     the bins.
     """
     views = views_of(history, plan, float(np.median(parked.displacement_sigma_m)))
-    program = Tape(filter_steps(views))
-    sensors.usual(program)
-    places = hold_position(program, views, parked, beside)
-    headings = hold_heading(program, views, parked) if parked.hold_heading else ()
+    tape = Tape(filter_steps(views))
+    sensors.usual(tape)
+    places = hold_position(tape, views, parked, beside)
+    headings = hold_heading(tape, views, parked) if parked.hold_heading else ()
     for aid in aids:
-        aid.measure(program, views)
-    program.clone(
-        np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE
-    )
-    return LaidDown(program.compiled(), (*places, *headings))
+        aid.measure(tape, views)
+    tape.clone(np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE)
+    return LaidDown(tape.compiled(), (*places, *headings))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -413,7 +423,7 @@ class FilterPass:
         return self.over(self.lay_down(aids), sigma0)
 
     def lay_down(self, aids: Sequence[Aid]) -> "LaidDown":
-        """The pass's program, ready for any level of the parked vehicle's motion."""
+        """The pass's tape, ready for any level of the parked vehicle's motion."""
         return lay_down(
             self.history,
             self.plan,
@@ -424,7 +434,7 @@ class FilterPass:
         )
 
     def over(self, laid: "LaidDown", sigma0: Mapping[str, float]) -> ErrorFilter:
-        """The filter after a program that was laid down, the heading prior withdrawn."""
+        """The filter after a tape that was laid down, the heading prior withdrawn."""
         flt = new_filter(
             self.twin,
             sigma0,
@@ -444,7 +454,7 @@ class FilterPass:
 
 @dataclass(frozen=True)
 class ConstrainedRows:
-    """Rows of a program whose variance is the parked vehicle's: of which steps, and of what (a
+    """Rows of a tape whose variance is the parked vehicle's: of which steps, and of what (a
     field of `ParkedConstraint`); each step has so many of them on end. share: of that variance.
     """
 
@@ -457,19 +467,19 @@ class ConstrainedRows:
 
 @dataclass(frozen=True)
 class LaidDown:
-    """A program, and which of its rows are the parked vehicle's noise."""
+    """A tape, and which of its rows are the parked vehicle's noise."""
 
-    program: Compiled
+    tape: Compiled
     held: tuple[ConstrainedRows, ...]
 
     def under(self, parked: ParkedConstraint) -> Compiled:
-        """The program with the parked vehicle's noise as given."""
-        variance = self.program.variance.copy()
+        """The tape with the parked vehicle's noise as given."""
+        variance = self.tape.variance.copy()
         for part in self.held:
             value = variance_of(parked, part.of)
             of_steps = value[part.steps] if value.ndim else np.full(part.steps.shape, value)
             variance[part.rows] = np.repeat(part.share * of_steps, part.each)
-        return self.program.under(variance, dict.fromkeys(PARKED, parked.gate))
+        return self.tape.under(variance, dict.fromkeys(PARKED, parked.gate))
 
 
 def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
@@ -479,12 +489,10 @@ def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
 
 
 def hold_position(
-    program: Tape, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
+    tape: Tape, views: StepViews, parked: ParkedConstraint, beside: int = em.BASE
 ) -> tuple[ConstrainedRows, ...]:
-    """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
-    the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
-    the same but counts the jitter twice.) beside: the first state behind the bins, for a place that
-    swings.
+    """The vehicle stays at its place (`standstill.place`); beside: the first state behind the bins,
+    for a place that swings.
     """
     variance = _each(variance_of(parked, "displacement_sigma_m"), views)
     walk = _each(variance_of(parked, "place_walk_m"), views)
@@ -494,35 +502,32 @@ def hold_position(
     held = []
     for index in (em.S.start, em.S.start + 1):
         # where in its jitter the vehicle was at the stop, and where its place went since
-        held.append(_held(program, stops, "displacement_sigma_m"))
-        program.widen(stops, index, variance[stops])
+        held.append(_held(tape, stops, "displacement_sigma_m"))
+        tape.widen(stops, index, variance[stops])
         if np.ndim(parked.place_walk_m):
-            held.append(_held(program, at, "place_walk_m"))
-            program.widen(at, index, walk[at])
+            held.append(_held(tape, at, "place_walk_m"))
+            tape.widen(at, index, walk[at])
     swung = None
     if parked.swing is not None:
-        swung = lay(program, parked.swing, still, (em.S.start, em.S.start + 1), beside)
+        swung = lay(tape, parked.swing, still, (em.S.start, em.S.start + 1), beside)
         for part in swung.noise:
             rows_of = slice(part.first_row, part.first_row + part.steps.size)
             held.append(ConstrainedRows(rows_of, part.steps, "swing_m", share=part.share))
-    way = np.cumsum(np.where(still[:, None], views.displacement_b_m[:, :2], 0.0), axis=0)
-    before = np.where(stops > 0, stops - 1, 0)
-    origin = np.where(stops[:, None] > 0, way[before], 0.0)
-    moved = way[at] - origin[np.searchsorted(stops, at, side="right") - 1]
+    moved = standstill.way_since_stop(views.displacement_b_m, still)
     rolled = np.cumsum(views.kind == ROLLING)[at] > 0
     for name, where in (("still", ~rolled), ("stop", rolled)):
-        rows: list[Row] = [{em.S.start: 1.0}, {em.S.start + 1: 1.0}]
+        swing: Sequence[Row] = ({}, {})
         if swung is not None:
-            rows = [{**row, **swung.place(axis, at[where])} for axis, row in enumerate(rows)]
-        noise = variance[at[where]]
-        held.append(_held(program, at[where], "displacement_sigma_m", each=2))
-        program.measure(name, at[where], moved[where].T, rows, [noise, noise], gate=parked.gate)
+            swing = [swung.place(axis, at[where]) for axis in range(2)]
+        held.append(_held(tape, at[where], "displacement_sigma_m", each=2))
+        measured = standstill.place(moved[where], variance[at[where]], swing)
+        tape.measure(name, at[where], *measured, gate=parked.gate)
     return tuple(part for part in held if part.steps.size)
 
 
-def _held(program: Tape, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
+def _held(tape: Tape, steps: NDArray, of: str, *, each: int = 1) -> ConstrainedRows:
     """The rows that the next call lays down for some steps."""
-    return ConstrainedRows(slice(program.rows, program.rows + each * len(steps)), steps, of, each)
+    return ConstrainedRows(slice(tape.rows, tape.rows + each * len(steps)), steps, of, each)
 
 
 def _each(value: NDArray | float, views: StepViews) -> NDArray:
@@ -530,45 +535,25 @@ def _each(value: NDArray | float, views: StepViews) -> NDArray:
     return np.broadcast_to(np.asarray(value, dtype=float), views.kind.shape)
 
 
-def heading_error_row(
-    views: StepViews, at: NDArray | int, scale: NDArray | float = 1.0
-) -> dict[int, NDArray]:
-    """Row of phi_D = theta_D + p_E tanL / R (physics.md 6.2) at given steps, times `scale`."""
-    tan_over_R = np.tan(views.lat_rad[at]) / views.radius_m[at]
-    return {
-        em.THETA.stop - 1: scale * np.ones_like(tan_over_R),
-        em.POS.start + 1: scale * tan_over_R,
-    }
-
-
 def hold_heading(
-    program: Tape, views: StepViews, parked: ParkedConstraint
+    tape: Tape, views: StepViews, parked: ParkedConstraint
 ) -> tuple[ConstrainedRows, ...]:
-    """Parked-attitude constraint: the computed turn about down since the stop is error plus
-    creep.
-    """
+    """The vehicle keeps its heading (`standstill.heading`) until it rolls or turns suddenly."""
     still = np.flatnonzero(views.kind == STILL)
     stay = np.cumsum((views.kind == ROLLING) | (views.jolt_rad > NEW_HEADING_RAD))[still]
     _, first, number = np.unique(stay, return_index=True, return_inverse=True)
     references, held = still[first], np.setdiff1d(still, still[first])
     variance = _each(variance_of(parked, "yaw_jitter_rad"), views)
     walk = _each(variance_of(parked, "yaw_walk_rad"), views)
-    assigned = {index: -value for index, value in heading_error_row(views, references).items()}
+    assigned = heading_error_row(*views.place_of(references), -1.0)
     # the heading at the stop is the reference
-    noise = [_held(program, references, "yaw_jitter_rad")]
-    program.assign(references, em.YAW, assigned, variance[references])
+    noise = [_held(tape, references, "yaw_jitter_rad")]
+    tape.assign(references, em.YAW, assigned, variance[references])
     if np.ndim(parked.yaw_walk_rad):
-        noise.append(_held(program, held, "yaw_walk_rad"))
-        program.widen(held, em.YAW, walk[held])
+        noise.append(_held(tape, held, "yaw_walk_rad"))
+        tape.widen(held, em.YAW, walk[held])
     C_ref = views.C_nb[references[number[np.isin(still, held)]]]
-    turn = rotation_vector_from_dcm(views.C_nb[held] @ np.swapaxes(C_ref, 1, 2))[:, 2]
-    noise.append(_held(program, held, "yaw_jitter_rad"))
-    program.measure(
-        "heading held",
-        held,
-        [turn],
-        [{**heading_error_row(views, held), em.YAW: 1.0}],
-        [variance[held]],
-        gate=parked.gate,
-    )
+    noise.append(_held(tape, held, "yaw_jitter_rad"))
+    measured = standstill.heading(views.C_nb[held], C_ref, views.place_of(held), variance[held])
+    tape.measure("heading held", held, *measured, gate=parked.gate)
     return tuple(part for part in noise if part.steps.size)

@@ -68,7 +68,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Laid:
-    """A swing in a program: its noise, and its place in the rows of a measurement at chosen
+    """A swing in a tape: its noise, and its place in the rows of a measurement at chosen
     steps.
     """
 
@@ -84,7 +84,7 @@ class Laid:
 
 
 def lay(
-    program: Tape, swing: Swing, still: NDArray, displacement: tuple[int, int], first_state: int
+    tape: Tape, swing: Swing, still: NDArray, displacement: tuple[int, int], first_state: int
 ) -> Laid:
     """Add the swing of a vehicle that stands in the steps `still` (K,).
 
@@ -100,37 +100,37 @@ def lay(
     noise: list[Noise] = []
     for axis, counted in enumerate(displacement):
         states = tuple(first_state + 3 * axis + k for k in range(3))
-        noise += _begin(program, swing, begins, states, counted)
+        noise += _begin(tape, swing, begins, states, counted)
         for odd in (True, False):
-            noise += _move_on(program, swing, at[after[at] == odd], states, odd)
+            noise += _move_on(tape, swing, at[after[at] == odd], states, odd)
     return Laid(tuple(noise), after, first_state)
 
 
 def _begin(
-    program: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], counted: int
+    tape: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], counted: int
 ) -> Iterator[Noise]:
     """The swing anywhere at the start of a stretch, from where its displacement is counted."""
     place, _, velocity = states
     for state, variance in ((place, 1.0), (velocity, swing.natural_rad_s**2)):
-        yield Noise(program.rows, at, np.full(at.size, variance))
-        program.assign(at, state, {}, variance)
-    program.assign(at, counted, {counted: 1.0, place: -1.0}, 0.0)
+        yield Noise(tape.rows, at, np.full(at.size, variance))
+        tape.assign(at, state, {}, variance)
+    tape.assign(at, counted, {counted: 1.0, place: -1.0}, 0.0)
 
 
 def _move_on(
-    program: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], odd: bool
+    tape: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], odd: bool
 ) -> Iterator[Noise]:
     """The swing over the steps `at`, into the second place state where `odd`."""
     if not at.size:
         return
     old, new = states[:2] if odd else states[1::-1]
     velocity = states[2]
-    over = [swing.over(float(dt)) for dt in program.steps.dt_s[at]]
+    over = [swing.over(float(dt)) for dt in tape.steps.dt_s[at]]
     a, q = (np.stack(part) for part in zip(*over))
     c = q[:, 0, 1] / q[:, 0, 0]
-    yield Noise(program.rows, at, q[:, 0, 0])
-    program.assign(at, new, {old: a[:, 0, 0], velocity: a[:, 0, 1]}, q[:, 0, 0])
+    yield Noise(tape.rows, at, q[:, 0, 0])
+    tape.assign(at, new, {old: a[:, 0, 0], velocity: a[:, 0, 1]}, q[:, 0, 0])
     left = np.maximum(q[:, 1, 1] - c * q[:, 0, 1], 0.0)
-    yield Noise(program.rows, at, left)
+    yield Noise(tape.rows, at, left)
     row = {old: a[:, 1, 0] - c * a[:, 0, 0], velocity: a[:, 1, 1] - c * a[:, 0, 1], new: c}
-    program.assign(at, velocity, row, left)
+    tape.assign(at, velocity, row, left)

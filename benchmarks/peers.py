@@ -176,16 +176,16 @@ def our_filter(
         plan = StepPlan(
             last - 1, last, np.full(last.size, kinds.DISTURBED), none, np.zeros(last.size)
         )
-        program = Tape(filter_steps(views_of(history, plan)))
+        tape = Tape(filter_steps(views_of(history, plan)))
         z = (history.v_n_m_s[1:, :2] - velocity[: last.size, :2]).T
-        program.measure(
+        tape.measure(
             "velocity",
             none + last - 1,
             z,
             [{em.W.start: 1.0}, {em.W.start + 1: 1.0}],
             [VELOCITY_SIGMA**2] * 2,
         )
-        program.clone(np.array([last.size - 1]), em.THETA_CLONE)
+        tape.clone(np.array([last.size - 1]), em.THETA_CLONE)
         flt = ErrorFilter(
             sigma0={"W": 0.01, "POS": 0.01, "THETA": TILT_SIGMA, "ACCEL": ACCEL_SIGMA},
             noise=noise,
@@ -195,7 +195,7 @@ def our_filter(
         flt.x[em.ACCEL] = -accel[:2]
         flt.widen_prior(em.THETA.stop - 1, HEADING_SIGMA)
         flt.clone_start()
-        flt.run(program)
+        flt.run(tape)
         C_nb = dcm_from_rotation_vector(-flt.x[em.THETA_START]) @ C_nb
         gyro, accel = gyro + flt.bias[0], accel + np.append(flt.x[em.ACCEL], 0.0)
     end = dcm_from_rotation_vector(-flt.x[em.THETA]) @ history.C_nb[-1]

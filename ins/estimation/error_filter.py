@@ -21,8 +21,10 @@ from ins.estimation.tape import (
     ADD,
     ASSIGN,
     BIN,
+    INPUTS,
     LOST,
     MEASURE,
+    MOVING,
     REFUSED,
     USED,
     Compiled,
@@ -201,10 +203,16 @@ class ErrorFilter:
 
         Raises
         ------
-        ArithmeticError, ValueError
+        ArithmeticError
             As `run`.
+        ValueError
+            As `run`, or where a step is linearised about the filter's own velocity error.
         """
-        return self._sweep(tape, keep_gains=True)
+        compiled = tape if isinstance(tape, Compiled) else tape.compiled()
+        if compiled.flags[:, MOVING].any():
+            step = int(np.argmax(compiled.flags[:, MOVING]))
+            raise ValueError(f"step {step} is linearised about the filter's own velocity error")
+        return self._sweep(compiled, keep_gains=True)
 
     def _sweep(self, tape: Tape | Compiled, *, keep_gains: bool) -> "Response":
         """The sweep over the states in use."""
@@ -258,7 +266,7 @@ class ErrorFilter:
                 raise ArithmeticError(f"{where}: the covariance has lost its digits")
             raise ValueError(f"{where}: measurement, state or covariance is not finite")
         self._book(c, outcome, normalised, spread, gain)
-        return Response(c, placed, own, self.noise, outcome, spread, gains)
+        return Response(c, placed, own, self.noise, outcome, normalised, spread, gains)
 
     def _book(
         self, c: Compiled, outcome: NDArray, normalised: NDArray, spread: NDArray, gain: NDArray
@@ -352,6 +360,8 @@ class Response:
     noise : ProcessNoise
     outcome : ndarray of int, shape (m,)
         What became of each operation.
+    normalised : ndarray, shape (rows,)
+        The sweep's own innovations over their sigmas.
     spread : ndarray, shape (rows,)
         Variances of the innovations.
     gains : ndarray, shape (rows, k)
@@ -362,6 +372,7 @@ class Response:
     own: NDArray
     noise: em.ProcessNoise
     outcome: NDArray
+    normalised: NDArray
     spread: NDArray
     gains: NDArray
 
@@ -388,10 +399,17 @@ class Response:
         -------
         innovations : ndarray, shape (used, m)
             Of the rows in use, in the order of the sweep.
+
+        Raises
+        ------
+        ValueError
+            Where a shape is another one, or a column starts with a state that the filter takes for
+            zero throughout.
         """
         from ins.estimation import kernel
 
         c, placed = self.tape, self.placed
+        self._check(start, sensed, measured)
         out = np.zeros(measured.shape)
         kernel.respond(
             np.ascontiguousarray(start[self.own]),
@@ -415,3 +433,18 @@ class Response:
             out,
         )
         return np.asarray(out[self.used_rows])
+
+    def _check(self, start: NDArray, sensed: NDArray, measured: NDArray) -> None:
+        """ValueError where columns do not fit the sweep."""
+        m, states = start.shape[1], len(self.placed.of)
+        needed = {
+            "start": (start, (states, m)),
+            "sensed": (sensed, (len(self.tape.steps), INPUTS, m)),
+            "measured": (measured, (len(self.tape.z), m)),
+        }
+        for name, (given, shape) in needed.items():
+            if given.shape != shape:
+                raise ValueError(f"{name} has shape {given.shape}, needed {shape}")
+        started = np.setdiff1d(np.flatnonzero(start.any(axis=1)), self.own)
+        if started.size:
+            raise ValueError(f"start of state {started[0]}, which the filter takes for zero")

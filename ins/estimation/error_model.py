@@ -25,8 +25,8 @@ is the cancellation of 6.5, exact here by construction, and the measured velocit
 C_bn w.
 
 Ground-vehicle nuisances ride along (the states from S on, CONVENTIONS.md). What a sensor
-gets wrong drives w and theta (`Tape.drive`); how the others enter a measurement stands with the
-aids (`infield.session.navigated`).
+gets wrong drives w and theta (`Tape.drive`); how the others enter a measurement stands
+with it (`ins.estimation.measurements`).
 
 Decision: docs/decisions/0006-error-state-w.md.
 """

@@ -9,7 +9,7 @@ Decision: docs/decisions/0003-filter-tape.md.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,24 @@ GYRO, ACCELEROMETER, ACCELERATION = 0, 3, 6  # first input of each kind
 SOLUTION = THETA.stop  # errors of the solution, w, p and theta, which `Steps.shift` may change
 
 Row = Mapping[int, ArrayLike]  # state index: coefficient, one for all or (m,)
+
+
+class Measured(NamedTuple):
+    """One kind of measurement at m steps, as `Tape.measure` takes it: one entry a row in each.
+
+    Parameters
+    ----------
+    z : sequence of array_like, () or (m,)
+        Computed less measured.
+    rows : sequence of mapping
+        State: coefficient, () or (m,).
+    variance : sequence of array_like, () or (m,)
+        Of independent noise.
+    """
+
+    z: Sequence[ArrayLike] | NDArray
+    rows: Sequence[Row]
+    variance: Sequence[ArrayLike]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +213,12 @@ class Compiled:
     name: NDArray
     names: tuple[str, ...]
     time_s: NDArray
+
+    @property
+    def operation_of_row(self) -> NDArray:
+        """The operation that each row (rows,) belongs to."""
+        order = np.argsort(self.ops[:, 2])
+        return np.repeat(order, self.ops[order, 3])
 
     def under(self, variance: NDArray, gates: Mapping[str, float]) -> "Compiled":
         """The tape with other noise.

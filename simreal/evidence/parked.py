@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from ins.attitude import skew
-from ins.earth import gravity_magnitude, omega_ie_n
 from ins.errors.telemetry import Trace, stacked
+from ins.estimation.measurements.gravity import rest_readings
 from ins.records import TwinModel
 from simreal.evidence.noise_model import ChannelNoise, channel_noises
 from simreal.evidence.run_view import RunView
@@ -59,14 +58,10 @@ class ParkedBlock:
         self.noise = channel_noises(twin, view.run_s, view.C_nb) if noise is None else noise
         self.live = ~view.seconds.dead
         site = view.run.header.site
-        omega_n, gravity = (
-            omega_ie_n(site.lat_rad),
-            float(gravity_magnitude(site.lat_rad, site.height_m)),
-        )
-        force_n = np.array([0.0, 0.0, -gravity])
-        # measured less nominal = C_bn (phi x vector): C_true = (I - [phi x]) C_nominal
-        self.A = np.vstack([-view.C_nb.T @ skew(omega_n), -view.C_nb.T @ skew(force_n)])
-        self.expected = np.concatenate([view.C_nb.T @ omega_n, view.C_nb.T @ force_n])
+        nominal = rest_readings(view.C_nb, lat_rad=site.lat_rad, height_m=site.height_m)
+        # measured less nominal: what phi makes the nominal ones less
+        self.A = -np.vstack([nominal.rate_of_phi, nominal.force_of_phi])
+        self.expected = np.concatenate([nominal.rate, nominal.force])
         heading = min(view.sigma_heading_rad, WIDE_HEADING_RAD)
         self._sigma0 = np.array([WIDE_TILT_RAD, WIDE_TILT_RAD, heading])
         self._factors = [cholesky_of(n, self.bins, self.start_s) for n in self.noise]

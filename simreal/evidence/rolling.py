@@ -3,23 +3,16 @@ data and every signature.
 
 The nominal solution starts at the end of the parked stretch; its errors obey
 `ins.estimation.error_model`, and the wheels (no side slip), odometer, GNSS and stops measure them
-as in `infield.session.navigated.taxi_heading`. The filter is linear, so its gains are worked out
-once and then replayed: a column is the data, or what an effect would add to them::
-
-    e- = Phi e + u,   nu = H e- + m,   e+ = e- - K nu
-
-e: state that the effect makes less what the filter makes of it; u: sensor errors over the step; m:
-the effect's own part in the measurement.
+as in `infield.session.navigated.taxi_heading`. The filter is linear: the gains of its sweep over
+the data serve every signature (`ins.estimation.error_filter.Response`).
 
 Decision: docs/decisions/0078-fixes-as-innovations.md.
 """
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dger
 
 from alignment.motion.kinds import AIRBORNE as AIR
 from alignment.motion.kinds import DISTURBED, STILL, Kind
@@ -40,8 +33,11 @@ from alignment.navigation_filter import (
 from infield.session.navigated.taxi_heading import LATERAL_FLOOR_M, GnssAid, LateralAid, OdometerAid
 from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Trace, stacked
 from ins.estimation import error_model as em
+from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.measurements.antenna import RowSums
-from ins.estimation.tape import ADD, ADVANCE, MEASURE, Compiled, Steps, Tape
+from ins.estimation.sensors import accelerometer_biases, bin_biases
+from ins.estimation.tape import ACCELEROMETER, GYRO, INPUTS, Tape
+from ins.noise import walk_with_flicker
 from ins.records import TwinModel
 from ins.units import ARCSEC, DEG_PER_HOUR, MILLIRADIAN, PPM
 from simreal.evidence.noise_model import oscillator
@@ -49,11 +45,12 @@ from simreal.evidence.parked import Handoff
 from simreal.evidence.parked_fixes import ParkedFixes
 from simreal.evidence.run_view import RunView
 
-GYRO_STATES = slice(em.BASE, em.BASE + 3)
-ROLLING_STATES = em.BASE + 3  # base states, the 3 gyros
-# of the vertical accelerometer: banked, a part of its bias is level; 80 ug through a turn at 20 deg
-# were 6 sigma
-ACCEL_Z = em.ACCEL_Z
+GYRO_STATES = range(em.BASE, em.BASE + 3)
+# banked, a part of the vertical accelerometer's bias is level: 80 ug through a turn at 20 deg were
+# 6 sigma
+ACCEL_STATES = range(em.ACCEL.start, em.ACCEL_Z + 1)
+# phi, gyro biases, accelerometer biases: in the order of a handoff
+START_STATES = [*range(em.THETA.start, em.THETA.stop), *GYRO_STATES, *ACCEL_STATES]
 YAW_JITTER_RAD = 0.1 * ARCSEC
 # seconds at both ends of a stop in which the vehicle may still roll; chosen: BRAKING_S (2) of
 # alignment.motion.timeline, and 3 of a late receiver
@@ -84,108 +81,44 @@ class RollingBlock:
     """Whitening of what a run shows after its parked stretch."""
 
     def __init__(self, view: RunView, twin: TwinModel, start: Handoff, fixes: ParkedFixes) -> None:
-        self.views, self.program = _lay_down(view, twin)
-        self.compiled = self.program.compiled()
+        self.views, tape = _lay_down(view, twin)
+        compiled = tape.compiled()
+        # no gate: what is far off is what the diagnosis is asked about
+        self.tape = compiled.under(compiled.variance, dict.fromkeys(compiled.names, np.inf))
         self.seconds = _step_seconds(view, self.views)
-        self._noise = process_noise(twin)
-        self._x0, self._P0 = _start(twin, start, fixes, view.C_nb)
-        self._walk = _bias_walk(twin)
-        self._work_out()
+        flt = _filter(twin, start, fixes, view.C_nb)
+        self._states = flt.x.size
+        self._response = flt.run_for_response(self.tape)
+        operation = self.tape.operation_of_row
+        self._name = np.array(self.tape.names)[self.tape.name[operation]]
+        self._step = np.searchsorted(self.views.end_s, self.tape.time_s[operation])
+        used = self._response.used_rows
+        self.labels = RollingRows(
+            self.views.end_s[self._step[used]],
+            np.array([CHANNEL[name] for name in self._name[used]], dtype=object),
+            np.array([KIND[Kind(kind)] for kind in self.views.kind[self._step[used]]]),
+            self._response.spread[used],
+        )
 
     @property
     def rows(self) -> int:
         return len(self.labels.time_s)
 
-    def _work_out(self) -> None:
-        """Transition and gains of every step, once: the covariance does not depend on data."""
-        c, steps, now = self.compiled, self.program.steps, 0
-        made = {
-            int(op[1]): _transition(steps, int(op[1]), self._noise)
-            for op in c.ops
-            if op[0] == ADVANCE
-        }
-        # states that nothing moves, starts or reads are left out: half of them
-        self._at = _taking_part(made.values(), c, self._P0, self._x0)
-        at = np.ix_(self._at, self._at)
-        self._place = np.full(ROLLING_STATES, -1)
-        self._place[self._at] = np.arange(self._at.size)
-        P, walk = self._P0[at].copy(), self._walk[self._at]
-        self._steps: dict[int, tuple[NDArray, NDArray]] = {}
-        self._rows: list[tuple[NDArray, NDArray, NDArray, float]] = []
-        labels = []
-        diagonal = np.diag_indices(self._at.size)
-        for number, (kind, which, first, count) in enumerate(c.ops):
-            own = int(self._place[which]) if kind not in (ADVANCE, MEASURE) else -1
-            if kind == ADVANCE:
-                now = int(which)
-                Phi, Gamma, Q = made[now]
-                entering = self._entering(Phi, Gamma, now)
-                Phi = np.ascontiguousarray(Phi[at])
-                P = Phi @ P @ Phi.T + Q[at]
-                P[diagonal] += walk * steps.dt_s[now]
-                self._steps[now] = Phi, entering
-            elif kind == ADD:
-                P[own, own] += c.variance[first]
-            elif kind == MEASURE:
-                for r in range(first, first + count):
-                    index, value = self._read(r)
-                    v = P[:, index] @ value
-                    root = float(np.sqrt(value @ v[index] + c.variance[r]))
-                    P -= np.outer(v, v / root**2)
-                    self._rows.append((index, value, v / root, root))
-                    labels.append(
-                        (
-                            steps.end_s[now],
-                            CHANNEL[c.names[c.name[number]]],
-                            KIND[Kind(self.views.kind[now])],
-                            root**2,
-                        )
-                    )
-            else:
-                M = np.eye(self._at.size)
-                M[own] = self._combined(first)
-                P = M @ P @ M.T
-                P[own, own] += c.variance[first]
-        time_s, channel, kinds, variance = zip(*labels) if labels else ((), (), (), ())
-        self.labels = RollingRows(
-            np.array(time_s), np.array(channel, dtype=object), np.array(kinds), np.array(variance)
-        )
-
-    def _entering(self, Phi: NDArray, Gamma: NDArray, now: int) -> NDArray:
-        """What a unit of each sensor's error over a step does to the states (6, states)."""
-        out = np.zeros((6, ROLLING_STATES))
-        out[:3] = Gamma.T
-        out[3:5] = Phi[:, em.ACCEL].T
-        out[3:5, em.ACCEL] -= np.eye(2)
-        steps = self.program.steps
-        out[5, em.W] = steps.C_nb[now][:2, 2] * steps.dt_s[now]
-        return np.ascontiguousarray(out[:, self._at])
-
-    def _read(self, row: int) -> tuple[NDArray, NDArray]:
-        """Places and factors of the states that a row of the program reads."""
-        read = self.compiled.value[row] != 0.0
-        return self._place[self.compiled.index[row][read]], self.compiled.value[row][read]
-
-    def _combined(self, row: int) -> NDArray:
-        """A row of the program as a combination of the states that take part."""
-        return _row(self.compiled.index[row], self.compiled.value[row])[self._at]
-
     def whiten_data(self) -> NDArray:
         """Innovations of the run itself over their sigmas (rows,)."""
-        c = self.compiled
-        return self._replay(-self._x0[:, None], None, lambda r, _: c.z[r])[:, 0]
+        return self._response.normalised[self._response.used_rows]
 
     def whiten(self, traces: list[Trace], start: Handoff, site_m: NDArray) -> NDArray:
         """What effects add to the innovations (rows, m); start, site_m (2, m): what the parked
         stretch made of them.
         """
         m = len(traces)
-        imu = np.zeros((len(self.seconds), 6, m))
+        sensed = np.zeros((len(self.seconds), INPUTS, m))
         # lateral, odometer, GNSS north, east, velocity north, east
         own = np.zeros((len(self.seconds), 6, m))
         for array, at, name in (
-            (imu, slice(0, 3), "gyro_rad_s"),
-            (imu, slice(3, 6), "accel_m_s2"),
+            (sensed, slice(GYRO, GYRO + 3), "gyro_rad_s"),
+            (sensed, slice(ACCELEROMETER, ACCELEROMETER + 3), "accel_m_s2"),
             (own, slice(0, 1), "lateral_m_s"),
             (own, slice(1, 2), "odometer_m_s"),
             (own, slice(2, 4), "gnss_position_m"),
@@ -196,62 +129,25 @@ class RollingBlock:
             follows = slice(None) if fixes else slice(int(self.seconds[0, 0]), None)
             for held, series in stacked(traces, name, follows):
                 array[:, at, held] = self._ends(series) if fixes else self._means(series, at)
-        e = np.zeros((ROLLING_STATES, m))
-        _set_start(e, -start.mean)
+        e = np.zeros((self._states, m))
+        e[START_STATES] = -start.mean
         e[em.POS] = -site_m
-        dt = self.program.steps.dt_s
-        names, names_of = self.compiled.names, self._name_of_row()
+        return self._response.of(e, sensed, self._measured(own))
 
-        def measured(r: int, step: int) -> NDArray:
-            name, first_state = names[names_of[r]], int(self.compiled.index[r][0])
-            if name == "lateral":
-                return own[step, 0] * dt[step]
-            if name == "odometer":
-                return -own[step, 1] * dt[step]
-            if name == "gnss":
-                return -own[
-                    step,
-                    (
-                        2 + first_state - em.POS.start
-                        if first_state >= em.POS.start
-                        else 4 + first_state
-                    ),
-                ]
-            return np.zeros(m)
-
-        return self._replay(e, imu, measured)
-
-    def _name_of_row(self) -> NDArray:
-        c = self.compiled
-        out = np.zeros(len(c.z), dtype=int)
-        for number, (_, _, first, count) in enumerate(c.ops):
-            out[first : first + count] = c.name[number]
-        return out
-
-    def _replay(
-        self, e: NDArray, imu: NDArray | None, measured: Callable[[int, int], NDArray | float]
-    ) -> NDArray:
-        c, place = self.compiled, self._place
-        out = np.zeros((len(self._rows), e.shape[1]))
-        row, now = 0, 0
-        # a row a column: the updates below then run along memory
-        E = np.ascontiguousarray(e[self._at].T)
-        for kind, which, first, count in c.ops:
-            if kind == ADVANCE:
-                now = int(which)
-                Phi, entering = self._steps[now]
-                E = E @ Phi.T
-                if imu is not None:
-                    E += imu[now].T @ entering
-            elif kind == MEASURE:
-                for r in range(first, first + count):
-                    index, value, gain, root = self._rows[row]
-                    nu = (E[:, index] @ value + measured(r, now)) / root
-                    dger(-1.0, gain, nu, a=E.T, overwrite_a=1)  # E -= outer(nu, gain), in place
-                    out[row] = nu
-                    row += 1
-            elif kind != ADD:
-                E[:, place[which]] = E @ self._combined(first)
+    def _measured(self, own: NDArray) -> NDArray:
+        """What each row's measured value is changed by (rows, m); own (K, 6, m): as of `whiten`."""
+        out = np.zeros((len(self._name), own.shape[2]))
+        dt, first_state = self.views.dt_s[self._step], self.tape.index[:, 0]
+        for name, state, column, factor in (
+            ("lateral", em.S.start + 1, 0, dt),
+            ("odometer", em.S.start, 1, -dt),
+            ("gnss", em.POS.start, 2, -np.ones_like(dt)),
+            ("gnss", em.POS.start + 1, 3, -np.ones_like(dt)),
+            ("gnss", em.W.start, 4, -np.ones_like(dt)),
+            ("gnss", em.W.start + 1, 5, -np.ones_like(dt)),
+        ):
+            rows = np.flatnonzero((self._name == name) & (first_state == state))
+            out[rows] = factor[rows, None] * own[self._step[rows], column]
         return out
 
     def _means(self, series: NDArray, at: slice) -> NDArray:
@@ -301,14 +197,18 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, Tape]:
     views = _level(views_of(history, plan, sway))
     flying = np.zeros(len(views.end_s), bool)
     flying[:] = kind[plan.last] == AIR
-    program = Tape(filter_steps(views))
+    # linearised about the solution itself, so that one sweep's gains serve every signature
+    steps = replace(filter_steps(views), moving=np.zeros(len(views.end_s), bool))
+    tape = Tape(steps)
+    bin_biases(tape, GYRO_STATES.start)
+    accelerometer_biases(tape, ACCEL_STATES)
     parked = ParkedConstraint(displacement_sigma_m=sway, yaw_jitter_rad=YAW_JITTER_RAD)
-    hold_position(program, views, parked)
-    hold_heading(program, views, parked)
+    hold_position(tape, views, parked)
+    hold_heading(tape, views, parked)
     on_wheels = replace(views, kind=np.where(flying, AIR, views.kind), jitter_m=_sway_way(twin))
     for aid in _aids(view, twin):
-        aid.measure(program, views if isinstance(aid, GnssAid) else on_wheels)
-    return on_wheels, program
+        aid.measure(tape, views if isinstance(aid, GnssAid) else on_wheels)
+    return on_wheels, tape
 
 
 def _level(views: StepViews) -> StepViews:
@@ -374,101 +274,30 @@ def _step_seconds(view: RunView, views: StepViews) -> NDArray:
     )
 
 
-def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, NDArray, NDArray]:
-    """Phi, Gamma (of a gyro error over the step), Q with the gyro biases appended as constants."""
-    v = steps.v_n[k]
-    east, north, down = steps.transport[k]
-    step = em.Step(
-        dt_s=float(steps.dt_s[k]),
-        C_nb=steps.C_nb[k],
-        v_n=v,
-        omega_ie_n=steps.omega_ie_n[k],
-        omega_en_n=np.array([east * v[1], -north * v[0], -down * v[1]]),
-        gravity=float(steps.gravity[k]),
-        radius_m=float(steps.radius_m[k]),
-        turn_rad=float(steps.turn_rad[k]),
-    )
-    Phi, Gamma, Q = em.discretize(
-        step, noise, rolling=bool(steps.rolling[k]), keep_displacement=bool(steps.keep[k])
-    )
-    full, noise_full = np.eye(ROLLING_STATES), np.zeros((ROLLING_STATES, ROLLING_STATES))
-    full[: em.BASE, : em.BASE] = Phi
-    full[: em.BASE, GYRO_STATES] = Gamma[:, :3]
-    full[em.W, ACCEL_Z] = steps.C_nb[k][:2, 2] * steps.dt_s[k]
-    noise_full[: em.BASE, : em.BASE] = Q
-    return full, full[:, GYRO_STATES] * (np.arange(ROLLING_STATES) < em.BASE)[:, None], noise_full
-
-
-def _taking_part(
-    made: Iterable[tuple[NDArray, NDArray, NDArray]], compiled: Compiled, P0: NDArray, x0: NDArray
-) -> NDArray:
-    """Numbers of the states that a step moves, a row of the program reads or the start knows of."""
-    seen = (np.diag(P0) != 0.0) | (x0 != 0.0)
-    for Phi, Gamma, _ in made:
-        moves = Phi != np.eye(ROLLING_STATES)
-        seen |= moves.any(axis=0) | moves.any(axis=1) | Gamma.any(axis=1)
-    for index, value in zip(compiled.index, compiled.value):
-        seen[index[value != 0.0]] = True
-    for kind, which, *_ in compiled.ops:
-        if kind not in (ADVANCE, MEASURE):
-            seen[which] = True
-    seen[[*_start_states(), *range(em.W.start, em.W.stop), *range(em.POS.start, em.POS.stop)]] = (
-        True
-    )
-    return np.flatnonzero(seen)
-
-
-def _row(index: NDArray, value: NDArray) -> NDArray:
-    h = np.zeros(ROLLING_STATES)
-    np.add.at(h, index, value)
-    return h
-
-
-def _start(
-    twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray
-) -> tuple[NDArray, NDArray]:
-    """State and covariance at the end of the parked stretch (column 0 of the handoff is the
-    data).
-    """
-    x, P = np.zeros((ROLLING_STATES, 1)), np.zeros((ROLLING_STATES, ROLLING_STATES))
-    _set_start(x, start.mean[:, :1])
-    x[em.KAPPA] = -twin.vehicle.crab_mrad * MILLIRADIAN
-    x[em.ODOMETER] = twin.odometer.scale_ppm * PPM
-    at = _start_states()
-    P[np.ix_(at, at)] = start.covariance
-    P[em.W, em.W] = np.eye(2) * max(twin.vehicle.sway_m_s, 1e-4) ** 2
-    x[em.POS, 0] = fixes.whiten_data()[1]
-    P[em.POS, em.POS] = np.eye(2) * fixes.site_variance_m2
+def _filter(twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray) -> ErrorFilter:
+    """The filter at the end of the parked stretch (column 0 of the handoff is the data)."""
     # of the unit on its wheels: body axes are not quite the wheels'
     tilt = np.arccos(min(abs(float(C_nb[2, 2])), 1.0))
-    P[em.ODOMETER, em.ODOMETER] = P[em.KAPPA, em.KAPPA] = (0.5 * tilt**2) ** 2
-    P[em.LATERAL, em.LATERAL] = max(twin.vehicle.lateral_noise_m_s, 1e-3) ** 2
-    return x[:, 0], P
-
-
-def _start_states() -> list[int]:
-    """Where phi, the gyro biases and the accelerometer biases sit."""
-    return [
-        *range(em.THETA.start, em.THETA.stop),
-        *range(GYRO_STATES.start, GYRO_STATES.stop),
-        *range(em.ACCEL.start, em.ACCEL.stop),
-        ACCEL_Z,
-    ]
-
-
-def _set_start(e: NDArray, mean: NDArray) -> None:
-    e[_start_states()] = mean
-
-
-def _bias_walk(twin: TwinModel) -> NDArray:
-    """Variance per second by which the gyro biases wander: random walk and a walk that reaches the
-    flicker in an hour.
-    """
-    walk = (
-        np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h)
-        * DEG_PER_HOUR
-        / 60.0
+    # a random walk, and one that reaches the flicker in an hour
+    walk = walk_with_flicker(
+        twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h
     )
-    out = np.zeros(ROLLING_STATES)
-    out[GYRO_STATES] = walk**2
-    return out
+    flt = ErrorFilter(
+        sigma0={
+            "W": max(twin.vehicle.sway_m_s, 1e-4),
+            "POS": np.sqrt(fixes.site_variance_m2),
+            "LATERAL": max(twin.vehicle.lateral_noise_m_s, 1e-3),
+            "ODOMETER": 0.5 * tilt**2,
+            "KAPPA": 0.5 * tilt**2,
+        },
+        noise=process_noise(twin),
+        bias_mean=start.mean[3:6, 0],
+        bias_covariance=start.covariance[3:6, 3:6],
+        further_walks=dict.fromkeys(GYRO_STATES, (walk * DEG_PER_HOUR / 60.0) ** 2),
+    )
+    flt.x[START_STATES] = start.mean[:, 0]
+    flt.P[np.ix_(START_STATES, START_STATES)] = start.covariance
+    flt.x[em.POS] = fixes.whiten_data()[1]
+    flt.x[em.KAPPA] = -twin.vehicle.crab_mrad * MILLIRADIAN
+    flt.x[em.ODOMETER] = twin.odometer.scale_ppm * PPM
+    return flt

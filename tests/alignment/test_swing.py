@@ -24,8 +24,8 @@ FIRST = em.BASE + 3
 def swung(dt_s, still):
     """A filter of nothing but a swing of 1 m, over steps of given lengths, and the swing laid."""
     steps = replace(steps_of(parked_step(), count=len(dt_s)), dt_s=np.array(dt_s))
-    program = Tape(steps)
-    laid = swing.lay(program, SWING, np.array(still), (em.S.start, em.S.start + 1), FIRST)
+    tape = Tape(steps)
+    laid = swing.lay(tape, SWING, np.array(still), (em.S.start, em.S.start + 1), FIRST)
     flt = ErrorFilter(
         sigma0={},
         noise=NOISE,
@@ -33,7 +33,7 @@ def swung(dt_s, still):
         bias_covariance=np.zeros((3, 3)),
         further_sigma=(0.0,) * swing.STATES,
     )
-    flt.run(program)
+    flt.run(tape)
     return flt, laid
 
 

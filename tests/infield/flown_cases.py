@@ -156,13 +156,13 @@ def predicted(index, size):
     motion = Motion(history.time_s, kind, np.zeros(kind.size), 1e-3)
     plan = plan_steps(motion, np.array([history.time_s[0], history.time_s[-1] + 1.0]))
     views = views_of(history, plan)
-    program = Tape(filter_steps(views))
+    tape = Tape(filter_steps(views))
     layout = layout_of()
     temperature = gyro_temperature(flown().run.temperature)
     body = body_motion(history, plan, views, temperature)
     ideal = ideal_flight()
     in_air = np.interp(0.5 * (views.start_s + views.end_s), ideal.time_s, 1.0 - ideal.on_wheels)
-    Driving(layout, SessionSettings().flight, body, in_air > 0.5).measure(program, views)
+    Driving(layout, SessionSettings().flight, body, in_air > 0.5).measure(tape, views)
     flt = ErrorFilter(
         sigma0={},
         noise=process_noise(TWIN),
@@ -171,6 +171,6 @@ def predicted(index, size):
         further_sigma=tuple(layout.sigma),
     )
     flt.x[index] = size
-    flt.run(program)
+    flt.run(tape)
     v, w, p, theta = history.v_n_m_s[-1], flt.x[em.W], flt.x[em.POS], flt.x[em.THETA]
     return np.append(w + np.cross(theta, v)[:2], p), body, views

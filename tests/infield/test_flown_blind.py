@@ -90,7 +90,7 @@ def test_a_turning_antenna_is_where_and_as_fast_as_the_rows_say():
     )
     plan = plan_steps(moving, np.array([FROM_S, UNTIL_S]))
     views = views_of(history, plan)
-    program = Tape(filter_steps(views))
+    tape = Tape(filter_steps(views))
     antenna = Antenna(ARM_M, LATE_S, LATE_S)
     FixAid(
         log=fixes,
@@ -100,8 +100,8 @@ def test_a_turning_antenna_is_where_and_as_fast_as_the_rows_say():
         history=history,
         rows=RowSums(log),
         names=(OF_POSITION, OF_VELOCITY),
-    ).measure(program, views)
-    done = program.compiled()
+    ).measure(tape, views)
+    done = tape.compiled()
 
     def shown(kind):
         rows = done.ops[done.name == done.names.index(kind), 2]

@@ -56,7 +56,7 @@ PLACES = [TURNING_S, STRAIGHT_S]
 DELAY_S = 0.1
 
 
-class Program(Listener):
+class Measurements(Listener):
     """Listens to measurements only."""
 
     def assign(self, at, index, row, variance):
@@ -77,9 +77,9 @@ class Assigned:
 
 
 def read_by(aid, history, end_s):
-    program = Program()
-    aid.measure(program, view(history, end_s))
-    return [(z, H) for _, z, H, _ in program.seen]
+    tape = Measurements()
+    aid.measure(tape, view(history, end_s))
+    return [(z, H) for _, z, H, _ in tape.seen]
 
 
 def change_of(state, minus, plus, size):
@@ -143,9 +143,7 @@ def test_crabs_are_the_derivative_of_the_lateral_way(state, kind, size, end_s):
 def test_the_wheels_arm_across_is_the_derivative_of_the_way(end_s):
     log = taxi().run.odometer
     minus, plus = (
-        read_by(
-            OdometerAid(log, 0.01, (WHEEL[0], WHEEL[1] + off, WHEEL[2]), ALL), solution(), end_s
-        )
+        read_by(OdometerAid(log, 0.01, (WHEEL[0], WHEEL[1] + off, WHEEL[2])), solution(), end_s)
         for off in (-0.5, 0.5)
     )
     # the declared arm from the no-slip point is the one less -off: true less declared is +off
@@ -156,13 +154,10 @@ def test_the_wheels_arm_across_is_the_derivative_of_the_way(end_s):
 def test_the_wheels_delay_is_the_derivative_of_the_way():
     """Stamps shifted while it gathers speed."""
     log = taxi().run.odometer
-    assumed = Assumed(frozenset([Nuisance.ODOMETER_DELAY]))
     speeding_s = 63
     minus, plus = (
         read_by(
-            OdometerAid(replace(log, time_s=log.time_s + late), 0.01, WHEEL, assumed),
-            solution(),
-            speeding_s,
+            OdometerAid(replace(log, time_s=log.time_s + late), 0.01, WHEEL), solution(), speeding_s
         )
         for late in (-0.02, 0.02)
     )
@@ -240,17 +235,9 @@ def test_what_was_found_goes_back_into_the_residual():
         assert velocity[0][0] == pytest.approx(velocity[1][0] @ x, abs=0.8)
 
 
-def test_as_declared_the_rows_are_those_of_before():
-    """Nothing free: no state of a nuisance stands in any row."""
-    log = taxi().run.gnss
-    aids = (
-        LateralAid(WHEEL),
-        OdometerAid(taxi().run.odometer, 0.01, WHEEL),
-        gnss(log, AS_DECLARED),
-    )
-    for aid in aids:
-        for _, H in read_by(aid, solution(), TURNING_S):
-            assert not H[:, em.WIND.start : em.BASE].any()
+def test_of_a_receiver_as_declared_no_nuisance_stands_in_the_rows():
+    for _, H in read_by(gnss(taxi().run.gnss, AS_DECLARED), solution(), TURNING_S):
+        assert not H[:, em.WIND.start : em.BASE].any()
 
 
 def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
@@ -262,16 +249,16 @@ def test_a_receivers_slow_errors_stand_in_its_rows_and_keep_their_level():
     assert np.array_equal(of_velocity[:, em.GNSS_SLOW_VEL], -np.eye(2))
     steps = np.arange(TURNING_S - 3, TURNING_S + 2)
     plan = StepPlan(steps, steps + 1, 0 * steps + ROLLING, 0 * steps, np.zeros(steps.size))
-    program = Assigned()
-    aid.measure(program, views_of(solution(), plan))
+    tape = Assigned()
+    aid.measure(tape, views_of(solution(), plan))
     position, velocity = em.GNSS_SLOW_POS, em.GNSS_SLOW_VEL
     levels = dict.fromkeys(range(position.start, position.stop), 1.5)
     levels |= dict.fromkeys(range(velocity.start, velocity.stop), 0.01)
-    assert {index for index, _, _ in program.seen} == set(levels)
-    for index, row, variance in program.seen:
+    assert {index for index, _, _ in tape.seen} == set(levels)
+    for index, row, variance in tape.seen:
         assert row[index] ** 2 * levels[index] ** 2 + variance == pytest.approx(levels[index] ** 2)
     times = {position.start: 300.0, velocity.start: 60.0}
-    kept = {index: row[index] for index, row, _ in program.seen}
+    kept = {index: row[index] for index, row, _ in tape.seen}
     for index, time_s in times.items():
         assert kept[index] == pytest.approx(np.exp(-1.0 / time_s))
 
@@ -280,11 +267,11 @@ def test_wandering_crabs_keep_their_level():
     """A fresh start, then x -> a x + noise: the variance stays the level's square at any a."""
     steps = np.arange(TURNING_S - 3, TURNING_S + 2)
     plan = StepPlan(steps, steps + 1, 0 * steps + ROLLING, 0 * steps, np.zeros(steps.size))
-    program = Assigned()
-    LateralAid(WHEEL, ALL).measure(program, views_of(solution(), plan))
+    tape = Assigned()
+    LateralAid(WHEEL, ALL).measure(tape, views_of(solution(), plan))
     levels = {em.CRAB_TURN: ALL.turning_crab_rad, em.CRAB_GUST: ALL.gust_crab_rad}
-    assert {index for index, _, _ in program.seen} == set(levels)
-    for index, row, variance in program.seen:
+    assert {index for index, _, _ in tape.seen} == set(levels)
+    for index, row, variance in tape.seen:
         assert row[index] ** 2 * levels[index] ** 2 + variance == pytest.approx(levels[index] ** 2)
         assert row[index][0] == 1.0
         assert (row[index][1:] < 1.0).all()

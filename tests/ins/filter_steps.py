@@ -1,4 +1,4 @@
-"""One step or one row at a time for a filter that takes whole programs."""
+"""One step or one row at a time for a filter that takes whole tapes."""
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def driven(steps):
 
 
 def only(time_s=0.0):
-    """A program that stands still, to hang operations on: one step of no length."""
+    """A tape that stands still, to hang operations on: one step of no length."""
     C_nb, none = np.eye(3), np.zeros(3)
     step = em.Step(
         dt_s=1e-12,
@@ -68,10 +68,10 @@ def only(time_s=0.0):
 
 def measure(flt, name, z, rows, variance, time_s=0.0, *, gate=np.inf):
     """One measurement at once; returns whether it was used."""
-    program = only(time_s)
-    program.measure(name, np.array([0]), np.atleast_1d(z), rows, np.atleast_1d(variance), gate=gate)
+    tape = only(time_s)
+    tape.measure(name, np.array([0]), np.atleast_1d(z), rows, np.atleast_1d(variance), gate=gate)
     before = len(flt.tally.rejected)
-    flt.run(program)
+    flt.run(tape)
     return len(flt.tally.rejected) == before
 
 

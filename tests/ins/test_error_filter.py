@@ -33,9 +33,9 @@ def new_filter(bins=2, **sigma0):
 
 
 def clone(flt):
-    program = only()
-    program.clone(np.array([0]), em.THETA_CLONE)
-    flt.run(program)
+    tape = only()
+    tape.clone(np.array([0]), em.THETA_CLONE)
+    flt.run(tape)
 
 
 def parked_step(dt_s=10.0, heading=0.4, speed=0.0, turn_rate=0.0):
@@ -90,9 +90,9 @@ def test_assign_by_hand():
     A = rng.standard_normal((flt.x.size, flt.x.size))
     flt.P, flt.x = A @ A.T, rng.standard_normal(flt.x.size)
     P, x, i, j = flt.P.copy(), flt.x.copy(), DOWN, em.POS.start + 1
-    program = only()
-    program.assign(np.array([0]), em.YAW, {i: -2.0, j: 0.5}, 0.3**2)
-    flt.run(program)
+    tape = only()
+    tape.assign(np.array([0]), em.YAW, {i: -2.0, j: 0.5}, 0.3**2)
+    flt.run(tape)
     assert flt.x[em.YAW] == pytest.approx(-2.0 * x[i] + 0.5 * x[j])
     assert flt.P[em.YAW, em.YAW] == pytest.approx(4 * P[i, i] - 2 * P[i, j] + 0.25 * P[j, j] + 0.09)
     assert flt.P[em.YAW, em.KAPPA] == pytest.approx(-2.0 * P[i, em.KAPPA] + 0.5 * P[j, em.KAPPA])
@@ -337,12 +337,12 @@ def test_the_compiled_loop_is_filterpy_on_the_same_steps(seed):
     with_random_errors(flt, rng)
     x, P, nis = by_filterpy(flt, dense_steps)
     for k, (step, bin_index, rolling, keep, rows) in enumerate(dense_steps):
-        program = driven(
+        tape = driven(
             steps_of(step, bin_index=bin_index, rolling=rolling, keep=keep, end_s=float(k))
         )
         for row, z, variance in rows:
-            program.measure("row", np.array([0]), [z], [row], [variance])
-        flt.run(program)
+            tape.measure("row", np.array([0]), [z], [row], [variance])
+        flt.run(tape)
     sigma = np.sqrt(np.maximum(np.diag(P), 1e-40))
     assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < 1e-9
     assert np.abs((flt.x - x) / sigma).max() < 1e-9
@@ -364,10 +364,10 @@ def test_each_step_from_the_same_state_is_filterpys_to_ten_digits(seed):
     for step in random_program(rng, count=20):
         before = np.diag(flt.P).copy()
         x, P, _ = by_filterpy(flt, [step])
-        program = driven(steps_of(step[0], bin_index=step[1], rolling=step[2], keep=step[3]))
+        tape = driven(steps_of(step[0], bin_index=step[1], rolling=step[2], keep=step[3]))
         for row, z, variance in step[4]:
-            program.measure("row", np.array([0]), [z], [row], [variance])
-        flt.run(program)
+            tape.measure("row", np.array([0]), [z], [row], [variance])
+        flt.run(tape)
         sigma = np.sqrt(np.maximum(np.maximum(np.diag(P), before), 1e-20))
         assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < TEN_DIGITS
         assert np.abs((flt.x - x) / sigma).max() < TEN_DIGITS
@@ -380,16 +380,16 @@ def test_a_whole_program_is_its_steps_one_by_one():
     """
     whole, single = new_filter(), new_filter()
     step, z = parked_step(speed=3.0), np.array([1e-3, -2e-3, 3e-3])
-    program = driven(steps_of(step, 3, rolling=True, moving=True))
-    program.measure(
+    tape = driven(steps_of(step, 3, rolling=True, moving=True))
+    tape.measure(
         "lateral",
         np.arange(3),
         [z],
         [{em.S.start + 1: 1.0, em.KAPPA: np.array([1.0, 2.0, 3.0])}],
         [1e-6],
     )
-    program.measure("odometer", np.array([1]), [5e-3], [{em.S.start: 1.0}], [1e-4])
-    whole.run(program)
+    tape.measure("odometer", np.array([1]), [5e-3], [{em.S.start: 1.0}], [1e-4])
+    whole.run(tape)
     for k in range(3):
         one = driven(steps_of(step, rolling=True, moving=True))
         one.measure(
@@ -431,9 +431,9 @@ def test_filtered_bins_are_those_at_the_end_of_their_time():
     measure(flt, "bias", 1e-8, [{em.BASE: 1.0}], 1e-16)
     at_end = flt.P[em.BASE, em.BASE]
     advance(flt, parked_step(), 1)
-    program = driven(steps_of(parked_step(), bin_index=1))
-    program.measure("bias", np.array([0]), [1e-8], [{em.BASE + 3: 1.0}], [1e-16])
-    flt.run(program)
+    tape = driven(steps_of(parked_step(), bin_index=1))
+    tape.measure("bias", np.array([0]), [1e-8], [{em.BASE + 3: 1.0}], [1e-16])
+    flt.run(tape)
     assert flt.P[em.BASE, em.BASE] < at_end
     assert flt.filtered[0, 1, 0] == pytest.approx(at_end)
     assert flt.filtered[1, 1, 0] == flt.P[em.BASE + 3, em.BASE + 3]

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from benchmarks.gap_trials.trial import draw_trial
 from infield.table.file import table_from_dict
 from ins.errors.catalogue import effects_named
-from ins.errors.telemetry import AIRBORNE
+from ins.errors.telemetry import AIRBORNE, Trace
 from ins.records import Run, TwinModel
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, RunEvidence
@@ -19,6 +19,7 @@ from simreal.inference.noise_hypotheses import Squares
 from tests.simreal.runs import FLIGHT, PARKED, simulated, table, twin_of
 
 FALSE_ALARM = 1e-4  # of each two-sided bound below, on seeds that are fixed
+BIAS_M_S2 = 1e-3
 
 
 def views(trial) -> list[RunView]:
@@ -176,3 +177,26 @@ def test_fixes_of_an_antenna_that_swings_with_the_bank_are_white():
     # creeping to a stop behind the landing is no standing yet: 10 sigmas of 10 s where it was
     stood = (labels.channel == "vehicle") & (labels.time_s > labels.time_s[flying].max())
     assert stood.sum() > 10 and np.abs(z[stood]).max() < 4.5
+
+
+def test_a_signature_of_a_flight_is_what_a_biased_vertical_accelerometer_does():
+    """Banked, a part of it is level. The telemetry with the bias less that without, against the
+    response of the filter.
+    """
+    made, twin = simulated(seed=4, segments=FLIGHT, aids=True), twin_of()
+    clean = view_run(made.run, 0, table(), twin)
+    assert isinstance(clean, RunView)
+    since = clean.end_s + 60.0
+    imu = made.run.imu.whole()
+    dv = imu.dv_m_s.copy()
+    dv[:, 2] += np.where(imu.time_s > since, BIAS_M_S2 * imu.dt_s, 0.0)
+    biased = view_run(replace(made.run, imu=replace(imu, dv_m_s=dv)), 0, table(), twin)
+    assert isinstance(biased, RunView)
+    evidence = RunEvidence(clean, twin)
+    d = RunEvidence(biased, twin).z - evidence.z
+    seconds = clean.seconds.end_s
+    trace = np.zeros((seconds.size, 3))
+    trace[:, 2] = BIAS_M_S2 * (seconds > since)
+    u = evidence.whiten([Trace(accel_m_s2=trace)])[:, 0]
+    assert np.linalg.norm(d) > 3.0
+    assert np.linalg.norm(d - u) < 0.04 * np.linalg.norm(d)

@@ -50,28 +50,28 @@ class Driving:
     body: BodyMotion
     flying: NDArray  # (K,) bool
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         """Lay down how the states fade and how they drive.
 
         A standing vehicle's gyros are taken as their bins have them: the table is of units at rest.
         """
-        self._fade(program, views)
+        self._fade(tape, views)
         states, body = self.layout.indices, self.body
         still = (views.kind == STILL)[:, None]
         force_b = body.pushed_m_s / views.dt_s[:, None]
         turns_b = np.where(still, 0.0, body.turned_rad / views.dt_s[:, None])
-        sensors.gyro_scales(program, states(Further.GYRO_SCALE), turns_b)
-        sensors.misalignments(program, states(Further.MISALIGNMENT), turns_b)
-        sensors.gyro_shifts(program, states(Further.SHIFT), self.flying)
+        sensors.gyro_scales(tape, states(Further.GYRO_SCALE), turns_b)
+        sensors.misalignments(tape, states(Further.MISALIGNMENT), turns_b)
+        sensors.gyro_shifts(tape, states(Further.SHIFT), self.flying)
         pushed_b = np.where(still, sensors.REST_B, force_b)
-        sensors.force_sensitivities(program, states(Further.FORCE), pushed_b)
-        sensors.accelerometer_biases(program, states(Further.ACCEL_Z), first_axis=2)
-        sensors.accelerometer_scales(program, states(Further.ACCEL_SCALE), force_b)
-        sensors.accelerometer_shifts(program, states(Further.ACCEL_SHIFT), self.flying)
-        sensors.accelerometer_slopes(program, states(Further.ACCEL_SLOPE), body.above_degC)
-        sensors.deflections(program, states(Further.DEFLECTION))
+        sensors.force_sensitivities(tape, states(Further.FORCE), pushed_b)
+        sensors.accelerometer_biases(tape, states(Further.ACCEL_Z), first_axis=2)
+        sensors.accelerometer_scales(tape, states(Further.ACCEL_SCALE), force_b)
+        sensors.accelerometer_shifts(tape, states(Further.ACCEL_SHIFT), self.flying)
+        sensors.accelerometer_slopes(tape, states(Further.ACCEL_SLOPE), body.above_degC)
+        sensors.deflections(tape, states(Further.DEFLECTION))
 
-    def _fade(self, program: Tape, views: StepViews) -> None:
+    def _fade(self, tape: Tape, views: StepViews) -> None:
         """First-order Gauss-Markov processes over time, and over the way flown."""
         every, p = np.arange(len(views.kind)), self.priors
         way = np.linalg.norm(views.displacement_n_m[:, :2], axis=1)
@@ -85,4 +85,4 @@ class Driving:
             kept = np.exp(-length)
             for k in self.layout.indices(state):
                 sigma = self.layout.sigma[k - self.layout.first]
-                program.assign(every, k, {k: kept}, sigma**2 * (1.0 - kept**2))
+                tape.assign(every, k, {k: kept}, sigma**2 * (1.0 - kept**2))

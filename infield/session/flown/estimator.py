@@ -164,7 +164,7 @@ def _aids(known: KnownRun, rolling: RollingEvidence | None, clone_s: float) -> S
     aids: list[Aid] = [LateralAid(run.header.wheel_reference_m, assumed)]
     if run.odometer is not None and known.settings.use_odometer:
         noise_m_s = known.twin.odometer.noise_m_s
-        aids.append(OdometerAid(run.odometer, noise_m_s, run.header.wheel_reference_m, assumed))
+        aids.append(OdometerAid(run.odometer, noise_m_s, run.header.wheel_reference_m))
     if survey.heading_rad is not None and survey.sigma_heading_rad:
         aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, clone_s))
     if survey.centre_line_rad is not None and survey.sigma_centre_line_rad:

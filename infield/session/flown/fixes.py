@@ -83,7 +83,7 @@ class FlightFixes:
 
     fixes: FixAid
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         """Lay down outages, then the last fix of each step.
 
         The height is a straight line between the fixes; a climb rate wrong by CLIMB_M_S turns with
@@ -96,6 +96,6 @@ class FlightFixes:
             step = np.searchsorted(views.end_s, time_s[k + 1] - 1e-6)
             at = np.array([min(int(step), views.end_s.size - 1)])
             for i in range(2):
-                program.widen(at, em.W.start + i, lost_m_s**2)
-                program.widen(at, em.POS.start + i, (lost_m_s * gap_s[k]) ** 2)
-        self.fixes.measure(program, views)
+                tape.widen(at, em.W.start + i, lost_m_s**2)
+                tape.widen(at, em.POS.start + i, (lost_m_s * gap_s[k]) ** 2)
+        self.fixes.measure(tape, views)

@@ -197,11 +197,11 @@ class _Before:
     aid: Aid
     steps: int
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         arrays = {
             name: value[: self.steps] for name, value in vars(views).items() if np.ndim(value)
         }
-        self.aid.measure(program, replace(views, **arrays))
+        self.aid.measure(tape, replace(views, **arrays))
 
 
 def _fixes(session: FlownSession, history: NavHistory, antenna: Antenna) -> FlightFixes:

@@ -213,7 +213,7 @@ def _aids(known: KnownSources, assumed: Assumed) -> list[Aid]:
     aids: list[Aid] = [LateralAid(header.wheel_reference_m, assumed)]
     if run.odometer is not None and settings.use_odometer:
         noise_m_s = twin.odometer.noise_m_s
-        aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m, assumed))
+        aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m))
     if run.gnss is not None and settings.use_gnss:
         aids.append(
             GnssAid(

@@ -43,12 +43,12 @@ class FixAid:
     names: tuple[str, str]
     of_each_step: int = 1
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         """Lay down the fixes of each step."""
         for back in range(self.of_each_step, 0, -1):
-            self._positions(program, views, *self._fixes(views, back, self.antenna.delay_s))
+            self._positions(tape, views, *self._fixes(views, back, self.antenna.delay_s))
             delay_s = self.antenna.velocity_delay_s
-            self._velocities(program, views, *self._fixes(views, back, delay_s))
+            self._velocities(tape, views, *self._fixes(views, back, delay_s))
 
     def _fixes(self, views: StepViews, back: int, delay_s: float) -> tuple[NDArray, NDArray]:
         """Steps (m,), and their fix that is the last but `back` - 1."""
@@ -68,17 +68,17 @@ class FixAid:
         count = self.log.time_s.size
         return every.at(slice(count)), every.at(slice(count, None))
 
-    def _positions(self, program: Tape, views: StepViews, at: NDArray, k: NDArray) -> None:
+    def _positions(self, tape: Tape, views: StepViews, at: NDArray, k: NDArray) -> None:
         log, motion = self.log, self._motions[0].at(k)
         places = log.lat_rad[k], log.lon_rad[k], log.height_m[k]
         z, rows = fix.position(motion, self.antenna, places, self.states)
         variance = sigma_of_fixes(log.sigma_horizontal_m, k, self.sigmas.horizontal_m) ** 2
-        program.measure(self.names[0], at, z, rows, [variance, variance], gate=GATE_SIGMA)
+        tape.measure(self.names[0], at, z, rows, [variance, variance], gate=GATE_SIGMA)
 
-    def _velocities(self, program: Tape, views: StepViews, at: NDArray, k: NDArray) -> None:
+    def _velocities(self, tape: Tape, views: StepViews, at: NDArray, k: NDArray) -> None:
         log, motion = self.log, self._motions[1].at(k)
         rolls = (views.kind[at] == ROLLING)[:, None]
         about = np.where(rolls, motion.v_n + motion.swing_n(self.antenna.arm_m), 0.0)
         z, rows = fix.velocity(motion, self.antenna, log.v_n_m_s[k], self.states, about_n=about)
         variance = sigma_of_fixes(log.sigma_velocity_m_s, k, self.sigmas.velocity_m_s) ** 2
-        program.measure(self.names[1], at, z, rows, [variance, variance], gate=GATE_SIGMA)
+        tape.measure(self.names[1], at, z, rows, [variance, variance], gate=GATE_SIGMA)

@@ -111,20 +111,20 @@ def _standing(setting: _Setting, scale: float) -> _Setting:
 
 
 def _rolling(setting: _Setting, scale: float) -> _Setting:
-    program = setting.laid.program
-    variance = program.variance.copy()
-    variance[_rows_of_aids(program)] *= scale**2
-    noisier = replace(setting.laid, program=replace(program, variance=variance))
+    tape = setting.laid.tape
+    variance = tape.variance.copy()
+    variance[_rows_of_aids(tape)] *= scale**2
+    noisier = replace(setting.laid, tape=replace(tape, variance=variance))
     sigma0 = {name: scale * sigma for name, sigma in setting.sigma0.items()}
     moved = _of_twin(setting, "vehicle", scale, "lateral_noise_m_s")
     return replace(moved, laid=noisier, sigma0=sigma0)
 
 
-def _rows_of_aids(program: Compiled) -> NDArray:
-    """Rows of a program that measure something else than a standing vehicle."""
-    of_parked = np.isin(program.name, [k for k, n in enumerate(program.names) if n in PARKED])
+def _rows_of_aids(tape: Compiled) -> NDArray:
+    """Rows of a tape that measure something else than a standing vehicle."""
+    of_parked = np.isin(tape.name, [k for k, n in enumerate(tape.names) if n in PARKED])
     rows = [np.zeros(0, dtype=np.int64)]
-    for _, _, first, count in program.ops[(program.ops[:, 0] == MEASURE) & ~of_parked]:
+    for _, _, first, count in tape.ops[(tape.ops[:, 0] == MEASURE) & ~of_parked]:
         rows.append(np.arange(first, first + count))
     return np.concatenate(rows)
 

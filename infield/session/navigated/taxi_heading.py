@@ -10,10 +10,10 @@ enters as the displacement over each step (US 5,574,650).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from alignment.motion.kinds import ROLLING
-from alignment.navigation_filter import StepViews, heading_error_row
+from alignment.navigation_filter import StepViews
 from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
 from infield.session.navigated.receiver import WHITE, ReceiverErrors
@@ -21,9 +21,11 @@ from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.estimation import error_model as em
 from ins.estimation.error_filter import GATE_SIGMA
+from ins.estimation.measurements import survey
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.estimation.measurements.fix import ReceiverStates
-from ins.estimation.tape import Row, Tape
+from ins.estimation.measurements.wheels import forward, lateral
+from ins.estimation.tape import Tape
 from ins.records import GnssLog, OdometerLog
 from ins.units import DEG
 
@@ -47,38 +49,13 @@ class LateralAid:
     wheel_reference_m: tuple[float, float, float]
     assumed: Assumed = AS_DECLARED
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         at = np.flatnonzero(views.kind == ROLLING)
-        forward = views.displacement_b_m[at, 0]
-        swung = views.swung_m(self.wheel_reference_m)[at, :2]
-        side = views.displacement_b_m[at, 1] + swung[:, 1]
-        turn = views.heading_change_rad[at]
-        row: dict[int, ArrayLike] = {
-            em.S.start + 1: 1.0,
-            em.KAPPA: forward,
-            em.LEVER_X: turn,
-            **self._of_wind_and_tyres(views, at, forward + swung[:, 0]),
-        }
-        self._wander(program, views, at)
-        program.measure("lateral", at, [side], [row], [_way_variance(views)], gate=GATE_SIGMA)
+        self._wander(tape, views, at)
+        way = views.way_of(self.wheel_reference_m, at)
+        tape.measure("lateral", at, *lateral(way, _way_variance(views)), gate=GATE_SIGMA)
 
-    def _of_wind_and_tyres(self, views: StepViews, at: NDArray, forward: NDArray) -> Row:
-        """What a crab that is not constant adds to the row; forward: way of the no-slip point."""
-        free = self.assumed.free
-        row: dict[int, ArrayLike] = {}
-        if Nuisance.CROSS_WIND in free:
-            row[em.WIND.start] = forward * views.C_mean[at, 0, 1]
-            row[em.WIND.start + 1] = forward * views.C_mean[at, 1, 1]
-        if Nuisance.TURNING_CRAB in free:
-            row[em.CRAB_TURN] = forward
-        if Nuisance.GUSTS in free:
-            row[em.CRAB_GUST] = forward
-        if Nuisance.SIDE_SLIP in free:
-            dt = views.dt_s[at]
-            row[em.SLIP] = forward * (forward / dt) * (views.heading_change_rad[at] / dt)
-        return row
-
-    def _wander(self, program: Tape, views: StepViews, at: NDArray) -> None:
+    def _wander(self, tape: Tape, views: StepViews, at: NDArray) -> None:
         """Crabs that change with heading or with time: first-order Gauss-Markov processes."""
         turned = np.cumsum(np.abs(views.heading_change_rad))[at]
         since = {
@@ -96,7 +73,7 @@ class LateralAid:
         for nuisance, (state, lengths, sigma) in since.items():
             if nuisance in self.assumed.free:
                 kept = np.exp(-np.diff(lengths, prepend=lengths[:1]))
-                program.assign(at, state, {state: kept}, sigma**2 * (1.0 - kept**2))
+                tape.assign(at, state, {state: kept}, sigma**2 * (1.0 - kept**2))
 
 
 @dataclass
@@ -106,30 +83,21 @@ class OdometerAid:
     log: OdometerLog
     noise_m_s: float
     wheel_reference_m: tuple[float, float, float]
-    assumed: Assumed = AS_DECLARED
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         t = self.log.time_s
         samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(
             t, views.start_s, side="right"
         )
         logged = (views.start_s >= t[0]) & (views.end_s <= t[-1]) & (samples > 0)
         at = np.flatnonzero((views.kind == ROLLING) & logged)
-        way = self._way(views.end_s[at]) - self._way(views.start_s[at])
-        swung = views.swung_m(self.wheel_reference_m)[at, 0]
-        turn = views.heading_change_rad[at]
-        z = views.displacement_b_m[at, 0] + swung - way
+        rolled = self._way(views.end_s[at]) - self._way(views.start_s[at])
+        of_times = np.interp([views.start_s[at], views.end_s[at]], t, self.log.speed_m_s)
         wheels = self.noise_m_s * views.dt_s[at] / np.sqrt(samples[at])
-        row: dict[int, ArrayLike] = {em.S.start: 1.0, em.ODOMETER: -way}
-        if Nuisance.WHEEL_ARM_Y in self.assumed.free:
-            row[em.WHEEL_Y] = -turn
-        if Nuisance.ODOMETER_DELAY in self.assumed.free:
-            speeds = self.log.speed_m_s
-            faster = np.interp(views.end_s[at], t, speeds) - np.interp(views.start_s[at], t, speeds)
-            row[em.ODOMETER_DELAY] = faster
-        program.measure(
-            "odometer", at, [z], [row], [wheels**2 + _way_variance(views)], gate=GATE_SIGMA
-        )
+        way = views.way_of(self.wheel_reference_m, at)
+        variance = wheels**2 + _way_variance(views)
+        measured = forward(way, rolled, of_times[1] - of_times[0], variance)
+        tape.measure("odometer", at, *measured, gate=GATE_SIGMA)
 
     def _way(self, time_s: NDArray) -> NDArray:
         """Integral of the speed, straight between samples, from the first sample to given times
@@ -158,8 +126,8 @@ class GnssAid:
     assumed: Assumed = AS_DECLARED
     slow: ReceiverErrors = WHITE
 
-    def measure(self, program: Tape, views: StepViews) -> None:
-        self._wander(program, views)
+    def measure(self, tape: Tape, views: StepViews) -> None:
+        self._wander(tape, views)
         found = np.array([*self.assumed.antenna_m, 0.0])
         FixAid(
             log=self.log,
@@ -175,9 +143,9 @@ class GnssAid:
             rows=self.rows,
             names=(OF_FIXES, OF_FIXES),
             of_each_step=2,
-        ).measure(program, views)
+        ).measure(tape, views)
 
-    def _wander(self, program: Tape, views: StepViews) -> None:
+    def _wander(self, tape: Tape, views: StepViews) -> None:
         """The receiver's slow errors: first-order Gauss-Markov processes."""
         every = np.arange(len(views.kind))
         for slow, states in (
@@ -187,7 +155,7 @@ class GnssAid:
             if slow.sigma > 0.0:
                 kept = np.exp(-views.dt_s / slow.time_s)
                 for k in range(states.start, states.stop):
-                    program.assign(every, k, {k: kept}, slow.sigma**2 * (1.0 - kept**2))
+                    tape.assign(every, k, {k: kept}, slow.sigma**2 * (1.0 - kept**2))
 
     def _states(self) -> ReceiverStates:
         """Those of the base states that take part."""
@@ -214,14 +182,13 @@ class SurveyedHeadingAid:
     sigma_rad: float
     at_s: float
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         at = np.flatnonzero(
             (views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s)
         )
-        z = wrap_pi(views.heading_rad[at] - self.heading_rad)
-        program.measure(
-            "survey", at, [z], [heading_error_row(views, at)], [self.sigma_rad**2], gate=GATE_SIGMA
-        )
+        place, variance = views.place_of(at), self.sigma_rad**2
+        measured = survey.heading(views.heading_rad[at], self.heading_rad, place, variance)
+        tape.measure("survey", at, *measured, gate=GATE_SIGMA)
 
 
 @dataclass
@@ -232,27 +199,20 @@ class CentreLineAid:
 
     azimuth_rad: float
 
-    def measure(self, program: Tape, views: StepViews) -> None:
+    def measure(self, tape: Tape, views: StepViews) -> None:
         backward = np.abs(wrap_pi(views.heading_rad - self.azimuth_rad)) > np.pi / 2
         chi = self.azimuth_rad + np.where(backward, np.pi, 0.0)
         straight = np.abs(views.heading_change_rad) <= CENTRE_LINE_TURN_RAD_S * views.dt_s
         near = np.abs(wrap_pi(views.heading_rad - chi)) <= CENTRE_LINE_NEAR_RAD
         at = np.flatnonzero((views.kind == ROLLING) & straight & near)
-        along = np.column_stack([np.cos(chi[at]), np.sin(chi[at])])
-        cross = np.column_stack([-along[:, 1], along[:, 0]])
-        way_n = views.displacement_n_m[at, :2]
-        D = np.einsum("ki,ki->k", along, way_n)
-        # the step's displacement error is in body axes
-        body = np.einsum("ki,kij->kj", cross, views.C_mean[at, :2, :2])
-        row: Row = {
-            **heading_error_row(views, at, D),
-            em.S.start: body[:, 0],
-            em.S.start + 1: body[:, 1],
-            em.CENTRE_LINE: -D,
-        }
-        wander = CENTRE_LINE_WANDER_M**2 * views.dt_s[at]
-        z = np.einsum("ki,ki->k", cross, way_n)
-        program.measure("centre line", at, [z], [row], [wander], gate=GATE_SIGMA)
+        measured = survey.cross_track(
+            views.displacement_n_m[at],
+            views.C_mean[at],
+            chi[at],
+            views.place_of(at),
+            CENTRE_LINE_WANDER_M**2 * views.dt_s[at],
+        )
+        tape.measure("centre line", at, *measured, gate=GATE_SIGMA)
 
 
 def _way_variance(views: StepViews) -> float:

@@ -33,6 +33,7 @@ from infield.session.estimate import SessionEarth
 from infield.session.settings import SessionSettings
 from ins.attitude import dcm_from_euler, level_angles
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.estimation.measurements.gravity import rest_readings
 from ins.records import Run, Site, TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G, PPM
 
@@ -98,15 +99,15 @@ def stretch_earth(
             -north * site.sigma_lat_rad * down,
         )
     C_nb = dcm_from_euler(*level_angles(f_b), heading[0])
-    east = C_nb[1]
-    covariance = covariance + (north * heading[1]) ** 2 * np.outer(east, east)
+    earth = rest_readings(C_nb, lat_rad=site.lat_rad, height_m=site.height_m)
+    by_heading = heading[1] * earth.rate_of_phi[:, 2] / DEG_PER_HOUR
     return StretchEarth(
-        north * C_nb[0] - up * C_nb[2],
-        covariance,
+        earth.rate / DEG_PER_HOUR,
+        covariance + np.outer(by_heading, by_heading),
         0.0,
         down,
         float(tilt),
-        -site.sigma_lat_rad * (up * C_nb[0] + north * C_nb[2]),
+        site.sigma_lat_rad * earth.rate_of_latitude / DEG_PER_HOUR,
     )
 
 

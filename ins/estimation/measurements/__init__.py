@@ -1,1 +1,1 @@
-"""What may be measured of a solution's errors: residual and rows, from arrays."""
+"""What may be measured of a solution's errors: residual, rows and noise, from arrays."""

@@ -22,6 +22,7 @@ from ins.attitude import skew
 from ins.earth import SEMI_MAJOR_AXIS_M, displacement_ned
 from ins.estimation import states
 from ins.estimation.measurements.antenna import Antenna, AntennaMotion
+from ins.estimation.measurements.attitude import error_rows
 
 Rows = list[dict[int, ArrayLike]]  # of each component: state, coefficient
 
@@ -140,17 +141,12 @@ def _components(z: NDArray, rows: Rows, level: bool) -> tuple[NDArray, Rows]:
 
 
 def _add_attitude(rows: Rows, of_phi: NDArray, place: NDArray) -> None:
-    """Add what attitude errors phi (m, 3, 3) do to the rows, in place.
-
-    phi_N = theta_N - p_E / R, phi_E = theta_E + p_N / R, phi_D = theta_D + p_E tan L / R.
-    """
-    radius, tan_L = SEMI_MAJOR_AXIS_M + place[:, 2], np.tan(place[:, 0])
-    p_north, p_east = _range(states.POS)
+    """Add what attitude errors phi do to the rows, in place; of_phi (m, rows, 3)."""
+    phi = error_rows(place[:, 0], SEMI_MAJOR_AXIS_M + place[:, 2])
     for i, row in enumerate(rows):
-        north, east, down = of_phi[:, i].T
-        row.update(zip(_range(states.THETA), (north, east, down)))
-        row[p_north] = row.get(p_north, 0.0) + east / radius
-        row[p_east] = row.get(p_east, 0.0) + (down * tan_L - north) / radius
+        for component, of_phi_i in zip(phi, of_phi[:, i].T):
+            for state, coefficient in component.items():
+                row[state] = row.get(state, 0.0) + of_phi_i * coefficient
 
 
 def _add(rows: Rows, places: Sequence[int], of: NDArray) -> None:
