@@ -13,6 +13,7 @@ Decision: docs/decisions/0039-antenna-considered.md.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,8 @@ from numpy.typing import NDArray
 
 from infield.aided.noise import (
     CHANGE_GAIN_NATS,
-    COARSE_FACTOR,
-    FINE_FACTOR,
+    COARSE,
+    FINE,
     SLOW_PARTS,
     STEADY_PARTS,
     Flown,
@@ -37,6 +38,7 @@ from infield.aided.noise import (
     with_unshown,
 )
 from ins.errors.catalogue import prior
+from ins.estimation import choice
 from ins.filters.aided_records import AidedHistory, Antenna
 from ins.robust import chi2
 
@@ -74,8 +76,11 @@ class Freed(NamedTuple):
     delay: bool
 
 
+def _freed(parts: tuple[str, ...]) -> Freed:
+    return Freed(arm="arm" in parts, delay="delay" in parts)
+
+
 NOTHING_FREED, BOTH = Freed(arm=False, delay=False), Freed(arm=True, delay=True)
-CHOICES = (NOTHING_FREED, Freed(arm=False, delay=True), Freed(arm=True, delay=False), BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,10 +181,10 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
     for start in starts:
         if start is None:
             continue
-        other = raised_noise(start, fly, steps=(COARSE_FACTOR,))
+        other = raised_noise(start, fly, strides=(COARSE,))
         if other.over(better) > 0.0:
             better = other
-    steady = raised_noise(better, fly, steps=(FINE_FACTOR,))
+    steady = raised_noise(better, fly, strides=(FINE,))
     return _stirred(fly, first, steady)
 
 
@@ -222,18 +227,21 @@ def choose(
 
     refit: satellite sigmas to each flight's own NIS.
     """
-    flights = {freed: _settled(fly, base, freed, refit=refit) for freed in CHOICES}
-    none, every = flights[NOTHING_FREED], flights[BOTH]
+    flight_with = cache(partial(_settled, fly, base, refit=refit))
+    none, every = flight_with(NOTHING_FREED), flight_with(BOTH)
     if none is None:
         return None
     seen = None if every is None else _floored(every, sigma_position_m, BOTH)
-    best, taken, lead = none, NOTHING_FREED, 0.0
-    for freed, flight in flights.items():
+
+    def gain(parts: tuple[str, ...]) -> float:
+        freed = _freed(parts)
+        flight = flight_with(freed)
         if flight is None or not material(flight, base.antenna, freed, sigma_position_m):
-            continue
-        gain = flight.over(none) - FREED_GAIN_NATS * sum(freed)
-        if gain > lead:
-            best, taken, lead = flight, freed, gain
+            return -np.inf
+        return flight.over(none)
+
+    taken = _freed(choice.choose(Freed._fields, gain, cost_nats=FREED_GAIN_NATS))
+    best = flight_with(taken) or none
     antenna = base.antenna if taken == NOTHING_FREED else _floored(best, sigma_position_m, taken)
     return best, SeenAntenna(antenna=antenna, freed=taken, seen=seen, gain_nats=best.over(none))
 

@@ -15,9 +15,9 @@ Decision: docs/decisions/0093-one-choice.md.
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -50,16 +50,10 @@ class Level:
         return min(self.grid[max(bisect_left(self.grid, size) + steps, 0)], size)
 
 
-def powers_of_two(
-    least: float, largest: float, *, fineness: int = 1, through: float | None = None
-) -> tuple[float, ...]:
-    """Rising sizes within two bounds, so many for each doubling; through: one of them (as a rule
-    the least).
-    """
-    through = least if through is None else through
-    bounds = fineness * np.log2([least / through, largest / through])
-    first, last = np.ceil(bounds[0] - 1e-9), np.floor(bounds[1] + 1e-9)
-    return tuple(through * float(2.0 ** (k / fineness)) for k in np.arange(first, last + 1))
+def powers_of_two(least: float, largest: float, *, fineness: int = 1) -> tuple[float, ...]:
+    """Rising sizes from the least to the largest, so many for each doubling."""
+    count = int(fineness * np.log2(largest / least) + 1e-9)
+    return tuple(least * 2.0 ** (k / fineness) for k in range(count + 1))
 
 
 def gain_by(log_likelihood: Callable[[Fitted], float]) -> Callable[[Fitted, Fitted], float]:
@@ -156,10 +150,5 @@ def choose(
     """Those of a few candidates that the data want together: of all subsets the one whose log
     evidence over none, less a cost for each member, is largest, in the order of the candidates.
     """
-    return max(_subsets(candidates), key=lambda taken: gain(taken) - cost_nats * len(taken))
-
-
-def _subsets(candidates: Sequence[Name]) -> Iterable[tuple[Name, ...]]:
-    """All of them, small ones first."""
-    for size in range(len(candidates) + 1):
-        yield from combinations(candidates, size)
+    subsets = chain.from_iterable(combinations(candidates, n) for n in range(len(candidates) + 1))
+    return max(subsets, key=lambda taken: gain(taken) - cost_nats * len(taken))

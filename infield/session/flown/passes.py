@@ -47,8 +47,10 @@ VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that wa
 # is rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
 # long. That change, size^2 / length, is what a flight shows best: it stays where the length is
 # moved. How smooth the field is hardly shows: the filter believes in LONGEST_KM at most.
-DEFLECTIONS_ARCSEC = (2.0, 45.0)  # two sizes for each doubling, one length
-LENGTHS_KM = (10.0, 240.0)
+DEFLECTIONS = {
+    "deflection_arcsec": powers_of_two(2.5, 40.0, fineness=2),
+    "deflection_km": powers_of_two(15.0, 240.0),
+}
 LONGEST_KM = 60.0
 
 
@@ -137,7 +139,14 @@ def _with_vertical(
     Constants are as good as free in the search (restricted likelihood; Harville 1977, JASA 72): a
     gyro that is off must not be taken for hills.
     """
-    levels = _deflection_levels(session.priors)
+    usual = session.priors.assumed
+    levels = [
+        Level(name, grid, getattr(usual, name))
+        for name, grid in DEFLECTIONS.items()
+        if getattr(session.priors, name) == FIT
+    ]
+    if len(levels) == len(DEFLECTIONS):
+        levels[-1] = replace(levels[-1], along=tuple(levels[:-1]))
     if not levels or Further.DEFLECTION not in session.layout.at:
         return flt, session
     free = replace(session, layout=session.layout.freed())
@@ -145,7 +154,6 @@ def _with_vertical(
     def run(sizes: Sizes, _: ErrorFilter | None = None) -> ErrorFilter:
         return _swept(free.under(replace(usual, **sizes)), last, fixes)
 
-    usual = session.priors.assumed
     assumed = run({})
     best, sizes = climb(assumed, levels, run, gain_by(loglik_of))
     if loglik_of(best) - loglik_of(assumed) < SURE_NATS:
@@ -153,21 +161,6 @@ def _with_vertical(
     found = replace(usual, **sizes)
     session = session.under(replace(found, deflection_km=min(found.deflection_km, LONGEST_KM)))
     return _swept(session, last, fixes), session
-
-
-def _deflection_levels(priors: FlightPriors) -> list[Level]:
-    """What of the deflection the flight is to find; its size goes with its length."""
-    usual = priors.assumed
-    levels: list[Level] = []
-    if priors.deflection_arcsec == FIT:
-        start = float(usual.deflection_arcsec)
-        grid = powers_of_two(*DEFLECTIONS_ARCSEC, fineness=2, through=start)
-        levels.append(Level("deflection_arcsec", grid, start))
-    if priors.deflection_km == FIT:
-        start = float(usual.deflection_km)
-        grid = powers_of_two(*LENGTHS_KM, through=start)
-        levels.append(Level("deflection_km", grid, start, along=tuple(levels)))
-    return levels
 
 
 def _swept(session: FlownSession, last: FilterPass, fixes: FlightFixes) -> ErrorFilter:

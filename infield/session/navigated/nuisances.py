@@ -43,9 +43,6 @@ from ins.units import MILLIRADIAN
 _TURNING, _GUSTS = prior("turning_crab", "taxi"), prior("gust_crab", "taxi")
 CRAB_TURN_RAD, GUST_TIME_S = _TURNING.scale, _GUSTS.scale
 _GNSS_DELAY_S = prior("gnss_lever_arm_or_latency", "taxi", "latency").size
-LARGEST_CRAB_RAD = 40 * MILLIRADIAN  # 2 deg; above, tyres skid
-# a smaller level is not tried: a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md)
-LEAST_CRAB_RAD = 0.25 * MILLIRADIAN
 # beyond which a model is linearised anew: 3 cm at 10 m/s and 2 cm, small beside 0.5 m of a fix
 DELAY_SETTLED_S, ARM_SETTLED_M = 0.003, 0.02
 LINEARISED_MOST = 3
@@ -84,10 +81,25 @@ CONSTANTS: Mapping[Nuisance, Mapping[str, float]] = {
     Nuisance.ANTENNA: {"GNSS_ARM": prior("gnss_lever_arm_or_latency", "taxi", "arm").size},
     Nuisance.GNSS_DELAY: {"GNSS_DELAY": _GNSS_DELAY_S, "GNSS_VELOCITY_DELAY": _GNSS_DELAY_S},
 }
-# The state of a crab that changes on its own, and where `Assumed` holds its RMS.
-WANDERING: Mapping[Nuisance, tuple[str, str]] = {
-    Nuisance.TURNING_CRAB: ("CRAB_TURN", "turning_crab_rad"),
-    Nuisance.GUSTS: ("CRAB_GUST", "gust_crab_rad"),
+# The state of a crab that changes on its own, and its RMS, as `Assumed` holds it: to 2 deg, above
+# which tyres skid; a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md).
+WANDERING: Mapping[Nuisance, tuple[str, Level]] = {
+    Nuisance.TURNING_CRAB: (
+        "CRAB_TURN",
+        Level(
+            "turning_crab_rad",
+            powers_of_two(0.3125 * MILLIRADIAN, 40.0 * MILLIRADIAN),
+            AS_DECLARED.turning_crab_rad,
+        ),
+    ),
+    Nuisance.GUSTS: (
+        "CRAB_GUST",
+        Level(
+            "gust_crab_rad",
+            powers_of_two(0.25 * MILLIRADIAN, 32.0 * MILLIRADIAN),
+            AS_DECLARED.gust_crab_rad,
+        ),
+    ),
 }
 
 
@@ -120,7 +132,7 @@ def priors_under(declared: Mapping[str, float], assumed: Assumed) -> Mapping[str
     for nuisance in sorted(assumed.free):
         if nuisance in WANDERING:
             state, level = WANDERING[nuisance]
-            sigma0[state] = getattr(assumed, level)
+            sigma0[state] = getattr(assumed, level.name)
         else:
             sigma0.update(CONSTANTS[nuisance])
     return sigma0
@@ -187,12 +199,9 @@ def _levelled(
     bench: Bench, nuisance: Nuisance, flt: ErrorFilter, assumed: Assumed
 ) -> tuple[ErrorFilter, Assumed]:
     """The likeliest RMS of a crab that changes on its own."""
-    name = WANDERING[nuisance][1]
-    start = getattr(assumed, name)
-    grid = powers_of_two(LEAST_CRAB_RAD, LARGEST_CRAB_RAD, through=start)
     flt, sizes = climb(
         flt,
-        [Level(name, grid, start)],
+        [WANDERING[nuisance][1]],
         lambda sizes, _: bench.run(replace(assumed, **sizes)),
         gain_by(loglik_of),
     )
@@ -271,7 +280,7 @@ def _close(one: Assumed, other: Assumed) -> bool:
 
 def _found(flt: ErrorFilter, assumed: Assumed, nuisance: Nuisance, gain_nats: float) -> Found:
     if nuisance in WANDERING:
-        level = np.array([getattr(assumed, WANDERING[nuisance][1])])
+        level = np.array([getattr(assumed, WANDERING[nuisance][1].name)])
         return Found(nuisance, level, None, level, gain_nats)
     index, prior = _states_of(nuisance)
     return Found(nuisance, flt.x[index], np.sqrt(np.diag(flt.P)[index]), prior, gain_nats)
