@@ -40,6 +40,7 @@ SHOWS_LESS = 0.91
 UNSHOWN_S = 800.0
 CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring; odds of e^5, 150 to 1
 COARSE, FINE = 2, 1  # doublings of a factor in a step of the search; chosen: 5 steps to 1024
+TYPE_STRIDES = (2, 4, 6)  # from no slow error to one of 1, 4 or 16 times the declared sigma
 # factors that are tried; a slow error, and biases that move with the shaking, may be none
 SLOW_FACTORS = (0.0, *powers_of_two(0.5, 64.0))
 GRIDS: Mapping[str, tuple[float, ...]] = {
@@ -298,14 +299,7 @@ def with_types(at: Flown, fly: Fly) -> Flown:
     """
     if not fly.two_types:
         return at
-    best = at
-    for size in (1.0, 4.0, 16.0):
-        scales = replace(at.model.scales, slow=size).of_both_types
-        for tried in (scales, replace(scales, slow=scales.slow_other, slow_other=size)):
-            other = flown(replace(at.model, scales=tried), fly)
-            if other is not None and other.over(best) > CHANGE_GAIN_NATS:
-                best = other
-    return best
+    return raised_noise(at, fly, ("slow", OF_OTHER_TYPE), strides=TYPE_STRIDES)
 
 
 def narrower(at: Flown, fly: Fly) -> Flown:

@@ -197,22 +197,23 @@ def _averaged(
     counts = [1 if penalty is None else PENALTY_STEPS.size for penalty in penalties]
     smooth = [Level(str(k), range(n), n // 2) for k, n in enumerate(counts)]
 
+    def steps_of(sizes: Sizes, _: tuple[int, ...] = ()) -> tuple[int, ...]:
+        return tuple(sizes.get(str(k), 0) for k in range(count + len(sizes_tried)))
+
     @cache
-    def top(rough: tuple[int, ...]) -> tuple[int, ...]:
-        """The best steps where only these curves are rough."""
-        sizes = [Level(str(count + k), range(1, sizes_tried[k]), ROUGH_START) for k in rough]
+    def best_with(rough: tuple[int, ...]) -> tuple[int, ...]:
+        levels = smooth + [
+            Level(str(count + k), range(1, sizes_tried[k]), ROUGH_START) for k in rough
+        ]
+        start = steps_of({level.name: level.start for level in levels})
+        return climb(start, levels, steps_of, gain_by(evidence_at))[0]
 
-        def steps_of(sizes: Sizes, _: tuple[int, ...] = ()) -> tuple[int, ...]:
-            return tuple(sizes.get(str(k), 0) for k in range(count + len(sizes_tried)))
+    def evidence_at(at: tuple[int, ...]) -> float:
+        return solve(at).log_evidence
 
-        start = {level.name: level.start for level in (*smooth, *sizes)}
-        evidence = gain_by(lambda at: solve(at).log_evidence)
-        return climb(steps_of(start), [*smooth, *sizes], steps_of, evidence)[0]
-
-    rough = choose(
-        range(len(sizes_tried)), lambda rough: solve(top(rough)).log_evidence, cost_nats=ROUGH_NATS
-    )
-    at = top(rough)
+    curves = range(len(sizes_tried))
+    rough = choose(curves, lambda rough: evidence_at(best_with(rough)), cost_nats=ROUGH_NATS)
+    at = best_with(rough)
     weight, found = _weighed(solve, at, counts)
     theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))
     P = sum(

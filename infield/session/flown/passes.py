@@ -32,7 +32,6 @@ from infield.session.flown.flight import Flight, flown_motion, joined_cruise
 from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.fixes import FixAid, Sigmas
-from infield.session.navigated.nuisances import loglik_of
 from infield.session.settings import FIT, FlightPriors
 from ins.estimation.choice import SURE_NATS, Level, Sizes, climb, gain_by, powers_of_two
 from ins.estimation.error_filter import ErrorFilter
@@ -155,8 +154,8 @@ def _with_vertical(
         return _swept(free.under(replace(usual, **sizes)), last, fixes)
 
     assumed = run({})
-    best, sizes = climb(assumed, levels, run, gain_by(loglik_of))
-    if loglik_of(best) - loglik_of(assumed) < SURE_NATS:
+    best, sizes = climb(assumed, levels, run, gain_by(lambda flt: flt.tally.loglik))
+    if best.tally.loglik - assumed.tally.loglik < SURE_NATS:
         return flt, session
     found = replace(usual, **sizes)
     session = session.under(replace(found, deflection_km=min(found.deflection_km, LONGEST_KM)))

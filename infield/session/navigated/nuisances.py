@@ -3,7 +3,7 @@
 As declared, crab is one constant, arms and stamps are right but for the wheel arm along x and the
 wheel scale. Where the data say otherwise, the nuisance that explains them becomes states of the
 filter, each with a prior of its own. A nuisance is taken where the likelihood of all measurements,
-the states' priors included, grows by SURE_NATS: that is its Bayes factor.
+the states' priors included, grows by `SURE_NATS`: that is its Bayes factor.
 
 Constants are compared by one sweep of the filter in which all of them are free, and chosen together
 (`ins.estimation.choice`). Crabs that change on their own are tried one by one. A sweep goes over
@@ -27,16 +27,7 @@ from alignment.navigation_filter import Aid, FilterPass
 from infield.session.estimate import Found, RollingEvidence
 from infield.session.reasons import Nuisance
 from ins.errors.catalogue import prior
-from ins.estimation import states
-from ins.estimation.choice import (
-    SURE_NATS,
-    FreeConstants,
-    Level,
-    choose,
-    climb,
-    gain_by,
-    powers_of_two,
-)
+from ins.estimation import choice, states
 from ins.estimation.error_filter import ErrorFilter
 from ins.units import MILLIRADIAN
 
@@ -46,6 +37,8 @@ _GNSS_DELAY_S = prior("gnss_lever_arm_or_latency", "taxi", "latency").size
 # beyond which a model is linearised anew: 3 cm at 10 m/s and 2 cm, small beside 0.5 m of a fix
 DELAY_SETTLED_S, ARM_SETTLED_M = 0.003, 0.02
 LINEARISED_MOST = 3
+# to 2 deg, above which tyres skid; a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md)
+CRABS_RAD = choice.powers_of_two(0.25 * MILLIRADIAN, 40.0 * MILLIRADIAN)
 ROUNDS = 8  # of constants and wandering crabs, of which there are two
 
 
@@ -81,25 +74,10 @@ CONSTANTS: Mapping[Nuisance, Mapping[str, float]] = {
     Nuisance.ANTENNA: {"GNSS_ARM": prior("gnss_lever_arm_or_latency", "taxi", "arm").size},
     Nuisance.GNSS_DELAY: {"GNSS_DELAY": _GNSS_DELAY_S, "GNSS_VELOCITY_DELAY": _GNSS_DELAY_S},
 }
-# The state of a crab that changes on its own, and its RMS, as `Assumed` holds it: to 2 deg, above
-# which tyres skid; a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md).
-WANDERING: Mapping[Nuisance, tuple[str, Level]] = {
-    Nuisance.TURNING_CRAB: (
-        "CRAB_TURN",
-        Level(
-            "turning_crab_rad",
-            powers_of_two(0.3125 * MILLIRADIAN, 40.0 * MILLIRADIAN),
-            AS_DECLARED.turning_crab_rad,
-        ),
-    ),
-    Nuisance.GUSTS: (
-        "CRAB_GUST",
-        Level(
-            "gust_crab_rad",
-            powers_of_two(0.25 * MILLIRADIAN, 32.0 * MILLIRADIAN),
-            AS_DECLARED.gust_crab_rad,
-        ),
-    ),
+# The state of a crab that changes on its own, and where `Assumed` holds its RMS.
+WANDERING: Mapping[Nuisance, tuple[str, str]] = {
+    Nuisance.TURNING_CRAB: ("CRAB_TURN", "turning_crab_rad"),
+    Nuisance.GUSTS: ("CRAB_GUST", "gust_crab_rad"),
 }
 
 
@@ -132,7 +110,7 @@ def priors_under(declared: Mapping[str, float], assumed: Assumed) -> Mapping[str
     for nuisance in sorted(assumed.free):
         if nuisance in WANDERING:
             state, level = WANDERING[nuisance]
-            sigma0[state] = getattr(assumed, level.name)
+            sigma0[state] = getattr(assumed, level)
         else:
             sigma0.update(CONSTANTS[nuisance])
     return sigma0
@@ -187,7 +165,7 @@ def _chosen(
         }
         gain = {n: flt.tally.loglik - best.tally.loglik for n, flt in tried.items()}
         leader = max(gain, key=lambda n: gain[n], default=None)
-        if leader is None or gain[leader] < SURE_NATS:
+        if leader is None or gain[leader] < choice.SURE_NATS:
             break
         before = best.tally.loglik
         best, assumed = _levelled(bench, leader, tried[leader], _with(assumed, free | {leader}))
@@ -199,25 +177,21 @@ def _levelled(
     bench: Bench, nuisance: Nuisance, flt: ErrorFilter, assumed: Assumed
 ) -> tuple[ErrorFilter, Assumed]:
     """The likeliest RMS of a crab that changes on its own."""
-    flt, sizes = climb(
+    name = WANDERING[nuisance][1]
+    flt, sizes = choice.climb(
         flt,
-        [WANDERING[nuisance][1]],
+        [choice.Level(name, CRABS_RAD, getattr(assumed, name))],
         lambda sizes, _: bench.run(replace(assumed, **sizes)),
-        gain_by(loglik_of),
+        choice.gain_by(lambda flt: flt.tally.loglik),
     )
     return flt, replace(assumed, **sizes)
-
-
-def loglik_of(flt: ErrorFilter) -> float:
-    """Log likelihood of what a filter was shown."""
-    return flt.tally.loglik
 
 
 def _constants(bench: Bench, assumed: Assumed) -> dict[Nuisance, float]:
     """Constant nuisances with what each adds to the others, largest first."""
     wide = bench.run(_with(assumed, assumed.free | frozenset(CONSTANTS)))
-    found = FreeConstants(wide.x, wide.P, {n: _states_of(n) for n in CONSTANTS})
-    taken = choose(list(CONSTANTS), found.gain)
+    found = choice.FreeConstants(wide.x, wide.P, {n: _states_of(n) for n in CONSTANTS})
+    taken = choice.choose(list(CONSTANTS), found.gain)
     gains = {n: found.gain(taken) - found.gain([m for m in taken if m != n]) for n in taken}
     return dict(sorted(gains.items(), key=lambda item: -item[1]))
 
@@ -280,7 +254,7 @@ def _close(one: Assumed, other: Assumed) -> bool:
 
 def _found(flt: ErrorFilter, assumed: Assumed, nuisance: Nuisance, gain_nats: float) -> Found:
     if nuisance in WANDERING:
-        level = np.array([getattr(assumed, WANDERING[nuisance][1].name)])
+        level = np.array([getattr(assumed, WANDERING[nuisance][1])])
         return Found(nuisance, level, None, level, gain_nats)
     index, prior = _states_of(nuisance)
     return Found(nuisance, flt.x[index], np.sqrt(np.diag(flt.P)[index]), prior, gain_nats)
