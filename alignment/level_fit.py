@@ -4,8 +4,8 @@ The local level (`alignment.motion.level`) says how far place and heading stray 
 minute. What is slower (a place that people leave for another, a gust that leans on the vehicle) is
 a walk of place and heading. Its size, the scale of the local level and that of the unit's own noise
 are found by the likelihood of the filter's innovations: a parameter leaves its quiet value, and
-only upwards, where that is e^SURE times as likely. Single steps that still stand out are given the
-variance that they show (Student's t), once.
+only upwards, where that is e^SURE_NATS times as likely. Single steps that still stand out are given
+the variance that they show (Student's t), once.
 
 Source: innovations likelihood, Schweppe (1965); t-distributed weights, Lange, Little, Taylor
 (1989), section 3. Pinned by: tests/alignment/test_parked_level.py
@@ -22,13 +22,12 @@ from alignment.motion.level import ParkedLevel
 from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
 from alignment.swing import Swing
 from ins.estimation import error_model as em
+from ins.estimation.choice import SURE_NATS, Level, climb, gain_by, powers_of_two
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
 from ins.kalman import nis_band
 
-SURE = 3.0  # nats of log-likelihood for each parameter: odds of 20 to 1
 FINENESS = 2  # sizes of a parameter for each doubling
 STRIDES = (2, 1)  # in sizes: of a parameter in the search, wide ones first
-ROUNDS = 8
 # of a vehicle that stands, per square root of a second: 0.3 m in 20 min. What walks farther swings,
 # or rolls.
 LARGEST_WALK_M = 0.01
@@ -53,6 +52,16 @@ LARGEST_YAW_WALK_RAD = 1e-3
 SMALLEST_WALK = 0.25  # of the local level in ten seconds: a variance of 6 % beside it
 FIRST_WALKS = {"place": (SMALLEST_WALK,), "yaw": (SMALLEST_WALK, 4.0, 64.0)}
 FIRST_FACTORS = {"place": (2.0**0.5,), "yaw": (2.0**0.5, 8.0, 64.0)}
+# beyond the largest the likelihood changes no more (LARGEST_PLACE_M, LARGEST_YAW_WALK_RAD)
+FACTORS = powers_of_two(1.0, 2.0**20, fineness=FINENESS)
+WALKS = powers_of_two(SMALLEST_WALK, 2.0**20, fineness=FINENESS)
+GRIDS = {
+    "place": FACTORS,
+    "place_walk": WALKS,
+    "yaw": FACTORS,
+    "yaw_walk": WALKS,
+    "swing_m": powers_of_two(2.0**-10, LARGEST_PLACE_M, fineness=FINENESS),
+}
 SHOWN_BY = {"place": ("still", "stop"), "yaw": ("heading held",)}  # measurements of each level
 # mean squared innovation over its variance: 10 sigmas on end. A filter that believes in a quiet
 # level is led astray by what it is shown
@@ -82,9 +91,9 @@ class Scale(NamedTuple):
     swing_m: float = 0.0
     free: bool = False
 
-    def sized(self, name: str, size: float) -> "Scale":
-        """The scale with another size of one parameter."""
-        return Scale._make(size if own == name else as_is for own, as_is in self._asdict().items())
+    def sized(self, **sizes: float) -> "Scale":
+        """The scale with other sizes of some parameters."""
+        return Scale(**{**self._asdict(), **sizes})
 
 
 QUIET = Scale()
@@ -256,10 +265,10 @@ class _Search:
         for unit in units[1:]:
             louder, alone = scale._replace(unit=unit), QUIET._replace(unit=unit)
             beside = self._value(louder) - self._value(scale)
-            if max(beside, self._value(alone) - best) <= SURE:
+            if max(beside, self._value(alone) - best) <= SURE_NATS:
                 break
             found, value = self._with_unit(alone, -np.inf)
-            if value <= best + SURE:
+            if value <= best + SURE_NATS:
                 break
             scale, best = found, value
         return scale
@@ -270,12 +279,12 @@ class _Search:
         gains = {own: self._most_to_gain(own, scale) for own in self._shown()}
         # what is most off first: it spoils the states that the other is judged by
         for own in sorted(gains, key=lambda own: -gains[own]):
-            if self._most_to_gain(own, scale) < 0.5 * SURE:
+            if self._most_to_gain(own, scale) < 0.5 * SURE_NATS:
                 continue
             walk = f"{own}_walk"
-            walks = [scale.sized(walk, size) for size in FIRST_WALKS[own]]
-            wider = [scale.sized(own, size) for size in FIRST_FACTORS[own]]
-            if max(map(self._value, (*walks, *wider))) - SURE <= best:
+            walks = [scale.sized(**{walk: size}) for size in FIRST_WALKS[own]]
+            wider = [scale.sized(**{own: size}) for size in FIRST_FACTORS[own]]
+            if max(map(self._value, (*walks, *wider))) - SURE_NATS <= best:
                 continue
             free = own == "place"
             found = max(  # one explains what the other does, as far as it can: from either side
@@ -343,31 +352,16 @@ class _Search:
         return gain
 
     def _climb(self, scale: Scale, names: tuple[str, ...]) -> Scale:
-        """Up the likelihood by one parameter after another, until none of the strides helps."""
-        for stride in STRIDES:
-            for _ in range(ROUNDS):
-                before = scale
-                for name in names:
-                    scale = self._along(scale, name, stride)
-                if scale == before:
-                    break
-        return scale
-
-    def _along(self, scale: Scale, name: str, stride: int) -> Scale:
-        """Up the likelihood by one parameter, as long as a stride helps."""
-        for direction in (stride, -stride):
-            began = scale
-            while True:
-                size = _size(getattr(scale, name) or SMALLEST_WALK, direction)
-                tried = scale.sized(name, size)
-                allowed = min(tried.place, tried.yaw) >= 1.0 and tried.swing_m <= LARGEST_PLACE_M
-                allowed = allowed and (size >= SMALLEST_WALK or name == "swing_m")
-                if not allowed or self._value(tried) <= self._value(scale) + HIGHER:
-                    break
-                scale = tried
-            if scale != began:
-                break
-        return scale
+        """Up the likelihood by these parameters."""
+        best, _ = climb(
+            scale,
+            [Level(name, GRIDS[name], getattr(scale, name)) for name in names],
+            lambda sizes, _: scale.sized(**sizes),
+            gain_by(self._value),
+            least_nats=HIGHER,
+            strides=STRIDES,
+        )
+        return best
 
     def _value(self, scale: Scale) -> float:
         """Log-likelihood of what was measured of the standing vehicle."""
@@ -392,15 +386,8 @@ def _moved(scale: Scale) -> tuple[str, ...]:
 
 
 def _penalty(scale: Scale) -> float:
-    """What a level must gain beyond a quiet one [nats]: SURE for each number."""
-    return SURE * (len(_moved(scale)) + (0 if scale.swing is None else OF_SWING))
-
-
-def _size(size: float, steps: int) -> float:
-    """A size so many steps of the search from another, of a grid that all searches share: what was
-    run once need not run again.
-    """
-    return float(2.0 ** ((round(FINENESS * np.log2(size)) + steps) / FINENESS))
+    """What a level must gain beyond a quiet one [nats]: SURE_NATS for each number."""
+    return SURE_NATS * (len(_moved(scale)) + (0 if scale.swing is None else OF_SWING))
 
 
 def _middle(value: NDArray | float, still: NDArray) -> float:

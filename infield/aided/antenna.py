@@ -13,6 +13,7 @@ Decision: docs/decisions/0039-antenna-considered.md.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,8 @@ from numpy.typing import NDArray
 
 from infield.aided.noise import (
     CHANGE_GAIN_NATS,
-    COARSE_FACTOR,
-    FINE_FACTOR,
+    COARSE,
+    FINE,
     SLOW_PARTS,
     STEADY_PARTS,
     Flown,
@@ -37,6 +38,7 @@ from infield.aided.noise import (
     with_unshown,
 )
 from ins.errors.catalogue import prior
+from ins.estimation import choice
 from ins.filters.aided_records import AidedHistory, Antenna
 from ins.robust import chi2
 
@@ -64,7 +66,7 @@ WIDE = NoiseScales(
 SHAKEN = NoiseScales(white=8.0, walk=32.0, accel_white=8.0, accel_walk=32.0)
 # whose accelerometers clip and rectify where the vehicle shakes
 STIRRED_UNITS = ("mems",)
-STIRRED_SIZES = (1.0, 0.25, 0.0625)
+STIRRED_STRIDES = (5, 3, 1)  # from none to 1, 0.25 and 0.0625
 SHAKING_CHANGES = 2.0  # chosen: least to most in a log; of white noise, known to 7 %, it is 1.3
 ARM, DELAYS = slice(0, 3), slice(3, 5)
 
@@ -74,8 +76,11 @@ class Freed(NamedTuple):
     delay: bool
 
 
+def _freed(parts: tuple[str, ...]) -> Freed:
+    return Freed(arm="arm" in parts, delay="delay" in parts)
+
+
 NOTHING_FREED, BOTH = Freed(arm=False, delay=False), Freed(arm=True, delay=True)
-CHOICES = (NOTHING_FREED, Freed(arm=False, delay=True), Freed(arm=True, delay=False), BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,10 +181,10 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
     for start in starts:
         if start is None:
             continue
-        other = raised_noise(start, fly, steps=(COARSE_FACTOR,))
+        other = raised_noise(start, fly, strides=(COARSE,))
         if other.over(better) > 0.0:
             better = other
-    steady = raised_noise(better, fly, steps=(FINE_FACTOR,))
+    steady = raised_noise(better, fly, strides=(FINE,))
     return _stirred(fly, first, steady)
 
 
@@ -197,9 +202,7 @@ def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
     base = flown(steady.model, fly) or steady
     best, lead = steady, CHANGE_GAIN_NATS
     if steady.model.scales.accelerometers_as_declared:
-        sizes = (replace(steady.model.scales, stirred=size) for size in STIRRED_SIZES)
-        tried = (flown(replace(steady.model, scales=scales), fly) for scales in sizes)
-        if not any(at is not None and at.over(base) > lead for at in tried):
+        if raised_noise(base, fly, ("stirred",), strides=STIRRED_STRIDES) is base:
             return steady
     for scales in (NoiseScales(), steady.model.scales):
         at = flown(replace(first, scales=replace(scales, stirred=1.0)), fly)
@@ -222,18 +225,21 @@ def choose(
 
     refit: satellite sigmas to each flight's own NIS.
     """
-    flights = {freed: _settled(fly, base, freed, refit=refit) for freed in CHOICES}
-    none, every = flights[NOTHING_FREED], flights[BOTH]
+    flight_with = cache(partial(_settled, fly, base, refit=refit))
+    none, every = flight_with(NOTHING_FREED), flight_with(BOTH)
     if none is None:
         return None
     seen = None if every is None else _floored(every, sigma_position_m, BOTH)
-    best, taken, lead = none, NOTHING_FREED, 0.0
-    for freed, flight in flights.items():
+
+    def gain(parts: tuple[str, ...]) -> float:
+        freed = _freed(parts)
+        flight = flight_with(freed)
         if flight is None or not material(flight, base.antenna, freed, sigma_position_m):
-            continue
-        gain = flight.over(none) - FREED_GAIN_NATS * sum(freed)
-        if gain > lead:
-            best, taken, lead = flight, freed, gain
+            return -np.inf
+        return flight.over(none)
+
+    taken = _freed(choice.choose(Freed._fields, gain, cost_nats=FREED_GAIN_NATS))
+    best = flight_with(taken) or none
     antenna = base.antenna if taken == NOTHING_FREED else _floored(best, sigma_position_m, taken)
     return best, SeenAntenna(antenna=antenna, freed=taken, seen=seen, gain_nats=best.over(none))
 

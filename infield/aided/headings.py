@@ -18,7 +18,7 @@ is then too small by 5 % (1 / sqrt(1 + 1/9)).
 Decision: docs/decisions/0060-unknown-heading.md.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from infield.aided.start import (
 )
 from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
+from ins.estimation.choice import Level, Sizes, climb, gain_by
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
 from ins.filters.states import AIDED_THETA
@@ -69,13 +70,10 @@ LEAST_MOVED_M_S = 0.5
 FIRST_SOUGHT_S = 120.0  # after the first fix, within which there are FIRST_WINDOW_S of whole fixes
 DELAY_S = 0.3  # the fixes may be older than their time by, as in `infield.aided.antenna`
 BLOCK = 10  # innovations that are summed to see whether they are white: 10 s
-# steps of the sensors' noise that a stretch may need: to a quarter of the 1024 that
-# `infield.aided.noise` tries
-SENSOR_STEPS = (1.0, 4.0, 16.0, 64.0, 256.0)
-# the same of the receiver's: a default of 0.03 m/s for one of 1 m/s
-RECEIVER_STEPS = (1.0, 3.0, 10.0, 30.0)
-# the step that is begun with: 64 times and 10 times, where every heading explains something
-FIRST_STEP = (3, 2)
+# how many times the declared noise a stretch may need: the sensors', to a quarter of the 1024 that
+# `infield.aided.noise` tries; the receiver's, a default of 0.03 m/s for one of 1 m/s
+NOISE_STEPS = {"sensors": (1.0, 4.0, 16.0, 64.0, 256.0), "receiver": (1.0, 3.0, 10.0, 30.0)}
+FIRST_NOISE = {"sensors": 64.0, "receiver": 10.0}  # where every heading explains something
 # m and m/s: sides of the cube that a wild position or velocity is in; chosen: 200 m are two blocks
 # of a street, 20 m/s a car's speed
 WILD = (200.0, 20.0)
@@ -286,7 +284,7 @@ class Bank:
     sky: Sky
     ground: Stretch
     pairs: Pairs
-    level: tuple[int, int] = FIRST_STEP
+    noise: Sizes = field(default_factory=FIRST_NOISE.copy)
 
     def attitude(self, turn_rad: float, sigma_rad: float) -> tuple[NDArray, NDArray]:
         """C_nb at the end of the first window, turned about the vertical from its match and
@@ -308,10 +306,10 @@ class Bank:
         turns = np.arange(COARSE) * 2.0 * np.pi / COARSE
         logliks = self._logliks(log, turns)
         for _ in range(NOISE_ROUNDS):
-            level = self._noise(log, turns[int(np.argmax(logliks))])
-            if level == self.level:
+            noise = self._noise(log, turns[int(np.argmax(logliks))])
+            if noise == self.noise:
                 break
-            self.level = level
+            self.noise = noise
             logliks = self._logliks(log, turns)
         top = float(turns[int(np.argmax(logliks))])
         off = np.asarray(wrap_pi(turns - top))
@@ -331,26 +329,14 @@ class Bank:
             elsewhere=float(np.exp((rival - logliks.max()) / colour)),
         )
 
-    def _noise(self, log: ImuLog, turn_rad: float) -> tuple[int, int]:
-        """The likeliest step of noise at a heading, from the present one up and down."""
-        best, at, tried = -np.inf, self.level, set[tuple[int, int]]()
-        moves = [at]
-        while moves:
-            level = moves.pop()
-            tried.add(level)
-            loglik = _loglik(self._fly(log, turn_rad, WIDTH * 2.0 * np.pi / COARSE, level))
-            if loglik <= best:
-                continue
-            best, at = loglik, level
-            near = [(at[0] + 1, at[1]), (at[0] - 1, at[1]), (at[0], at[1] + 1), (at[0], at[1] - 1)]
-            moves = [
-                (i, j)
-                for i, j in near
-                if 0 <= i < len(SENSOR_STEPS)
-                and 0 <= j < len(RECEIVER_STEPS)
-                and (i, j) not in tried
-            ]
-        return at
+    def _noise(self, log: ImuLog, turn_rad: float) -> Sizes:
+        """The likeliest noise at a heading, from the present one up and down."""
+
+        def loglik(noise: Sizes, _: float = 0.0) -> float:
+            return _loglik(self._fly(log, turn_rad, WIDTH * 2.0 * np.pi / COARSE, noise))
+
+        levels = [Level(name, grid, self.noise[name]) for name, grid in NOISE_STEPS.items()]
+        return climb(loglik(self.noise), levels, loglik, gain_by(float))[1]
 
     def _logliks(self, log: ImuLog, turns: NDArray) -> NDArray:
         width = WIDTH * float(turns[1] - turns[0])
@@ -362,15 +348,15 @@ class Bank:
         return started(self.ground, C_nb, self.pairs.rate_b, theta)
 
     def _fly(
-        self, log: ImuLog, turn_rad: float, sigma_rad: float, level: tuple[int, int] | None = None
+        self, log: ImuLog, turn_rad: float, sigma_rad: float, noise: Sizes | None = None
     ) -> AidedHistory:
         """A stretch from a heading."""
         sky = self.sky
         found = self.begun(turn_rad, sigma_rad)
-        step = level or self.level
-        sensors, receiver = SENSOR_STEPS[step[0]], RECEIVER_STEPS[step[1]]
+        times = noise or self.noise
+        sensors, receiver = times["sensors"], times["receiver"]
         walk = min(sensors, LARGEST_WALK)
-        noise = replace(
+        louder = replace(
             sky.noise,
             arw=sensors * sky.noise.arw,
             vrw=sensors * sky.noise.vrw,
@@ -380,7 +366,7 @@ class Bank:
         late = np.diag([0.0, 0.0, 0.0, DELAY_S, DELAY_S]) ** 2
         navigator = AidedNavigator(
             found.start,
-            noise,
+            louder,
             sky.fixes.scaled(receiver, receiver),
             antenna=Antenna(lever_arm_m=sky.lever_arm_m, covariance=late, estimated=True),
             options=sky.options,

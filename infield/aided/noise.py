@@ -13,6 +13,7 @@ Decision: docs/decisions/0037-receiver-errors-and-noise.md.
 Decision: docs/decisions/0062-two-noise-factors.md.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from alignment.gyrocompass import nis_verdict
 from ins.errors.catalogue import prior
+from ins.estimation.choice import Level, Sizes, climb, powers_of_two
 from ins.filters.aided_filter import KINDS
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
 from ins.robust import chi2
@@ -37,37 +39,27 @@ SHOWS_LESS = 0.91
 # s; as long as any: what is declared and does not show in innovations is no less after an hour
 UNSHOWN_S = 800.0
 CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring; odds of e^5, 150 to 1
-COARSE_FACTOR, FINE_FACTOR = 4.0, 2.0  # steps of a factor; chosen: 4 and 2, 5 steps to 1024
-LARGEST_FACTORS = {
-    "white": 1024.0,
-    "walk": 1024.0,
-    "accel_white": 4096.0,
-    "accel_walk": 1024.0,
-    "stirred": 4.0,
-    "slow": 64.0,
-    "slow_s": 800.0,
-    "slow_velocity": 64.0,
-    "slow_velocity_s": 48.0,
-    "slow_other": 64.0,
+COARSE, FINE = 2, 1  # doublings of a factor in a step of the search; chosen: 5 steps to 1024
+TYPE_STRIDES = (2, 4, 6)  # from no slow error to one of 1, 4 or 16 times the declared sigma
+# factors that are tried; a slow error, and biases that move with the shaking, may be none
+SLOW_FACTORS = (0.0, *powers_of_two(0.5, 64.0))
+GRIDS: Mapping[str, tuple[float, ...]] = {
+    "white": powers_of_two(1.0, 1024.0),
+    "walk": powers_of_two(1.0, 1024.0),
+    "accel_white": powers_of_two(1.0, 4096.0),
+    "accel_walk": powers_of_two(1.0, 1024.0),
+    "stirred": (0.0, *powers_of_two(0.0625, 4.0)),
+    "slow": SLOW_FACTORS,
+    "slow_s": powers_of_two(100.0, 800.0),
+    "slow_velocity": SLOW_FACTORS,
+    "slow_velocity_s": powers_of_two(0.75, 48.0),
+    "slow_other": SLOW_FACTORS,
 }
-LEAST_FACTORS = {
-    "white": 1.0,
-    "walk": 1.0,
-    "accel_white": 1.0,
-    "accel_walk": 1.0,
-    "stirred": 0.0625,
-    "slow": 0.5,
-    "slow_s": 100.0,
-    "slow_velocity": 0.5,
-    "slow_velocity_s": 0.75,
-    "slow_other": 0.5,
-}
-ARISE = ("stirred", "slow", "slow_velocity", "slow_other")  # are none at first
 OF_OTHER_TYPE = "slow_other"  # is looked for where a log has fixes of two types
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
 SENSOR_PARTS = ("white", "walk", "accel_white", "accel_walk")  # gyros, then accelerometers
 # all but "stirred", which is looked for by itself
-STEADY_PARTS = tuple(name for name in LARGEST_FACTORS if name != "stirred")
+STEADY_PARTS = tuple(name for name in GRIDS if name != "stirred")
 SLOW_PARTS = ("slow", "slow_s", "slow_velocity", "slow_velocity_s", OF_OTHER_TYPE)
 # factors on sensors from which on no noise explains a log; white noise of MEMS accelerometers
 # stands out: 60 m/s^2 of vibration, beyond which autopilots warn, sampled at 50 Hz are 8 000 times
@@ -116,10 +108,8 @@ class NoiseScales:
         """
         if not self.slow and not self.slow_other:
             return self
-        least = LEAST_FACTORS["slow"], LEAST_FACTORS[OF_OTHER_TYPE]
-        return replace(
-            self, slow=max(self.slow, least[0]), slow_other=max(self.slow_other, least[1])
-        )
+        least = SLOW_FACTORS[1]
+        return replace(self, slow=max(self.slow, least), slow_other=max(self.slow_other, least))
 
     def beyond(self, technology: str) -> tuple[str, ...]:
         """Names of the sensors' factors that no noise of a technology explains."""
@@ -130,7 +120,7 @@ class NoiseScales:
     def sensors_as(self, other: "NoiseScales") -> bool:
         """Whether no sensor is noisier by more than a fine step than under other factors."""
         return all(
-            getattr(self, name) <= FINE_FACTOR * getattr(other, name)
+            getattr(self, name) <= 2.0**FINE * getattr(other, name)
             for name in (*SENSOR_PARTS, "stirred")
         )
 
@@ -139,8 +129,8 @@ class NoiseScales:
         """Names of the factors that stand at the largest that is tried."""
         return tuple(
             name
-            for name, most in LARGEST_FACTORS.items()
-            if name not in OF_WHAT and getattr(self, name) >= most
+            for name, grid in GRIDS.items()
+            if name not in OF_WHAT and getattr(self, name) >= grid[-1]
         )
 
     def of(
@@ -168,21 +158,6 @@ class NoiseScales:
             slow_velocity_s=self.slow_velocity_s,
             slow_other_level_m=self.slow_other * other_m[0],
             slow_other_down_m=self.slow_other * other_m[1],
-        )
-
-    def other(self, name: str, step: float) -> "NoiseScales":
-        """One factor times a step, within its bounds; the slow error comes at its declared sigma
-        and goes below LEAST_FACTORS.
-        """
-        value = step * getattr(self, name)
-        if name in ARISE and value < LEAST_FACTORS[name]:
-            value = float(getattr(self, name) == 0.0 and step > 1.0)
-        else:
-            value = float(np.clip(value, LEAST_FACTORS[name], LARGEST_FACTORS[name]))
-        return (
-            self
-            if getattr(self, OF_WHAT.get(name, name)) == 0.0 and name in OF_WHAT
-            else replace(self, **{name: value})
         )
 
 
@@ -257,30 +232,32 @@ def raised_noise(
     fly: Fly,
     names: tuple[str, ...] = STEADY_PARTS,
     *,
-    steps: tuple[float, ...] = (COARSE_FACTOR, FINE_FACTOR),
+    strides: tuple[int, ...] = (COARSE, FINE),
 ) -> Flown:
-    """The likeliest factors of these names, antenna as in `start`; from there one after the other,
-    up and down, in each of the steps in turn. The sigmas of the fixes go with them where white
-    noise does.
+    """The likeliest factors of these names, antenna as in `start`. The sigmas of the fixes go with
+    them where white noise does.
     """
     names = tuple(name for name in names if name != OF_OTHER_TYPE or fly.two_types)
     refit = "white" in names
     best = with_gnss(start, fly) if refit else start
-    for factor in steps:
-        moves = [(name, move) for name in names for move in (factor, 1.0 / factor)]
-        vain = 0
-        while vain < len(moves):  # round and round until no move of this step brings anything
-            other = _moved(best, fly, *moves[0], refit=refit)
-            if other is not None and other.over(best) > CHANGE_GAIN_NATS:
-                best, vain = other, 0  # the same move once more
-            else:
-                moves, vain = [*moves[1:], moves[0]], vain + 1
+    best, _ = climb(
+        best,
+        [Level(name, GRIDS[name], getattr(best.model.scales, name)) for name in names],
+        lambda sizes, at: _under(at, fly, sizes, refit=refit),
+        Flown.over,
+        least_nats=CHANGE_GAIN_NATS,
+        strides=strides,
+    )
     return best
 
 
-def _moved(at: Flown, fly: Fly, name: str, move: float, *, refit: bool) -> Flown | None:
-    """The flight with one factor moved; None where it cannot be."""
-    scales = at.model.scales.other(name, move)
+def _under(at: Flown, fly: Fly, sizes: Sizes, *, refit: bool) -> Flown | None:
+    """The flight under other factors; None where they make none, as the time constant of a slow
+    error that is not there.
+    """
+    scales = replace(at.model.scales, **sizes)
+    absent = [name for name, of in OF_WHAT.items() if getattr(scales, of) == 0.0]
+    scales = replace(scales, **{name: getattr(at.model.scales, name) for name in absent})
     if fly.two_types:
         scales = scales.of_both_types
     if scales == at.model.scales:
@@ -322,14 +299,7 @@ def with_types(at: Flown, fly: Fly) -> Flown:
     """
     if not fly.two_types:
         return at
-    best = at
-    for size in (1.0, COARSE_FACTOR, COARSE_FACTOR**2):
-        scales = replace(at.model.scales, slow=size).of_both_types
-        for tried in (scales, replace(scales, slow=scales.slow_other, slow_other=size)):
-            other = flown(replace(at.model, scales=tried), fly)
-            if other is not None and other.over(best) > CHANGE_GAIN_NATS:
-                best = other
-    return best
+    return raised_noise(at, fly, ("slow", OF_OTHER_TYPE), strides=TYPE_STRIDES)
 
 
 def narrower(at: Flown, fly: Fly) -> Flown:
@@ -368,7 +338,7 @@ def unshown(fly: Fly, shown: float) -> float:
     factor as `NoiseScales.slow`.
     """
     slow = fly.typical * float(np.sqrt(max(1.0 - shown**2, 0.0)))
-    return float(np.clip(slow, 0.0, LARGEST_FACTORS["slow"]))
+    return float(np.clip(slow, 0.0, SLOW_FACTORS[-1]))
 
 
 def with_unshown(at: Flown, fly: Fly) -> NoiseScales:

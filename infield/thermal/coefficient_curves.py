@@ -31,6 +31,7 @@ from scipy.sparse import csr_array, hstack
 
 from infield.table.least_squares import LeastSquares, NormalEquations
 from infield.thermal.blocks import AxisBlocks
+from ins.estimation.choice import Level, Sizes, choose, climb, gain_by
 
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
 # differences penalised for values, and where the second derivative must be smooth
@@ -182,19 +183,38 @@ def _averaged(
     def normal_at(steps: tuple[int, ...]) -> NormalEquations:
         return reduced_at(steps).normal(X)
 
+    @cache
     def solve(at: tuple[int, ...]) -> LeastSquares:
         weights = [(scale * 10.0 ** PENALTY_STEPS[k]) ** -2.0 for k in at[:count]]
         normal = normal_at(at[count:])
         found = _solve(normal, sizes, penalties, weights)
-        cost = reduced_at(at[count:]).log_evidence - ROUGH_NATS * np.count_nonzero(at[count:])
+        cost = reduced_at(at[count:]).log_evidence
         misfit = normal.c - normal.b @ found.x
         noisier = max(misfit / normal.rows, 1.0)  # all variances this many times as large
         cost += 0.5 * (misfit - misfit / noisier - normal.rows * np.log(noisier))
         return replace(found, log_evidence=found.log_evidence + cost)
 
-    steps = [1 if penalty is None else PENALTY_STEPS.size for penalty in penalties]
-    start = tuple(n // 2 for n in steps) + (ROUGH_START,) * len(sizes_tried)
-    at, weight, found = _weighed(solve, start, (*steps, *sizes_tried), count)
+    counts = [1 if penalty is None else PENALTY_STEPS.size for penalty in penalties]
+    smooth = [Level(str(k), range(n), n // 2) for k, n in enumerate(counts)]
+
+    def steps_of(sizes: Sizes, _: tuple[int, ...] = ()) -> tuple[int, ...]:
+        return tuple(sizes.get(str(k), 0) for k in range(count + len(sizes_tried)))
+
+    @cache
+    def best_with(rough: tuple[int, ...]) -> tuple[int, ...]:
+        levels = smooth + [
+            Level(str(count + k), range(1, sizes_tried[k]), ROUGH_START) for k in rough
+        ]
+        start = steps_of({level.name: level.start for level in levels})
+        return climb(start, levels, steps_of, gain_by(evidence_at))[0]
+
+    def evidence_at(at: tuple[int, ...]) -> float:
+        return solve(at).log_evidence
+
+    curves = range(len(sizes_tried))
+    rough = choose(curves, lambda rough: evidence_at(best_with(rough)), cost_nats=ROUGH_NATS)
+    at = best_with(rough)
+    weight, found = _weighed(solve, at, counts)
     theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))
     P = sum(
         w * (one.covariance + np.outer(one.x - theta, one.x - theta))
@@ -330,41 +350,24 @@ def _solve(
 
 
 def _weighed(
-    solve: Callable[[tuple[int, ...]], LeastSquares],
-    start: tuple[int, ...],
-    count: Sequence[int],
-    averaged: int,
-) -> tuple[tuple[int, ...], NDArray, list[LeastSquares]]:
-    """The best steps, of so many each, and around them in the first `averaged` the shares of the
-    evidence with their solutions; the others are sizes, which may be 0 at once.
+    solve: Callable[[tuple[int, ...]], LeastSquares], best: tuple[int, ...], counts: Sequence[int]
+) -> tuple[NDArray, list[LeastSquares]]:
+    """Shares of the evidence around the best steps, in the weights of the penalties, of which so
+    many each are tried, with their solutions.
 
     A single best step takes the smoothness for known: the intervals of 200 simulated units were
     then 15 % too short.
     """
-    at = start
-    tried: dict[tuple[int, ...], LeastSquares] = {at: solve(at)}
-
-    def neighbours(at: tuple[int, ...], which: Sequence[int]) -> list[tuple[int, ...]]:
-        near = []
-        for k in which:
-            steps = {at[k] - 1, at[k] + 1} | ({0} if k >= averaged else set())
-            near += [(*at[:k], n, *at[k + 1 :]) for n in steps if 0 <= n < count[k]]
-        return near
-
-    while True:  # climb
-        near = neighbours(at, range(len(at)))
-        tried.update({key: solve(key) for key in near if key not in tried})
-        top = max(tried, key=lambda key: tried[key].log_evidence)
-        if top == at:
-            break
-        at = top
-    best, todo, around = tried[at].log_evidence, [at], {at}
-    while todo:  # and look around
-        for key in neighbours(todo.pop(), range(averaged)):
-            if key not in around:
-                around.add(key)
-                tried.setdefault(key, solve(key))
-                todo += [key] if tried[key].log_evidence > best - NEGLIGIBLE_NATS else []
-    kept = [one for key in around if (one := tried[key]).log_evidence >= best - NEGLIGIBLE_NATS]
-    weight = np.exp([one.log_evidence - best for one in kept])
-    return at, weight / weight.sum(), kept
+    least = solve(best).log_evidence - NEGLIGIBLE_NATS
+    todo, around = [best], {best}
+    while todo:
+        at = todo.pop()
+        for k, count in enumerate(counts):
+            for n in (at[k] - 1, at[k] + 1):
+                near = (*at[:k], n, *at[k + 1 :])
+                if 0 <= n < count and near not in around:
+                    around.add(near)
+                    todo += [near] if solve(near).log_evidence > least else []
+    kept = [one for at in around if (one := solve(at)).log_evidence >= least]
+    weight = np.exp([one.log_evidence - least for one in kept])
+    return weight / weight.sum(), kept

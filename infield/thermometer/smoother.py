@@ -13,13 +13,14 @@ evidence.
 Decision: docs/decisions/0018-rounded-temperatures.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.special import ndtr
 
+from ins.estimation.choice import Level, climb, gain_by
 from ins.robust import white_sigma
 from ins.thermometer_faults import COARSE_degC
 
@@ -42,7 +43,8 @@ FAINT = 1e-12
 @dataclass(frozen=True)
 class SmoothTemperature:
     """value (n,) at the nodes [degC]; factor: banded Cholesky factor (upper, 3 rows) of its
-    posterior precision; level_degC: sigma of what all of it may be off by.
+    posterior precision; level_degC: sigma of what all of it may be off by; log_evidence: Laplace's,
+    up to a constant.
     """
 
     value_degC: NDArray
@@ -50,6 +52,7 @@ class SmoothTemperature:
     noise_degC: float
     density: float
     level_degC: float = 0.0
+    log_evidence: float = 0.0
 
     def covariance(self, rows: NDArray) -> NDArray:
         """Covariance (N, N) of linear functions rows (N, n) of the node values."""
@@ -78,8 +81,18 @@ def smooth_readings(
     noises = _noises(reading_degC, step_degC)
     densities = DENSITIES[:COARSE_DENSITIES] if step_degC >= COARSE_degC else DENSITIES
     x = np.interp(nodes_s, time_s, reading_degC)
-    best = _climb([(s, densities[FIRST_DENSITY]) for s in noises], len(noises) // 2, data, x)
-    return _climb([(best.noise_degC, q) for q in densities], FIRST_DENSITY, data, best.value_degC)
+    noise = Level("noise_degC", noises, noises[len(noises) // 2])
+    density = Level("density", densities, densities[FIRST_DENSITY])
+
+    best = data.fit(SmoothTemperature(x, np.empty(0), noise.start, density.start))
+    for level in (noise, density):
+        best, _ = climb(
+            best,
+            [level],
+            lambda sizes, at: data.fit(replace(at, **sizes)),
+            gain_by(lambda at: at.log_evidence),
+        )
+    return best
 
 
 def _noises(reading: NDArray, step: float) -> list[float]:
@@ -94,22 +107,6 @@ def _noise_degC(reading: NDArray) -> float:
     if reading.size < 4:
         return LEAST_NOISE_degC
     return max(white_sigma(reading), LEAST_NOISE_degC)
-
-
-def _climb(
-    candidates: list[tuple[float, float]], start: int, data: "_Readings", x: NDArray
-) -> SmoothTemperature:
-    """From the start to the neighbour with more evidence until there is none."""
-    tried = {start: data.fit(x, *candidates[start])}
-    at = start
-    while True:
-        for k in (at - 1, at + 1):
-            if 0 <= k < len(candidates) and k not in tried:
-                tried[k] = data.fit(tried[at][1].value_degC, *candidates[k])
-        best = max(tried, key=lambda k: tried[k][0])
-        if best == at:
-            return tried[at][1]
-        at = best
 
 
 class _Readings:
@@ -132,8 +129,9 @@ class _Readings:
         self.j = np.clip(((t - nodes_s[0]) / self.dt).astype(int), 0, self.n - 2)
         self.a = (t - nodes_s[self.j]) / self.dt
 
-    def fit(self, x: NDArray, noise: float, density: float) -> tuple[float, SmoothTemperature]:
-        """Mode from a first guess x, with Laplace's log evidence up to a constant."""
+    def fit(self, guess: SmoothTemperature) -> SmoothTemperature:
+        """The mode under the noise and density of a first guess."""
+        x, noise, density = guess.value_degC, guess.noise_degC, guess.density
         penalty = _penalty(self.n, self.dt) / density
         for _ in range(NEWTON_STEPS):
             _, gradient, weight = self._likelihood(x, noise)
@@ -149,7 +147,7 @@ class _Readings:
             log_likelihood - 0.5 * (bend @ bend) / density - 0.5 * (self.n - 2) * np.log(density)
         )
         evidence -= float(np.sum(np.log(factor[2])))
-        return evidence, SmoothTemperature(x, factor, noise, density)
+        return replace(guess, value_degC=x, factor=factor, log_evidence=evidence)
 
     def _at(self, x: NDArray) -> NDArray:
         return (1.0 - self.a) * x[self.j] + self.a * x[self.j + 1]

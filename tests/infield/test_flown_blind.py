@@ -1,7 +1,6 @@
 """Flights whose truth no package of the project made (`benchmarks.blind_flights`)."""
 
 from functools import lru_cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, receiver_state
 from infield.session.flown.gates import deflected
 from infield.session.flown.priors import Further
 from infield.session.navigated.fixes import FixAid, Sigmas
-from infield.session.navigated.nuisances import LevelSearch
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors, SessionSettings
@@ -123,18 +121,6 @@ def test_a_turning_antenna_is_where_and_as_fast_as_the_rows_say():
     speed = shown(OF_VELOCITY) - of_solution(history.time_s, own_m_s, measured_s)
     speed -= LATE_S * ((sides[2] - sides[0]) / 0.1)[:, :2].T
     assert np.sqrt(np.mean(speed**2)) < 2e-4  # of 14e-3 that turning makes; 6e-3 with epochs' means
-
-
-@pytest.mark.parametrize(("peak", "found"), [(17.0, 16.0), (1.0, 2.0), (100.0, 32.0)])
-def test_a_level_is_climbed_to_within_its_bounds(peak, found):
-    def run(assumed):
-        loglik = -(np.log(assumed.deflection_arcsec / peak) ** 2)
-        return SimpleNamespace(tally=SimpleNamespace(loglik=loglik))
-
-    begin = FlightPriors(deflection_arcsec=4.0)
-    search = LevelSearch("deflection_arcsec", 2.0, 32.0, 2.0)
-    _, at = search.climb(run, run(begin), begin)
-    assert at.deflection_arcsec == pytest.approx(found)
 
 
 def test_a_deflection_that_was_given_is_named():

@@ -32,8 +32,8 @@ from infield.session.flown.flight import Flight, flown_motion, joined_cruise
 from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.fixes import FixAid, Sigmas
-from infield.session.navigated.nuisances import TAXI_GAIN_NATS, LevelSearch
 from infield.session.settings import FIT, FlightPriors
+from ins.estimation.choice import SURE_NATS, Level, Sizes, climb, gain_by, powers_of_two
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.estimation.tape import Tape
@@ -46,8 +46,10 @@ VERTICAL_PASS = 1  # in which the deflection is sought: about a solution that wa
 # is rough: one that changes over a kilometre by as much as a smooth field of 60 km is four times as
 # long. That change, size^2 / length, is what a flight shows best: it stays where the length is
 # moved. How smooth the field is hardly shows: the filter believes in LONGEST_KM at most.
-DEFLECTION_SIZE = LevelSearch("deflection_arcsec", 2.0, 45.0, np.sqrt(2.0))
-LENGTH = LevelSearch("deflection_km", 10.0, 240.0, 2.0)
+DEFLECTIONS = {
+    "deflection_arcsec": powers_of_two(2.5, 40.0, fineness=2),
+    "deflection_km": powers_of_two(15.0, 240.0),
+}
 LONGEST_KM = 60.0
 
 
@@ -136,25 +138,26 @@ def _with_vertical(
     Constants are as good as free in the search (restricted likelihood; Harville 1977, JASA 72): a
     gyro that is off must not be taken for hills.
     """
-    length = LENGTH
-    if session.priors.deflection_arcsec == FIT:
-        length = replace(LENGTH, along=((DEFLECTION_SIZE, 0.5),))
-    searches = [s for s in (DEFLECTION_SIZE, length) if getattr(session.priors, s.name) == FIT]
-    if not searches or Further.DEFLECTION not in session.layout.at:
+    usual = session.priors.assumed
+    levels = [
+        Level(name, grid, getattr(usual, name))
+        for name, grid in DEFLECTIONS.items()
+        if getattr(session.priors, name) == FIT
+    ]
+    if len(levels) == len(DEFLECTIONS):
+        levels[-1] = replace(levels[-1], along=tuple(levels[:-1]))
+    if not levels or Further.DEFLECTION not in session.layout.at:
         return flt, session
     free = replace(session, layout=session.layout.freed())
 
-    def run(priors: FlightPriors) -> ErrorFilter:
-        return _swept(free.under(priors), last, fixes)
+    def run(sizes: Sizes, _: ErrorFilter | None = None) -> ErrorFilter:
+        return _swept(free.under(replace(usual, **sizes)), last, fixes)
 
-    before, found = None, session.priors.assumed
-    assumed = best = run(found)
-    while found != before:
-        before = found
-        for search in searches:
-            best, found = search.climb(run, best, found)
-    if best.tally.loglik - assumed.tally.loglik < TAXI_GAIN_NATS:
+    assumed = run({})
+    best, sizes = climb(assumed, levels, run, gain_by(lambda flt: flt.tally.loglik))
+    if best.tally.loglik - assumed.tally.loglik < SURE_NATS:
         return flt, session
+    found = replace(usual, **sizes)
     session = session.under(replace(found, deflection_km=min(found.deflection_km, LONGEST_KM)))
     return _swept(session, last, fixes), session
 

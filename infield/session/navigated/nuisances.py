@@ -3,13 +3,11 @@
 As declared, crab is one constant, arms and stamps are right but for the wheel arm along x and the
 wheel scale. Where the data say otherwise, the nuisance that explains them becomes states of the
 filter, each with a prior of its own. A nuisance is taken where the likelihood of all measurements,
-the states' priors included, grows by TAXI_GAIN_NATS: that is its Bayes factor, and under the
-declared model a gain of g nats has a probability below exp(-g) (Markov's inequality).
+the states' priors included, grows by `SURE_NATS`: that is its Bayes factor.
 
-Constants are compared by one sweep of the filter in which all of them are free: the Bayes factor of
-a model without some of them is their posterior over their prior density at zero (Savage-Dickey;
-Dickey 1971, Ann. Math. Stat. 42). Crabs that change on their own are tried one by one. A sweep goes
-over the navigation solution that is there, never over the log again.
+Constants are compared by one sweep of the filter in which all of them are free, and chosen together
+(`ins.estimation.choice`). Crabs that change on their own are tried one by one. A sweep goes over
+the navigation solution that is there, never over the log again.
 
 The NIS under constants stays a test: the states' priors stand in every innovation's sigma, no noise
 level is fitted, and a nuisance has at most two numbers. A crab that changes on its own has a level
@@ -18,9 +16,8 @@ that is fitted: the NIS of the lateral way then tests nothing, and the document 
 Decision: docs/decisions/0064-taxi-nuisances.md.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,21 +27,18 @@ from alignment.navigation_filter import Aid, FilterPass
 from infield.session.estimate import Found, RollingEvidence
 from infield.session.reasons import Nuisance
 from ins.errors.catalogue import prior
-from ins.estimation import states
+from ins.estimation import choice, states
 from ins.estimation.error_filter import ErrorFilter
 from ins.units import MILLIRADIAN
 
-TAXI_GAIN_NATS = 3.0  # odds of 20 to 1; under the declared model below 1 in 20 (Markov)
 _TURNING, _GUSTS = prior("turning_crab", "taxi"), prior("gust_crab", "taxi")
 CRAB_TURN_RAD, GUST_TIME_S = _TURNING.scale, _GUSTS.scale
 _GNSS_DELAY_S = prior("gnss_lever_arm_or_latency", "taxi", "latency").size
-LEVEL_STEP = 2.0
-LARGEST_CRAB_RAD = 40 * MILLIRADIAN  # 2 deg; above, tyres skid
-# a smaller level is not tried: a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md)
-LEAST_CRAB_RAD = 0.25 * MILLIRADIAN
 # beyond which a model is linearised anew: 3 cm at 10 m/s and 2 cm, small beside 0.5 m of a fix
 DELAY_SETTLED_S, ARM_SETTLED_M = 0.003, 0.02
 LINEARISED_MOST = 3
+# to 2 deg, above which tyres skid; a realistic taxi tells the heading to 0.27 mrad (CHANGELOG.md)
+CRABS_RAD = choice.powers_of_two(0.25 * MILLIRADIAN, 40.0 * MILLIRADIAN)
 ROUNDS = 8  # of constants and wandering crabs, of which there are two
 
 
@@ -63,7 +57,6 @@ class Assumed:
 
 
 AS_DECLARED = Assumed()
-Record = TypeVar("Record")  # what a filter assumes: a dataclass
 
 
 # What every taxi estimates: the measurements that show it, and its state.
@@ -172,7 +165,7 @@ def _chosen(
         }
         gain = {n: flt.tally.loglik - best.tally.loglik for n, flt in tried.items()}
         leader = max(gain, key=lambda n: gain[n], default=None)
-        if leader is None or gain[leader] < TAXI_GAIN_NATS:
+        if leader is None or gain[leader] < choice.SURE_NATS:
             break
         before = best.tally.loglik
         best, assumed = _levelled(bench, leader, tried[leader], _with(assumed, free | {leader}))
@@ -184,84 +177,33 @@ def _levelled(
     bench: Bench, nuisance: Nuisance, flt: ErrorFilter, assumed: Assumed
 ) -> tuple[ErrorFilter, Assumed]:
     """The likeliest RMS of a crab that changes on its own."""
-    search = LevelSearch(WANDERING[nuisance][1], LEAST_CRAB_RAD, LARGEST_CRAB_RAD, LEVEL_STEP)
-    return search.climb(bench.run, flt, assumed)
-
-
-@dataclass(frozen=True)
-class LevelSearch:
-    """A search for the likeliest size of one number of what a filter assumes: its name, the least
-    and the largest size, and the factor between two that are tried. along: other numbers that go
-    with it within their own bounds, by these powers of the factor.
-    """
-
-    name: str
-    least: float
-    largest: float
-    step: float
-    along: tuple[tuple["LevelSearch", float], ...] = ()
-
-    def climb(
-        self, run: Callable[[Record], ErrorFilter], flt: ErrorFilter, assumed: Record
-    ) -> tuple[ErrorFilter, Record]:
-        """Up from what is assumed, or else down, as long as the likelihood grows. flt: under
-        that.
-        """
-        began = assumed
-        for factor in (self.step, 1.0 / self.step):
-            if assumed is not began:
-                break
-            while True:
-                moved = [(self, 1.0), *self.along]
-                sizes = [factor**power * getattr(assumed, s.name) for s, power in moved]
-                if not all(s.least <= size <= s.largest for (s, _), size in zip(moved, sizes)):
-                    break
-                names = [s.name for s, _ in moved]
-                other = replace(assumed, **dict(zip(names, sizes)))  # type: ignore[type-var]
-                tried = run(other)
-                if tried.tally.loglik <= flt.tally.loglik:
-                    break
-                flt, assumed = tried, other
-        return flt, assumed
+    name = WANDERING[nuisance][1]
+    flt, sizes = choice.climb(
+        flt,
+        [choice.Level(name, CRABS_RAD, getattr(assumed, name))],
+        lambda sizes, _: bench.run(replace(assumed, **sizes)),
+        choice.gain_by(lambda flt: flt.tally.loglik),
+    )
+    return flt, replace(assumed, **sizes)
 
 
 def _constants(bench: Bench, assumed: Assumed) -> dict[Nuisance, float]:
-    """Constant nuisances with what each gained, taken one after the other: the best first."""
+    """Constant nuisances with what each adds to the others, largest first."""
     wide = bench.run(_with(assumed, assumed.free | frozenset(CONSTANTS)))
-    taken: dict[Nuisance, float] = {}
-    at_zero = {n: _log_density_ratio(wide, frozenset(CONSTANTS) - {n}) for n in CONSTANTS}
-    reached = _log_density_ratio(wide, frozenset(CONSTANTS))
-    while at_zero:
-        leader = max(at_zero, key=lambda n: at_zero[n])
-        gain = at_zero[leader] - reached
-        if gain < TAXI_GAIN_NATS:
-            break
-        taken[leader], reached = gain, at_zero[leader]
-        left = frozenset(CONSTANTS) - taken.keys()
-        at_zero = {n: _log_density_ratio(wide, left - {n}) for n in left}
-    return taken
+    found = choice.FreeConstants(wide.x, wide.P, {n: _states_of(n) for n in CONSTANTS})
+    taken = choice.choose(list(CONSTANTS), found.gain)
+    gains = {n: found.gain(taken) - found.gain([m for m in taken if m != n]) for n in taken}
+    return dict(sorted(gains.items(), key=lambda item: -item[1]))
 
 
-def _log_density_ratio(wide: ErrorFilter, left_out: frozenset[Nuisance]) -> float:
-    """Log of the posterior over the prior density of nuisances at zero: the Bayes factor of the
-    model without them over the wide one.
-    """
-    if not left_out:
-        return 0.0
-    index, prior = _states_of(left_out)
-    x, P = wide.x[index] / prior, wide.P[np.ix_(index, index)] / np.outer(prior, prior)
-    return float(-0.5 * (x @ np.linalg.solve(P, x) + np.linalg.slogdet(P)[1]))
-
-
-def _states_of(nuisances: Iterable[Nuisance]) -> tuple[NDArray, NDArray]:
-    """Indices and prior sigmas of the states of constant nuisances."""
+def _states_of(nuisance: Nuisance) -> tuple[NDArray, NDArray]:
+    """Indices and prior sigmas of the states of a constant nuisance."""
     index: list[int] = []
     prior: list[float] = []
-    for nuisance in sorted(nuisances):
-        for name, sigma in CONSTANTS[nuisance].items():
-            of_name = np.atleast_1d(np.arange(states.BASE)[getattr(states, name)])
-            index.extend(of_name.tolist())
-            prior.extend([sigma] * len(of_name))
+    for name, sigma in CONSTANTS[nuisance].items():
+        of_name = np.atleast_1d(np.arange(states.BASE)[getattr(states, name)])
+        index.extend(of_name.tolist())
+        prior.extend([sigma] * len(of_name))
     return np.array(index), np.array(prior)
 
 
@@ -314,5 +256,5 @@ def _found(flt: ErrorFilter, assumed: Assumed, nuisance: Nuisance, gain_nats: fl
     if nuisance in WANDERING:
         level = np.array([getattr(assumed, WANDERING[nuisance][1])])
         return Found(nuisance, level, None, level, gain_nats)
-    index, prior = _states_of([nuisance])
+    index, prior = _states_of(nuisance)
     return Found(nuisance, flt.x[index], np.sqrt(np.diag(flt.P)[index]), prior, gain_nats)

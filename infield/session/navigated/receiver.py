@@ -6,7 +6,7 @@ time constant (`FlightPriors`) whose level is sought. A standing vehicle's place
 point and its velocity zero, so that means over blocks of fixes are jointly normal and every level
 has a likelihood in closed form (Rasmussen and Williams 2006, Gaussian Processes, eq. 2.30, with a
 flat prior on the place: eq. 2.45). The likeliest level is taken where all of them, equally probable
-beforehand, are SLOW_NATS likelier than white noise; none where the assumed level is as much less
+beforehand, are SURE_NATS likelier than white noise; none where the assumed level is as much less
 likely than white noise; else, the fixes being too few to tell, the assumed one.
 """
 
@@ -21,9 +21,9 @@ from infield.session.estimate import Found
 from infield.session.reasons import Nuisance
 from infield.session.settings import FlightPriors
 from ins.earth import displacement_ned
+from ins.estimation.choice import SURE_NATS
 from ins.records import GnssLog
 
-SLOW_NATS = 3.0  # odds of 20 to 1, as of every nuisance (`nuisances.TAXI_GAIN_NATS`)
 FIXES_MEAN_S = 10.0  # a sixth of the shorter time constant
 # of parked time, the last: 360 blocks, whose matrices take milliseconds
 HEARD_S = 3600.0
@@ -178,9 +178,9 @@ def _slow(blocks: _Blocks, levels: tuple[float, ...], time_s: float, *, about: b
     gains = {level: _log_likelihood(blocks, apart, level, about=about) - white for level in levels}
     likeliest = max(gains, key=lambda level: gains[level])
     odds = float(logsumexp(list(gains.values())) - np.log(len(gains)))
-    if odds >= SLOW_NATS:
+    if odds >= SURE_NATS:
         return SlowError(likeliest, time_s, odds)
-    if gains[assumed] <= -SLOW_NATS:
+    if gains[assumed] <= -SURE_NATS:
         return SlowError(0.0, time_s, 0.0)
     return SlowError(assumed, time_s, gains[assumed])
 

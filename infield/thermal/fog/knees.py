@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from infield.table.least_squares import LEAST_SQUARE, NormalEquations
 from infield.thermal.coefficient_curves import Basis, Reduced
+from ins.estimation.choice import Level, Sizes, climb, gain_by
 
 PLACE_STEP_degC = 0.5
 SEARCH_EVERY = 4  # of those places, while they are looked for: every 2 degC
-MOVED_BY = 12  # places to either side that one is moved by as others join: 6 degC
-MOST_TURNS = 8  # of all breakpoints; 2 to 4 were enough in tests/infield/test_fog_knees.py
+MOVED_BY = (12, 6, 3, 2, 1)  # places that one is moved by as others join: 6 degC and less
 MOST_KNEES = 5  # six pieces of 60 degC are 10 degC each, as the nodes of a table
 WALK_STEPS, FORGOTTEN = 4000, 500  # of the walk; the first of them are not counted
 LEAP_degC = (0.5, 2.0, 8.0)  # of a step: within a knee, along a slow bend, from one to another
@@ -127,17 +127,13 @@ def find_knees(places: Places) -> tuple[int, ...]:
 
 def _settled(places: Places, at: tuple[int, ...]) -> tuple[int, ...]:
     """The breakpoints moved in turn, until none moves any more."""
-    size = places.grid_degC.size
-    for _ in range(MOST_TURNS):
-        before = sorted(at)
-        for _ in range(len(at)):
-            one, others = at[0], at[1:]
-            near = range(max(one - MOVED_BY, 0), min(one + MOVED_BY, size))
-            # the one that was moved goes last, so that each has its turn
-            at = min((kept for k in near if places.apart(kept := (*others, k))), key=places.chi2)
-        if sorted(at) == before:
-            break
-    return at
+
+    def moved(sizes: Sizes, _: tuple[int, ...]) -> tuple[int, ...] | None:
+        tried = tuple(sizes.values())
+        return tried if places.apart(tried) else None
+
+    levels = [Level(str(k), range(places.grid_degC.size), place) for k, place in enumerate(at)]
+    return climb(at, levels, moved, gain_by(lambda at: -places.chi2(at)), strides=MOVED_BY)[0]
 
 
 def walk(places: Places, at: Sequence[int]) -> NDArray:
