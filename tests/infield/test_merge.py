@@ -26,6 +26,11 @@ ARW_deg_sqrt_h, BIN_S = 0.002, 300.0
 SIGMA_POINT_deg_h = ARW_deg_sqrt_h / np.sqrt(BIN_S / 3600.0)
 
 
+def common_shift(table, axis, updated):
+    """How far an update moved the common part of an axis [deg/h]."""
+    return float(table.common_weights(axis) @ (updated.parameters - table.parameters))
+
+
 def table_with(sigma=0.0072, interpolation="linear", **prior):
     table = default_table(
         imu_serial="S",
@@ -150,11 +155,11 @@ def test_an_unobserved_direction_moves_nothing(spurious_deg_h):
     result = merge_posterior(table, points.H, m0, C, m1 + level, P1)
     assert result.dof == 11
     for axis in "yz":
-        assert abs(table.common_shift(axis, result.candidate)) < 1e-6
+        assert abs(common_shift(table, axis, result.candidate)) < 1e-6
     z = table.values_of("z")
     assert np.max(np.abs(result.candidate.parameters[z])) < 1e-9
     assert result.candidate.covariance[z, z] == pytest.approx(table.covariance[z, z], rel=1e-12)
-    assert abs(table.common_shift("x", result.candidate)) > 1e-3
+    assert abs(common_shift(table, "x", result.candidate)) > 1e-3
 
 
 def test_unobserved_directions_do_not_add_up_over_many_points():
@@ -166,7 +171,7 @@ def test_unobserved_directions_do_not_add_up_over_many_points():
     y = M @ (points.bias_deg_h + rng.multivariate_normal(np.zeros(300), own + points.covariance))
     result = merge_posterior(table, points.H, *filtered(table, points, own, M=M, R=R, y=y))
     assert np.max(np.abs(result.candidate.parameters)) > 1e-4  # the shape is seen
-    assert all(abs(table.common_shift(axis, result.candidate)) < 1e-6 for axis in "xyz")
+    assert all(abs(common_shift(table, axis, result.candidate)) < 1e-6 for axis in "xyz")
 
 
 @given(
