@@ -5,7 +5,7 @@ table and report together or neither.
 """
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -23,6 +23,7 @@ from infield.reports.documents.update_records import (
     UpdateDocument,
 )
 from infield.session.pipeline import UnitHistory, update_calibration
+from infield.session.points import AxisObservability
 from infield.session.reasons import SessionReason
 from infield.session.results import UpdateResult
 from infield.session.settings import SessionSettings
@@ -52,7 +53,7 @@ from recal.service.priors.use import APPROVED, PriorsUse, priors_in_use, setting
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.update_summary import AxisChange, Points, axes_of, points_of, summary
+from recal.service.results.update_summary import Points, summary
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
@@ -86,14 +87,14 @@ class Update(Result[UpdateDocument]):
         return self.estimate.after
 
     @property
-    def axes(self) -> dict[str, AxisChange]:
+    def axes(self) -> Mapping[str, AxisObservability]:
         """Per gyro: sigma of the session's mean bias before and after [deg/h], and its verdict."""
-        return axes_of(self.record)
+        return self.record.observability
 
     @property
     def points(self) -> Points:
         """The bias points; `.to_frame()` gives a pandas DataFrame."""
-        return points_of(self.record)
+        return Points(tuple(self.record.points))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, reasons, per axis sigma before and after, heading error, effect."""

@@ -94,12 +94,3 @@ def test_an_upgrade_that_fails_leaves_the_old_schema(old, monkeypatch):
     )
     with pytest.raises(Exception, match="recal_contradiction"):
         rows(old, "SELECT * FROM recal_contradiction")
-
-
-def test_every_migration_goes_back(url):
-    engine = create_engine(url, poolclass=NullPool)
-    with TableStore.open(url, create=True), engine.begin() as c:
-        command.downgrade(alembic_config(c), "base")
-        command.upgrade(alembic_config(c), "head")
-    with TableStore.open(url) as store:
-        assert store.units() == []

@@ -19,7 +19,7 @@ from infield.thermal.fog.hysteresis import Hysteresis
 from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
-from infield.thermal.ramp_runs import RampRun
+from infield.thermal.ramp_runs import Leg, RampRun
 from ins.documents import UNWRITTEN
 from ins.records import AXES, Span
 from ins.verdicts import codes, sentences
@@ -54,18 +54,6 @@ def fit_models(study: RampStudy) -> tuple[dict[str, PiecewisePair], FogModel]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RampDocument:
-    """One steady ramp."""
-
-    direction: str
-    low_degC: float
-    high_degC: float
-    rate_degC_min: float
-    start_s: float
-    end_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class FogRunDocument:
     """One chamber run; role: "fast" or "slow"."""
 
@@ -77,7 +65,7 @@ class FogRunDocument:
     heading_known: bool
     sigma_block_deg_h: Sequence[float]
     sigma_rate_degC_min: Sequence[float]
-    ramps: Sequence[RampDocument]
+    ramps: Sequence[Leg]
     excluded: Sequence[Span]
 
 
@@ -276,17 +264,6 @@ def worst_rounding(
 
 
 def _run(role: str, run: RampRun) -> FogRunDocument:
-    ramps = [
-        RampDocument(
-            direction=leg.direction,
-            low_degC=leg.low_degC,
-            high_degC=leg.high_degC,
-            rate_degC_min=leg.rate_degC_min,
-            start_s=float(run.time_s[leg.start]),
-            end_s=float(run.time_s[leg.end - 1]),
-        )
-        for leg in run.legs
-    ]
     return FogRunDocument(
         run_id=run.run_id,
         sha256=run.sha256,
@@ -296,7 +273,7 @@ def _run(role: str, run: RampRun) -> FogRunDocument:
         heading_known=run.heading_known,
         sigma_block_deg_h=run.sigma_deg_h.tolist(),
         sigma_rate_degC_min=run.rate_sigma_degC_min.tolist(),
-        ramps=ramps,
+        ramps=run.legs,
         excluded=[span.in_words() for span in run.excluded],
     )
 

@@ -60,8 +60,3 @@ def upgrade() -> None:
         sa.Column("unit_id", sa.Integer, sa.ForeignKey("recal_unit.id"), primary_key=True),
         sa.Column("run_sha256", sa.String(64), primary_key=True),
     )
-
-
-def downgrade() -> None:
-    for table in ("recal_merged_run", "recal_tag", "recal_revision", "recal_unit"):
-        op.drop_table(table)

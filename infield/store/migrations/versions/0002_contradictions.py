@@ -23,7 +23,3 @@ def upgrade() -> None:
         sa.Column("evidence_json", sa.Text, nullable=False),
         sa.Column("record_sha256", sa.String(64), nullable=False),
     )
-
-
-def downgrade() -> None:
-    op.drop_table("recal_contradiction")

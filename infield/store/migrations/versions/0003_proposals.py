@@ -49,8 +49,3 @@ def upgrade() -> None:
         sa.UniqueConstraint("unit_id", "proposal_number", name="uq_recal_decision_proposal"),
         sa.CheckConstraint("verdict IN ('approved', 'rejected')", name="ck_recal_decision_verdict"),
     )
-
-
-def downgrade() -> None:
-    for table in ("recal_decision", "recal_proposal"):
-        op.drop_table(table)

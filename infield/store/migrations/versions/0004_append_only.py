@@ -51,8 +51,3 @@ def upgrade() -> None:
     op.execute(FUNCTION)
     for guard in GUARDS:
         op.execute(guard)
-
-
-def downgrade() -> None:
-    if op.get_bind().dialect.name == "postgresql":
-        op.execute("DROP FUNCTION recal_append_only() CASCADE")

@@ -52,8 +52,3 @@ def upgrade() -> None:
     if op.get_bind().dialect.name == "postgresql":
         for table in TABLES:
             op.execute(GUARD.format(table=table))
-
-
-def downgrade() -> None:
-    for table in reversed(TABLES):
-        op.drop_table(table)

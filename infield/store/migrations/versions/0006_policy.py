@@ -34,7 +34,3 @@ def upgrade() -> None:
     )
     if op.get_bind().dialect.name == "postgresql":
         op.execute(GUARD)
-
-
-def downgrade() -> None:
-    op.drop_table("recal_policy")
