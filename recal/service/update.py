@@ -18,7 +18,7 @@ from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDoc
 from infield.reports.documents.update import Kept, effects_compared, update_document
 from infield.reports.documents.update_records import (
     EffectsCompared,
-    PriorsUseDocument,
+    PriorsUse,
     RunDocument,
     UpdateDocument,
 )
@@ -49,7 +49,7 @@ from recal.service.inputs.unit_inputs import (
     with_thermal_model,
 )
 from recal.service.inputs.unit_marks import known_marks
-from recal.service.priors.use import APPROVED, PriorsUse, priors_in_use, settings_of, with_priors
+from recal.service.priors.use import APPROVED, priors_in_use, settings_of, with_priors
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -371,14 +371,10 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         noise_source=facts.unit.noise_source,
         noise_note=None if note is None else sentence(note),
         noise_fit=noise_fit(facts.agreement, facts.runs),
-        priors=None if facts.priors is None else _priors_document(facts.priors),
+        priors=facts.priors,
         found_effects=facts.effects,
         effects_compared=facts.compared,
     )
-
-
-def _priors_document(use: PriorsUse) -> PriorsUseDocument:
-    return PriorsUseDocument(**vars(use), text=use.words())
 
 
 def _made(result: UpdateResult, unit: UnitInputs, document: UpdateDocument) -> Update:
