@@ -9,17 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from infield.table.merge import (
-    AXIS_Z_LIMIT,
-    SessionPoints,
-    merge_points,
-    merge_posterior,
-    session_covariance,
-)
+from infield.table.merge import AXIS_Z_LIMIT, SessionPoints, merge_posterior, session_covariance
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import EvenNodes, default_table
 from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import GyroNoise, InputError
+from tests.infield.point_merge import merge_points
 
 UTC = "2026-03-01T05:00:00Z"
 ARW_deg_sqrt_h, BIN_S = 0.002, 300.0
@@ -373,9 +368,7 @@ def test_false_alarms_are_as_rare_as_the_band_says():
 
 def test_shapes_that_do_not_fit_are_refused():
     table = table_with()
-    points, own = session(table)
-    with pytest.raises(InputError, match="points"):
-        merge_points(table_with(interpolation="hermite"), points, own)
+    points, _ = session(table)
     with pytest.raises(InputError, match="posterior"):
         merge_posterior(table, points.H, np.zeros(18), np.eye(18), np.zeros(18), np.eye(17))
     with pytest.raises(InputError, match="axis_index"):

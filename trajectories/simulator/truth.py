@@ -80,11 +80,6 @@ class Truth:
         """Where a stretch at rest or moving starts, and the end of the run."""
         return np.array([*(s.start_s for s in self.stretches), self.motion.end_s])
 
-    def is_moving(self, t: NDArray) -> NDArray:
-        """Whether the stretch that holds each time is a moving one."""
-        moving = np.array([s.spline is not None for s in self.stretches])
-        return moving[self._index(t)]
-
     def kinematics(self, time_s: NDArray) -> Kinematics:
         """Truth at any times within the run, in any order, shape (n,)."""
         t = np.atleast_1d(np.asarray(time_s, dtype=float))
