@@ -70,10 +70,6 @@ class Draws:
         apart = self.theta[:, k] - self.weight @ self.theta[:, k]
         return float(np.sqrt(self.weight @ apart**2))
 
-    def resampled(self, rng: np.random.Generator, count: int) -> NDArray:
-        """Equal draws, (count, p)."""
-        return self.theta[rng.choice(len(self.weight), count, p=self.weight)]
-
 
 def draw(
     log_density: LogDensity,

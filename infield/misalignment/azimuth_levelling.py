@@ -23,7 +23,7 @@ from infield.table.least_squares import fit_correlated
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, Site
 from ins.robust import chi2 as chi_square
-from ins.units import HOUR, MICRO_G
+from ins.units import ARCSEC, HOUR, MICRO_G, STANDARD_GRAVITY
 
 CONFIDENCE = 0.999  # 1 of 1000 sound studies is said to disagree
 FLOOR_UG = 1.0  # of a stop's level: mean of sway and of the last digit of a table's bearing
@@ -31,16 +31,20 @@ FLOOR_UG = 1.0  # of a stop's level: mean of sway and of the last digit of a tab
 
 @dataclass(frozen=True, kw_only=True)
 class LevelOffsets:
-    """offset_ug, sigma_ug (2,): x and y, bias and mounting together, mean over the power-ons;
-    tilt_rad (2,): slope of the ground to north and east (p, q over g); chi2 with dof: that the
-    ground was the same under all stops.
+    """offset_ug, sigma_offset_ug (2,): x and y, bias and mounting together, mean over the
+    power-ons; ground_tilt_arcsec (2,): slope to north and east (p, q over g); chi2 with dof: that
+    the ground was the same under all stops; bias_ug, sigma_bias_ug (2,): where the sigma of the
+    mounting is known.
     """
 
     offset_ug: NDArray
-    sigma_ug: NDArray
-    tilt_rad: NDArray
+    sigma_offset_ug: NDArray
+    ground_tilt_arcsec: NDArray
     chi2: float
     dof: int
+    bias_ug: NDArray | None
+    sigma_bias_ug: NDArray | None
+    sigma_mounting_arcsec: float | None
 
     @property
     def same_ground(self) -> bool:
@@ -48,7 +52,11 @@ class LevelOffsets:
 
 
 def level_offsets(
-    stops: Sequence[AzimuthStop], heading_rad: NDArray, accel: AccelNoise, site: Site
+    stops: Sequence[AzimuthStop],
+    heading_rad: NDArray,
+    accel: AccelNoise,
+    site: Site,
+    sigma_mounting_arcsec: float | None = None,
 ) -> LevelOffsets | None:
     """Least squares over all stops; None where their headings do not tell offset from tilt.
     `accel`: noise of the unit, its nominal bias being off the stops' means already; it is added
@@ -69,10 +77,19 @@ def level_offsets(
     R = np.kron(np.eye(2), accel.turn_on_ug**2 * same_run + np.diag(own))
     fit = fit_correlated(A, f, R)
     g_ug = float(gravity_magnitude(site.lat_rad, site.height_m)) / MICRO_G
+    offset_ug = fit.x[:2] + np.asarray(accel.bias_ug)[:2]
+    sigma_ug = np.sqrt(np.diag(fit.covariance)[:2])
+    bias_ug = sigma_bias_ug = None
+    if sigma_mounting_arcsec is not None:
+        of_mounting = sigma_mounting_arcsec * ARCSEC * STANDARD_GRAVITY / MICRO_G
+        bias_ug, sigma_bias_ug = offset_ug, np.hypot(sigma_ug, of_mounting)
     return LevelOffsets(
-        offset_ug=fit.x[:2] + np.asarray(accel.bias_ug)[:2],
-        sigma_ug=np.sqrt(np.diag(fit.covariance)[:2]),
-        tilt_rad=fit.x[2:] / g_ug,
+        offset_ug=offset_ug,
+        sigma_offset_ug=sigma_ug,
+        ground_tilt_arcsec=fit.x[2:] / g_ug / ARCSEC,
         chi2=fit.chi2,
         dof=fit.dof,
+        bias_ug=bias_ug,
+        sigma_bias_ug=sigma_bias_ug,
+        sigma_mounting_arcsec=sigma_mounting_arcsec,
     )

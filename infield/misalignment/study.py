@@ -112,7 +112,8 @@ def study_runs(
     )
     if result.fit is None and left_out:
         result = replace(result, reasons=(*result.reasons, *left_out))
-    levels = level_offsets(stops, biases.heading_rad, twin.accel, site)
+    mounting = settings.sigma_mounting_arcsec
+    levels = level_offsets(stops, biases.heading_rad, twin.accel, site, mounting)
     lost = because(Unseen.OFFSET_OR_TILT) if levels is None else None
     if levels is not None and not levels.same_ground:
         lost = because(Unseen.GROUND_DIFFERS, chi2=levels.chi2, dof=levels.dof)

@@ -3,7 +3,7 @@ works inside the caller's transaction.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sqlalchemy import Connection, inspect, select, union
 
@@ -12,6 +12,7 @@ from infield.store.errors import RowFault
 from infield.store.proposal_rows import Decided
 from infield.store.rows import row_sha256, text_sha256
 from infield.store.schema import priors, priors_decision
+from ins.documents import UNWRITTEN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,14 +40,14 @@ class PriorsRecord:
 
     gyro_technology: str
     number: int
+    state: str
     learnt_utc: str
     learnt_by: str
     note: str
     sha256: str
-    priors_json: str
-    record_sha256: str
-    state: str
     decisions: tuple[PriorsDecision, ...]
+    priors_json: str = field(metadata=UNWRITTEN)
+    record_sha256: str = field(metadata=UNWRITTEN)
 
 
 IN_USE, OPEN = "in use", "open"

@@ -4,7 +4,7 @@ caller's transaction.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -16,6 +16,7 @@ from infield.store.rows import MergedRun, UnitKey, key_of, row_sha256, text_sha2
 from infield.store.schema import decision, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import INLINE, UNWRITTEN, written_as
 from ins.json_file import JsonObject
 from ins.records import TableDocument
 
@@ -35,14 +36,14 @@ LIGHT = [column for column in proposal.c if column.name not in STORED_TEXTS]
 class Decision:
     """What a person decided; `revision_number`: the revision that an approved proposal became."""
 
-    number: int
-    proposal_number: int
     verdict: str
     decided_utc: str
-    decided_by: str
+    decided_by: str = field(metadata=written_as("by"))
     reason: str
-    revision_number: int | None
-    record_sha256: str
+    revision_number: int | None = field(metadata=written_as("revision"))
+    number: int = field(metadata=UNWRITTEN)
+    proposal_number: int = field(metadata=UNWRITTEN)
+    record_sha256: str = field(metadata=UNWRITTEN)
 
     def words(self) -> str:
         """For people, after "proposal 3 was"."""
@@ -51,44 +52,33 @@ class Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """An update that was put forward, without its texts. `current`: the table that it was made from
-    is the active one.
+    """An update that was put forward, without its texts. state: open, out of date (another table is
+    active by now), approved or rejected.
     """
 
-    unit: UnitKey
-    number: int
+    unit: UnitKey = field(metadata=INLINE)
+    number: int = field(metadata=written_as("proposal"))
+    state: str
     proposed_utc: str
     proposed_by: str
     parent_sha256: str
     sha256: str
-    report_sha256: str
-    runs_json: str
     note: str
-    record_sha256: str
-    current: bool
+    runs: tuple[MergedRun, ...]
     decision: Decision | None
-
-    @property
-    def runs(self) -> tuple[MergedRun, ...]:
-        return tuple(MergedRun(run_id=i, sha256=s) for i, s in json.loads(self.runs_json))
-
-    @property
-    def state(self) -> str:
-        """open, out of date (another table is active by now), approved or rejected."""
-        if self.decision is not None:
-            return self.decision.verdict
-        return "open" if self.current else "out of date"
+    report_sha256: str = field(metadata=UNWRITTEN)
+    record_sha256: str = field(metadata=UNWRITTEN)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FullProposal(Proposal):
     """A proposal with its texts, and where the unit's decisions stand."""
 
-    table_json: str
-    report_json: str
-    first_table_json: str | None
-    decisions_before: int
-    last_decision_sha256: str
+    table_json: str = field(metadata=UNWRITTEN)
+    report_json: str = field(metadata=UNWRITTEN)
+    first_table_json: str | None = field(metadata=UNWRITTEN)
+    decisions_before: int = field(metadata=UNWRITTEN)
+    last_decision_sha256: str = field(metadata=UNWRITTEN)
 
     @property
     def table_dict(self) -> TableDocument:
@@ -222,10 +212,12 @@ def _one_unit(
     found = []
     for stored in rows:
         values = {k: v for k, v in stored._mapping.items() if k != "unit_id"}
-        current = active_sha256 in (None, stored.parent_sha256)
-        found.append(
-            Proposal(unit=key, **values, current=current, decision=decisions.get(stored.number))
-        )
+        runs = tuple(MergedRun(run_id=i, sha256=s) for i, s in json.loads(values.pop("runs_json")))
+        decided_so = decisions.get(stored.number)
+        state = "open" if active_sha256 in (None, stored.parent_sha256) else "out of date"
+        if decided_so is not None:
+            state = decided_so.verdict
+        found.append(Proposal(unit=key, **values, runs=runs, state=state, decision=decided_so))
     return found
 
 

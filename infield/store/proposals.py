@@ -232,11 +232,13 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
     """The proposal of this very update that still waits; AlreadyRejected if the last one was and
     nobody says more.
     """
-    keys = ("parent_sha256", "sha256", "runs_json")
+    keys = ("parent_sha256", "sha256")
+    runs = [tuple(run) for run in json.loads(values["runs_json"])]
     same = [
         p
         for p in before
-        if (p.parent_sha256, p.sha256, p.runs_json) == tuple(values[k] for k in keys)
+        if all(getattr(p, key) == values[key] for key in keys)
+        and [(run.run_id, run.sha256) for run in p.runs] == runs
     ]
     if not same:
         return None

@@ -9,7 +9,7 @@ Decision: docs/decisions/0046-clock-behind.md.
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
@@ -20,6 +20,7 @@ from infield.store.errors import RowFault, StoreError, UnknownUnit
 from infield.store.schema import merged_run, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import INLINE, UNWRITTEN, written_as
 from ins.records import InputError, TableDocument
 
 # clocks of two machines; tests/infield/test_store_faults.py writes 4 min behind
@@ -49,21 +50,21 @@ class MergedRun:
 
 @dataclass(frozen=True, kw_only=True)
 class Revision:
-    """One stored table. `runs` are those merged by this revision; `restored_number`: whose table a
-    rollback is.
+    """One stored table, in JSON without its texts. `runs` are those merged by this revision;
+    `restored_number`: whose table a rollback is.
     """
 
-    unit: UnitKey
-    number: int
+    unit: UnitKey = field(metadata=INLINE)
+    number: int = field(metadata=written_as("revision"))
     kind: str
     created_utc: str
-    parent_sha256: str | None
     sha256: str
-    table_json: str
-    runs: tuple[MergedRun, ...]
-    restored_number: int | None
-    report_json: str | None
+    parent_sha256: str | None
+    restored_number: int | None = field(metadata=written_as("restored_revision"))
     note: str
+    runs: tuple[MergedRun, ...]
+    table_json: str = field(metadata=UNWRITTEN)
+    report_json: str | None = field(metadata=UNWRITTEN)
 
     @property
     def table_dict(self) -> TableDocument:

@@ -57,13 +57,6 @@ class AutopilotCubic(TemperatureModel):
     stated_error_deg_h: NDArray = field(default_factory=lambda: np.zeros(3))
     stated_sigma_deg_h: NDArray = field(default_factory=lambda: np.zeros(3))
 
-    def rounded(self) -> "AutopilotCubic":
-        """What is left of it on board, every value a float32."""
-        values = {
-            k: v if k.endswith("_ID") else float(np.float32(v)) for k, v in parameters(self).items()
-        }
-        return cubic_of(values, self.autopilot, self.number, name="rounded")
-
     def rounding_deg_h(self) -> float:
         """Largest difference over the range between the cubic and its evaluation on board, in
         float32 throughout.

@@ -5,10 +5,9 @@ kept in common::
                                            misalignment
     measured             y = b + v,        v ~ N(0, R)
 
-Two forms of the same update: `merge_points` from y and R, `merge_posterior` from a filter that
-carried b as states (prior m0 = H beta, C = H P H' + T; posterior m1, P1) and so may have left
-directions of b unobserved. Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o);
-Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
+`merge_posterior` merges what a filter learnt that carried b as states (prior m0 = H beta, C = H P
+H' + T; posterior m1, P1) and so may have left directions of b unobserved; the tests hold it against
+the update from y and R. Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o).
 
 Decision: docs/decisions/0011-not-observable-axes.md.
 """
@@ -120,8 +119,6 @@ class MergeResult:
         the merged table in any case; the table as it was.
     innovation_deg_h, innovation_covariance : shape (m,), (m, m)
         Session less table, and what was expected of it.
-    gain : shape (n, m)
-        Parameters per innovation.
     nis, dof, band
         innovation' S^-1 innovation, its chi-square degrees of freedom and 99.9 % band.
     axis_z : shape (3,)
@@ -133,36 +130,12 @@ class MergeResult:
     candidate: ThermalTable
     innovation_deg_h: NDArray
     innovation_covariance: NDArray
-    gain: NDArray
     nis: float
     dof: int
     band: tuple[float, float]
     axis_z: NDArray
     consistent: bool
     before: ThermalTable
-
-
-def merge_points(
-    table: ThermalTable, points: SessionPoints, extra_covariance: ArrayLike
-) -> MergeResult:
-    """Merge measured points; `extra_covariance` (m, m) is `session_covariance` (and whatever else
-    they share).
-    """
-    H, P = points.H, table.covariance
-    R = points.covariance + np.asarray(extra_covariance, dtype=float)
-    if H.shape[1] != table.n_parameters or R.shape != points.covariance.shape:
-        raise InputError(
-            f"points: H {H.shape}, covariance {R.shape}, table of {table.n_parameters} parameters"
-        )
-    innovation = points.bias_deg_h - H @ table.parameters
-    S = H @ P @ H.T + R
-    W = _whitener(S)
-    gain = P @ H.T @ W.T @ W
-    left = np.eye(table.n_parameters) - gain @ H
-    P_plus = left @ P @ left.T + gain @ R @ gain.T
-    z = W @ innovation
-    news = _News(innovation, S, gain, nis=float(z @ z), dof=z.size)
-    return _judged(table, news, gain @ innovation, P_plus)
 
 
 def merge_posterior(
@@ -203,13 +176,10 @@ def merge_posterior(
     seen = share > UNOBSERVED
     share, U = np.minimum(share[seen], 1.0), V[:, seen].T @ W  # U: observed directions, U C U' = I
     G = table.covariance @ H.T @ U.T
-    gain = G @ U
     delta = U @ innovation
     shrunk = G * np.sqrt(share)
     change, P_plus = hold_common(table, held_axes, G @ delta, table.covariance - shrunk @ shrunk.T)
-    news = _News(
-        innovation, reduction, gain, nis=float(np.sum(delta**2 / share)), dof=int(seen.sum())
-    )
+    news = _News(innovation, reduction, nis=float(np.sum(delta**2 / share)), dof=int(seen.sum()))
     return _judged(table, news, change, P_plus)
 
 
@@ -292,13 +262,10 @@ def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArra
 
 @dataclass(frozen=True)
 class _News:
-    """What a session says beyond the table: innovation, its covariance S and gain, and how they
-    agree.
-    """
+    """What a session says beyond the table: innovation, its covariance S, and how they agree."""
 
     innovation: NDArray
     S: NDArray
-    gain: NDArray
     nis: float
     dof: int
 
@@ -321,7 +288,6 @@ def _judged(table: ThermalTable, news: _News, change: NDArray, P_plus: NDArray) 
         candidate=candidate,
         innovation_deg_h=news.innovation,
         innovation_covariance=news.S,
-        gain=news.gain,
         nis=news.nis,
         dof=news.dof,
         band=(float(band[0]), float(band[1])),

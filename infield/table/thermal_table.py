@@ -241,12 +241,6 @@ class ThermalTable(TemperatureModel):
         row[nodes] = weights / weights.sum()
         return row
 
-    def common_shift(self, axis: str | int, updated: "ThermalTable") -> float:
-        """How far an update moved the common part of an axis [deg/h]; `self` is the table before
-        it.
-        """
-        return float(self.common_weights(axis) @ (updated.parameters - self.parameters))
-
     def _block(self, axis: str | int) -> NDArray:
         """Indices of an axis's values, then its slopes."""
         values = np.r_[self.values_of(axis)]

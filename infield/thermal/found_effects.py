@@ -73,10 +73,11 @@ def with_effect_sigma(twin: TwinModel, found: Sequence[Sequence[FoundEffect]]) -
     ]
     if not variances:
         return twin
-    extra = float(np.sqrt(np.max(variances)))
-    gyro = replace(twin.gyro, turn_on_deg_h=float(np.hypot(twin.gyro.turn_on_deg_h, extra)))
-    return replace(
-        twin,
-        gyro=gyro,
-        source=f"{twin.source}, turn-on widened by {extra:.4f} deg/h for found effects",
-    )
+    return with_wider_turn_on(twin, float(np.sqrt(np.max(variances))), "found effects")
+
+
+def with_wider_turn_on(twin: TwinModel, sigma_deg_h: float, because_of: str) -> TwinModel:
+    """The twin whose turn-on has one constant more of each session."""
+    wider = float(np.hypot(twin.gyro.turn_on_deg_h, sigma_deg_h))
+    source = f"{twin.source}, turn-on widened by {sigma_deg_h:.4f} deg/h for {because_of}"
+    return replace(twin, gyro=replace(twin.gyro, turn_on_deg_h=wider), source=source)

@@ -7,7 +7,7 @@ subtracted. What remains of Earth rate is one constant an axis while the unit st
 shifts K_T as a whole and nothing else.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,7 @@ from infield.thermometer.gyro_temperature import (
 )
 from infield.thermometer.reasons import NoTemperature
 from ins.attitude import dcm_from_euler
+from ins.documents import UNWRITTEN
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
 from ins.records import AXES, InputError, Run, Span, TwinModel
 from ins.robust import robust_scatter, runs_of_true
@@ -50,21 +51,23 @@ RIPPLE_SIGMAS = 1.5
 SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10  # 10 blocks at 1 degC/min pass 10 degC
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Leg:
-    """One steady ramp of a run: rows of its blocks (start, end), temperatures passed and signed
-    rate.
+    """One steady ramp of a run: temperatures passed and signed rate, centres of its first and last
+    block; rows of its blocks (start, end).
     """
 
-    start: int
-    end: int
+    direction: str = field(init=False)
     low_degC: float
     high_degC: float
     rate_degC_min: float
+    start_s: float
+    end_s: float
+    start: int = field(metadata=UNWRITTEN)
+    end: int = field(metadata=UNWRITTEN)
 
-    @property
-    def direction(self) -> str:
-        return "up" if self.rate_degC_min > 0 else "down"
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "direction", "up" if self.rate_degC_min > 0 else "down")
 
 
 @dataclass(frozen=True)
@@ -346,7 +349,15 @@ def _legs(time_s: NDArray, T: NDArray, rate: NDArray, covered: NDArray) -> tuple
         if end - start >= FEWEST_BLOCKS and high - low >= SHORTEST_LEG_degC:
             minutes = (time_s[end - 1] - time_s[start]) / 60.0
             found.append(
-                Leg(int(start), int(end), low, high, float((T[end - 1] - T[start]) / minutes))
+                Leg(
+                    low_degC=low,
+                    high_degC=high,
+                    rate_degC_min=float((T[end - 1] - T[start]) / minutes),
+                    start_s=float(time_s[start]),
+                    end_s=float(time_s[end - 1]),
+                    start=int(start),
+                    end=int(end),
+                )
             )
     return tuple(found)
 

@@ -24,6 +24,7 @@ from infield.table.temperature_model import TemperatureModel
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.compensation import BiasSeries, batch_series, causal_series, less
 from infield.thermal.fog import model as fog
+from infield.thermal.found_effects import with_wider_turn_on
 from infield.thermal.gradient_runs import gradient_lines
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg import model as rlg
@@ -226,12 +227,7 @@ def with_model_sigma(twin: TwinModel, removed: Sequence[Removed]) -> TwinModel:
     if not removed:
         return twin
     extra = max(max(found.sigma_deg_h.values()) for found in removed)
-    gyro = replace(twin.gyro, turn_on_deg_h=float(np.hypot(twin.gyro.turn_on_deg_h, extra)))
-    return replace(
-        twin,
-        gyro=gyro,
-        source=f"{twin.source}, turn-on widened by {extra:.4f} deg/h for the thermal model",
-    )
+    return with_wider_turn_on(twin, extra, "the thermal model")
 
 
 def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:

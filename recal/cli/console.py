@@ -20,7 +20,7 @@ from ins.user_input import one_line, visible
 from recal.cli.terminal.help import help_records, usage_words
 from recal.cli.terminal.progress import Progress
 from recal.cli.terminal.user_config import read_user_config
-from recal.service.results.issuer import name_issuer
+from recal.service.results.issuer import set_issuer
 
 if TYPE_CHECKING:
     from recal.service.results.result import Result
@@ -62,7 +62,7 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As typer does; an option of OPTIONAL_VALUE that no number follows gets its own."""
         configured = read_user_config()
-        name_issuer(configured)
+        set_issuer(configured)
         ctx.default_map = {"store": configured.store or None, "by": configured.operator or None}
         given = list(args)
         for k in reversed(range(given.index("--") if "--" in given else len(given))):

@@ -27,9 +27,9 @@ from ins.units import ARCSEC, DEG
 from ins.verdicts import Observability, measured_words
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.unit_inputs import opened, unit_inputs
-from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.files import program_version
 from recal.service.results.paths import AnyPath
-from recal.service.results.result import Result
+from recal.service.results.result import Result, write_report
 
 __all__ = [
     "AzimuthSettings",
@@ -84,17 +84,10 @@ class Misaligned(Result[MisalignmentDocument]):
         """Write misalignment.json and misalignment.html to a directory (else
         `recal-misalignment`), and where measured the twin to `twin_out`; returns the directory.
         """
-        assert self.page is not None
-        directory = output_directory(None if output is None else Path(output), "misalignment")
-        files = {
-            directory / "misalignment.json": self.to_json(),
-            directory / "misalignment.html": self.page(),
-        }
-        twin = self.twin
-        if twin_out is not None and twin is not None:
-            files[Path(twin_out)] = to_json(twin_to_dict(twin))
-        write_files(files)
-        return directory
+        twin = {}
+        if twin_out is not None and self.twin is not None:
+            twin = {str(Path(twin_out).absolute()): to_json(twin_to_dict(self.twin))}
+        return write_report(self, output or "recal-misalignment", "misalignment", twin)
 
 
 def misalignment(

@@ -13,9 +13,9 @@ from ins.twin_file import default_twin, read_twin, table_path
 from ins.units import DEG
 from recal.service.inputs.records import AnyRun, runs_of
 from recal.service.inputs.twin_table import TwinTable
-from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.files import program_version
 from recal.service.results.paths import AnyPath
-from recal.service.results.result import Result
+from recal.service.results.result import Result, write_report
 from simreal.evidence.run_view import RunView, view_run
 from simreal.plan.flights import check_technology, plan_flights
 from simreal.plan.pairs import CLASSICAL, read_pair
@@ -37,10 +37,7 @@ class Planned(Result[PlanReport]):
 
     def write(self, output: AnyPath | None = None) -> Path:
         """Write plan.json and plan.html to a directory (else `recal-plan`); returns it."""
-        assert self.page is not None
-        directory = output_directory(None if output is None else Path(output), "plan")
-        write_files({directory / "plan.json": self.to_json(), directory / "plan.html": self.page()})
-        return directory
+        return write_report(self, output or "recal-plan", "plan")
 
 
 @dataclass(frozen=True, kw_only=True)

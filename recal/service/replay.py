@@ -28,9 +28,9 @@ from ins.records import InputError, Run
 from ins.units import DEG
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, with_thermal_model
-from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.files import program_version
 from recal.service.results.paths import AnyPath
-from recal.service.results.result import Result
+from recal.service.results.result import Result, write_report
 from trajectories.runs.directory import read_reference
 from trajectories.runs.stream_files import write_columns
 
@@ -98,10 +98,8 @@ class Replayed(Result[ReplayDocument]):
         Path
             The directory.
         """
-        assert self.page is not None
-        directory = output_directory(None if output is None else Path(output), "replay")
-        texts = {directory / "replay.json": self.to_json(), directory / "replay.html": self.page()}
-        write_files(texts | ({directory / "track.kml": track_kml(self.flown)} if kml else {}))
+        more = {"track.kml": track_kml(self.flown)} if kml else {}
+        directory = write_report(self, output or "recal-replay", "replay", more)
         for ending in (".parquet", ".csv") if csv else (".parquet",):
             _write_navigation(directory / f"navigation{ending}", self.flown)
             flown = self.flown.aided

@@ -36,7 +36,7 @@ from ins.twin_file import read_twin
 from ins.user_input import read_bounded
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
-from recal.service.tables import RevisionFacts, about, need, other_technology
+from recal.service.tables import need, other_technology
 
 __all__ = [
     "MAX_DEVICE_ID",
@@ -108,7 +108,7 @@ class ExportReport:
     verdict: ExportVerdict
     reasons: Sequence[str]
     output: str | None
-    revision: RevisionFacts = field(metadata=INLINE)
+    revision: Revision = field(metadata=INLINE)
     cubic: CubicDocument = field(metadata=INLINE)
 
 
@@ -155,7 +155,7 @@ def export_cubic_table(found: Revision, output: Path, request: CubicRequest) -> 
         verdict=ExportVerdict.REFUSED if refused else ExportVerdict.EXPORTED,
         reasons=made.too_stiff,
         output=None if refused else str(output),
-        revision=about(found),
+        revision=found,
         cubic=made.fit_document(),
     )
     return Exported(document, cubic=made, refused=refused)

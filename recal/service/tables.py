@@ -10,14 +10,7 @@ from numpy.typing import NDArray
 from infield.store.database import holds_store
 from infield.store.errors import StoreRefused
 from infield.store.policy import Approval, PolicyRecord
-from infield.store.table_store import (
-    FullProposal,
-    MergedRun,
-    Proposal,
-    Revision,
-    TableStore,
-    UnitKey,
-)
+from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
 from infield.store.verify import StoreCheck, StoreVerdict, UnitCheck
 from ins.documents import INLINE, OMIT_NONE, to_json
 from ins.json_file import JsonObject, read_json_object
@@ -28,8 +21,6 @@ from recal.service.results.files import output_directory, write_files
 __all__ = [
     "Revision",
     "StoreVerdict",
-    "about",
-    "about_proposal",
     "change_between",
     "check_document",
     "decide",
@@ -145,36 +136,6 @@ def key_of(revision: Revision) -> tuple[str, str, str]:
     return unit.imu_serial, unit.gyro_technology, unit.gyro_mode
 
 
-@dataclass(frozen=True, kw_only=True)
-class RevisionFacts:
-    """A revision without its table."""
-
-    unit: UnitKey = field(metadata=INLINE)
-    revision: int
-    kind: str
-    created_utc: str
-    sha256: str
-    parent_sha256: str | None
-    restored_revision: int | None
-    note: str
-    runs: Sequence[MergedRun]
-
-
-def about(r: Revision) -> RevisionFacts:
-    """A revision without its table."""
-    return RevisionFacts(
-        unit=r.unit,
-        revision=r.number,
-        kind=r.kind,
-        created_utc=r.created_utc,
-        sha256=r.sha256,
-        parent_sha256=r.parent_sha256,
-        restored_revision=r.restored_number,
-        note=r.note,
-        runs=r.runs,
-    )
-
-
 def line_of(r: Revision) -> str:
     runs = f"  {len(r.runs)} run{'s' if len(r.runs) > 1 else ''}" if r.runs else ""
     return f"revision {r.number}  {r.kind:8}  {r.created_utc}  {r.sha256[:12]}{runs}"
@@ -219,33 +180,6 @@ def check_document(check: StoreCheck, store: str) -> VerifyReport:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DecisionFacts:
-    """Who decided on a proposal, when and why; revision: what an approval became."""
-
-    verdict: str
-    decided_utc: str
-    by: str
-    reason: str
-    revision: int | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProposalFacts:
-    """A proposal without its texts."""
-
-    unit: UnitKey = field(metadata=INLINE)
-    proposal: int
-    state: str
-    proposed_utc: str
-    proposed_by: str
-    parent_sha256: str
-    sha256: str
-    note: str
-    runs: Sequence[MergedRun]
-    decision: DecisionFacts | None
-
-
-@dataclass(frozen=True, kw_only=True)
 class DecisionReport:
     """`recal.decision/1`; proposal: None, and codes, where the store refused it."""
 
@@ -253,7 +187,7 @@ class DecisionReport:
     verdict: str
     reasons: Sequence[str] = ()
     reason_codes: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
-    proposal: ProposalFacts | None = field(default=None, metadata=INLINE)
+    proposal: Proposal | None = field(default=None, metadata=INLINE)
 
 
 def decide(
@@ -275,7 +209,7 @@ def decide(
                 verdict=Outcome.REFUSED, reasons=[str(error)], reason_codes=[str(error.code)]
             )
             return refused, None
-    return DecisionReport(verdict=verdict, proposal=about_proposal(decided)), decided
+    return DecisionReport(verdict=verdict, proposal=decided), decided
 
 
 def proposed_document(full: FullProposal) -> JsonObject:
@@ -292,30 +226,3 @@ def write_proposal(full: FullProposal, output: Path) -> None:
     directory, document = output_directory(output, "table"), proposed_document(full)
     texts = {"update.json": to_json(document), "update.html": update_html(update_of(document))}
     write_files({directory / name: text for name, text in texts.items()})
-
-
-def about_proposal(p: Proposal) -> ProposalFacts:
-    """A proposal without its texts."""
-    decided = p.decision
-    return ProposalFacts(
-        unit=p.unit,
-        proposal=p.number,
-        state=p.state,
-        proposed_utc=p.proposed_utc,
-        proposed_by=p.proposed_by,
-        parent_sha256=p.parent_sha256,
-        sha256=p.sha256,
-        note=p.note,
-        runs=p.runs,
-        decision=(
-            None
-            if decided is None
-            else DecisionFacts(
-                verdict=decided.verdict,
-                decided_utc=decided.decided_utc,
-                by=decided.decided_by,
-                reason=decided.reason,
-                revision=decided.revision_number,
-            )
-        ),
-    )

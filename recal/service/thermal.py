@@ -29,9 +29,9 @@ from ins.documents import plain
 from ins.records import InputError, Run
 from recal.service.inputs.chamber_runs import reduced_groups
 from recal.service.inputs.records import AnyRun, AnyTwin, read_one
-from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.files import program_version
 from recal.service.results.paths import AnyPath
-from recal.service.results.result import Result
+from recal.service.results.result import Result, write_report
 from trajectories.runs.directory import write_run
 
 NEEDED_INSTABILITY_DEG_H = 0.001  # what a gradient term may be where the twin states no instability
@@ -63,14 +63,7 @@ class ThermalFit(Result[FogDocument | RlgDocument]):
 
     def write(self, output: AnyPath | None = None) -> Path:
         """Write JSON, page and tables to a directory (else `recal-thermal`); returns it."""
-        assert self.page is not None
-        directory = output_directory(None if output is None else Path(output), "thermal")
-        texts = {
-            directory / f"{self.name}.json": self.to_json(),
-            directory / f"{self.name}.html": self.page(),
-        }
-        write_files(texts | {directory / name: text for name, text in self.files.items()})
-        return directory
+        return write_report(self, output or "recal-thermal", self.name, self.files)
 
 
 @dataclass(frozen=True, kw_only=True)

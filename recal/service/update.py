@@ -5,7 +5,7 @@ table and report together or neither.
 """
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -18,11 +18,12 @@ from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDoc
 from infield.reports.documents.update import Kept, effects_compared, update_document
 from infield.reports.documents.update_records import (
     EffectsCompared,
-    PriorsUseDocument,
+    PriorsUse,
     RunDocument,
     UpdateDocument,
 )
 from infield.session.pipeline import UnitHistory, update_calibration
+from infield.session.points import AxisObservability
 from infield.session.reasons import SessionReason
 from infield.session.results import UpdateResult
 from infield.session.settings import SessionSettings
@@ -48,11 +49,11 @@ from recal.service.inputs.unit_inputs import (
     with_thermal_model,
 )
 from recal.service.inputs.unit_marks import known_marks
-from recal.service.priors.use import APPROVED, PriorsUse, priors_in_use, settings_of, with_priors
+from recal.service.priors.use import APPROVED, priors_in_use, settings_of, with_priors
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.update_summary import AxisChange, Points, axes_of, points_of, summary
+from recal.service.results.update_summary import Points, summary
 from recal.service.twin.judged import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
@@ -86,14 +87,14 @@ class Update(Result[UpdateDocument]):
         return self.estimate.after
 
     @property
-    def axes(self) -> dict[str, AxisChange]:
+    def axes(self) -> Mapping[str, AxisObservability]:
         """Per gyro: sigma of the session's mean bias before and after [deg/h], and its verdict."""
-        return axes_of(self.record)
+        return self.record.observability
 
     @property
     def points(self) -> Points:
         """The bias points; `.to_frame()` gives a pandas DataFrame."""
-        return points_of(self.record)
+        return Points(tuple(self.record.points))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, reasons, per axis sigma before and after, heading error, effect."""
@@ -370,14 +371,10 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         noise_source=facts.unit.noise_source,
         noise_note=None if note is None else sentence(note),
         noise_fit=noise_fit(facts.agreement, facts.runs),
-        priors=None if facts.priors is None else _priors_document(facts.priors),
+        priors=facts.priors,
         found_effects=facts.effects,
         effects_compared=facts.compared,
     )
-
-
-def _priors_document(use: PriorsUse) -> PriorsUseDocument:
-    return PriorsUseDocument(**vars(use), text=use.words())
 
 
 def _made(result: UpdateResult, unit: UnitInputs, document: UpdateDocument) -> Update:

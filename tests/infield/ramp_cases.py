@@ -55,7 +55,17 @@ def ramp(rng, truth, **changes):
     for r in of.rates:
         minutes = int((of.high - of.low) / abs(r))
         leg = (of.low if r > 0 else of.high) + r * (np.arange(minutes) + 0.5)
-        legs.append(Leg(len(T), len(T) + minutes, float(leg.min()), float(leg.max()), r))
+        legs.append(
+            Leg(
+                low_degC=float(leg.min()),
+                high_degC=float(leg.max()),
+                rate_degC_min=r,
+                start_s=60.0 * len(T),
+                end_s=60.0 * (len(T) + minutes - 1),
+                start=len(T),
+                end=len(T) + minutes,
+            )
+        )
         T, rate = [*T, *leg], [*rate, *np.full(minutes, r)]
     T, rate = np.array(T), np.array(rate)
     n, g = T.size, TWIN.gyro

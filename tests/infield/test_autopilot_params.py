@@ -164,7 +164,7 @@ def test_round_trip(tmp_path, autopilot, number, ending):
     assert any("sigma" in note or "known to" in note for note in notes)
     again = export_cubic(back, autopilot, number=number, device_id=77 if autopilot == "px4" else 0)
     assert max(fit.max_error_deg_h for fit in again.fits) < 1e-3
-    difference = again.cubic.rounded().offset_deg_h(T) - made.cubic.rounded().offset_deg_h(T)
+    difference = again.cubic.offset_deg_h(T) - made.cubic.offset_deg_h(T)
     assert np.abs(difference).max() < 1e-3
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from infield.reports.documents.fog import admissible_slow_rate, fit_models
 from infield.thermal.compensation import bias_deg_h
-from infield.thermal.fog.model import FogModel, shifted
+from infield.thermal.fog.model import FogCurves, FogModel
 from infield.thermal.fog.piecewise import piecewise_pair
 from infield.thermal.fog.ramps import document_subtraction, exact_separation, separate, up_down
 from ins.verdicts import sentences
@@ -314,9 +314,7 @@ def test_model_from_pair_alone_serves_a_held_out_ramp():
     truth = Truth(rng)
     study = separate([ramp(rng, truth)], [], TWIN)
     pairs = {a.axis: piecewise_pair(a.reduced) for a in study.axes}
-    model = FogModel(
-        {x: shifted(p.K_T, 0.0) for x, p in pairs.items()}, {x: p.K_delta for x, p in pairs.items()}
-    )
+    model = FogModel({x: FogCurves(p.K_T, p.K_delta) for x, p in pairs.items()})
     assert np.all(left_of(ramp(rng, truth, rates=(0.9, -0.9)), model) < 1 / 3)
 
 

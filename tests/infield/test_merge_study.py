@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from infield.table.merge import SessionPoints, merge_points, merge_posterior, session_covariance
+from infield.table.merge import SessionPoints, merge_posterior, session_covariance
 from infield.table.prior import smooth_kernel
 from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import GyroNoise
+from tests.infield.point_merge import gain_of, merge_points
 
 UTC = "2026-03-01T05:00:00Z"
 OFFSET_deg_h, SHAPE_deg_h = 0.006, 0.004  # ageing: together 0.0072 deg/h
@@ -101,11 +102,11 @@ def two_sessions(rng, runs):
             covariance=white,
             H=hat,
         )
-        first = merge_points(
-            table.replaced(parameters=ours[:, 0]), points, np.full((60, 60), COMMON_deg_h**2)
-        )
+        shared = np.full((60, 60), COMMON_deg_h**2)
+        known = table.replaced(parameters=ours[:, 0])
+        first = merge_points(known, points, shared)
         # the gain does not depend on the data: all runs at once
-        ours = ours + first.gain @ (y - hat @ ours)
+        ours = ours + gain_of(known, points, shared) @ (y - hat @ ours)
         assert ours[:, 0] == pytest.approx(first.candidate.parameters, abs=1e-14)
         table = first.candidate
     state["ours"] = (ours[:k], table.covariance[:k, :k])

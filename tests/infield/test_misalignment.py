@@ -379,7 +379,7 @@ def test_two_position_levelling_by_hand():
         [stop(0, v) for v in f], heading, AccelNoise(bias_ug=(5.0, 0.0, 0.0)), SITE
     )
     np.testing.assert_allclose(found.offset_ug, [55.0, -20.0], atol=1e-6)
-    np.testing.assert_allclose(found.tilt_rad, [1e-3, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.ground_tilt_arcsec * ARCSEC, [1e-3, 0.0], atol=1e-9)
     assert found.same_ground and found.dof == 4
     pair = level_offsets([stop(0, f[0]), stop(0, f[2])], heading[[0, 2]], AccelNoise(), SITE)
     np.testing.assert_allclose(pair.offset_ug, [50.0, -20.0], atol=1e-6)

@@ -81,7 +81,7 @@ def test_without_noise_the_fit_is_the_truth():
         np.testing.assert_allclose(a.theta[3:8], true[3:], atol=2e-4)
         assert (
             a.held_out.model_deg_h < 0.04 * a.held_out.before_deg_h
-            and a.condition < a.condition_all
+            and a.condition.used < a.condition.all
         )
         at_zero = about_zero(a, study.reference_degC)
         by_hand = unit.terms(k, 0.0)

@@ -14,6 +14,11 @@ UTC = "2026-03-01T05:00:00Z"
 INTERPOLATIONS = ["linear", "hermite"]
 
 
+def common_shift(table, axis, updated):
+    """How far an update moved the common part of an axis [deg/h]."""
+    return float(table.common_weights(axis) @ (updated.parameters - table.parameters))
+
+
 def random_table(rng, interpolation="linear"):
     """A table with different nodes on each axis, random values and a random covariance."""
     x, y, z = (
@@ -170,7 +175,7 @@ def test_ageing_adds_a_common_and_a_smooth_random_walk(interpolation):
 def test_common_shift_sees_shifts_and_not_shapes():
     table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
     shifted = table.replaced(parameters=table.parameters + 0.002)
-    assert table.common_shift("y", shifted) == pytest.approx(0.002)
+    assert common_shift(table, "y", shifted) == pytest.approx(0.002)
     # data on differences between temperatures only
     rows = np.diff(table.basis("y", [3.0, 14.0, 22.0]), axis=0)
     gain = (
@@ -180,7 +185,7 @@ def test_common_shift_sees_shifts_and_not_shapes():
     )
     bent = table.replaced(parameters=table.parameters + gain @ np.array([0.02, -0.01]))
     assert np.max(np.abs(bent.parameters)) > 1e-3
-    assert abs(table.common_shift("y", bent)) < 1e-7  # R6 asks for 1e-6
+    assert abs(common_shift(table, "y", bent)) < 1e-7  # R6 asks for 1e-6
 
 
 @pytest.mark.parametrize(

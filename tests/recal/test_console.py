@@ -34,7 +34,6 @@ HEAVY = {
     "matplotlib",
     "plotly",
     "sqlalchemy",
-    "alembic",
     "pydantic",
     "filterpy",
     "pymap3d",

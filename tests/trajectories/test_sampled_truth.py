@@ -35,12 +35,10 @@ def known():
 def sampled(truth, step_s=0.5):
     """Its stretches, as an estimator would give them."""
     out = []
-    for a, b, moving in zip(
-        truth.breaks_s[:-1], truth.breaks_s[1:], truth.is_moving(truth.breaks_s[:-1])
-    ):
+    for a, b, stretch in zip(truth.breaks_s[:-1], truth.breaks_s[1:], truth.stretches):
         t = np.linspace(a, b, max(int((b - a) / step_s), 1) + 1)
         euler = truth.kinematics(t).euler_rad
-        if moving:
+        if stretch.spline is not None:
             speed = truth.motion.speed_m_s(t)
             move = SampledMove(
                 time_s=t,
@@ -64,7 +62,8 @@ def test_samples_of_a_truth_give_it_back():
     assert np.abs(one.v_e - two.v_e).max() < ONE_CM
     # the turn's blends are shorter than its samples see
     assert np.abs(one.euler_rad - two.euler_rad).max() < 2e-3
-    assert np.array_equal(truth.is_moving(t), again.is_moving(t))
+    moving = [[s.spline is not None for s in found.stretches] for found in (truth, again)]
+    assert np.array_equal(truth.breaks_s, again.breaks_s) and moving[0] == moving[1]
     assert np.abs(truth.motion.speed_m_s(t) - again.motion.speed_m_s(t)).max() < ONE_CM
 
 

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly, make_interp
 from ins.earth import ecef_from_geodetic
 from ins.records import InputError, Site
 from trajectories.simulator.motions import SimulatedMotion
-from trajectories.simulator.truth import Truth, TruthSpan, frames_along, imu_velocity_n
+from trajectories.simulator.truth import Truth, TruthSpan, imu_velocity_n, moving_span, spline_ends
 
 # of a moving stretch: a quintic has 6 coefficients, and 2 rows are its ends at rest
 FEWEST_SAMPLES = 8
@@ -133,18 +133,10 @@ def _moving(
     stretch: SampledMove, motion: SimulatedMotion, r_e: NDArray, lever_p_b: NDArray, *, stops: bool
 ) -> TruthSpan:
     t = stretch.time_s
-    euler = make_interp_spline(t, stretch.euler_rad, k=5, bc_type=_ends(3, stops))
+    euler = make_interp_spline(t, stretch.euler_rad, k=5, bc_type=spline_ends(3, stops))
     air = stretch.airborne[:, None]
     v_n = (1.0 - air) * imu_velocity_n(motion, euler, t, lever_p_b) + air * stretch.v_n_m_s
-    v_e = np.einsum("nij,nj->ni", frames_along(r_e, v_n, t), v_n)
-    spline = make_interp_spline(t, np.hstack([v_e, euler(t)]), k=5, bc_type=_ends(6, stops))
-    return TruthSpan(stretch.start_s, r_e, euler(t[0]), spline, spline.antiderivative())
-
-
-def _ends(columns: int, stops: bool) -> tuple[list, list]:
-    """Conditions of a quintic spline: rest is left and reached with no rate and no acceleration."""
-    rest = [(1, np.zeros(columns)), (2, np.zeros(columns))]
-    return rest, rest if stops else [(3, np.zeros(columns)), (4, np.zeros(columns))]
+    return moving_span(t, r_e, euler, v_n, stops=stops)
 
 
 def _motion(stretches: Sequence[Sampled]) -> SimulatedMotion:

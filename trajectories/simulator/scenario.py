@@ -40,14 +40,12 @@ from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_r
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
 from trajectories.simulator.truth import Truth, build_truth
 from trajectories.simulator.truth_file import TruthProfile, TruthSection, read_profile
-from trajectories.simulator.unit_truth import UnitTruth, aged_unit
+from trajectories.simulator.unit_truth import ZERO, ThermalTerms, Triple, UnitTruth, aged_unit
 from trajectories.simulator.vehicle import EVENTS, Event
 
 SCENARIO_SCHEMA = "recal.scenario/1"
 MAX_BYTES = 1_000_000  # of a scenario; the longest packaged one has 1,491
-Triple = tuple[float, float, float]
 Around = dict[str, str | float]  # an environment as the file has it
-ZERO: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +77,7 @@ class ImuSection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnitSection:
+class UnitSection(ThermalTerms):
     """The true unit; `ageing_seed` fixes its curves, so that several sessions can be made of one
     unit.
     """
@@ -90,15 +88,6 @@ class UnitSection:
     ageing_offset_deg_h: float = 0.006
     ageing_shape_deg_h: float = 0.004
     table: str = ""
-    thermal_rate_deg_h_per_degC_min: Triple = ZERO
-    lag_s: Triple = ZERO
-    hysteresis_deg_h: Triple = ZERO
-    shupe_deg_h_per_degC_min: Triple = ZERO
-    shupe_centre_degC: Triple = (5.0, 12.0, 18.0)
-    shupe_lag_s: float = 0.0
-    thermal_rate_slope_deg_h_per_degC2_min: Triple = ZERO
-    gradient_deg_h_per_degC: Triple = ZERO
-    gradient_cross_deg_h_per_degC: Triple = ZERO
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -360,15 +349,7 @@ def scenario_unit(scenario: Scenario, *, table: TableDocument | None = None) -> 
         gyro_technology=_agreed(scenario.name, "gyro_technology", technologies),
         ageing_offset_deg_h=section.ageing_offset_deg_h,
         ageing_shape_deg_h=section.ageing_shape_deg_h,
-        thermal_rate_deg_h_per_degC_min=section.thermal_rate_deg_h_per_degC_min,
-        lag_s=section.lag_s,
-        hysteresis_deg_h=section.hysteresis_deg_h,
-        shupe_deg_h_per_degC_min=section.shupe_deg_h_per_degC_min,
-        shupe_centre_degC=section.shupe_centre_degC,
-        shupe_lag_s=section.shupe_lag_s,
-        thermal_rate_slope_deg_h_per_degC2_min=section.thermal_rate_slope_deg_h_per_degC2_min,
-        gradient_deg_h_per_degC=section.gradient_deg_h_per_degC,
-        gradient_cross_deg_h_per_degC=section.gradient_cross_deg_h_per_degC,
+        **{f.name: getattr(section, f.name) for f in fields(ThermalTerms)},
     )
 
 

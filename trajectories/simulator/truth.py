@@ -80,11 +80,6 @@ class Truth:
         """Where a stretch at rest or moving starts, and the end of the run."""
         return np.array([*(s.start_s for s in self.stretches), self.motion.end_s])
 
-    def is_moving(self, t: NDArray) -> NDArray:
-        """Whether the stretch that holds each time is a moving one."""
-        moving = np.array([s.spline is not None for s in self.stretches])
-        return moving[self._index(t)]
-
     def kinematics(self, time_s: NDArray) -> Kinematics:
         """Truth at any times within the run, in any order, shape (n,)."""
         t = np.atleast_1d(np.asarray(time_s, dtype=float))
@@ -159,17 +154,26 @@ def _moving(
     step_s = (end_s - start_s) / n
     tail = 0 if at_rest_after else int(np.ceil(TAIL_S / step_s))
     t = start_s + step_s * np.arange(n + tail + 1)
-    # rest is left and reached with no rate and no acceleration
-    zero = [(1, np.zeros(3)), (2, np.zeros(3))]
-    ends = (zero, zero if at_rest_after else [(3, np.zeros(3)), (4, np.zeros(3))])
     gravity = float(gravity_magnitude(geodetic_from_ecef(r_e)[0], 0.0))
-    euler = make_interp_spline(t, _attitude(motion, t, start, gravity), k=5, bc_type=ends)
+    attitude = _attitude(motion, t, start, gravity)
+    euler = make_interp_spline(t, attitude, k=5, bc_type=spline_ends(3, at_rest_after))
     v_n = imu_velocity_n(motion, euler, t, lever_p_b)
+    return moving_span(t, r_e, euler, v_n, stops=at_rest_after)
+
+
+def spline_ends(columns: int, stops: bool) -> tuple[list, list]:
+    """Conditions of a quintic spline: rest is left and reached with no rate and no acceleration."""
+    rest = [(1, np.zeros(columns)), (2, np.zeros(columns))]
+    return rest, rest if stops else [(3, np.zeros(columns)), (4, np.zeros(columns))]
+
+
+def moving_span(
+    t: NDArray, r_e: NDArray, euler: BSpline, v_n: NDArray, *, stops: bool
+) -> TruthSpan:
+    """The span of a motion from rest that is given at times (m,); stops: it ends at rest."""
     v_e = np.einsum("nij,nj->ni", frames_along(r_e, v_n, t), v_n)
-    zero6 = [(d, np.zeros(6)) for d, _ in zero]
-    ends6 = (zero6, zero6 if at_rest_after else [(3, np.zeros(6)), (4, np.zeros(6))])
-    spline = make_interp_spline(t, np.hstack([v_e, euler(t)]), k=5, bc_type=ends6)
-    return TruthSpan(start_s, r_e, euler(start_s), spline, spline.antiderivative())
+    spline = make_interp_spline(t, np.hstack([v_e, euler(t)]), k=5, bc_type=spline_ends(6, stops))
+    return TruthSpan(float(t[0]), r_e, euler(t[0]), spline, spline.antiderivative())
 
 
 def _attitude(motion: SimulatedMotion, t: NDArray, start: NDArray, gravity_m_s2: float) -> NDArray:

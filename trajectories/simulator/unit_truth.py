@@ -23,17 +23,37 @@ RATE_CENTRE_DEGC = 20.0  # where thermal_rate holds
 HYSTERESIS_WIDTH_DEGC = 3.0  # a turned-round temperature forgets its past over this
 
 
-@dataclass(frozen=True, kw_only=True)
-class UnitTruth:
-    """One unit as it is today: bias curves over temperature [deg/h], one an axis, held constant
-    beyond their ends.
+Triple = tuple[float, float, float]
+ZERO: Triple = (0.0, 0.0, 0.0)
 
-    The other terms are off by default. thermal_rate: bias per degC/min; lag_s: the bias follows the
-    temperature this late; hysteresis: half of the split between heating and cooling. shupe: bias
-    per degC/min of a fibre coil at its centre temperature, where it bends from half of that (cold)
-    to one and a half (hot); it follows dT/dt by shupe_lag_s. thermal_rate_slope: what thermal_rate
-    grows by per degC above RATE_CENTRE_DEGC. gradient: bias per degC of the gyro's own temperature
-    difference; gradient_cross: of the next gyro's (x of y's, y of z's, z of x's).
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalTerms:
+    """What of a unit's bias a table does not model, of x, y and z; all off by default.
+
+    thermal_rate: bias per degC/min; lag_s: the bias follows the temperature this late; hysteresis:
+    half of the split between heating and cooling. shupe: bias per degC/min of a fibre coil at its
+    centre temperature, where it bends from half of that (cold) to one and a half (hot); it follows
+    dT/dt by shupe_lag_s. thermal_rate_slope: what thermal_rate grows by per degC above
+    RATE_CENTRE_DEGC. gradient: bias per degC of the gyro's own temperature difference;
+    gradient_cross: of the next gyro's (x of y's, y of z's, z of x's).
+    """
+
+    thermal_rate_deg_h_per_degC_min: Triple = ZERO
+    lag_s: Triple = ZERO
+    hysteresis_deg_h: Triple = ZERO
+    shupe_deg_h_per_degC_min: Triple = ZERO
+    shupe_centre_degC: Triple = (5.0, 12.0, 18.0)
+    shupe_lag_s: float = 0.0
+    thermal_rate_slope_deg_h_per_degC2_min: Triple = ZERO
+    gradient_deg_h_per_degC: Triple = ZERO
+    gradient_cross_deg_h_per_degC: Triple = ZERO
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitTruth(ThermalTerms):
+    """One unit as it is today: bias curves over temperature [deg/h], one an axis, held constant
+    beyond their ends, and its further terms.
     """
 
     imu_serial: str
@@ -41,15 +61,6 @@ class UnitTruth:
     factory_deg_h: tuple[PPoly, PPoly, PPoly]
     ageing_deg_h: tuple[PPoly, PPoly, PPoly]
     sigma_deg_h: float
-    thermal_rate_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    lag_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    hysteresis_deg_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shupe_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shupe_centre_degC: tuple[float, float, float] = (5.0, 12.0, 18.0)
-    shupe_lag_s: float = 0.0
-    thermal_rate_slope_deg_h_per_degC2_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gradient_deg_h_per_degC: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gradient_cross_deg_h_per_degC: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def bias_deg_h(self, axis: str, temperature_degC: ArrayLike) -> NDArray:
         """The settled true bias of an axis, mean over power-ons, at temperatures of any shape."""
@@ -123,9 +134,6 @@ class UnitTruth:
         }
 
 
-Terms = tuple[float, float, float]
-
-
 def aged_unit(
     rng: np.random.Generator,
     *,
@@ -135,14 +143,13 @@ def aged_unit(
     ageing_shape_deg_h: float = 0.004,
     table: TableDocument | None = None,
     shupe_lag_s: float = 0.0,
-    **terms: Terms,
+    **terms: Triple,
 ) -> UnitTruth:
     """A unit and its ageing: on each axis a common shift and a smooth shape (1 sigma each) above
     the factory curve.
 
     The factory curve is that of `table` (recal.table/1, taken as checked), else a random smooth
-    one. The default ageing is 0.0072 deg/h RMS, physics.md 6.8. `terms`: the optional terms of
-    UnitTruth.
+    one. The default ageing is 0.0072 deg/h RMS, physics.md 6.8. `terms`: of `ThermalTerms`.
     """
     if gyro_technology not in GYRO_TECHNOLOGIES:
         raise InputError(

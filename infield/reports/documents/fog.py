@@ -16,10 +16,10 @@ from infield.reports.documents.thermal import (
 )
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog.hysteresis import Hysteresis
-from infield.thermal.fog.model import SCHEMA, FogModel, HeldOutResidual, shifted
+from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
-from infield.thermal.ramp_runs import RampRun
+from infield.thermal.ramp_runs import Leg, RampRun
 from ins.documents import UNWRITTEN
 from ins.records import AXES, Span
 from ins.verdicts import codes, sentences
@@ -45,23 +45,12 @@ def fit_models(study: RampStudy) -> tuple[dict[str, PiecewisePair], FogModel]:
     not known.
     """
     pairs = {a.axis: piecewise_pair(a.reduced) for a in study.axes}
-    K_T = {
-        a.axis: shifted(pairs[a.axis].K_T, 0.0 if a.level_known else a.level_deg_h)
-        for a in study.axes
-    }
-    return pairs, FogModel(K_T, {axis: pair.K_delta for axis, pair in pairs.items()})
-
-
-@dataclass(frozen=True, kw_only=True)
-class RampDocument:
-    """One steady ramp."""
-
-    direction: str
-    low_degC: float
-    high_degC: float
-    rate_degC_min: float
-    start_s: float
-    end_s: float
+    gyros = {}
+    for a in study.axes:
+        level_deg_h = 0.0 if a.level_known else a.level_deg_h
+        pair = pairs[a.axis]
+        gyros[a.axis] = FogCurves(shifted(pair.K_T, level_deg_h), pair.K_delta)
+    return pairs, FogModel(gyros)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +65,7 @@ class FogRunDocument:
     heading_known: bool
     sigma_block_deg_h: Sequence[float]
     sigma_rate_degC_min: Sequence[float]
-    ramps: Sequence[RampDocument]
+    ramps: Sequence[Leg]
     excluded: Sequence[Span]
 
 
@@ -251,9 +240,9 @@ def fog_document(
 def fixed_tables(model: FogModel, word_bits: int) -> dict[str, FixedTable]:
     """Tables x_kt, x_kd, ... of the fitted gyros."""
     found = {}
-    for axis in model.K_T:
-        found[f"{axis}_kt"] = fixed_table(model.K_T[axis], word_bits=word_bits)
-        found[f"{axis}_kd"] = fixed_table(model.K_delta[axis], word_bits=word_bits)
+    for axis, curves in model.gyros.items():
+        found[f"{axis}_kt"] = fixed_table(curves.K_T, word_bits=word_bits)
+        found[f"{axis}_kd"] = fixed_table(curves.K_delta, word_bits=word_bits)
     return found
 
 
@@ -261,31 +250,20 @@ def worst_rounding(
     model: FogModel, tables: dict[str, FixedTable], largest_rate: float
 ) -> dict[str, float]:
     """Worst rounding error [deg/h] of each gyro up to a rate."""
-    return {
-        axis: worst_error_deg_h(
+    found = {}
+    for axis, curves in model.gyros.items():
+        edges = curves.K_delta.edges_degC
+        T = np.linspace(edges[0], edges[-1], 2001)
+        found[axis] = worst_error_deg_h(
             tables[f"{axis}_kt"],
             tables[f"{axis}_kd"],
             largest_rate=largest_rate,
-            largest_K_delta=float(
-                np.max(np.abs(curve(np.linspace(curve.edges_degC[0], curve.edges_degC[-1], 2001))))
-            ),
+            largest_K_delta=float(np.max(np.abs(curves.K_delta(T)))),
         )
-        for axis, curve in model.K_delta.items()
-    }
+    return found
 
 
 def _run(role: str, run: RampRun) -> FogRunDocument:
-    ramps = [
-        RampDocument(
-            direction=leg.direction,
-            low_degC=leg.low_degC,
-            high_degC=leg.high_degC,
-            rate_degC_min=leg.rate_degC_min,
-            start_s=float(run.time_s[leg.start]),
-            end_s=float(run.time_s[leg.end - 1]),
-        )
-        for leg in run.legs
-    ]
     return FogRunDocument(
         run_id=run.run_id,
         sha256=run.sha256,
@@ -295,7 +273,7 @@ def _run(role: str, run: RampRun) -> FogRunDocument:
         heading_known=run.heading_known,
         sigma_block_deg_h=run.sigma_deg_h.tolist(),
         sigma_rate_degC_min=run.rate_sigma_degC_min.tolist(),
-        ramps=ramps,
+        ramps=run.legs,
         excluded=[span.in_words() for span in run.excluded],
     )
 
@@ -320,8 +298,8 @@ def _axis(
         closed_forms={"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},
         inflections=dict(zip(("K_T", "K_delta"), pair.inflections)),
         piecewise=PiecewiseDocument(
-            K_T=model.K_T[a.axis],
-            K_delta=model.K_delta[a.axis],
+            K_T=model.gyros[a.axis].K_T,
+            K_delta=model.gyros[a.axis].K_delta,
             bic=pair.bic,
             residual_over_sigma=float(np.sqrt(pair.scatter)),
         ),
@@ -418,7 +396,7 @@ def _slow_rate(a: RampFit, study: RampStudy, allowed: float) -> SlowRateDocument
 def _fixed_point(
     axis: str, model: FogModel, study: RampStudy, word_bits: int
 ) -> FixedPointDocument:
-    only = FogModel({axis: model.K_T[axis]}, {axis: model.K_delta[axis]})
+    only = FogModel({axis: model.gyros[axis]})
     tables = fixed_tables(only, word_bits)
     rate = max(run.rate for run in study.fast)
     return FixedPointDocument(

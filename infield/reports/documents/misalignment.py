@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.misalignment.azimuth_levelling import LevelOffsets
 from infield.misalignment.closed_forms import DocumentAngles, document_angles, document_compensation
 from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
 from infield.misalignment.geometry import Geometry
@@ -20,7 +21,7 @@ from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
 from infield.reports.documents.update_records import RunDocument
 from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError
-from ins.units import ARCSEC, DEG, MICRO_G, STANDARD_GRAVITY
+from ins.units import ARCSEC, DEG
 from ins.verdicts import Observability, Reason, because, codes, sentence, sentences
 
 SCHEMA = "recal.misalignment/1"
@@ -102,20 +103,6 @@ class NoClosedFormsDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AccelerometersDocument:
-    """Offsets, and biases where the mounting is known."""
-
-    offset_ug: Sequence[float]
-    sigma_offset_ug: Sequence[float]
-    ground_tilt_arcsec: Sequence[float]
-    chi2: float
-    dof: int
-    bias_ug: Sequence[float] | None
-    sigma_bias_ug: Sequence[float] | None
-    sigma_mounting_arcsec: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
 class MisalignmentDocument:
     """misalignment.json."""
 
@@ -140,7 +127,7 @@ class MisalignmentDocument:
     not_observable: Sequence[UnseenDocument]
     redundancy: RedundancyDocument | None
     closed_forms: ClosedFormsDocument | NoClosedFormsDocument | None
-    accelerometers: AccelerometersDocument | None
+    accelerometers: LevelOffsets | None
     misalignment_mrad: Mapping[str, float]
     sigma_misalignment_mrad: Mapping[str, float | None]
     prior_mrad: float
@@ -174,7 +161,7 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
         not_observable=_not_observable(study),
         redundancy=None if fit is None else _redundancy(fit),
         closed_forms=_closed_forms(study),
-        accelerometers=_accelerometers(study),
+        accelerometers=study.levels,
         misalignment_mrad=dict(zip(ENTRIES, gyro.misalignment_mrad)),
         sigma_misalignment_mrad={
             entry: sigma or None for entry, sigma in zip(ENTRIES, gyro.sigma_misalignment_mrad)
@@ -292,24 +279,3 @@ def _closed_forms(study: AzimuthStudy) -> ClosedFormsDocument | NoClosedFormsDoc
 def _angle(found: DocumentAngles, k: int) -> AngleDocument:
     value = (found.exy_rad, found.eyx_rad, found.ezy_rad)[k]
     return AngleDocument(value_arcsec=value / ARCSEC, sigma_arcsec=found.sigma_rad[k] / ARCSEC)
-
-
-def _accelerometers(study: AzimuthStudy) -> AccelerometersDocument | None:
-    levels, mounting = study.levels, study.settings.sigma_mounting_arcsec
-    if levels is None:
-        return None
-    offset = levels.offset_ug.tolist()
-    sigma_bias = None
-    if mounting is not None:
-        of_mounting = mounting * ARCSEC * STANDARD_GRAVITY / MICRO_G
-        sigma_bias = np.hypot(levels.sigma_ug, of_mounting).tolist()
-    return AccelerometersDocument(
-        offset_ug=offset,
-        sigma_offset_ug=levels.sigma_ug.tolist(),
-        ground_tilt_arcsec=(levels.tilt_rad / ARCSEC).tolist(),
-        chi2=levels.chi2,
-        dof=levels.dof,
-        bias_ug=None if mounting is None else offset,
-        sigma_bias_ug=sigma_bias,
-        sigma_mounting_arcsec=mounting,
-    )

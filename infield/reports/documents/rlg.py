@@ -16,12 +16,12 @@ from infield.reports.documents.thermal import (
 )
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
-from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Residual, TermChoice
+from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Condition, Residual, TermChoice
 from infield.thermal.rlg.gradients import GradientStudy
 from infield.thermal.rlg.held_out import RlgHeldOut
 from infield.thermal.rlg.lag import Lag
 from infield.thermal.rlg.model import SCHEMA
-from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
+from infield.thermal.rlg.terms import TERM_UNITS, TERMS, Collinear
 from ins.documents import UNWRITTEN
 from ins.records import AXES, Span
 from ins.verdicts import Reason, because, codes, sentences
@@ -80,16 +80,6 @@ class RlgRestDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConditionDocument:
-    """Condition numbers of the terms."""
-
-    used: float
-    all: float
-    all_uncentred: float
-    limit: float = COLLINEAR
-
-
-@dataclass(frozen=True, kw_only=True)
 class RlgAxisDocument:
     """One fitted gyro."""
 
@@ -99,7 +89,7 @@ class RlgAxisDocument:
     about_zero_degC: Mapping[str, float]
     level: ThermalLevel
     rest: RlgRestDocument
-    condition: ConditionDocument
+    condition: Condition
     collinear: Sequence[Collinear]
     orders: Sequence[TermChoice]
     held_out: Residual
@@ -228,9 +218,7 @@ def _axis(a: AxisModel, reference_degC: float) -> RlgAxisDocument:
             sigma_deg_h=a.sigma[n:].tolist(),
             prior_sigma_deg_h=a.choice.rest_deg_h,
         ),
-        condition=ConditionDocument(
-            used=a.condition, all=a.condition_all, all_uncentred=a.condition_uncentred
-        ),
+        condition=a.condition,
         collinear=a.collinear,
         orders=a.orders,
         held_out=a.held_out,

@@ -176,9 +176,9 @@ class DisagreementDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PriorsUseDocument:
-    """The learnt priors that the update went by: source (`approved` or a file), scope (the unit or
-    its technology), and their values by name; text: the same for people.
+class PriorsUse:
+    """The learnt priors that the update went by: source (`approved` or a file), scope (the unit,
+    else its technology), and their values by name; text: the same for people.
     """
 
     source: str
@@ -253,7 +253,7 @@ class UpdateDocument:
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
     noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
-    priors: PriorsUseDocument | None = field(default=None, metadata=OMIT_NONE)
+    priors: PriorsUse | None = field(default=None, metadata=OMIT_NONE)
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)

@@ -44,18 +44,6 @@ class FixedTable:
     def worst(self) -> float:
         return self.rounding + self.temperature_rounding
 
-    def evaluate(self, t: NDArray) -> NDArray:
-        """y (integers) at temperatures t (integers), as the hardware does it; the end values are
-        held.
-        """
-        t = np.clip(np.asarray(t, dtype=np.int64), self.edges[0], self.edges[-1])
-        j = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.shift) - 1)
-        u, shift = t - self.edges[j], self.shift[j]
-        y = self.coefficients[j, -1].astype(np.int64)
-        for k in range(self.coefficients.shape[1] - 2, -1, -1):
-            y = ((y * u + (np.int64(1) << (shift - 1))) >> shift) + self.coefficients[j, k]
-        return y
-
 
 def fixed_table(curve: Piecewise, *, word_bits: int = 16) -> FixedTable:
     """The curve in words of 8 to 32 bits with as many fraction bits as its largest coefficient

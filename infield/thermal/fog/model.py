@@ -3,7 +3,7 @@ tried on a held-out run.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,58 +55,38 @@ class FogCurves:
 
 @dataclass(frozen=True)
 class FogModel(TemperatureModel):
-    """Piecewise K_T [deg/h] and K_delta [deg/h per degC/min] of each fitted gyro.
+    """The curves of each fitted gyro."""
 
-    sigma_K_delta: temperatures and the sigma there, where the document has it. hysteresis_deg_h: of
-    each gyro that shows one.
-    """
-
-    K_T: Mapping[str, Piecewise]
-    K_delta: Mapping[str, Piecewise]
-    sigma_K_delta: Mapping[str, tuple[NDArray, NDArray]] = field(default_factory=dict)
-    hysteresis_deg_h: Mapping[str, float] = field(default_factory=dict)
+    gyros: Mapping[str, FogCurves]
 
     @property
     def curves(self) -> Mapping[str, FogCurves]:
-        return {
-            axis: FogCurves(
-                self.K_T[axis],
-                self.K_delta[axis],
-                self.sigma_K_delta.get(axis),
-                self.hysteresis_deg_h.get(axis, 0.0),
-            )
-            for axis in self.K_T
-        }
+        return self.gyros
 
 
 def model_from_document(document: dict[str, Any], *, name: str = "model") -> FogModel:
     """The model in a result `recal.thermal_fog/1`; InputError names what is missing."""
     check_fitted(document, SCHEMA, name)
     try:
-        curves = {
-            key: {
-                axis: curve_from(fitted["piecewise"][key])
-                for axis, fitted in document["axes"].items()
-            }
-            for key in ("K_T", "K_delta")
-        }
-        sigma = {
-            axis: (
-                np.array(fitted["temperature_degC"], dtype=float),
-                np.array(fitted["sigma_K_delta_deg_h_per_degC_min"], dtype=float),
-            )
-            for axis, fitted in document["axes"].items()
-        }
-        felt = {
-            axis: abs(float(fitted["hysteresis"]["value_deg_h"]))
-            for axis, fitted in document["axes"].items()
-            if fitted.get("hysteresis", {}).get("shown")  # none in models of older versions
-        }
+        return FogModel({axis: _curves(fitted) for axis, fitted in document["axes"].items()})
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{name}: axes: piecewise tables cannot be read ({type(error).__name__} {error})"
         ) from None
-    return FogModel(curves["K_T"], curves["K_delta"], sigma, felt)
+
+
+def _curves(fitted: dict[str, Any]) -> FogCurves:
+    """One gyro of a document; models of older versions hold no hysteresis."""
+    felt = fitted.get("hysteresis", {})
+    return FogCurves(
+        K_T=curve_from(fitted["piecewise"]["K_T"]),
+        K_delta=curve_from(fitted["piecewise"]["K_delta"]),
+        sigma_K_delta=(
+            np.array(fitted["temperature_degC"], dtype=float),
+            np.array(fitted["sigma_K_delta_deg_h_per_degC_min"], dtype=float),
+        ),
+        hysteresis_deg_h=abs(float(felt["value_deg_h"])) if felt.get("shown") else 0.0,
+    )
 
 
 def curve_from(data: dict[str, Any]) -> Piecewise:

@@ -21,6 +21,7 @@ from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, derivatives, find_lag
 from infield.thermal.rlg.terms import (
+    COLLINEAR,
     LINE_TERMS,
     REST_OF_TURN_ON,
     TERMS,
@@ -87,6 +88,18 @@ class TermChoice:
         return np.array([name in self.terms for name in TERMS])
 
 
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """Condition numbers: of the terms used, of all before any was dropped, of those with
+    temperatures counted from 0 degC; and where a dependency is strong.
+    """
+
+    used: float
+    all: float
+    all_uncentred: float
+    limit: float = COLLINEAR
+
+
 @dataclass(frozen=True)
 class AxisModel:
     """One gyro: coefficients theta (8 + m,), those of TERMS (0 where not used) and of the rest's
@@ -95,9 +108,7 @@ class AxisModel:
     The covariance is that of all terms that may be there and of all lags of the thermometers
     (`thermal.rlg.unsure`): it covers what leaving some out does to the others. lag: taken out
     of the columns where it was believed. orders: the best choice of each number of terms;
-    temperature_only (8 + m,): the best fit without rates and lines. condition: of the terms used;
-    condition_all: of all before any was dropped, condition_uncentred: those with temperatures
-    counted from 0 degC.
+    temperature_only (8 + m,): the best fit without rates and lines.
     held_out: stretches; by_run: whole runs, None where there is one. scatter: as in
     `thermal.study`. level_known: K1 is a bias, not a share of Earth rate.
     """
@@ -112,9 +123,7 @@ class AxisModel:
     collinear: tuple[Collinear, ...]
     not_better: tuple[str, ...]
     temperature_only: NDArray
-    condition: float
-    condition_all: float
-    condition_uncentred: float
+    condition: Condition
     held_out: Residual
     by_run: Residual | None
     scatter: float
@@ -196,9 +205,11 @@ class AxisFit:
             collinear=tuple(dropped),
             not_better=tuple(name for name in kept if name not in best.terms),
             temperature_only=solve_terms(whole, plain.mask, plain.rest_deg_h)[0],
-            condition=condition_number(whole.A[np.ix_(used, used)]),
-            condition_all=self._condition(whole, allowed),
-            condition_uncentred=self._condition(self._sum(self.all, 0.0), allowed),
+            condition=Condition(
+                used=condition_number(whole.A[np.ix_(used, used)]),
+                all=self._condition(whole, allowed),
+                all_uncentred=self._condition(self._sum(self.all, 0.0), allowed),
+            ),
             held_out=self._held_out(stretches, (plain, bare, best)),
             by_run=self._by_run((plain, bare, best)),
             scatter=float(scatter),

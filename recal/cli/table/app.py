@@ -35,7 +35,7 @@ def list_(shown: Shown, /, store, serial) -> None:
 
     Example: recal table list --store sqlite:///recal.db
     """
-    from recal.service.tables import about, key_of, need, open_tables, policy_line
+    from recal.service.tables import key_of, need, open_tables, policy_line
 
     with open_tables(store) as opened:
         units = [u for u in opened.units() if serial in (None, u.unit.imu_serial)]
@@ -51,7 +51,7 @@ def list_(shown: Shown, /, store, serial) -> None:
                 "active": u.active.number,
                 "factory": u.factory_number,
                 "has_twin": u.has_twin,
-                "revisions": [about(r) for r in history],
+                "revisions": history,
             }
             for u, history in zip(units, histories)
         ],
@@ -117,13 +117,13 @@ def diff(
     to
         The newer revision.
     """
-    from recal.service.tables import about, change_between, find_revision, line_of, open_tables
+    from recal.service.tables import change_between, find_revision, line_of, open_tables
 
     with open_tables(store) as opened:
         before = find_revision(opened, from_, serial, technology, mode)
         after = find_revision(opened, to, serial, technology, mode)
     axes = {axis: change_between(before, after, axis) for axis in "xyz"}
-    result = {"from": about(before), "to": about(after), "axes": axes}
+    result = {"from": before, "to": after, "axes": axes}
     lines = [
         f"{after.unit}",
         f"from {line_of(before)}",
@@ -202,7 +202,7 @@ def rollback(
     to
         The revision that becomes active again.
     """
-    from recal.service.tables import about, line_of, open_tables, revision_number
+    from recal.service.tables import line_of, open_tables, revision_number
 
     with open_tables(store, any_clock=any_clock) as opened:
         wanted = to if to in ("factory", "previous") else revision_number(to)
@@ -211,7 +211,7 @@ def rollback(
         f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}",
         f"  {found.note}",
     ]
-    shown.answer(about(found), lines)
+    shown.answer(found, lines)
 
 
 app.command("verify", cls=Command)(table_verify.command)

@@ -82,7 +82,7 @@ def export(
     from ins.documents import plain
     from recal.service.results.overwrite import CSV_TABLE, PARAMETERS, need_free_file
     from recal.service.table_files import CubicRequest, write_table
-    from recal.service.tables import about, find_revision, line_of, open_tables
+    from recal.service.tables import find_revision, line_of, open_tables
 
     form = _form(output, to)
     assert output is not None
@@ -108,9 +108,7 @@ def export(
         return
     write_table(found, output, form.value)
     left_out = " (covariance is not in a CSV)" if form == Form.csv else ""
-    shown.answer(
-        {"output": str(output), **plain(about(found))}, [f"{output}: {line_of(found)}{left_out}"]
-    )
+    shown.answer({"output": str(output), **plain(found)}, [f"{output}: {line_of(found)}{left_out}"])
 
 
 @of_table(twin="FILE")
@@ -166,7 +164,7 @@ def import_(
         noted.
     """
     from recal.service.table_files import TableFile, import_table
-    from recal.service.tables import about, line_of
+    from recal.service.tables import line_of
 
     given = TableFile(
         path=table,
@@ -192,7 +190,7 @@ def import_(
         f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}",
         *(f"  note: {line}" for line in said),
     ]
-    shown.answer(about(found), lines)
+    shown.answer(found, lines)
 
 
 def _form(output: Path | None, to: Form | None) -> Form:

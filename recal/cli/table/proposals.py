@@ -59,7 +59,6 @@ def proposals(
     """
     from recal.service.results.overwrite import need_free_report
     from recal.service.store import TableStore
-    from recal.service.tables import about_proposal
 
     if state not in (None, *PROPOSAL_STATES):
         raise typer.BadParameter(
@@ -76,7 +75,7 @@ def proposals(
             _show(shown, full, output)
             return
         found = opened.proposals(serial, technology, mode, state=state)
-    result = {"store": opened.name, "proposals": [about_proposal(p) for p in found]}
+    result = {"store": opened.name, "proposals": found}
     shown.answer(result, _listed(found))
 
 
@@ -152,13 +151,13 @@ def _show(shown: Shown, full: FullProposal, output: Path | None) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
     from ins.documents import plain
     from recal.service.results.update_summary import stored_summary
-    from recal.service.tables import about_proposal, proposed_document, write_proposal
+    from recal.service.tables import proposed_document, write_proposal
 
     document = proposed_document(full)
     if output is not None:
         write_proposal(full, output)
     shown.answer(
-        {**plain(about_proposal(full)), "report": document},
+        {**plain(full), "report": document},
         [str(full.unit), *_lines(full), *stored_summary(document)],
         None if output is None else output / "update.html",
     )

@@ -8,25 +8,19 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from ins.user_input import read_bounded
+from recal.service.results.issuer import Issuer
 
 FILE = "config.toml"
 MAX_DEFAULTS_BYTES = 100_000  # chosen: six keys of some 100 characters
 
 
-@dataclass(frozen=True)
-class UserConfig:
-    """What the file may say, empty where it does not.
-
-    store: URL of the default store; operator: who proposes and approves; organisation, department:
-    who issues reports; instrument_type, part_number: of the units.
+@dataclass(frozen=True, kw_only=True)
+class UserConfig(Issuer):
+    """What the file may say, empty where it does not: who issues reports, the operator among them,
+    who proposes and approves; store: URL of the default store.
     """
 
     store: str = ""
-    operator: str = ""
-    organisation: str = ""
-    department: str = ""
-    instrument_type: str = ""
-    part_number: str = ""
 
 
 def config_path() -> Path:

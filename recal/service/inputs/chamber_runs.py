@@ -7,7 +7,7 @@ from infield.store.table_store import TableStore, UnknownUnit
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin
 from recal.service.inputs.records import AnyRun, AnyTwin, read_one, twin_of
-from recal.service.inputs.unit_inputs import opened
+from recal.service.inputs.unit_inputs import opened, twin_of_unit
 
 T = TypeVar("T")
 
@@ -67,17 +67,7 @@ def noise_model(run: Run, store: TableStore | str | None, given: AnyTwin | None)
     """The noise model that is given, else from the store, else the defaults of the technology."""
     header = run.header
     if given is not None:
-        twin = twin_of(given)
-        if twin.gyro_technology != header.gyro_technology or twin.imu_serial not in (
-            "",
-            header.imu_serial,
-        ):
-            name = twin.source if isinstance(given, TwinModel) else given
-            raise InputError(
-                f"{name}: is of {twin.gyro_technology} unit {twin.imu_serial or '(any)'}, run"
-                f" {header.run_id} of {header.gyro_technology} unit {header.imu_serial}"
-            )
-        return twin
+        return twin_of_unit(twin_of(given), run)
     return _stored_twin(run, opened(store)) or default_twin(header.gyro_technology)
 
 

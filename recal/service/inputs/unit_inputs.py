@@ -138,14 +138,14 @@ def unit_inputs(run: Run, store: TableStore | None, given_twin: AnyTwin | None) 
             return UnitInputs(
                 revision.table,
                 revision.table_dict,
-                _checked(twin or stored or default_twin(header.gyro_technology), run),
+                twin_of_unit(twin or stored or default_twin(header.gyro_technology), run),
                 True,
                 revision.number,
                 noise=noise if stored is None else NoiseSource.STORE,
             )
         except UnknownUnit:
             pass
-    twin = _checked(twin or default_twin(header.gyro_technology), run)
+    twin = twin_of_unit(twin or default_twin(header.gyro_technology), run)
     table = table_of_unknown_unit(run, twin)
     return UnitInputs(table, table_to_dict(table), twin, False, noise=noise)
 
@@ -222,7 +222,8 @@ def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> Ta
         return None
 
 
-def _checked(twin: TwinModel, run: Run) -> TwinModel:
+def twin_of_unit(twin: TwinModel, run: Run) -> TwinModel:
+    """The twin, which must be of the unit that made the run; InputError where it is not."""
     header = run.header
     if twin.imu_serial and twin.imu_serial != header.imu_serial:
         raise InputError(

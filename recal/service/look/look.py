@@ -15,10 +15,10 @@ from recal.service.look.page import look_html
 from recal.service.look.records import Fit, LogUse, LookReport, LookVerdict, NoiseNumber
 from recal.service.look.series import series_of
 from recal.service.look.uses import LookFindings, convert_command, uses_of
-from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.files import program_version
 from recal.service.results.paths import AnyPath
 from recal.service.results.plots import figure_of
-from recal.service.results.result import Result
+from recal.service.results.result import Result, write_report
 from simreal.report.twin_document import FitReport, twin_fit_document
 from simreal.report.twin_page import allan_panels
 from simreal.twin.fit.fit import NoRest
@@ -81,12 +81,7 @@ class Looked(Result[LookReport]):
         """Write look.json and look.html to a directory, made if need be (else `recal-look`);
         returns the directory.
         """
-        folder = output_directory(None if output is None else Path(output), "look")
-        files = {folder / "look.json": self.to_json()}
-        if self.page is not None:
-            files[folder / "look.html"] = self.page()
-        write_files(files)
-        return folder
+        return write_report(self, output or "recal-look", "look")
 
 
 def look(

@@ -47,8 +47,8 @@ from recal.service.priors.forecast_records import (
 from recal.service.priors.kept import EPOCH, kept_units
 from recal.service.priors.reasons import ForecastReason
 from recal.service.priors.use import APPROVED, DEFAULT, technology_of
-from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.result import Result
+from recal.service.results.files import program_version
+from recal.service.results.result import Result, write_report
 
 # Mean temperature of a session below or above which it counts as a cold or a hot start: packaged
 # starts at -5, 20 and 45 degC lie on either side (trajectories/simulator/thermal.py).
@@ -131,12 +131,7 @@ def forecast(
     document = forecast_of(store, request, told)
     told("writing the report")
     result = Forecast(document, page=lambda: forecast_html(document))
-    folder = output_directory(request.output, "fleet-forecast")
-    files = {
-        folder / "forecast.json": result.to_json(),
-        folder / "forecast.html": forecast_html(document),
-    }
-    write_files(files)
+    write_report(result, request.output or "recal-fleet-forecast", "forecast")
     return result
 
 

@@ -26,8 +26,8 @@ from recal.service.priors.document import (
 from recal.service.priors.kept import kept_units
 from recal.service.priors.page import priors_html
 from recal.service.priors.reasons import NothingKept, PriorsReason
-from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.result import Result
+from recal.service.results.files import program_version
+from recal.service.results.result import Result, write_report
 
 LEARN_STEPS = 3  # that `told` is told of
 
@@ -164,12 +164,7 @@ def _written(
 ) -> LearntPriors:
     """The result, its JSON and its page in the folder."""
     result = LearntPriors(document, page=lambda: priors_html(document), kept=kept)
-    folder = output_directory(request.output, "fleet-learn")
-    files = {
-        folder / "priors.json": result.to_json(),
-        folder / "priors.html": priors_html(document),
-    }
-    write_files(files)
+    write_report(result, request.output or "recal-fleet-learn", "priors")
     return result
 
 

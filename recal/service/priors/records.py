@@ -4,24 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from infield.store.errors import NoStore
-from infield.store.priors_rows import PriorsDecision, PriorsRecord
+from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.results.result import Result
-
-
-@dataclass(frozen=True, kw_only=True)
-class PriorsRow:
-    """Priors as a list shows them; state: open, in use, approved (not in use now), rejected."""
-
-    gyro_technology: str
-    number: int
-    state: str
-    learnt_utc: str
-    learnt_by: str
-    note: str
-    sha256: str
-    decisions: Sequence[PriorsDecision]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +16,7 @@ class PriorsList:
 
     schema: str = "recal.priors_list/1"
     store: str
-    priors: Sequence[PriorsRow]
+    priors: Sequence[PriorsRecord]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -55,7 +41,7 @@ def listed_priors(store_url: str) -> ListedPriors:
     store = open_store(store_url)
     if store is None:
         raise NoStore(f"no store at {store_url}")
-    return ListedPriors(PriorsList(store=store.name, priors=[_row(r) for r in store.priors()]))
+    return ListedPriors(PriorsList(store=store.name, priors=store.priors()))
 
 
 def decide(
@@ -82,10 +68,4 @@ def decide(
         raise NoStore(f"no store at {store_url}")
     with TableStore.open(store_url, create=True) as store:
         record = store.decide_priors(technology, number, verdict, by=by, reason=reason)
-        return ListedPriors(PriorsList(store=store.name, priors=[_row(record)]))
-
-
-def _row(record: PriorsRecord) -> PriorsRow:
-    values = vars(record)
-    left_out = ("priors_json", "record_sha256")
-    return PriorsRow(**{k: v for k, v in values.items() if k not in left_out})
+        return ListedPriors(PriorsList(store=store.name, priors=[record]))

@@ -2,43 +2,20 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from infield.learning.parameters import PriorName
+from infield.reports.documents.update_records import PriorsUse
 from infield.session.settings import SessionSettings
+from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
 from ins.json_file import Json, read_json_object
 from ins.records import InputError, TwinModel
 from recal.service.inputs.unit_inputs import NoiseSource, UnitInputs
-from recal.service.priors.document import PriorValue, TechnologyPriors, priors_of
+from recal.service.priors.document import TechnologyPriors, priors_of
 
 APPROVED, DEFAULT = "approved", "default"
-
-
-@dataclass(frozen=True, kw_only=True)
-class PriorsUse:
-    """What an update took from learnt priors: source (`approved` or a file), scope (the unit, else
-    its technology), and the values by name.
-    """
-
-    source: str
-    gyro_technology: str
-    scope: str
-    revision: int | None
-    sha256: str | None
-    parameters: dict[str, float]
-
-    def words(self) -> str:
-        """For people."""
-        which = f"revision {self.revision}" if self.source == APPROVED else self.source
-        common, shape = (
-            self.parameters[name] for name in (PriorName.AGEING_COMMON, PriorName.AGEING_SHAPE)
-        )
-        return (
-            f"priors of {self.gyro_technology}, {which}, for {self.scope}: ageing {common:.2g}"
-            f" deg/h common and {shape:.2g} deg/h shape per square root of a year"
-        )
 
 
 def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> PriorsUse | None:
@@ -65,9 +42,7 @@ def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> Pr
     found = technology_of(json.loads(record.priors_json), name, technology)
     if found is None:
         raise InputError(f"{name}: says nothing of {technology}")
-    return replace(
-        _use(found, APPROVED, record.sha256, unit), revision=record.number, sha256=record.sha256
-    )
+    return _use(found, APPROVED, record, unit)
 
 
 def technology_of(data: Mapping[str, Json], name: str, technology: str) -> TechnologyPriors | None:
@@ -75,18 +50,27 @@ def technology_of(data: Mapping[str, Json], name: str, technology: str) -> Techn
     return next((t for t in document.technologies if t.gyro_technology == technology), None)
 
 
-def _use(found: TechnologyPriors, source: str, sha256: str | None, unit: UnitInputs) -> PriorsUse:
+def _use(
+    found: TechnologyPriors, source: str, record: PriorsRecord | None, unit: UnitInputs
+) -> PriorsUse:
     """Of the unit where it was learnt from, else of its technology."""
     name = " ".join(filter(None, (unit.table.imu_serial, unit.table.gyro_mode)))
     scope = next((u for u in found.units if u.name == name), found.technology)
-    values: dict[str, PriorValue] = {**found.technology.parameters, **scope.parameters}
+    known = {**found.technology.parameters, **scope.parameters}
+    values = {key: value.value for key, value in known.items()}
+    which = source if record is None else f"revision {record.number}"
+    common, shape = values[PriorName.AGEING_COMMON], values[PriorName.AGEING_SHAPE]
     return PriorsUse(
         source=source,
         gyro_technology=found.gyro_technology,
         scope=scope.name,
-        revision=None,
-        sha256=sha256,
-        parameters={key: value.value for key, value in values.items()},
+        revision=None if record is None else record.number,
+        sha256=None if record is None else record.sha256,
+        parameters=values,
+        text=(
+            f"priors of {found.gyro_technology}, {which}, for {scope.name}: ageing {common:.2g}"
+            f" deg/h common and {shape:.2g} deg/h shape per square root of a year"
+        ),
     )
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from ins.documents import plain, to_json
-from recal.service.results.files import write_text
+from recal.service.results.files import output_directory, write_files, write_text
+from recal.service.results.paths import AnyPath
 
 SHOWN_LINES = 8  # of a result's summary in its repr; chosen: a third of a screen of 25 lines
 
@@ -94,3 +95,17 @@ class Result(Generic[Record]):
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
+
+
+def write_report(
+    found: Result[Any], folder: AnyPath, name: str, more: Mapping[str, str] | None = None
+) -> Path:
+    """Write NAME.json, its report NAME.html where there is one, and more texts by file name to a
+    directory, made if need be; returns it.
+    """
+    directory = output_directory(Path(folder), "")
+    texts = {f"{name}.json": found.to_json()}
+    if found.page is not None:
+        texts[f"{name}.html"] = found.page()
+    write_files({directory / file: text for file, text in {**texts, **(more or {})}.items()})
+    return directory

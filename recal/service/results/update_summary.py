@@ -8,6 +8,7 @@ from infield.reports.documents.parked import effect_words, stretch_words
 from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import (
     EffectsCompared,
+    PointDocument,
     UpdateDocument,
     ZeroRateEffect,
     update_of,
@@ -27,44 +28,18 @@ SHOWN_ACTIONS = (*ACTED_ON, ThermalAction.SPLIT_OR_WRONG_SESSION)
 
 
 @dataclass(frozen=True)
-class AxisChange:
-    """What the session adds to one gyro: sigma of its mean bias before and after [deg/h].
-
-    verdict: `observed`, `weak` or `not_observable`; advice: what would show more.
-    """
-
-    sigma_before_deg_h: float
-    sigma_after_deg_h: float
-    verdict: str
-    advice: str
-
-
-@dataclass(frozen=True)
-class BiasPoint:
-    """A gyro's total bias at a temperature, comparable with the table; `time_s` is its centre."""
-
-    axis: str
-    time_s: float
-    temperature_degC: float
-    bias_deg_h: float
-    sigma_deg_h: float
-    duration_s: float
-    run_id: str
-
-
-@dataclass(frozen=True)
 class Points:
     """Bias points of all runs."""
 
-    rows: tuple[BiasPoint, ...]
+    rows: tuple[PointDocument, ...]
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def __iter__(self) -> Iterator[BiasPoint]:
+    def __iter__(self) -> Iterator[PointDocument]:
         return iter(self.rows)
 
-    def of(self, axis: str) -> tuple[BiasPoint, ...]:
+    def of(self, axis: str) -> tuple[PointDocument, ...]:
         """Those of one gyro, "x", "y" or "z"."""
         return tuple(point for point in self.rows if point.axis == axis)
 
@@ -72,32 +47,11 @@ class Points:
         """The points as a pandas DataFrame, a row each, units in the column names."""
         from pandas import DataFrame
 
-        columns = [f.name for f in fields(BiasPoint)]
+        columns = [f.name for f in fields(PointDocument)]
         return DataFrame([vars(point) for point in self.rows], columns=columns)
 
     def __repr__(self) -> str:
         return f"{len(self.rows)} bias points; .to_frame() shows them"
-
-
-def axes_of(document: UpdateDocument) -> dict[str, AxisChange]:
-    """Per gyro what the document says of it."""
-    return {
-        axis: AxisChange(
-            sigma_before_deg_h=seen.sigma_before_deg_h,
-            sigma_after_deg_h=seen.sigma_after_deg_h,
-            verdict=seen.verdict,
-            advice=seen.advice,
-        )
-        for axis, seen in document.observability.items()
-    }
-
-
-def points_of(document: UpdateDocument) -> Points:
-    """The bias points of the document."""
-    names = [f.name for f in fields(BiasPoint)]
-    return Points(
-        tuple(BiasPoint(**{name: getattr(p, name) for name in names}) for p in document.points)
-    )
 
 
 def stored_summary(document: JsonObject) -> list[str]:
