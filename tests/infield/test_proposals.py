@@ -17,25 +17,15 @@ from infield.store.table_store import (
     UnknownUnit,
 )
 from infield.table.file import canonical_json, table_sha256, table_to_dict
-from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError
 from tests.infield import stores
-from tests.infield.stores import SIGNED, tamper
+from tests.infield.stores import SIGNED, table, tamper
 
 url, store = stores.url, stores.store
 
 UTC = "2026-03-01T05:00:00Z"
 LATER = "2099-03-01T05:00:00Z"
 REPORT = '{"verdict": "proposed", "nis": 1.0000000000000002}'
-
-
-def table(serial="SN-1"):
-    return default_table(
-        imu_serial=serial,
-        gyro_technology="rlg",
-        created_utc=UTC,
-        span=EvenNodes(low_degC=0, high_degC=20.0),
-    )
 
 
 def updated(parent, shift_deg_h=0.001):
@@ -285,18 +275,6 @@ def test_a_changed_decision_is_found(store, url, statement):
     tamper(url, statement)
     with pytest.raises(InputError, match="the row was changed or is missing"):
         store.proposals()
-
-
-def test_a_store_of_before_still_reads_and_is_upgraded_by_a_proposal(store, url):
-    first = store.import_table(table_to_dict(table()))
-    older = "UPDATE alembic_version SET version_num = '0002'"
-    guards = ["DROP FUNCTION recal_append_only() CASCADE"] if url.startswith("postgresql") else []
-    later = ("policy", "priors_decision", "priors", "decision", "proposal")
-    tamper(url, *guards, *(f"DROP TABLE recal_{name}" for name in later), older)
-    with TableStore.open(url) as old:
-        assert old.active() == first and old.proposals() == [] and old.overview()[0].undecided == 0
-    with TableStore.open(url, create=True) as new:
-        assert propose(new, first).number == 1 and new.active() == first
 
 
 def test_rollback_only_from_the_revision_that_was_seen(store):

@@ -298,18 +298,6 @@ def test_a_unit_with_proposals_alone_is_intact(store):
     assert faults(store) == {} and store.verify().units[0].head_sha256 is None
 
 
-def test_a_store_of_the_first_schema_is_checked_as_it_is(full, url):
-    tamper(
-        url,
-        "DROP TABLE recal_decision",
-        "DROP TABLE recal_proposal",
-        "DROP TABLE recal_contradiction",
-        "UPDATE alembic_version SET version_num = '0001'",
-    )
-    with TableStore.open(url) as old:
-        assert faults(old) == {}
-
-
 def test_a_damaged_file_is_one_line(tmp_path):
     url = f"sqlite:///{tmp_path}/recal.db"
     with TableStore.open(url, create=True) as store:

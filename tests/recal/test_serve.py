@@ -531,13 +531,3 @@ def test_who_put_it_forward_does_not_approve_it_on_the_page(fresh):
         refused = visitor.submit("/decide", **form)
         assert refused.status_code == 409 and "was put forward by r. eviewer" in text_of(refused)
         assert store.active() == active
-
-
-def test_a_unit_without_a_forecast_of_today_is_not_green(tmp_path):
-    url = f"sqlite:///{tmp_path}/recal.db"
-    put_unit(url, proposals=0)
-    with serving(url) as base, Visitor(base) as visitor:
-        for page in ("/", "/unit?serial=SN-1&technology=rlg"):
-            text = visitor.get(page).text
-            assert "unknown" in text and 'class="badge good"' not in text
-            assert 'class="banner good"' not in text

@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
-from ins.records import InputError
 from recal.cli.app import app
 from tests.infield.sessions import TWIN, factory, factory_dict, shifted, simulated
 from tests.recal.verbs import update
@@ -178,40 +177,6 @@ def test_an_approval_is_refused_where_the_table_has_moved(folder):
     assert [p["proposal"] for p in listed] == [2] and listed[0]["decision"] is None
 
 
-def test_lists_name_unit_state_and_decision(folder):
-    put_forward(("SN-1", "SN-2"))
-    run("table", "reject", 2, "--by", "A", "--reason", "towed")
-    text = run("table", "proposals").stdout
-    assert (
-        text.index("SN-1 (rlg)")
-        < text.index("proposal 1  open")
-        < text.index("SN-2 (rlg)")
-        < text.index("rejected by A on")
-    )
-    assert run("table", "proposals", "--serial", "SN-2", "--state", "open").stdout == ""
-    assert run("table", "proposals", "-q").output == ""
-
-
-@pytest.mark.parametrize(
-    "arguments, line",
-    [
-        (("approve", 2, "--reason", "x"), "no proposal 2; recal table proposals"),
-        (("approve", 1, "--reason", " "), "reason: got 0"),
-        (("reject", 1, "--reason", "x", "--by", ""), "by: got ''"),
-        (("reject", 1, "--reason", "x", "--serial", "SN-9"), "serial SN-9"),
-        (("proposals", 7), "no proposal 7"),
-    ],
-)
-def test_bad_input_is_one_line(folder, arguments, line):
-    put_forward()
-    result = run("table", *arguments)
-    assert (
-        isinstance(result.exception, InputError)
-        and line in str(result.exception)
-        and "\n" not in str(result.exception)
-    )
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -224,12 +189,3 @@ def test_bad_input_is_one_line(folder, arguments, line):
 )
 def test_wrong_usage(folder, arguments):
     assert run("table", *arguments).exit_code == 2 and not list(folder.iterdir())
-
-
-def test_reading_creates_no_store(folder):
-    assert isinstance(run("table", "proposals").exception, InputError) and not list(
-        folder.iterdir()
-    )
-    with TableStore.open(URL, create=True) as store:
-        store.import_table(factory_dict())
-    assert answered("table", "proposals")["proposals"] == []

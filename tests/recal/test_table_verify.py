@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
 from recal.cli.app import app
-from tests.infield.stores import commit, factory, tamper
+from tests.infield.stores import commit, factory
 
 URL = "sqlite:///recal.db"
 
@@ -70,14 +70,3 @@ def test_head_and_report_kept_elsewhere(folder):
     assert said.exit_code == 3 and json.loads(said.stdout)["reasons"] == [
         "update.json: SN-1 revision 7 is not in the store"
     ]
-
-
-def test_a_store_without_units_says_so(folder):
-    tamper(
-        URL,
-        "DELETE FROM recal_tag",
-        "DELETE FROM recal_revision",
-        "DELETE FROM recal_merged_run",
-        "DELETE FROM recal_unit",
-    )
-    assert verify().stdout == "no units\n"
