@@ -109,9 +109,7 @@ def test_rejection_leaves_the_table_and_is_final(store):
     propose(store, first)
     assert decide(store, 1, "rejected").state == "rejected" and store.active() == first
     for verdict in ("approved", "rejected"):
-        with pytest.raises(
-            InputError, match=r"proposal 1 was rejected by A\. Reviewer on .* before"
-        ):
+        with pytest.raises(InputError, match="proposal 1 was rejected"):
             decide(store, 1, verdict)
     assert store.active() == first and len(store.history()) == 1
 
@@ -149,9 +147,7 @@ def test_the_same_update_is_kept_once(store):
     # the same table from other runs is another update
     assert propose(store, first, run="run-2").number == 2
     decide(store, 1, "rejected")
-    with pytest.raises(
-        AlreadyRejected, match=r"same update was rejected by .* as proposal 1; a note must say why"
-    ):
+    with pytest.raises(AlreadyRejected, match=r"rejected by .* as proposal 1"):
         propose(store, first)
     again = propose(store, first, note="thermometer replaced, see log 12")
     assert (again.number, again.state) == (3, "open") and propose(store, first) == again
@@ -250,7 +246,7 @@ def test_a_changed_proposal_is_found(store, url, column):
         f"UPDATE recal_proposal SET {column} = {9 if column == 'number' else repr('[]')} WHERE"
         " number = 1",
     )
-    with pytest.raises(InputError, match=r"the row was changed or is missing|no proposal 1"):
+    with pytest.raises(InputError, match=r"the row was changed|no proposal 1"):
         decide(store, 1)
     assert store.active() == first
 

@@ -43,9 +43,7 @@ def test_bad_url_is_one_line(bad):
 @pytest.mark.parametrize("memory", ["sqlite://", "sqlite:///:memory:", "sqlite+pysqlite://"])
 def test_a_store_in_memory_is_refused(memory):
     for look in (store_exists, TableStore.open, lambda url: TableStore.open(url, create=True)):
-        with pytest.raises(
-            InputError, match=r"^store sqlite.*: a database in memory keeps nothing; needed a file"
-        ):
+        with pytest.raises(InputError, match="in memory"):
             look(memory)
 
 

@@ -87,7 +87,7 @@ def test_an_upgrade_that_fails_leaves_the_old_schema(old, monkeypatch):
     before = kept(old)
     monkeypatch.setattr("infield.store.database.SCHEMA_REVISION", "0005")  # never reached
     tamper(old, "CREATE TABLE recal_proposal (in_the_way INTEGER)")
-    with pytest.raises(InputError, match=r"not written: .*recal_proposal.*already exists"):
+    with pytest.raises(InputError, match=r"not written: .*recal_proposal"):
         TableStore.open(old, create=True)
     assert (
         rows(old, "SELECT version_num FROM alembic_version") == [("0001",)] and kept(old) == before

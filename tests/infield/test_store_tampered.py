@@ -57,7 +57,7 @@ def test_no_reader_or_writer_uses_an_active_tag_that_was_moved(five, url):
 
 def test_an_active_tag_that_is_gone_is_told(five, url):
     tamper(url, "DELETE FROM recal_tag WHERE name = 'active' AND number = 5")
-    with pytest.raises(InputError, match="tag active is missing: the store was changed by hand"):
+    with pytest.raises(InputError, match="tag active is missing"):
         five.active("SN-1")
 
 
@@ -127,7 +127,7 @@ def test_bytes_in_a_proposal_are_a_changed_row(five, url):
 
 def test_rows_that_contradict_each_other_are_not_a_busy_store(five):
     """A reference to a revision that is not there: no number of tries mends it."""
-    with pytest.raises(InputError, match="rows contradict each other; see recal table verify"):
+    with pytest.raises(InputError, match="rows contradict each other"):
         five._database.write(
             lambda c: c.execute(
                 text("INSERT INTO recal_tag (unit_id, name, number) VALUES (1, 'x', 99)")

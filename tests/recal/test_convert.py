@@ -199,7 +199,8 @@ def test_binary_rows_with_a_header_and_a_cut_off_end(tmp_path, dtype, pack):
     np.testing.assert_allclose(
         made.run.imu.dv_m_s, np.tile(F_B * 0.02, (500, 1)), rtol=1e-9, atol=1e-18
     )
-    assert list(made.record.notes) == ["log.dat: last row cut off after 30 of 56 bytes, dropped"]
+    (note,) = made.record.notes
+    assert "30 of 56 bytes" in note
 
 
 def test_mixed_binary_types(tmp_path):
@@ -254,7 +255,8 @@ def test_damaged_text_is_named(tmp_path):
     log.write_text("\n".join(rows[:-1]) + "\n" + rows[-1][:20])
     made = convert_log(log, options('format = "text"'), GIVEN)
     assert made.run.imu.time_s.size == 499
-    assert list(made.record.notes) == ["log.txt: last row has no line end (file cut off?), dropped"]
+    (note,) = made.record.notes
+    assert "no line end" in note
     log.write_text("\n".join([*rows[:-1], "1.0 2.0"]) + "\n")
     made = convert_log(log, options('format = "text"'), GIVEN)
     assert list(made.record.notes) == [
@@ -309,10 +311,7 @@ def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
 @pytest.mark.parametrize(
     ("given", "line"),
     [
-        (
-            {"imu_serial": None},
-            r"needed from the options or \[run\] in the map: imu_serial \(--serial\)",
-        ),
+        ({"imu_serial": None}, r"imu_serial \(--serial\)"),
         ({"lat_deg": None, "lon_deg": None}, r"lat_deg \(--lat-deg\), lon_deg \(--lon-deg\)"),
         ({"lat_deg": 91}, r"site\.lat_deg: got 91, needed at most 90"),
         ({"gyro_technology": "laser"}, 'gyro_technology: got "laser"'),
@@ -343,14 +342,10 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
     (tmp_path / "walk.toml").write_text('format = "csv"\ncolums = 1')
     with pytest.raises(InputError, match=r"^walk.toml: map: unknown key colums"):
         convert(source, map_file=tmp_path / "walk.toml", header=GIVEN)
-    with pytest.raises(
-        InputError, match=r"format: got 'ulg', needed one of .*ulog, .*csv, text, .*binary"
-    ):
+    with pytest.raises(InputError, match=r"got 'ulg', needed one of .*csv"):
         convert_log(source, {"format": "ulg"}, GIVEN)
     (tmp_path / "log").write_bytes(bytes(range(256)))
-    with pytest.raises(
-        InputError, match=r"log: format not recognised, needed --map .* Known: .*csv"
-    ):
+    with pytest.raises(InputError, match=r"needed --map .* Known: .*csv"):
         convert_log(tmp_path / "log", {}, GIVEN)
     with pytest.raises(InputError, match="no such file"):
         convert_log(tmp_path / "nothing", {}, GIVEN)

@@ -146,10 +146,7 @@ def test_what_each_run_has_of_its_own_is_written_and_read_back():
             item("gyro_thermal_linear", "gyro_w", coefficient=1.0),
             "target: got 'gyro_w', needed one of gyro_",
         ),
-        (
-            item("gyro_thermal_linear", "gyro_x"),
-            r"coefficient: got nothing, needed a number \[deg/h per degC\]",
-        ),
+        (item("gyro_thermal_linear", "gyro_x"), "coefficient: got nothing"),
         (
             item("gyro_thermal_lag", "gyro_x", coefficient=1.0),
             r"tau_s: got nothing, needed a number \[s\]",
@@ -214,10 +211,7 @@ def test_noise_that_is_not_declared_cannot_be_taken_away():
             "slow_variation", "gyro_y", process="gyro_gauss_markov", coefficient=-0.01, tau_s=100.0
         )
     )
-    with pytest.raises(
-        InputError,
-        match=r"twin.json: slow_variation on gyro_y: coefficient -0.01, needed 0 or more",
-    ):
+    with pytest.raises(InputError, match=r"coefficient -0.01, needed 0 or more"):
         without_excess(twin, parse_effects(twin), "any")
 
 

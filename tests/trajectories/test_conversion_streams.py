@@ -73,9 +73,8 @@ def test_velocities_that_are_not_those_of_the_positions(change, line, noise):
 
 
 def test_up_taken_for_down():
-    assert lines(driven(climb_m_s=2.0, change=lambda v: v * [1, 1, -1])) == [
-        "log: the fixes rise where their velocity says down: up taken for down (frame?)"
-    ]
+    (line,) = lines(driven(climb_m_s=2.0, change=lambda v: v * [1, 1, -1]))
+    assert "up taken for down" in line
     assert (
         lines(driven(climb_m_s=2.0)) == [] and lines(driven(change=lambda v: v * [1, 1, -1])) == []
     )

@@ -352,7 +352,7 @@ def test_a_twin_opens_nothing_but_its_own_table(tmp_path, name):
     folder.mkdir()
     (folder / "link.json").symlink_to("/etc/passwd")
     twin = TwinModel(imu_serial="SN-1", table=name, source="twin.json")
-    with pytest.raises(InputError, match=r"twin\.json: table: .* leaves the folder of the twin"):
+    with pytest.raises(InputError, match="leaves the folder of the twin"):
         table_path(twin, folder)
     own = TwinModel(table="tables/t.json")
     with pytest.raises(InputError, match=r"'tables/t\.json'"):

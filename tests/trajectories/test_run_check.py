@@ -268,10 +268,7 @@ def test_a_gap_is_named_with_its_length(path):
 @pytest.mark.parametrize(
     ("part", "line"),
     [
-        (
-            lambda rows: rows[:2001] + rows[2001::2],
-            r"row 2001 .*: rate changes from 100 to 50 Hz at 20\.0",
-        ),
+        (lambda rows: rows[:2001] + rows[2001::2], "row 2001 .*: rate changes"),
         (lambda rows: [rows[0], *rows[1::12]], r"rate 8\.333 Hz, needed 10 to 2000 Hz"),
         (
             lambda rows: [rows[0], *([repr(float(r[0]) / 30), *r[1:]] for r in rows[1:])],

@@ -112,7 +112,7 @@ def test_the_orientation_tells_the_unit_of_the_gyros(tmp_path, gyro):
 def test_xsens_without_a_clock(tmp_path):
     path = xsens(tmp_path / "log.txt", fine=None)
     path.write_text(path.read_text().replace("// Update Rate: 100.0Hz", "//"))
-    with pytest.raises(InputError, match=r"no SampleTimeFine and no update rate .*needed rate_hz"):
+    with pytest.raises(InputError, match="needed rate_hz"):
         convert_log(path, {}, GIVEN)
     check_parked(convert_log(path, {"rate_hz": 100.0}, GIVEN).run, OUT)
     with pytest.raises(InputError, match="rad/s scaled by pi/180 once too often"):
