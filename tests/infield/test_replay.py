@@ -401,17 +401,6 @@ def test_latitude_beyond_gyrocompassing_is_refused():
     assert result.verdict == "refused" and "78.25" in sentences(result.reasons)[0]
 
 
-def test_log_that_never_rests_is_refused_and_reported():
-    result = replay(never_rests(parked(1200.0).run), choices(flat()), TwinModel())
-    assert (
-        result.verdict == "refused"
-        and "never rests" in sentences(result.reasons)[0]
-        and result.tables == ()
-    )
-    document = replay_document(result, TwinModel(), store=None, version="0")
-    assert "never rests" in render(document)
-
-
 def never_rests(run: Run) -> Run:
     """Rocked by 3 m/s^2 with a period of 37 s."""
     dv = np.array(run.imu.dv_m_s)

@@ -135,18 +135,6 @@ def test_damage_is_found_and_named(full, url, damage):
     assert list(found) == ["SN-1"] and any(line.startswith(said) for line in found["SN-1"]), found
 
 
-def test_swapped_rows_are_found(full, url):
-    tamper(
-        url,
-        "UPDATE recal_revision SET number = 99 WHERE number = 2",
-        "UPDATE recal_revision SET number = 2 WHERE number = 3",
-        "UPDATE recal_revision SET number = 3 WHERE number = 99",
-    )
-    found = faults(full)["SN-1"]
-    assert any(line.startswith("revision 2: the row, or its link") for line in found)
-    assert any(line.startswith("revision 3: the row, or its link") for line in found)
-
-
 def test_a_row_moved_to_another_unit_is_found(full, url):
     (one,), (two,) = rows(url, "SELECT id FROM recal_unit ORDER BY imu_serial")
     tamper(

@@ -220,35 +220,6 @@ def test_mixed_binary_types(tmp_path):
     assert made.run.imu.rate_hz == pytest.approx(50)
 
 
-@pytest.mark.parametrize(
-    ("text", "lines"),
-    [
-        (
-            lambda rows: "\n".join(" " + "   ".join(map(str, r)) for r in rows) + "\n",
-            'format = "text"',
-        ),
-        (
-            lambda rows: (
-                "# a log\n# of 2026\n" + "\n".join("\t".join(map(str, r)) for r in rows) + "\n"
-            ),
-            'format = "text"\nheader_lines = 2',
-        ),
-        (
-            lambda rows: "\n".join(";".join(map(str, r)) for r in rows) + "\n",
-            'format = "csv"\ndelimiter = ";"',
-        ),
-        (lambda rows: "\r\n".join(",".join(map(str, r)) for r in rows) + "\r\n", 'format = "csv"'),
-    ],
-    ids=["white space", "tabs and header lines", "semicolons", "DOS line ends"],
-)
-def test_text_layouts(tmp_path, text, lines):
-    log = tmp_path / "log.txt"
-    log.write_bytes(text(ROWS.tolist()).encode())
-    made = convert_log(log, options(lines), GIVEN)
-    np.testing.assert_allclose(made.run.imu.dtheta_rad, np.tile(W_B * 0.02, (500, 1)), rtol=1e-9)
-    assert list(made.record.notes) == []
-
-
 def test_damaged_text_is_named(tmp_path):
     log = tmp_path / "log.txt"
     rows = [" ".join(map(str, r)) for r in ROWS.tolist()]

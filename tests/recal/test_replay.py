@@ -183,13 +183,6 @@ def test_exports_and_the_aided_solution(folder):
     ].startswith("parked for 10 min")
 
 
-def test_one_revision_is_flown_alone_and_said(folder):
-    stored(table(0.0))
-    document = result_of("run", "--no-aided")
-    assert len(document["tables"]) == 1 and document["difference"] is None
-    assert "one revision" in document["notes"][0]
-
-
 def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
     document = result_of("run", "--no-aided")
     assert document["notes"][0].startswith("no store there") and document["store"] is None
@@ -197,12 +190,6 @@ def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
         document["tables"][0]["origin"].startswith("default") and document["tables"][0]["applied"]
     )
     assert not (folder / "recal.db").exists()
-
-
-def test_unit_unknown_to_the_store_is_said(folder):
-    stored(table(0.0, serial="SN-7"))
-    document = result_of("run", "--no-aided")
-    assert "SN-0042" in document["notes"][0] and len(document["tables"]) == 1
 
 
 def test_refused_writes_its_reasons_and_no_old_navigation(folder):
@@ -214,34 +201,6 @@ def test_refused_writes_its_reasons_and_no_old_navigation(folder):
     assert json.loads((folder / "out/replay.json").read_text()) == document
     assert "never rests" in (folder / "out/replay.html").read_text()
     assert not (folder / "out/navigation.parquet").exists()
-
-
-def test_polar_site_is_refused_with_the_alignment_in_the_report(folder):
-    header = session().run.header
-    polar = replace(
-        session().run,
-        header=replace(header, site=replace(header.site, lat_rad=79 * DEG)),
-        gnss=None,
-    )
-    write_run(folder / "polar", polar)
-    document = result_of("polar", exit_code=4)
-    assert "78.25" in document["reasons"][0]
-    assert (
-        document["tables"][0]["alignment"]["heading_deg"] is None
-        and document["tables"][0]["parked"] is None
-    )
-
-
-def test_wrong_latitude_is_exit_code_5(folder):
-    header = session().run.header
-    wrong = replace(
-        session().run,
-        header=replace(header, site=replace(header.site, lat_rad=45.9 * DEG)),
-        gnss=None,
-    )
-    write_run(folder / "wrong", wrong)
-    stored(table(0.0))  # raw gyros, 0.1 deg/h, could not tell
-    assert "latitude entered" in result_of("wrong", exit_code=5)["reasons"][-1]
 
 
 @pytest.mark.parametrize("applied", [False, True])

@@ -235,12 +235,6 @@ def test_the_twin_takes_only_what_other_data_bear(found, effect, measured, expec
     assert plain(document)["causes"][0].get("kept_out") == expected
 
 
-def test_the_page_says_what_stays_out_of_the_twin_and_who_decides(found):
-    one = cause(effect=OF_TIME, id=OF_TIME, named=False, repeats="R", run_id=None)
-    page = diagnosis_html(document_of(replace(found, causes=(one,))), [None])
-    assert "not in twin.json" in page and "Let another run decide about" in page
-
-
 def test_a_curve_of_time_of_one_rest_stays_out_of_the_twin():
     """A triangle wave over one half-hour: right between the half-minutes that it is drawn through,
     and nothing that another start would show.
@@ -466,27 +460,6 @@ def test_a_noise_below_the_declared_is_said_to_be(found):
 )
 def test_values_have_the_digits_that_count(value, sigma, text):
     assert value_text(value, sigma) == text
-
-
-def test_a_refused_page_says_what_was_needed(found):
-    document = refused_document(
-        [NotLookedAt("r1", "never rests")],
-        trial().runs[:1],
-        found.twin,
-        version="1",
-        alpha=0.01,
-        seed=0,
-    )
-    page = diagnosis_html(document)
-    assert "Not looked at" in page and "never rests" in page and not specifications(page)
-
-
-def test_the_summary_says_it_in_lines(found):
-    lines = summary(document_of(found, record_next=["one more"]))
-    assert trial().truth[0].effect in lines[0] and any(
-        "shrinks the gap by" in line for line in lines
-    )
-    assert lines[-1].endswith("one more")
 
 
 def test_a_refused_document_says_why_and_claims_nothing(found):

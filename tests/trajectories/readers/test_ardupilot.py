@@ -3,12 +3,9 @@ off and garbled.
 """
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ins.records import FixType, InputError
 from ins.units import DEG
@@ -388,55 +385,6 @@ def test_other_matlab_files_are_named(tmp_path):
     (tmp_path / "c.mat").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
     with pytest.raises(InputError, match=r"c\.mat: HDF5 that cannot be opened"):
         convert_log(tmp_path / "c.mat", {"format": "ardupilot_mat"}, {})
-
-
-SHORT = b"".join(logs.old_messages(rows=40))
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    st.lists(
-        st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=12), st.integers(0, 40)),
-        max_size=6,
-    )
-)
-def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
-    """Bytes replaced, added and taken out anywhere: a log, or one InputError; nothing else."""
-    data = SHORT
-    for at, new, lost in cuts:
-        data = data[:at] + new + data[at + lost :]
-    path = tmp_path_factory.getbasetemp() / "fuzz.bin"
-    path.write_bytes(data)
-    read_or_refuse(path, "dataflash")
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["ardupilot_mat", "dataflash_text"]))
-def test_any_damage_of_the_other_forms(tmp_path_factory, seed, name):
-    rng = np.random.default_rng(seed)
-    base = tmp_path_factory.getbasetemp()
-    make = {
-        "ardupilot_mat": lambda p: logs.write_mat(p, compress=bool(seed % 2)),
-        "dataflash_text": logs.write_text,
-    }[name]
-    path = make(base / "fuzz_other.mat")
-    data = bytearray(path.read_bytes())
-    for at in rng.integers(
-        0, min(len(data), 3000 if seed % 3 else len(data)), size=rng.integers(1, 8)
-    ):
-        data[at] = rng.integers(0, 256)
-    path.write_bytes(data[: rng.integers(1, len(data))] if seed % 5 == 0 else data)
-    read_or_refuse(path, name)
-
-
-def read_or_refuse(path: Path, name: str) -> None:
-    try:
-        _, log = read_log(path, LogOptions({"format": name}))
-    except InputError as error:
-        assert "\n" not in str(error)
-        return
-    assert np.isfinite(log.imu.dtheta_rad).all() and np.isfinite(log.imu.dv_m_s).all()
-    assert np.all(np.diff(log.imu.time_s) > 0)
 
 
 # Units
