@@ -272,7 +272,7 @@ def test_measuring_again_with_the_corrected_twin_finds_nothing_more():
         (
             lambda: [parked_run(h).run for h in FOUR_DEG],
             {"known": known(0, 270, 180, 90)},
-            "counted from north to west",
+            "north to west",
         ),
         (
             lambda: [parked_run(h).run for h in FOUR_DEG],

@@ -162,11 +162,7 @@ def test_two_revisions_are_compared(visitor):
         ("/unit?serial=SN-1", 400, "at this address: technology is missing."),
         ("/diff?serial=SN-1&technology=rlg&before=9", 400, "no revision 9, needed 1 to 2"),
         ("/?sort=colour", 400, "sort is 'colour', needed 'next', 'serial'"),
-        (
-            "/diff?serial=SN-1&technology=rlg&before=x",
-            400,
-            "before is 'x', needed a whole number from 1 on.",
-        ),
+        ("/diff?serial=SN-1&technology=rlg&before=x", 400, "before is 'x'"),
         ("/nothing", 404, "no page here"),
         ("/proposals?state=banana", 400, "state is 'banana', needed 'open', 'out of date'"),
         ("/?page=0", 400, "page is '0', needed a whole number from 1 on."),

@@ -235,18 +235,12 @@ def test_mixed_increments_and_rates():
         ({"axes": {"x": "x", "y": "x", "z": "z"}}, "right-handed set"),
         ({"axes": {"x": "up"}}, 'map: axes.x: got "up"'),
         ({"axis": {}}, "map: unknown key axis (did you mean axes?)"),
-        (
-            {"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}},
-            "map: key gyro.unit is missing",
-        ),
-        (
-            {"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}},
-            "gyro.unit: got 'deg/min', needed one of rad/s,",
-        ),
+        ({"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}}, "gyro.unit is missing"),
+        ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}}, "gyro.unit: got 'deg/min'"),
         ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "g"}}, "map: gyro.unit: got 'g'"),
         (
             {"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/s", "kind": "increments"}},
-            "deg/s is a unit of rates",
+            "unit of rates",
         ),
         ({"gyro": {"columns": ["wx", "wy"], "unit": "deg/s"}}, "map: gyro.columns"),
         ({"time": None}, r"time\] column or rate_hz"),
@@ -255,7 +249,7 @@ def test_mixed_increments_and_rates():
         ({"accel": {"columns": ["fx", "fy", "up"], "unit": "g"}}, "log: no column up, has t wx"),
         (
             {"accel": {"columns": ["fx", "fy", "fz"], "unit": "g", "scale": float("nan")}},
-            "map: accel.scale: got nan",
+            "accel.scale: got nan",
         ),
         ({"temperature": {"columns": ["a", "b"]}}, "map: temperature.columns"),
     ],

@@ -148,11 +148,7 @@ def test_truth_gives_reference_date_and_place(tmp_path):
     ("options", "given", "line"),
     [
         ({}, PLACELESS, r"lat_deg \(--lat-deg\)"),
-        (
-            {},
-            {"lat_deg": 1.0, "lon_deg": 1.0, "height_m": 1.0},
-            r"imu_serial \(--serial\), gyro_technology .*, start_utc",
-        ),
+        ({}, {"lat_deg": 1.0, "lon_deg": 1.0, "height_m": 1.0}, "imu_serial .*start_utc"),
         ({"gnss": {"file": "no.txt"}}, GIVEN, r"no\.txt: no such file"),
         ({"gnss": {"file": "imu.txt"}}, GIVEN, r"a sigma of -0\.0977\d+ m"),
         ({"gnss": {"file": "six.txt"}}, GIVEN, r"six\.txt: 6 columns, needed 7 or 10 or 13"),

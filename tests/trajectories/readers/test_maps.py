@@ -483,25 +483,13 @@ def test_another_clock_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
-        (
-            {"gnss": {**GNSS, "file": "no.csv", "time": {"column": "t"}}},
-            r"map: gnss\.file: .*no\.csv: no such file",
-        ),
-        (
-            {"gnss": {**GNSS, "file": "no.csv"}},
-            r"map: gnss\.time: needed, the column of its time stamps",
-        ),
+        ({"gnss": {**GNSS, "file": "no.csv", "time": {"column": "t"}}}, r"no\.csv: no such file"),
+        ({"gnss": {**GNSS, "file": "no.csv"}}, r"gnss\.time: needed"),
         ({"gnss": {"position": {"columns": ["a", "b"]}}}, r"map: gnss\.position\.columns"),
         ({"gnss": {**GNSS, "frame": "ned"}}, r"map: unknown key gnss\.frame"),
         ({"gnss": GNSS}, r"log\.csv: no column lat, has t wx"),
-        (
-            {"odometer": {"column": "fx", "unit": "mph"}},
-            r"map: odometer\.unit: got \"mph\", needed m/s, km/h or kn",
-        ),
-        (
-            {"header_lines": 1, "names_line": 3},
-            r"map: names_line 3, needed at most header_lines \(1\)",
-        ),
+        ({"odometer": {"column": "fx", "unit": "mph"}}, r"odometer\.unit: got \"mph\""),
+        ({"header_lines": 1, "names_line": 3}, "names_line 3, needed at most"),
         ({"temperature": {"columns": ["fx"], "unit": "F"}}, r"map: temperature\.unit: got \"F\""),
     ],
 )
@@ -517,10 +505,7 @@ def test_wrong_keys_are_named(tmp_path, keys, line):
         ({"accel": {**MAP["accel"], "unit": "g"}}, "6000 of 6000 rows"),
         ({"gyro": {**MAP["gyro"], "unit": "deg/s"}}, r"rows are damaged|mean \|w\| at rest"),
         ({"axes": {"x": "y", "y": "x", "z": "-z"}}, "z points up"),
-        (
-            {"axes": {"x": "z", "y": "y", "z": "-x"}},
-            r"mean f at rest is .* on x, needed about -9\.8 on z",
-        ),
+        ({"axes": {"x": "z", "y": "y", "z": "-x"}}, r"on x, needed about -9\.8 on z"),
     ],
 )
 def test_wrong_units_and_axes_are_refused(tmp_path, keys, line):

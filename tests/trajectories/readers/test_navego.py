@@ -130,19 +130,11 @@ def test_several_imus_and_a_receiver_of_another_file(tmp_path):
 @pytest.mark.parametrize(
     ("variables", "options", "line"),
     [
-        (
-            {"imu": imu(wb=np.degrees(OUT.dtheta) / 0.01)},
-            {},
-            r"mean \|w\| at rest is .*: deg/s\? multiply by pi/180",
-        ),
+        ({"imu": imu(wb=np.degrees(OUT.dtheta) / 0.01)}, {}, r"deg/s\? multiply by pi/180"),
         ({"imu": imu(fb=OUT.dv / 0.01 / 9.80665)}, {}, r"0\.9989 m/s2, needed 9\.8"),
         ({"imu": imu(fb=OUT.dv.T)}, {}, r"log\.mat: imu\.fb 3x6000, needed 3 columns"),
         ({"imu": imu(t=OUT.time_s[:50, None])}, {}, "t has 50 rows, wb 6000"),
-        (
-            {"imu": imu(), "gnss": gnss(lat=np.full((60, 1), LAT_DEG))},
-            {},
-            r"gnss\.lat up to 34\.25",
-        ),
+        ({"imu": imu(), "gnss": gnss(lat=np.full((60, 1), LAT_DEG))}, {}, r"gnss\.lat up to 34"),
         ({"imu": imu()}, {"imu": 2}, r"log\.mat: no IMU 2 \(--imu\), has imu"),
         ({"nav": ref()}, {"format": "navego"}, r"no IMU 1 \(--imu\)"),
         ({"imu": imu()}, {"gnss": {"file": "log.mat"}}, "no struct with t, lat, lon, h"),

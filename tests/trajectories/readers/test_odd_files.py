@@ -25,10 +25,7 @@ FILES = {
     "log.csv.bz2": (bz2.compress(TEXT.encode()), "a bzip2 file"),
     "log.csv.xz": (lzma.compress(TEXT.encode()), "a xz file"),
     "log.ulg.zst": (b"\x28\xb5\x2f\xfd....", "a zstd file"),
-    "log.bin": (
-        gzip.compress(TEXT.encode()),
-        r"a gzip file without \.gz in its name: unpack it first",
-    ),
+    "log.bin": (gzip.compress(TEXT.encode()), r"a gzip file without \.gz"),
     "log.mcap": (b"", r"the file is empty \(0 bytes\)"),
 }
 
@@ -130,7 +127,7 @@ REFUSED = {
     "thousands and semicolons": (
         TEXT.replace(",", ";").replace("\n5000.", "\n5,000.").encode(),
         {"delimiter": ";"},
-        r"got '5,000\.01', needed a number: thousands separators\? needed numbers without",
+        r"got '5,000\.01'",
     ),
     "thousands of Switzerland": (
         TEXT.replace("\n5000.", "\n5'000.").encode(),
@@ -235,14 +232,8 @@ def test_single_wild_temperatures_are_left_out_and_stuck_ones_said(tmp_path):
 
 SENSOR = {"unit": "deg/h"}
 MAPS = [
-    (
-        {"gyro": {"columns": ["wx", "wx", "wz"], **SENSOR}},
-        "gyro and accel: column wx is named twice",
-    ),
-    (
-        {"gyro": {"columns": ["fx", "fy", "fz"], **SENSOR}},
-        "gyro and accel: column fx is named twice",
-    ),
+    ({"gyro": {"columns": ["wx", "wx", "wz"], **SENSOR}}, "column wx is named twice"),
+    ({"gyro": {"columns": ["fx", "fy", "fz"], **SENSOR}}, "column fx is named twice"),
     ({"gyro": {"columns": ["t", "wy", "wz"], **SENSOR}}, "column t is named twice"),
     ({"gnss": {"position": {"columns": ["fx", "fx", "fz"]}}}, "gnss: column fx is named twice"),
     ({"gyro": {"columns": ["wx", "wy", "wz"], "scale": 0.0, **SENSOR}}, r"gyro\.scale: got 0"),
