@@ -89,11 +89,9 @@ def test_right_antenna_and_white_receiver_are_left_alone(technology, flights):
     for seed in range(flights):
         made = flown(ideal(PARK_S), twin_of(technology), 100 + seed)
         result = fly(made, technology)
-        assert (
-            result.antenna.freed == (False, False)
-            and not result.scales.fitted
-            and result.notes == ()
-        )
+        assert result.antenna.freed == (False, False)
+        assert not result.scales.fitted
+        assert result.notes == ()
         seen = result.antenna.seen
         shown.append(off_of(seen, 0.0))
     assert np.mean(np.square(shown)) < 2.0 and antenna_sigmas(seen)[:3].max() < 0.4
@@ -137,11 +135,9 @@ def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology,
         made = flown(ideal(PARK_S), twin_of(technology), seed)
         result = fly(made, technology, slow_error(made.run, seed, sigma_m, 100.0))
         scales = result.scales
-        assert (
-            scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6)
-            and scales.white <= 4.0
-            and scales.walk == 1.0
-        )
+        assert scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6)
+        assert scales.white <= 4.0
+        assert scales.walk == 1.0
         assert result.antenna.freed == (False, False) and "slow error" in sentences(result.notes)[0]
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60)[0])
     assert 0.05 < np.mean(ratios) < 2.0

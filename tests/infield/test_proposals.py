@@ -60,17 +60,13 @@ def test_a_proposal_changes_no_table(store, url):
     assert store.active() == first and len(store.history()) == 1 and not store.has_run("run-1")
     assert (kept.number, kept.state, kept.proposed_by) == (1, "open", "fleet")
     assert (kept.note, kept.proposed_utc) == ("night of 1 March", UTC)
-    assert (
-        kept.runs == (MergedRun(run_id="run-1", sha256="run-1"),)
-        and kept.parent_sha256 == first.sha256
-    )
+    assert kept.runs == (MergedRun(run_id="run-1", sha256="run-1"),)
+    assert kept.parent_sha256 == first.sha256
     full = store.proposal(1, "SN-1")
-    assert full.table_json == canonical_json(
-        table_to_dict(updated(first))
-    ) and full.report == json.loads(REPORT)
-    assert store.proposals() == [kept] and store.proposals("SN-2") == [] == store.proposals(
-        state="approved"
-    )
+    assert full.table_json == canonical_json(table_to_dict(updated(first)))
+    assert full.report == json.loads(REPORT)
+    assert store.proposals() == [kept]
+    assert store.proposals("SN-2") == [] == store.proposals(state="approved")
 
 
 def test_approval_commits_what_was_proposed_and_says_who(store, url):
@@ -157,9 +153,8 @@ def test_a_unit_without_a_table_stays_unknown_until_approval(store):
     store.import_table(table_to_dict(table()))
     new = table("NEW")
     propose(store, new, first_table=table_to_dict(new))
-    assert [u.unit.imu_serial for u in store.units()] == [
-        "SN-1"
-    ] and store.active().unit.imu_serial == "SN-1"
+    assert [u.unit.imu_serial for u in store.units()] == ["SN-1"]
+    assert store.active().unit.imu_serial == "SN-1"
     with pytest.raises(UnknownUnit, match="no table for serial NEW"):
         store.active("NEW")
     assert store.proposals("NEW")[0].state == "open"

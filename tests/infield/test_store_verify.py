@@ -52,10 +52,8 @@ def faults(store, **outside):
 def test_a_store_as_written_is_intact(full, url):
     before = rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number")
     found = full.verify()
-    assert faults(full) == {} and [(u.unit.imu_serial, u.revisions) for u in found.units] == [
-        ("SN-1", 5),
-        ("SN-2", 1),
-    ]
+    assert faults(full) == {}
+    assert [(u.unit.imu_serial, u.revisions) for u in found.units] == [("SN-1", 5), ("SN-2", 1)]
     ((head,),) = rows(url, "SELECT record_sha256 FROM recal_revision WHERE number = 5")
     assert found.units[0].head_sha256 == head
     assert rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number") == before
@@ -180,9 +178,8 @@ def test_a_contradiction_of_a_revision_cut_off_gives_it_away(full, url):
         "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
     )
     (line,) = faults(full)["SN-1"]
-    assert line.startswith("contradicting run odd: the table ") and line.endswith(
-        "is in no revision"
-    )
+    assert line.startswith("contradicting run odd: the table ")
+    assert line.endswith("is in no revision")
 
 
 def test_a_row_rewritten_with_its_hash_breaks_the_next_link(full, url):

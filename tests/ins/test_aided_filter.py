@@ -238,9 +238,8 @@ def test_scalar_updates_are_filterpys_joint_update():
     want_x, want_P, seen = kalman.update(np.zeros(N), P, z, H, np.diag(R))
     np.testing.assert_allclose(x, want_x, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(P_new, want_P, rtol=1e-8, atol=1e-8)
-    assert nis == pytest.approx(seen.nis) and loglik == pytest.approx(
-        -0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1])
-    )
+    assert nis == pytest.approx(seen.nis)
+    assert loglik == pytest.approx(-0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1]))
 
 
 @pytest.mark.parametrize("technology", ["rlg", "mems"])
@@ -388,10 +387,8 @@ def test_outage_coasts_with_growing_sigma_and_ends_within_it():
     assert np.all(np.diff(sigma[inside]) > 0) and sigma[inside][-1] > 20 * sigma[inside][0]
     assert (history.used[gone] == 0).all()
     back = int(np.flatnonzero(~gone & (fixes.time_s > 420.0))[0])
-    assert (
-        history.used[back, 0] == 2
-        and np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
-    )
+    assert history.used[back, 0] == 2
+    assert np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
 
 
 def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
@@ -408,9 +405,8 @@ def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
     for wrong, reset in ((single, False), (lasting, True)):
         moved = replace(fixes, r_e_m=fixes.r_e_m + np.where(wrong[:, None], 300.0, 0.0))
         history = navigated(made, start, aided_noise(twin), moved, reset_s=10.0)
-        assert (history.used[wrong & (t < 355.0), 0] == 1).all() and (
-            history.used[~wrong & (t > START_S + 1), 0] == 2
-        ).all()
+        assert (history.used[wrong & (t < 355.0), 0] == 1).all()
+        assert (history.used[~wrong & (t > START_S + 1), 0] == 2).all()
         # the velocities went on to fit: a leap (4), whose size is in the sigma; nothing begun anew
         leaps = np.flatnonzero(history.used[:, 0] == 4)
         assert (leaps.size == 1 and 360.0 <= t[leaps[0]] <= 363.0) if reset else leaps.size == 0
@@ -576,10 +572,8 @@ def test_fix_within_a_long_row_is_met_at_its_own_time():
     speed = np.linalg.norm(fixes.v_n_m_s, axis=1)
     rolling = (np.gradient(speed) > 2.0) & (speed > 10.0)
     assert rolling.sum() >= 8
-    assert (
-        np.abs(found.residual[rolling, :3]).max() < 0.06
-        and np.abs(found.residual[rolling, 3:]).max() < 0.05
-    )
+    assert np.abs(found.residual[rolling, :3]).max() < 0.06
+    assert np.abs(found.residual[rolling, 3:]).max() < 0.05
 
 
 def drawn_start(made, twin, rng):

@@ -237,9 +237,8 @@ def test_bad_input_is_one_line_exit_3_and_one_json_object(words, tmp_path, monke
     if words[0] == "check":
         assert answer["schema"] == "recal.check/1" and seen.err == ""
     else:
-        assert (
-            answer["schema"] == "recal.error/1" and seen.err == f"recal: {answer['reasons'][0]}\n"
-        )
+        assert answer["schema"] == "recal.error/1"
+        assert seen.err == f"recal: {answer['reasons'][0]}\n"
     assert list(tmp_path.iterdir()) == []
 
 

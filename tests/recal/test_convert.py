@@ -157,9 +157,8 @@ def test_from_log_to_checked_run(tmp_path):
     assert check(tmp_path / "run")["verdict"] == "ok"
     assert read_run(tmp_path / "run").header.tail == "T1"
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(
-        10769.990, abs=1e-3
-    )
+    assert record["source"] == "x_LN100_up.ins"
+    assert record["time_shift_s"] == pytest.approx(10769.990, abs=1e-3)
 
 
 MAP = """

@@ -87,10 +87,8 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
         "after the A check",
     )
     shown = answered("table", "proposals", "1")
-    assert (
-        shown["report"]["points"] == document["points"]
-        and "mean bias of the run, 1 sigma" in run("table", "proposals", "1").stdout
-    )
+    assert shown["report"]["points"] == document["points"]
+    assert "mean bias of the run, 1 sigma" in run("table", "proposals", "1").stdout
 
     def again(note=""):
         return update(
@@ -101,10 +99,8 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
     answered("table", "reject", 1, "--by", "A", "--reason", "towed at minute 12")
     refused = again()
     assert refused["verdict"] == "refused" and "rejected by A on" in refused["reasons"][0]
-    assert (
-        "towed at minute 12" in refused["reasons"][0]
-        and again(note="it was not towed")["proposal"] == 2
-    )
+    assert "towed at minute 12" in refused["reasons"][0]
+    assert again(note="it was not towed")["proposal"] == 2
     approved = answered("table", "approve", 2, "--by", "A. Reviewer", "--reason", "white residuals")
     assert (approved["verdict"], approved["decision"]["revision"]) == ("approved", 2)
     with TableStore.open(URL) as store:
@@ -161,9 +157,8 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
 
 def test_commit_and_propose_exclude_each_other(folder):
     result = run("update", "run", "--commit", "--propose")
-    assert result.exit_code == 2 and "give one of them" in " ".join(
-        result.output.replace("│", " ").split()
-    )
+    assert result.exit_code == 2
+    assert "give one of them" in " ".join(result.output.replace("│", " ").split())
     assert not list(folder.iterdir())
 
 

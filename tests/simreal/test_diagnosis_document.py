@@ -94,9 +94,8 @@ def test_the_document_has_every_field_of_the_contract(found):
     c = d["causes"][0]
     assert {"effect", "target", "probability", "confounded_with", "parameters", "shrink"} <= set(c)
     assert {"value", "sigma", "unit"} <= set(c["parameters"]["coefficient"])
-    assert {"fraction", "interval_95", "held_out"} <= set(c["shrink"]) and c["shrink"][
-        "held_out"
-    ] is True
+    assert {"fraction", "interval_95", "held_out"} <= set(c["shrink"])
+    assert c["shrink"]["held_out"] is True
     assert {"present", "p_value", "share", "looks_like"} == set(d["unexplained"])
     assert all(set(n) == {"effect", "needs"} for n in d["not_testable"])
 
@@ -302,9 +301,8 @@ def test_a_shape_that_the_fit_leaves_open_has_the_sigma_of_its_bounds(found):
 
 def test_the_overlay_of_a_run_follows_the_effect_fitted_on_the_others(found):
     (overlay,) = overlays(found)
-    assert (overlay.channel, overlay.unit) == (trial().truth[0].target, "deg/h") and len(
-        overlay.curves
-    ) == 4
+    assert (overlay.channel, overlay.unit) == (trial().truth[0].target, "deg/h")
+    assert len(overlay.curves) == 4
     for curve in overlay.curves:
         assert curve.held_out and curve.time_min.size == 29
         left = curve.measured - curve.effect
@@ -317,9 +315,8 @@ def test_a_run_held_out_is_drawn_first_and_fitted_without(found):
     name = found.views[2].name
     apart = diagnosed(hold_out=(name,))
     (overlay,) = overlays(apart)
-    assert [c.held_out for c in overlay.curves] == [True, False, False, False] and overlay.curves[
-        0
-    ].run_id == name
+    assert [c.held_out for c in overlay.curves] == [True, False, False, False]
+    assert overlay.curves[0].run_id == name
     before = next(c for c in overlays(found)[0].curves if c.run_id == name)
     # leave one out is the same fit
     assert np.allclose(overlay.curves[0].effect, before.effect, rtol=0.02)
@@ -328,10 +325,8 @@ def test_a_run_held_out_is_drawn_first_and_fitted_without(found):
     assert [r.run_id for r in d.runs if r.held_out] == [name]
     assert d.causes[0].shrink.how == "runs held out"
     parked = [np.mean(v.telemetry.parked) > 0.9 for v in apart.views]
-    assert all(parked) and fitted_trace(apart, 3).gyro_rad_s.shape == (
-        apart.views[3].telemetry.n,
-        3,
-    )
+    assert all(parked)
+    assert fitted_trace(apart, 3).gyro_rad_s.shape == (apart.views[3].telemetry.n, 3)
 
 
 def test_a_stream_of_another_time_is_left_out():
@@ -386,10 +381,8 @@ def test_user_level_numbers_are_those_of_the_planted_effect(found):
         ours, exact = (
             user_level(view, trace, table, found.twin) for trace in (fitted_trace(found, k), true)
         )
-        assert (
-            ours.navigated_s == pytest.approx(1200.0, abs=20.0)
-            and ours.as_it_is.rate_nm_h == exact.as_it_is.rate_nm_h
-        )
+        assert ours.navigated_s == pytest.approx(1200.0, abs=20.0)
+        assert ours.as_it_is.rate_nm_h == exact.as_it_is.rate_nm_h
         assert ours.without.rate_nm_h == pytest.approx(exact.without.rate_nm_h, abs=0.25)
         assert ours.heading_change_arcmin == pytest.approx(exact.heading_change_arcmin, abs=1.0)
 

@@ -109,21 +109,16 @@ def test_every_section_reaches_the_run():
         "SN-7",
         "fog",
     )
-    assert header.wheel_reference_m == (1.0, 2.0, 3.0) and header.gnss_lever_arm_m == (
-        4.0,
-        5.0,
-        6.0,
-    )
+    assert header.wheel_reference_m == (1.0, 2.0, 3.0)
+    assert header.gnss_lever_arm_m == (4.0, 5.0, 6.0)
     assert header.survey.heading_rad == pytest.approx(30 * DEG)
     assert header.survey.sigma_heading_rad == pytest.approx(0.01 * DEG)
     assert made.run.gnss is not None and made.run.odometer is not None
     assert made.reference.roll_rad[-1] - made.reference.roll_rad[0] == pytest.approx(
         100 * DEG / 3600, rel=0.05
     )
-    assert (
-        made.reference.pitch_rad[0] == pytest.approx(-2 * DEG, abs=1e-6)
-        and unit.gyro_technology == "fog"
-    )
+    assert made.reference.pitch_rad[0] == pytest.approx(-2 * DEG, abs=1e-6)
+    assert unit.gyro_technology == "fog"
 
 
 def test_seed_of_the_session_and_of_the_unit_are_apart():

@@ -76,10 +76,8 @@ def test_the_second_imu_and_its_temperature(old):
 
 
 def test_gyro_offsets_added_back(old):
-    assert (
-        convert_log(old, {"imu": 2}, {}).run.header.level_removed
-        and not convert_log(old, {}, {}).run.header.level_removed
-    )
+    assert convert_log(old, {"imu": 2}, {}).run.header.level_removed
+    assert not convert_log(old, {}, {}).run.header.level_removed
     made = convert_log(old, {"imu": 2, "gyro_offsets": "add_back"}, {})
     assert not made.run.header.level_removed
     check_parked(made.run, w=2 * logs.W + [0.001, 0.002, 0.003])
@@ -197,9 +195,8 @@ def test_cut_off_within_a_message(tmp_path, lost):
     path = tmp_path / "cut.bin"
     path.write_bytes(whole[:-lost])
     tables, notes = read_tables(path, {"IMU", "IMU2"})
-    assert (
-        tables["IMU"]["TimeMS"].size == logs.ROWS and tables["IMU2"]["TimeMS"].size == logs.ROWS - 1
-    )
+    assert tables["IMU"]["TimeMS"].size == logs.ROWS
+    assert tables["IMU2"]["TimeMS"].size == logs.ROWS - 1
     length = len(logs.old_messages()[-1])
     start = len(whole) - length
     assert notes == [

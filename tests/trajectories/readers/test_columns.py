@@ -211,9 +211,8 @@ def test_rows_written_twice_cost_nothing():
     order = np.sort(np.concatenate([np.arange(N), np.arange(0, N, 3)]))
     log = convert({name: values[order] for name, values in columns.items()})
     np.testing.assert_array_equal(log.imu.dtheta_rad, convert(columns).imu.dtheta_rad)
-    assert len(log.notes) == 1 and log.notes[0].endswith(
-        "57 more stretches dropped: repeat an earlier row"
-    )
+    assert len(log.notes) == 1
+    assert log.notes[0].endswith("57 more stretches dropped: repeat an earlier row")
 
 
 def test_mixed_increments_and_rates():

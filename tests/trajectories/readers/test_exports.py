@@ -84,10 +84,8 @@ def test_xsens_parked(tmp_path, fine):
     header = made.run.header
     assert (made.record.format, header.imu_serial) == ("xsens", "00B42D4B")
     assert header.gyro_technology == "mems" and header.start_utc == "2026-03-01T05:00:09.990Z"
-    assert (
-        np.degrees(header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-9)
-        and made.run.gnss is None
-    )
+    assert np.degrees(header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-9)
+    assert made.run.gnss is None
     np.testing.assert_allclose(made.run.temperature.gyro_degC, 31.0)
 
 

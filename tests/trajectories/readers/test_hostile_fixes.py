@@ -22,9 +22,8 @@ def test_no_fix_at_the_origin(tmp_path):
         name: np.where(FIRST, 0.0, FIXES[name]) for name in ("lat", "lon", "h", "v1", "v2", "v3")
     }
     made = with_fixes(tmp_path, **zeros)
-    assert made.run.gnss.time_s.size == 40 and np.degrees(
-        made.run.header.site.lat_rad
-    ) == pytest.approx(LAT_DEG, abs=1e-3)
+    assert made.run.gnss.time_s.size == 40
+    assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3)
     assert "GPS rows 1-20 left out" in str(made.record.notes)
     with pytest.raises(InputError, match=r"lat_deg .*GPS rows 1-60 left out"):
         with_fixes(tmp_path, **{name: 0 * SECONDS for name in ("lat", "lon", "h")})
@@ -33,9 +32,8 @@ def test_no_fix_at_the_origin(tmp_path):
 def test_types_of_fix(tmp_path):
     kinds = np.repeat([0.0, 1.0, 2.0, np.nan, 3.0, 4.0], 10)
     made = with_fixes(tmp_path, fix=kinds, gnss={"fix": {"column": "fix"}})
-    assert made.run.gnss.time_s.size == 20 and list(made.record.notes) == [
-        "gps.csv: GPS rows 1-40 left out: no 3D fix"
-    ]
+    assert made.run.gnss.time_s.size == 20
+    assert list(made.record.notes) == ["gps.csv: GPS rows 1-40 left out: no 3D fix"]
 
 
 @pytest.mark.parametrize("missing", [np.nan, 0.0, -1.0])

@@ -160,11 +160,9 @@ def test_documented_rows_show_gravity_upward():
     known = imu_type("EPSON_G320")
     scale, unit = known.accel
     force = np.array(fields[3:6], dtype=float) * scale * 1e-3
-    assert (
-        unit == "mg"
-        and force[0] == pytest.approx(1.0, abs=0.01)
-        and np.linalg.norm(force) == pytest.approx(1.0, abs=0.01)
-    )
+    assert unit == "mg"
+    assert force[0] == pytest.approx(1.0, abs=0.01)
+    assert np.linalg.norm(force) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("kind", ["RAWIMU", "RAWIMUS", "RAWIMUX", "RAWIMUSX"])
@@ -184,10 +182,8 @@ def test_parked(tmp_path, kind):
     assert made.run.imu.source == "increments" and made.run.temperature is None
     notes = " ".join(made.record.notes)
     assert "gyro 1e-09 rad, accel 2e-08 m/s" in notes
-    assert (
-        f"{kind} has no temperature" in notes
-        and "IMU axes taken as y forward, x right, z up" in notes
-    )
+    assert f"{kind} has no temperature" in notes
+    assert "IMU axes taken as y forward, x right, z up" in notes
 
 
 def test_a_right_turn_is_one(tmp_path):

@@ -163,9 +163,9 @@ def test_rows_of_other_streams_between_those_of_the_imu(tmp_path):
     columns["t"][late] = noisy()["t"][10::10] - 0.004
     columns["T"] = np.where(late, 20.0 + np.arange(late.size) / 1000, np.nan)
     made = convert(tmp_path, columns, {"temperature": {"columns": ["T"]}})
-    assert (
-        made.run.imu.rows == N and made.run.faults == () and made.run.temperature.time_s.size == 60
-    )
+    assert made.run.imu.rows == N
+    assert made.run.faults == ()
+    assert made.run.temperature.time_s.size == 60
     assert made.record.notes[0].endswith(
         "more stretches dropped: no value of the imu (rows of other streams)"
     )

@@ -262,9 +262,8 @@ def test_other_topics_where_raw_ones_are_missing_or_slow(tmp_path, topics, named
         " rad/s)" in notes
     )
     assert made.run.temperature.gyro_degC[0, 0] == pytest.approx(30.025, abs=0.001)
-    assert made.run.header.site.lon_rad == pytest.approx(
-        8.5 * DEG
-    ) and made.run.header.site.height_m == pytest.approx(447.5)
+    assert made.run.header.site.lon_rad == pytest.approx(8.5 * DEG)
+    assert made.run.header.site.height_m == pytest.approx(447.5)
 
 
 @pytest.mark.parametrize(
