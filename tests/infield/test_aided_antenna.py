@@ -46,10 +46,8 @@ def slow_error(run: Run, seed: int, sigma_m: float, time_s: float) -> Run:
     """The run with a Gauss-Markov error on its positions."""
     gnss = run.gnss
     e = gauss_markov(gnss.time_s, np.random.default_rng([seed, 78]), sigma_m, time_s)
-    lat, lon = (
-        gnss.lat_rad + e[:, 0] / 6.37e6,
-        gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad),
-    )
+    lat = gnss.lat_rad + e[:, 0] / 6.37e6
+    lon = gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad)
     return replace(
         run, gnss=replace(gnss, lat_rad=lat, lon_rad=lon, height_m=gnss.height_m - e[:, 2])
     )

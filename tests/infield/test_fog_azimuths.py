@@ -126,10 +126,8 @@ def test_mixing_20_as_printed_with_33_doubles_the_error():
 
 
 def test_counting_the_azimuth_the_wrong_way_flips_the_sine_terms_only():
-    right, wrong = (
-        values_mrad(measured(FOUR)),
-        values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR))),
-    )
+    right = values_mrad(measured(FOUR))
+    wrong = values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR)))
     assert wrong["yx"] == pytest.approx(right["yx"]) and wrong["zx"] == pytest.approx(right["zx"])
     assert wrong["xy"] == pytest.approx(-right["xy"]) and wrong["zy"] == pytest.approx(-right["zy"])
 

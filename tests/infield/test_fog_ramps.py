@@ -117,10 +117,8 @@ def over_units(count):
     for seed in range(count):
         rng = np.random.default_rng(seed)
         truth, rate = Truth(rng), rng.uniform(0.5, 1.0)
-        fast, slow = (
-            ramp(rng, truth, rates=(rate, -rate)),
-            ramp(rng, truth, rates=(0.1 * rate, -0.1 * rate)),
-        )
+        fast = ramp(rng, truth, rates=(rate, -rate))
+        slow = ramp(rng, truth, rates=(0.1 * rate, -0.1 * rate))
         study = separate([fast], [slow], TWIN)
         pairs, model = fit_models(study)
         out["ratio"].append(

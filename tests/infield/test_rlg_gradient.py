@@ -46,11 +46,9 @@ def test_least_squares_by_hand_and_the_condition_number_of_two_columns():
 
 def test_a_line_that_follows_the_rate_is_named_and_dropped_and_one_within_the_noise_too():
     rng = np.random.default_rng(1)
-    T, rate, other = (
-        20.0 * rng.standard_normal(400),
-        rng.standard_normal(400),
-        rng.standard_normal((400, 2)),
-    )
+    T = 20.0 * rng.standard_normal(400)
+    rate = rng.standard_normal(400)
+    other = rng.standard_normal((400, 2))
     for off, noise, words in ((1e-3, 0.0, "condition number"), (0.2, 0.05, "noise of the")):
         X = columns(
             T, rate, np.column_stack([0.4 * rate + off * rng.standard_normal(400), other]), 0.0

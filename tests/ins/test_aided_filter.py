@@ -227,12 +227,10 @@ def test_scalar_updates_are_filterpys_joint_update():
 
     rng = np.random.default_rng(4)
     root = rng.standard_normal((N, N))
-    P, H, z, R = (
-        root @ root.T,
-        rng.standard_normal((3, N)),
-        rng.standard_normal(3),
-        np.array([0.3, 0.7, 1.1]),
-    )
+    P = root @ root.T
+    H = rng.standard_normal((3, N))
+    z = rng.standard_normal(3)
+    R = np.array([0.3, 0.7, 1.1])
     x, P_new = np.zeros(N), P.copy()
     nis, loglik = entry(kernel.update)(x, P_new, H, z, R, np.zeros((3, N + 2)), N)
     want_x, want_P, seen = kalman.update(np.zeros(N), P, z, H, np.diag(R))

@@ -103,10 +103,8 @@ def test_terms_of_simulated_chamber_runs(runs, fitted):
     folder, _ = runs
     result, document = fitted
     assert result.exit_code == 0 and document["verdict"] == "fitted" and not document["notes"]
-    unit, reference = (
-        scenario_unit(read_scenario(folder / "a.toml")),
-        document["reference_temperature_degC"],
-    )
+    unit = scenario_unit(read_scenario(folder / "a.toml"))
+    reference = document["reference_temperature_degC"]
     for k, (axis, a) in enumerate(document["axes"].items()):
         slope = unit.thermal_rate_slope_deg_h_per_degC2_min[k]
         true = {

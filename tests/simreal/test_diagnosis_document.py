@@ -388,11 +388,9 @@ def test_user_level_numbers_are_those_of_the_planted_effect(found):
 
 
 def test_what_the_twin_knows_already_costs_a_user_nothing(found):
-    view, fitted, table = (
-        found.views[0],
-        fitted_trace(found, 0),
-        table_from_dict(trial().table, name="table"),
-    )
+    view = found.views[0]
+    fitted = fitted_trace(found, 0)
+    table = table_from_dict(trial().table, name="table")
     plain = user_level(view, fitted, table, found.twin)
     known = user_level(view, fitted.scaled(0.5), table, found.twin, known=fitted.scaled(0.5))
     assert known.without.rate_nm_h == pytest.approx(plain.without.rate_nm_h, rel=1e-9)

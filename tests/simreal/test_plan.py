@@ -130,15 +130,11 @@ def test_needed_size_gives_odds_of_nineteen_to_one(maker):
 
 def table(maker, twin):
     """effects.md's pairs in its plans, each true effect of one shape."""
-    exp1000, exp350 = (
-        of("gyro_warmup_transient", tau_s=1000.0),
-        of("gyro_warmup_transient", tau_s=350.0),
-    )
-    linear, ramp, quadratic = (
-        of("gyro_thermal_linear"),
-        of("gyro_rate_ramp"),
-        of("gyro_thermal_quadratic"),
-    )
+    exp1000 = of("gyro_warmup_transient", tau_s=1000.0)
+    exp350 = of("gyro_warmup_transient", tau_s=350.0)
+    linear = of("gyro_thermal_linear")
+    ramp = of("gyro_rate_ramp")
+    quadratic = of("gyro_thermal_quadratic")
     pairs = {
         "Tlin/exp1000": (linear, exp1000),
         "Tlin/Tquad": (linear, quadratic),

@@ -65,10 +65,8 @@ def test_tables_are_those_of_recal_update_run_after_run(fleet, inline):
             output=fleet / "o",
             html=False,
         )
-    by_hand, by_fleet = (
-        json.loads(history(fleet, "SN-B")[-1].table_json),
-        json.loads(active["SN-B"]),
-    )
+    by_hand = json.loads(history(fleet, "SN-B")[-1].table_json)
+    by_fleet = json.loads(active["SN-B"])
     assert by_hand["axes"] == by_fleet["axes"] and by_hand["covariance"] == by_fleet["covariance"]
 
 

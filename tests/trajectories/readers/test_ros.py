@@ -34,10 +34,8 @@ def convert(path: Path, options=None, given=GIVEN):
 def check_motion(run, *, rows=bags.ROWS, first=1):
     """Forward, right, down: what the levels of the messages mean, and the turn to the right."""
     assert run.imu.rows == rows
-    rates, forces = (
-        run.imu.dtheta_rad / run.imu.dt_s[:, None],
-        run.imu.dv_m_s / run.imu.dt_s[:, None],
-    )
+    rates = run.imu.dtheta_rad / run.imu.dt_s[:, None]
+    forces = run.imu.dv_m_s / run.imu.dt_s[:, None]
     fx, fy, fz = forces[first]
     assert np.arcsin(fx / bags.G) == pytest.approx(bags.PITCH, abs=1e-9)
     assert np.arctan2(-fy, -fz) == pytest.approx(bags.ROLL, abs=1e-9)
