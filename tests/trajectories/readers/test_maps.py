@@ -137,10 +137,8 @@ def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
     assert made.run.imu.rows == N - 2
-    assert list(made.record.notes[:2]) == [
-        "line 11, 100 (column wy: got 'what'",
-        "rows 9, 98 dropped",
-    ]
+    told, dropped = made.record.notes[:2]
+    assert "line 11, 100 (column wy: got 'what'" in told and "rows 9, 98 dropped" in dropped
     assert [s.reason for s in made.run.faults] == ["dropout: 2 imu rows lost"]
     rows[10:110] = ["1,2,what,4,5,6,7"] * 100
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
