@@ -75,28 +75,20 @@ def test_approval_commits_what_was_proposed_and_says_who(store, url):
     with TableStore.open(url, clock=lambda: LATER) as later:
         done = decide(later, 1)
     active = store.active()
-    assert (active.number, active.kind, active.sha256, active.parent_sha256) == (
-        2,
-        "update",
-        kept.sha256,
-        first.sha256,
-    )
+    assert active.number == 2
+    assert active.kind == "update"
+    assert active.sha256 == kept.sha256
+    assert active.parent_sha256 == first.sha256
     assert active.note == "proposal 1 approved by A. Reviewer: residuals are white"
     report = json.loads(active.report_json)
-    assert (report["verdict"], report["proposal"], report["nis"]) == (
-        "committed",
-        1,
-        1.0000000000000002,
-    )
-    assert (done.state, done.decision.revision_number, done.decision.decided_utc) == (
-        "approved",
-        2,
-        LATER,
-    )
-    assert (done.decision.decided_by, done.decision.reason) == (
-        "A. Reviewer",
-        "residuals are white",
-    )
+    assert report["verdict"] == "committed"
+    assert report["proposal"] == 1
+    assert report["nis"] == 1.0000000000000002
+    assert done.state == "approved"
+    assert done.decision.revision_number == 2
+    assert done.decision.decided_utc == LATER
+    assert done.decision.decided_by == "A. Reviewer"
+    assert done.decision.reason == "residuals are white"
     assert store.has_run("run-1", "SN-1")
 
 

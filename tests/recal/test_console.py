@@ -340,10 +340,8 @@ def test_standard_output_on_a_full_disk_is_said():
             text=True,
             cwd=ROOT,
         )
-    assert (done.returncode, done.stderr) == (
-        3,
-        "recal: standard output: No space left on device\n",
-    )
+    assert done.returncode == 3
+    assert done.stderr == "recal: standard output: No space left on device\n"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes a stream")

@@ -268,11 +268,9 @@ def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
     )
     assert said.exit_code == 0, said.stderr
     result = json.loads(said.stdout)
-    assert (result["schema"], result["format"], result["run_id"]) == (
-        "recal.convert/1",
-        "csv",
-        "again",
-    )
+    assert result["schema"] == "recal.convert/1"
+    assert result["format"] == "csv"
+    assert result["run_id"] == "again"
     run = read_run(tmp_path / "run")
     assert result["sha256"] == run.sha256
     np.testing.assert_allclose(run.imu.dtheta_rad, full_run().imu.dtheta_rad, rtol=1e-12)

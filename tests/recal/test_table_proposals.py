@@ -72,20 +72,16 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
         "-o",
         "out",
     )
-    assert (document["verdict"], document["proposal"], document["revision"]) == (
-        "proposed",
-        1,
-        None,
-    )
+    assert document["verdict"] == "proposed"
+    assert document["proposal"] == 1
+    assert document["revision"] is None
     assert document == json.loads((folder / "out/update.json").read_text())
     page = (folder / "out/update.html").read_text()
     assert "waits as proposal 1" in page and "approve 1" in page and "with --commit" not in page
     (listed,) = answered("table", "proposals")["proposals"]
-    assert (listed["state"], listed["proposed_by"], listed["note"]) == (
-        "open",
-        "B. Proposer",
-        "after the A check",
-    )
+    assert listed["state"] == "open"
+    assert listed["proposed_by"] == "B. Proposer"
+    assert listed["note"] == "after the A check"
     shown = answered("table", "proposals", "1")
     assert shown["report"]["points"] == document["points"]
     assert "mean bias of the run, 1 sigma" in run("table", "proposals", "1").stdout

@@ -103,12 +103,10 @@ def test_every_section_reaches_the_run():
     )
     made, unit = simulate_scenario(scenario_from_dict(data, name="s.toml"))
     header = made.run.header
-    assert (header.run_id, header.tail, header.imu_serial, header.gyro_technology) == (
-        "R1",
-        "D-ABCD",
-        "SN-7",
-        "fog",
-    )
+    assert header.run_id == "R1"
+    assert header.tail == "D-ABCD"
+    assert header.imu_serial == "SN-7"
+    assert header.gyro_technology == "fog"
     assert header.wheel_reference_m == (1.0, 2.0, 3.0)
     assert header.gnss_lever_arm_m == (4.0, 5.0, 6.0)
     assert header.survey.heading_rad == pytest.approx(30 * DEG)
