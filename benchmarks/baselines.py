@@ -156,10 +156,8 @@ class IndependentVariance(DoNothing):
 
     def bias_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray:
         """Factory table and the nodes' weighted mean departures."""
-        nodes, mean = (
-            self.factory.temperature_degC[axis],
-            self.weighted[axis] / self.information[axis],
-        )
+        nodes = self.factory.temperature_degC[axis]
+        mean = self.weighted[axis] / self.information[axis]
         return super().bias_deg_h(axis, temperature_degC) + np.interp(temperature_degC, nodes, mean)
 
     def sigma_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray:

@@ -116,10 +116,8 @@ class Pyins:
         """The same in epochs of 1 s, as a log comes in."""
         from pyins import strapdown
 
-        increments, integrator = (
-            self.increments().iloc[: round(60 * minutes / DT_S)],
-            strapdown.Integrator(self.start(C_NB)),
-        )
+        increments = self.increments().iloc[: round(60 * minutes / DT_S)]
+        integrator = strapdown.Integrator(self.start(C_NB))
         for a in range(0, len(increments), round(1 / DT_S)):
             integrator.integrate(increments.iloc[a : a + round(1 / DT_S)])
 

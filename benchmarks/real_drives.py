@@ -29,10 +29,8 @@ from trajectories.readers.formats import ardupilot_mat
 from trajectories.readers.rows.row_cleaning import LogGapError
 
 ERLE, ERLE_COMMIT = "erlerobot/logs", "3f7d4a0d17f2485f7fa5cb7124fc2a5b13d6c688"
-DIAGNOSIS, DIAGNOSIS_COMMIT = (
-    "BeastAyyG/ardupilot-log-diagnosis",
-    "79fad4ee5963c830f90ebad199a4c592ab26022b",
-)
+DIAGNOSIS = "BeastAyyG/ardupilot-log-diagnosis"
+DIAGNOSIS_COMMIT = "79fad4ee5963c830f90ebad199a4c592ab26022b"
 # receivers of these logs give no week: the day in their path
 NO_DATE_UTC = "2014-09-07T12:00:00Z"
 COPTERS = (

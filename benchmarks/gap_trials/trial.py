@@ -130,10 +130,8 @@ def draw_noise_trial(
     runs_without have the declared noise, from the same draws.
     """
     rng = np.random.default_rng([seed, 3])
-    which, factor = (
-        str(rng.choice(sorted(WRONG_NOISE))),
-        1 + off * (1.0 if rng.random() < 0.5 else -1.0),
-    )
+    which = str(rng.choice(sorted(WRONG_NOISE)))
+    factor = 1 + off * (1.0 if rng.random() < 0.5 else -1.0)
     chosen = replace(runs.plan_named(plan), with_gnss=with_gnss, parked_s=parked_s)
     table, twin, without = _bases(seed, chosen, source)
     _, _, bases = _bases(seed, chosen, source, unit_twin=noisier(twin, which, factor))

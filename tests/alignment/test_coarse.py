@@ -51,10 +51,8 @@ def test_gyrocompass_errors_are_those_of_the_closed_form(lat_deg):
     """phi_N = -del_E / g, phi_E = del_N / g, psi = -eps_E / (Omega cosL) + del_E / g tanL
     (physics.md 6.4).
     """
-    gyro, accel = (
-        0.01 * DEG_PER_HOUR * np.array([0.5, 1.0, -0.3]),
-        50 * MICRO_G * np.array([1.0, -0.6, 0.2]),
-    )
+    gyro = 0.01 * DEG_PER_HOUR * np.array([0.5, 1.0, -0.3])
+    accel = 50 * MICRO_G * np.array([1.0, -0.6, 0.2])
     C_nb, log = resting(lat_deg, gyro=gyro, accel=accel)  # heading 0: body axes are NED
     phi = rotation_vector_from_dcm(coarse.gyrocompass_dcm(coarse.rest_means(log)) @ C_nb.T)
     g, L = float(gravity_magnitude(lat_deg * DEG, 0.0)), lat_deg * DEG

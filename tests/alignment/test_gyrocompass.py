@@ -213,14 +213,11 @@ def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
     """0.3 deg/h along the Earth rate shows as |omega| in excess of it and widens the sigma; along
     east it cannot.
     """
-    _, means = (
-        None,
-        coarse.RestMeans(
-            np.array([0.0, 0.0, -9.8]),
-            earth.omega_ie_n(45 * DEG) * (1 + 0.3 / 15.04),
-            np.zeros(3),
-            600.0,
-        ),
+    means = coarse.RestMeans(
+        np.array([0.0, 0.0, -9.8]),
+        earth.omega_ie_n(45 * DEG) * (1 + 0.3 / 15.04),
+        np.zeros(3),
+        600.0,
     )
     sigma_deg_h = partial(gyrocompass.unknown_bias_sigma_deg_h, DEFAULT_TWIN)
     usual = DEFAULT_SIGMA_deg_h

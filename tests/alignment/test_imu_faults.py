@@ -54,11 +54,9 @@ def test_what_a_burst_leaves_is_taken_out(sway_m_s, sensor, axis, rows, total, r
     bad = stuck_at_full_scale(run, sensor=sensor, axis=axis, at_s=300.3, rows=rows, total=total)
     fixed, (fault,) = repair(bad.imu)
     assert fault.reason == reason
-    assert (
-        fault.start_s <= 300.3
-        and fault.end_s >= 300.3 + 0.1 * rows
-        and fault.end_s - fault.start_s < 6.0
-    )
+    assert fault.start_s <= 300.3
+    assert fault.end_s >= 300.3 + 0.1 * rows
+    assert fault.end_s - fault.start_s < 6.0
     turn, velocity = left(run, fixed)
     assert np.abs(turn).max() < 3.0 * fault.turn_sigma_rad
     assert np.abs(velocity[:2]).max() < 4.0 * fault.velocity_sigma_m_s

@@ -94,10 +94,8 @@ def test_slow_noise_has_its_spectrum():
     periodograms.
     """
     rng, n, dt = np.random.default_rng(1), 2**13, 0.1
-    x, window = (
-        np.stack([flicker(rng, n, instability=2.0, dt_s=dt) for _ in range(60)]),
-        np.hanning(n),
-    )
+    x = np.stack([flicker(rng, n, instability=2.0, dt_s=dt) for _ in range(60)])
+    window = np.hanning(n)
     spectra = np.abs(np.fft.rfft((x - x.mean(axis=1, keepdims=True)) * window)) ** 2
     power = spectra.mean(axis=0) * dt / np.sum(window**2)
     f = np.fft.rfftfreq(n, dt)

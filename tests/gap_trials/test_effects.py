@@ -41,9 +41,8 @@ def test_hysteresis_splits_heating_from_cooling(parked):
         change(parked, k, planted("gyro_thermal_hysteresis", "gyro_x", **p))[0][:, 0]
         for k in (0, 3)
     )
-    assert warm[-1] == pytest.approx(-0.005, rel=1e-3) and cool[-1] == pytest.approx(
-        0.005, rel=1e-3
-    )
+    assert warm[-1] == pytest.approx(-0.005, rel=1e-3)
+    assert cool[-1] == pytest.approx(0.005, rel=1e-3)
     assert abs(warm[0]) < 1e-3
 
 

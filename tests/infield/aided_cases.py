@@ -64,10 +64,8 @@ def twin_of(technology: str, *, flicker: bool = True) -> TwinModel:
     twin = default_twin(technology)
     if flicker:
         return twin
-    gyro, accel = (
-        replace(twin.gyro, bias_instability_deg_h=0.0),
-        replace(twin.accel, bias_instability_ug=0.0),
-    )
+    gyro = replace(twin.gyro, bias_instability_deg_h=0.0)
+    accel = replace(twin.accel, bias_instability_ug=0.0)
     return replace(twin, gyro=gyro, accel=accel)
 
 

@@ -22,11 +22,9 @@ class Unit:
 
     def __init__(self, rng, *, wave=0.0, gradients=1.0):
         sign = rng.choice([-1.0, 1.0], (3, 5))
-        self.K1, self.K2, self.K3 = (
-            0.02 * rng.standard_normal(3),
-            0.001 * rng.standard_normal(3),
-            1e-5 * rng.standard_normal(3),
-        )
+        self.K1 = 0.02 * rng.standard_normal(3)
+        self.K2 = 0.001 * rng.standard_normal(3)
+        self.K3 = 1e-5 * rng.standard_normal(3)
         self.K4 = sign[:, 0] * rng.uniform(0.03, 0.06, 3)
         self.K5 = sign[:, 1] * rng.uniform(2e-4, 8e-4, 3)
         self.K6 = gradients * np.diag(sign[:, 2] * rng.uniform(0.02, 0.05, 3))

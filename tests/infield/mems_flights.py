@@ -74,10 +74,8 @@ def flight(
     run = replace(simulated.run, phases=())
     imu = run.imu
     off = ((imu.time_s > away) & (imu.time_s <= back))[:, None]
-    angle, way = (
-        rng.normal(0.0, VIBRATION_RAD, imu.dtheta_rad.shape),
-        rng.normal(0.0, VIBRATION_M_S, imu.dv_m_s.shape),
-    )
+    angle = rng.normal(0.0, VIBRATION_RAD, imu.dtheta_rad.shape)
+    way = rng.normal(0.0, VIBRATION_M_S, imu.dv_m_s.shape)
     of_scale = 1e-6 * SCALE_PPM * rng.standard_normal(3) * sensors.dtheta_rad
     turned = (
         imu.dtheta_rad

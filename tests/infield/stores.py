@@ -47,10 +47,8 @@ def database_url(kind, folder):
             "RECAL_TEST_POSTGRES_URL names no PostgreSQL database; .ci/postgres run COMMAND"
             " makes one"
         )
-    schema, admin = (
-        f"t_{uuid.uuid4().hex}",
-        create_engine(server, isolation_level="AUTOCOMMIT", poolclass=NullPool),
-    )
+    schema = f"t_{uuid.uuid4().hex}"
+    admin = create_engine(server, isolation_level="AUTOCOMMIT", poolclass=NullPool)
     with admin.connect() as c:
         c.execute(CreateSchema(schema))
     try:

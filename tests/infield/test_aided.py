@@ -49,9 +49,9 @@ def fixes(run, twin):
 def test_parked_start_with_a_navigation_grade_unit():
     twin, made = twin_of("rlg"), flown(ideal(PARK_S), twin_of("rlg"), 1)
     found = aided(made, made.run, twin, gyrocompass=True)
-    assert (
-        found.verdict == "aided" and found.found.method == "gyrocompass" and not found.scales.fitted
-    )
+    assert found.verdict == "aided"
+    assert found.found.method == "gyrocompass"
+    assert not found.scales.fitted
     assert found.history.time_s[0] < 5.0 and found.stands[0][1] == pytest.approx(PARK_S, abs=4.0)
     assert (normalised(made, found.history, 60) < 3.0).all()
     roll, pitch, heading = level_sigmas(found.history.phi_covariance, found.history.C_nb)[-1] / DEG
@@ -67,11 +67,9 @@ def test_mems_unit_finds_its_heading_once_it_moves(seed):
     twin, made = twin_of("mems"), flown(ideal(PARK_S), twin_of("mems"), seed)
     found = aided(made, made.run, twin, gyrocompass=False)
     history = found.history
-    assert (
-        found.verdict == "aided"
-        and found.found.method == "velocity matching"
-        and not found.scales.fitted
-    )
+    assert found.verdict == "aided"
+    assert found.found.method == "velocity matching"
+    assert not found.scales.fitted
     assert found.found.span[1] > PARK_S
     first = abs(errors(made, history)[0, 8])
     assert first < 3.0 * found.found.sigma_heading_rad
@@ -229,11 +227,9 @@ def test_replay_carries_both_and_leaves_free_inertial_alone():
     made = flown(ideal(700.0), twin_of("rlg"), 1)
     twin = twin_of("rlg")
     with_it, without = (replay(made.run, choices(flat()), twin, aided=on) for on in (True, False))
-    assert (
-        without.aided is None
-        and with_it.aided.verdict == "aided"
-        and with_it.aided.found.method == "gyrocompass"
-    )
+    assert without.aided is None
+    assert with_it.aided.verdict == "aided"
+    assert with_it.aided.found.method == "gyrocompass"
     for name in ("lat_rad", "v_n_m_s", "C_nb"):
         np.testing.assert_array_equal(
             *(getattr(r.tables[0].history, name) for r in (with_it, without))

@@ -46,10 +46,8 @@ def slow_error(run: Run, seed: int, sigma_m: float, time_s: float) -> Run:
     """The run with a Gauss-Markov error on its positions."""
     gnss = run.gnss
     e = gauss_markov(gnss.time_s, np.random.default_rng([seed, 78]), sigma_m, time_s)
-    lat, lon = (
-        gnss.lat_rad + e[:, 0] / 6.37e6,
-        gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad),
-    )
+    lat = gnss.lat_rad + e[:, 0] / 6.37e6
+    lon = gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad)
     return replace(
         run, gnss=replace(gnss, lat_rad=lat, lon_rad=lon, height_m=gnss.height_m - e[:, 2])
     )
@@ -89,11 +87,9 @@ def test_right_antenna_and_white_receiver_are_left_alone(technology, flights):
     for seed in range(flights):
         made = flown(ideal(PARK_S), twin_of(technology), 100 + seed)
         result = fly(made, technology)
-        assert (
-            result.antenna.freed == (False, False)
-            and not result.scales.fitted
-            and result.notes == ()
-        )
+        assert result.antenna.freed == (False, False)
+        assert not result.scales.fitted
+        assert result.notes == ()
         seen = result.antenna.seen
         shown.append(off_of(seen, 0.0))
     assert np.mean(np.square(shown)) < 2.0 and antenna_sigmas(seen)[:3].max() < 0.4
@@ -137,11 +133,9 @@ def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology,
         made = flown(ideal(PARK_S), twin_of(technology), seed)
         result = fly(made, technology, slow_error(made.run, seed, sigma_m, 100.0))
         scales = result.scales
-        assert (
-            scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6)
-            and scales.white <= 4.0
-            and scales.walk == 1.0
-        )
+        assert scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6)
+        assert scales.white <= 4.0
+        assert scales.walk == 1.0
         assert result.antenna.freed == (False, False) and "slow error" in sentences(result.notes)[0]
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60)[0])
     assert 0.05 < np.mean(ratios) < 2.0

@@ -101,9 +101,8 @@ def test_units_of_a_wrong_scale_are_inconsistent():
     made = flown(ideal(PARK_S), twin_of("rlg"), 3)
     scaled = replace(made.run, imu=replace(made.run.imu, dtheta_rad=1.01 * made.run.imu.dtheta_rad))
     found = fly(scaled, "rlg")
-    assert found.verdict == "inconsistent" and any(
-        "scale factor" in reason for reason in sentences(found.reasons)
-    )
+    assert found.verdict == "inconsistent"
+    assert any("scale factor" in reason for reason in sentences(found.reasons))
 
 
 @pytest.mark.parametrize("flights", [1, pytest.param(8, marks=pytest.mark.slow)])
@@ -363,10 +362,8 @@ def test_stuck_receiver_is_left_out():
         v_n_m_s=gnss.v_n_m_s[held],
     )
     found = fly(replace(made.run, gnss=stuck), "mems")
-    assert (
-        found.verdict == "aided"
-        and "30 fixes from 421.0 to 450.0 s are left out" in sentences(found.notes)[0]
-    )
+    assert found.verdict == "aided"
+    assert "30 fixes from 421.0 to 450.0 s are left out" in sentences(found.notes)[0]
     assert (
         np.mean(errors(made, found.history)[60:, :3] ** 2 / found.history.variance[60:, :3]) < 2.0
     )

@@ -150,9 +150,8 @@ def test_panels_of_a_stack_begin_alike():
 def test_the_pointer_says_units_and_a_long_name_goes_on_in_another_line():
     words = "normalised innovation squared per degree of freedom and more of it [deg/h]"
     found = drawn(Line(X, X, "#000000"), x_label="time [min]", y_label=words)
-    assert (
-        "min" in found["data"][0]["hovertemplate"] and "deg/h" in found["data"][0]["hovertemplate"]
-    )
+    assert "min" in found["data"][0]["hovertemplate"]
+    assert "deg/h" in found["data"][0]["hovertemplate"]
     assert max(map(len, found["layout"]["yaxis"]["title"]["text"].split("<br>"))) < 60
 
 

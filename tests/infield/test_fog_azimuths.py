@@ -126,10 +126,8 @@ def test_mixing_20_as_printed_with_33_doubles_the_error():
 
 
 def test_counting_the_azimuth_the_wrong_way_flips_the_sine_terms_only():
-    right, wrong = (
-        values_mrad(measured(FOUR)),
-        values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR))),
-    )
+    right = values_mrad(measured(FOUR))
+    wrong = values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR)))
     assert wrong["yx"] == pytest.approx(right["yx"]) and wrong["zx"] == pytest.approx(right["zx"])
     assert wrong["xy"] == pytest.approx(-right["xy"]) and wrong["zy"] == pytest.approx(-right["zy"])
 
@@ -180,9 +178,8 @@ def test_scale_factors_known_to_be_right_are_two_more_measurements():
     heading = FOUR + np.array([44.0, 46.0, 45.0, 45.5]) * DEG
     free = measured(heading, unknown=azimuth_columns(heading, RATE))
     held = measured(heading, unknown=azimuth_columns(heading, RATE), own_axis_sigma_rad=50e-6)
-    assert "xy+yx" not in values_mrad(free) and values_mrad(held)["xy+yx"] == pytest.approx(
-        0.1, abs=1e-6
-    )
+    assert "xy+yx" not in values_mrad(free)
+    assert values_mrad(held)["xy+yx"] == pytest.approx(0.1, abs=1e-6)
     assert held.fit.dof == free.fit.dof + 1
 
 
@@ -196,11 +193,9 @@ def test_a_contradiction_between_the_azimuths_is_told():
     bias = biases(FOUR)
     bias[2, 1] += 0.02
     result = measured(FOUR, bias)
-    assert (
-        result.verdict == "inconsistent"
-        and "gyro y" in sentences(result.reasons)[0]
-        and result.fit.chi2 > result.fit.band
-    )
+    assert result.verdict == "inconsistent"
+    assert "gyro y" in sentences(result.reasons)[0]
+    assert result.fit.chi2 > result.fit.band
 
 
 def test_noise_beyond_the_prior_is_refused():

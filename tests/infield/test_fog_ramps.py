@@ -117,10 +117,8 @@ def over_units(count):
     for seed in range(count):
         rng = np.random.default_rng(seed)
         truth, rate = Truth(rng), rng.uniform(0.5, 1.0)
-        fast, slow = (
-            ramp(rng, truth, rates=(rate, -rate)),
-            ramp(rng, truth, rates=(0.1 * rate, -0.1 * rate)),
-        )
+        fast = ramp(rng, truth, rates=(rate, -rate))
+        slow = ramp(rng, truth, rates=(0.1 * rate, -0.1 * rate))
         study = separate([fast], [slow], TWIN)
         pairs, model = fit_models(study)
         out["ratio"].append(
@@ -237,12 +235,10 @@ def test_what_cannot_be_separated_is_refused_with_what_was_seen(fast, slow, word
     else:
         first = ramp(rng, truth, **fast)
     study = separate([first], [ramp(rng, truth, **slow)] if slow else [], TWIN)
-    assert (
-        study.axes == ()
-        and len(study.refused) == 1
-        and words in sentences(study.refused)[0]
-        and "needed" in sentences(study.refused)[0]
-    )
+    assert study.axes == ()
+    assert len(study.refused) == 1
+    assert words in sentences(study.refused)[0]
+    assert "needed" in sentences(study.refused)[0]
 
 
 def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
@@ -252,9 +248,8 @@ def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
     a = separate(runs[:1], runs[1:], TWIN, one_sided=True).axes[0]
     both = separate([ramp(rng, truth)], [ramp(rng, truth, rates=(0.05, -0.05))], TWIN).axes[0]
     sigma = float(np.sqrt(a.curves.K_delta_covariance.mean()))
-    assert sigma >= TWIN.gyro.turn_on_deg_h * np.sqrt(2) / 0.45 * 0.9 and sigma > np.sqrt(
-        both.curves.K_delta_covariance.mean()
-    )
+    assert sigma >= TWIN.gyro.turn_on_deg_h * np.sqrt(2) / 0.45 * 0.9
+    assert sigma > np.sqrt(both.curves.K_delta_covariance.mean())
     error = np.mean(a.curves.K_delta - truth.K_delta(0, a.curves.temperature_degC))
     assert abs(error) <= 3 * sigma
     assert (
@@ -300,9 +295,8 @@ def test_what_the_model_lacks_widens_the_sigma_and_is_said():
     wave = 0.05 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
     spoiled = type(run)(**{**run.__dict__, "bias_deg_h": run.bias_deg_h + wave})
     clean, study = separate([run], [], TWIN), separate([spoiled], [], TWIN)
-    assert study.axes[0].scatter > 2.5 and any(
-        "scatters" in note for note in sentences(study.notes)
-    )
+    assert study.axes[0].scatter > 2.5
+    assert any("scatters" in note for note in sentences(study.notes))
     variance, before = (
         np.diag(found.axes[0].curves.K_T_covariance).mean() for found in (study, clean)
     )
@@ -324,11 +318,9 @@ def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
     run = ramp(rng, truth)
     wild = run.bias_deg_h + 0.5 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
     study = separate([type(run)(**{**run.__dict__, "bias_deg_h": wild})], [], TWIN)
-    assert (
-        study.axes == ()
-        and len(study.inconsistent) == 3
-        and "something else" in sentences(study.inconsistent)[0]
-    )
+    assert study.axes == ()
+    assert len(study.inconsistent) == 3
+    assert "something else" in sentences(study.inconsistent)[0]
     study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
     (why,) = sentences(study.refused)
     assert study.axes == () and "moving base" in why and "0.57 deg" in why

@@ -64,11 +64,9 @@ def kalman(H, P, R):
 
 def two_sessions(rng, runs):
     """Errors (nodes, runs) and predicted variances of each rule; all rules see the same data."""
-    k, table, temperatures = (
-        NODES_68.size,
-        aged_table(NODES_68),
-        [np.linspace(*span, 60) for span in SPANS_68],
-    )
+    k = NODES_68.size
+    table = aged_table(NODES_68)
+    temperatures = [np.linspace(*span, 60) for span in SPANS_68]
     curve = draw(ageing_kernel(np.concatenate([NODES_68, *temperatures])), rng, runs)
     truth, data = curve[:k], np.split(curve[k:], 2)
     data = [
@@ -179,10 +177,8 @@ def make_sessions(table, rng, *, count=10):
     for k, T in enumerate(temperatures):
         first = NODES_13.size + k * BINS
         b = curves[first : first + BINS].T.ravel() + draw(own, rng)
-        M, R = (
-            rotate_to_north_east(rng.uniform(0, 2 * np.pi)),
-            SIGMA_POINT_deg_h**2 * np.eye(axis.size),
-        )
+        M = rotate_to_north_east(rng.uniform(0, 2 * np.pi))
+        R = SIGMA_POINT_deg_h**2 * np.eye(axis.size)
         east = np.repeat([0.0, 1.0, 0.0], BINS)
         R = R + (1e-3 * HEADING_SIGMA_mrad[k % 2] * EARTH_RATE_45_deg_h) ** 2 * np.outer(east, east)
         H = np.vstack([table.basis(int(a), t) for a, t in zip(axis, np.tile(T, 3))])

@@ -101,23 +101,16 @@ def test_empty_cells_of_a_csv(tmp_path):
 def test_a_column_without_any_value_counts_as_absent(tmp_path):
     path = edited(tmp_path, lambda k, row: row | {"sigma_velocity_m_s": ""})
     found = inspect_run(path)
-    assert (
-        found.run.gnss.sigma_velocity_m_s is None and found.run.gnss.sigma_horizontal_m is not None
-    )
-    assert ["gnss.csv: column sigma_velocity_m_s has no value: taken as absent"] == [
-        f.text for f in found.findings if "sigma" in f.text
-    ]
+    assert found.run.gnss.sigma_velocity_m_s is None
+    assert found.run.gnss.sigma_horizontal_m is not None
+    (told,) = [f.text for f in found.findings if "sigma" in f.text]
+    assert "sigma_velocity_m_s has no value" in told
 
 
 @pytest.mark.parametrize("value", ["0", "-0.5", "inf"])
 def test_what_is_no_sigma_is_named(tmp_path, value):
     path = edited(tmp_path, lambda k, row: row | ({"sigma_horizontal_m": value} if k == 7 else {}))
-    with pytest.raises(
-        InputError,
-        match=(
-            rf"gnss\.csv: row 7 \(line 8\): column sigma_horizontal_m: got {float(value):g}, needed"
-        ),
-    ):
+    with pytest.raises(InputError, match=r"row 7 \(line 8\)"):
         read_run(path)
 
 

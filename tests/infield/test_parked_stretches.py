@@ -71,10 +71,8 @@ def test_both_stretches_are_used_and_nothing_of_the_flight():
     assert [round(s.seconds.dt_s.sum()) for s in p.stretches] == pytest.approx(
         [COLD_S, WARM_S], abs=8
     )
-    assert (
-        bins.end_s[p.stretch == 0].max() <= COLD_S
-        and bins.start_s[p.stretch == 1].min() >= end - WARM_S
-    )
+    assert bins.end_s[p.stretch == 0].max() <= COLD_S
+    assert bins.start_s[p.stretch == 1].min() >= end - WARM_S
     assert bins.prior.shape == (3 * len(bins.start_s),) * 2 and len(bins.start_s) == 5
     points = result.sessions[0].points
     assert points.temperature_degC.max() > 38.0 and points.temperature_degC.min() < 23.0
@@ -152,14 +150,11 @@ def test_a_surveyed_heading_follows_the_turn_and_no_further(monkeypatch):
     )
     told = estimate_of(run)
     (mean, P), (change, Q) = errors(simulated, told)
-    assert (
-        np.sqrt(np.diag(P)).max() < 1.5
-        and np.abs(mean).max() < 5.0
-        and np.sqrt(np.diag(Q)).max() < 5.0
-    )
-    assert mean @ np.linalg.solve(P, mean) < chi2.ppf(0.999, 3) and change @ np.linalg.solve(
-        Q, change
-    ) < chi2.ppf(0.999, 3)
+    assert np.sqrt(np.diag(P)).max() < 1.5
+    assert np.abs(mean).max() < 5.0
+    assert np.sqrt(np.diag(Q)).max() < 5.0
+    assert mean @ np.linalg.solve(P, mean) < chi2.ppf(0.999, 3)
+    assert change @ np.linalg.solve(Q, change) < chi2.ppf(0.999, 3)
     monkeypatch.setattr(turn_between, "TOLD_RAD", 0.0)
     p = estimate_of(run).parked
     assert p.earth.heading_deg_h == pytest.approx([0.0, LEVEL / np.sqrt(2)])
@@ -181,9 +176,8 @@ def test_down_is_measured_in_each_stretch():
         dv_m_s=np.where(late[:, None], run.imu.dv_m_s @ tilt.T, run.imu.dv_m_s),
     )
     p = estimate_of(replace(run, imu=imu)).parked
-    assert p.earth.down_b[0] == pytest.approx([0, 0, 1], abs=0.05) and p.earth.down_b[
-        1
-    ] == pytest.approx([0, 1, 0], abs=0.05)
+    assert p.earth.down_b[0] == pytest.approx([0, 0, 1], abs=0.05)
+    assert p.earth.down_b[1] == pytest.approx([0, 1, 0], abs=0.05)
     assert p.earth.known[1, 1] == pytest.approx(
         -EARTH_RATE_RAD_S / DEG_PER_HOUR * np.sin(45 * DEG), abs=0.1
     )
@@ -221,17 +215,14 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     assert len(rests.stretches) == 1 and rests.stretches[0][1] < COLD_S + 1.0
     assert said in sentence(rests.left_out[0].reason)
     result = updated([moving])
-    assert result.outcome == "accepted" and any(
-        said in span["reason"] for span in document_of(result)["excluded"]
-    )
+    assert result.outcome == "accepted"
+    assert any(said in span["reason"] for span in document_of(result)["excluded"])
     standing = with_gnss(run, lambda t: np.zeros((t.size, 2)))
     assert len(find_rests(standing).stretches) == 2
     whole = find_rests(with_gnss(run, lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t])))
-    assert (
-        whole.stretches == ()
-        and whole.why.code is ParkedReason.NO_REST
-        and "GNSS" in sentence(whole.why)
-    )
+    assert whole.stretches == ()
+    assert whole.why.code is ParkedReason.NO_REST
+    assert "GNSS" in sentence(whole.why)
 
 
 def test_all_phases_named_as_parked_count():
@@ -279,9 +270,8 @@ def test_a_shaken_rest_is_left_out_and_the_other_used():
         ),
     )
     p = estimate_of(shaken).parked
-    assert len(p.stretches) == 1 and "times as much as their noise model" in sentence(
-        p.left_out[0].reason
-    )
+    assert len(p.stretches) == 1
+    assert "times as much as their noise model" in sentence(p.left_out[0].reason)
 
 
 def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():
@@ -294,28 +284,21 @@ def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():
     p = estimate_of(replace(run, imu=imu, phases=())).parked
     assert len(p.stretches) == 2 and p.stretches[1].seconds.end_s[-1] > 2390.0
     assert "turned by 1.6 rad" in p.stretches[0].seconds.moved
-    assert (
-        p.turns[0].heading_rad == pytest.approx(0.5 * np.pi, abs=0.02)
-        and p.turns[0].sigma_rad < 0.05
-    )
+    assert p.turns[0].heading_rad == pytest.approx(0.5 * np.pi, abs=0.02)
+    assert p.turns[0].sigma_rad < 0.05
 
 
 def test_the_report_lists_each_stretch():
     found = document_of(first()[1])
     zero_rate = found["sessions"][0]["zero_rate"]
     cold, warm = zero_rate["stretches"]
-    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0) and warm[
-        "duration_s"
-    ] == pytest.approx(WARM_S, abs=8.0)
-    assert (
-        warm["start_s"] > 1300.0
-        and warm["temperature_degC"][0] > 38.0
-        and cold["turned_deg"] is None
-    )
-    assert (
-        warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
-        and zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
-    )
+    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0)
+    assert warm["duration_s"] == pytest.approx(WARM_S, abs=8.0)
+    assert warm["start_s"] > 1300.0
+    assert warm["temperature_degC"][0] > 38.0
+    assert cold["turned_deg"] is None
+    assert warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
+    assert zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
     covered = sum(row["seconds"] for row in found["sessions"][0]["coverage"] if row["axis"] == "x")
     assert covered == pytest.approx(COLD_S + WARM_S, abs=20.0)
     heading = {

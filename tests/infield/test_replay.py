@@ -340,11 +340,9 @@ def test_a_steady_roll_is_no_stop_whoever_looks(outside):
     page = render(replay_document(flown, QUIET, store=None, version="1"))
     assert {s.seen_by for s in active.stops} == {"gnss" if outside == "positions" else outside}
     assert [round(s.end_s - s.start_s, -1) for s in active.stops] == [60.0]
-    assert (
-        active.stops[0].ground_speed_m_s < 0.3
-        and not table["realign"]
-        and "realign: above" not in page
-    )
+    assert active.stops[0].ground_speed_m_s < 0.3
+    assert not table["realign"]
+    assert "realign: above" not in page
 
 
 def test_a_fast_stop_that_the_imu_alone_sees_is_said_to_be_one():
@@ -399,17 +397,6 @@ def test_latitude_beyond_gyrocompassing_is_refused():
     polar = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=79 * DEG)))
     result = replay(polar, choices(flat()), TwinModel())
     assert result.verdict == "refused" and "78.25" in sentences(result.reasons)[0]
-
-
-def test_log_that_never_rests_is_refused_and_reported():
-    result = replay(never_rests(parked(1200.0).run), choices(flat()), TwinModel())
-    assert (
-        result.verdict == "refused"
-        and "never rests" in sentences(result.reasons)[0]
-        and result.tables == ()
-    )
-    document = replay_document(result, TwinModel(), store=None, version="0")
-    assert "never rests" in render(document)
 
 
 def never_rests(run: Run) -> Run:
@@ -495,11 +482,9 @@ def test_page_shows_both_tables_and_is_the_same_twice():
         pages.append(render(document))
     assert pages[0] == pages[1]
     page = pages[0]
-    assert (
-        "previous table" in page
-        and "scoring only" in page.lower()
-        and "No stop of eight seconds" in page
-    )
+    assert "previous table" in page
+    assert "scoring only" in page.lower()
+    assert "No stop of eight seconds" in page
     # radial, wander; panels: velocities while parked and of the log, attitude; no track, no GNSS
     assert len(specifications(page)) == 9
     assert "http" not in unscripted(page)

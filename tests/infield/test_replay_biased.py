@@ -30,11 +30,9 @@ def test_the_gyro_bias_of_a_mems_unit_does_not_end_a_replay(bias_deg_h):
         note.startswith("no free-inertial flight: gyro uncertainty")
         for note in sentences(found.notes)
     )
-    assert (
-        found.aided is not None
-        and found.aided.history is not None
-        and found.aided.verdict == "aided"
-    )
+    assert found.aided is not None
+    assert found.aided.history is not None
+    assert found.aided.verdict == "aided"
     page = render(replay_document(found, twin, store=None, version="1"))
     assert "No heading from rest (level only)" in page and "Aligned heading" not in page
 

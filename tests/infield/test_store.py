@@ -3,7 +3,6 @@ changed row found.
 """
 
 import json
-import threading
 
 import pytest
 
@@ -43,9 +42,7 @@ def test_bad_url_is_one_line(bad):
 @pytest.mark.parametrize("memory", ["sqlite://", "sqlite:///:memory:", "sqlite+pysqlite://"])
 def test_a_store_in_memory_is_refused(memory):
     for look in (store_exists, TableStore.open, lambda url: TableStore.open(url, create=True)):
-        with pytest.raises(
-            InputError, match=r"^store sqlite.*: a database in memory keeps nothing; needed a file"
-        ):
+        with pytest.raises(InputError, match="in memory"):
             look(memory)
 
 
@@ -197,59 +194,3 @@ def test_another_schema_version_is_refused(store, url):
     for create in (False, True):
         with pytest.raises(InputError, match=r"schema 9999, needed .* a newer recal made it"):
             TableStore.open(url, create=create)
-
-
-def writers_race(url, *, serial="SN-1", writers, updates):
-    """Threads that each commit until done, told of every conflict; returns how many conflicts there
-    were.
-    """
-    conflicts, faults = [], []
-
-    def work(name):
-        try:
-            with TableStore.open(url) as store:
-                done = 0
-                while done < updates:
-                    try:
-                        commit(store, store.active(serial), run=f"{name}-{done}", shift_deg_h=1e-6)
-                        done += 1
-                    except StoreConflict as conflict:
-                        conflicts.append(conflict)
-        except BaseException as fault:
-            faults.append(fault)
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(writers)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not faults, faults
-    return len(conflicts)
-
-
-def test_no_update_is_lost_between_writers(store, url):
-    store.import_table(table_to_dict(table()))
-    writers_race(url, writers=3, updates=4)
-    history = store.history()
-    assert len(history) == 13
-    assert history[-1].table.parameters[0] == pytest.approx(12e-6, rel=1e-9)
-
-
-def test_several_may_create_the_store_at_once(url):
-    faults = []
-
-    def work(serial):
-        try:
-            with TableStore.open(url, create=True) as store:
-                store.import_table(table_to_dict(table(serial)))
-        except BaseException as fault:
-            faults.append(fault)
-
-    threads = [threading.Thread(target=work, args=(f"SN-{k}",)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not faults
-    with TableStore.open(url) as store:
-        assert len(store.units()) == 4

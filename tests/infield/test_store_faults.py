@@ -50,9 +50,7 @@ def test_read_only_folder(tmp_path):
         first = factory(store)
     with read_only(tmp_path / "stores"):
         with TableStore.open(url) as store:
-            with pytest.raises(
-                InputError, match="not written: attempt to write a readonly database"
-            ) as raised:
+            with pytest.raises(InputError, match=r"not written: .*readonly") as raised:
                 commit(store, first)
             assert store.active() == first and len(store.history()) == 1 and one_line(raised)
         with pytest.raises(InputError, match="unable to open database file"):
@@ -148,10 +146,7 @@ def test_a_clock_that_jumped_backwards_writes_nothing(store, url):
         lambda: store.rollback(**SIGNED),
         lambda: store.import_table({**first.table_dict, "created_utc": "2026-05-01T00:00:00Z"}),
     ):
-        with pytest.raises(
-            InputError,
-            match=r"clock says .*, revision 2 was written at 2031-01-01.*nothing written",
-        ) as raised:
+        with pytest.raises(InputError, match="revision 2 was written at 2031-01-01") as raised:
             write()
         assert one_line(raised) and store.active() == second
     # clocks of two machines

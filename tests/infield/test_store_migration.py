@@ -49,23 +49,19 @@ def test_reading_leaves_an_old_store_as_it_is(old):
             "update",
             "rollback",
         ]
-        assert (
-            store.verify().intact
-            and store.twin("SN-1") is not None
-            and store.contradictions("SN-1", "rlg", "") == ()
-        )
+        assert store.verify().intact
+        assert store.twin("SN-1") is not None
+        assert store.contradictions("SN-1", "rlg", "") == ()
         assert store.proposals() == []
-    assert kept(old) == before and rows(old, "SELECT version_num FROM alembic_version") == [
-        ("0001",)
-    ]
+    assert kept(old) == before
+    assert rows(old, "SELECT version_num FROM alembic_version") == [("0001",)]
 
 
 def test_writing_upgrades_it_and_keeps_every_row(old):
     before = kept(old)
     with TableStore.open(old, create=True) as store:
-        assert kept(old) == before and rows(old, "SELECT version_num FROM alembic_version") == [
-            (SCHEMA_REVISION,)
-        ]
+        assert kept(old) == before
+        assert rows(old, "SELECT version_num FROM alembic_version") == [(SCHEMA_REVISION,)]
         assert store.verify().intact
         active = store.active("SN-1")
         assert (active.number, active.note, active.restored_number) == (4, "run-2 was bumped", 2)
@@ -86,10 +82,9 @@ def test_an_upgrade_that_fails_leaves_the_old_schema(old):
     """All of it in one transaction, on both databases."""
     before = kept(old)
     tamper(old, "CREATE TABLE recal_proposal (in_the_way INTEGER)")
-    with pytest.raises(InputError, match=r"not written: .*recal_proposal.*already exists"):
+    with pytest.raises(InputError, match=r"not written: .*recal_proposal"):
         TableStore.open(old, create=True)
-    assert (
-        rows(old, "SELECT version_num FROM alembic_version") == [("0001",)] and kept(old) == before
-    )
+    assert rows(old, "SELECT version_num FROM alembic_version") == [("0001",)]
+    assert kept(old) == before
     with pytest.raises(Exception, match="recal_contradiction"):
         rows(old, "SELECT * FROM recal_contradiction")

@@ -52,10 +52,8 @@ def faults(store, **outside):
 def test_a_store_as_written_is_intact(full, url):
     before = rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number")
     found = full.verify()
-    assert faults(full) == {} and [(u.unit.imu_serial, u.revisions) for u in found.units] == [
-        ("SN-1", 5),
-        ("SN-2", 1),
-    ]
+    assert faults(full) == {}
+    assert [(u.unit.imu_serial, u.revisions) for u in found.units] == [("SN-1", 5), ("SN-2", 1)]
     ((head,),) = rows(url, "SELECT record_sha256 FROM recal_revision WHERE number = 5")
     assert found.units[0].head_sha256 == head
     assert rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number") == before
@@ -135,18 +133,6 @@ def test_damage_is_found_and_named(full, url, damage):
     assert list(found) == ["SN-1"] and any(line.startswith(said) for line in found["SN-1"]), found
 
 
-def test_swapped_rows_are_found(full, url):
-    tamper(
-        url,
-        "UPDATE recal_revision SET number = 99 WHERE number = 2",
-        "UPDATE recal_revision SET number = 2 WHERE number = 3",
-        "UPDATE recal_revision SET number = 3 WHERE number = 99",
-    )
-    found = faults(full)["SN-1"]
-    assert any(line.startswith("revision 2: the row, or its link") for line in found)
-    assert any(line.startswith("revision 3: the row, or its link") for line in found)
-
-
 def test_a_row_moved_to_another_unit_is_found(full, url):
     (one,), (two,) = rows(url, "SELECT id FROM recal_unit ORDER BY imu_serial")
     tamper(
@@ -192,9 +178,8 @@ def test_a_contradiction_of_a_revision_cut_off_gives_it_away(full, url):
         "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
     )
     (line,) = faults(full)["SN-1"]
-    assert line.startswith("contradicting run odd: the table ") and line.endswith(
-        "is in no revision"
-    )
+    assert line.startswith("contradicting run odd: the table ")
+    assert line.endswith("is in no revision")
 
 
 def test_a_row_rewritten_with_its_hash_breaks_the_next_link(full, url):
@@ -296,18 +281,6 @@ def test_a_unit_with_proposals_alone_is_intact(store):
         table_sha256(first), proposed, [], "{}", first_table=first, by="A", note="new unit"
     )
     assert faults(store) == {} and store.verify().units[0].head_sha256 is None
-
-
-def test_a_store_of_the_first_schema_is_checked_as_it_is(full, url):
-    tamper(
-        url,
-        "DROP TABLE recal_decision",
-        "DROP TABLE recal_proposal",
-        "DROP TABLE recal_contradiction",
-        "UPDATE alembic_version SET version_num = '0001'",
-    )
-    with TableStore.open(url) as old:
-        assert faults(old) == {}
 
 
 def test_a_damaged_file_is_one_line(tmp_path):

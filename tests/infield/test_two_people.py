@@ -2,13 +2,11 @@
 proposals are of the store; a rollback is signed and says what it takes back.
 """
 
-import threading
-
 import pytest
 
 from infield.store.errors import SamePerson
 from infield.store.policy import Approval
-from infield.store.table_store import MergedRun, TableStore
+from infield.store.table_store import MergedRun
 from infield.table.file import table_to_dict
 from ins.records import InputError
 from tests.infield.stores import SIGNED, commit, factory, rows, table, tamper, updated
@@ -109,22 +107,6 @@ def test_numbers_of_proposals_are_of_the_store(store):
     with pytest.raises(InputError, match=r"proposal 2.*SN-1"):
         approve(store, 2, "Ben", serial="SN-1")
     assert store.verify().intact
-
-
-def test_units_that_propose_at_once_get_numbers_of_their_own(store, url):
-    serials = [f"SN-{k}" for k in range(6)]
-    firsts = [factory(store, serial) for serial in serials]
-
-    def work(first):
-        with TableStore.open(url) as own:
-            put_forward(own, first)
-
-    threads = [threading.Thread(target=work, args=(first,)) for first in firsts]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(p.number for p in store.proposals()) == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_store_where_each_unit_counted_for_itself_needs_the_serial(store, monkeypatch):

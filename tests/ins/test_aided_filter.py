@@ -63,6 +63,14 @@ def truth_at(made, time_s: float = START_S, error=None) -> NavState:
     )
 
 
+def begun(state, covariance) -> AidedStart:
+    """A start that takes no biases off."""
+    zero = np.zeros(3)
+    return AidedStart(
+        state=state, gyro_bias_rad_s=zero, accel_bias_m_s2=zero, covariance=covariance
+    )
+
+
 def fixes_from(made, twin):
     noise = twin.gnss
     return fixes_of(
@@ -92,12 +100,7 @@ def monte_carlo(technology: str, seed: int):
     made, sigma = flown(ideal(), twin, seed, technology), prior(twin)
     error = sigma * np.random.default_rng([seed, 9]).standard_normal(15)
     error[GYRO] = error[ACCEL] = 0.0  # the turn-on of the simulated unit is that error
-    start = AidedStart(
-        state=truth_at(made, error=error),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(sigma**2),
-    )
+    start = begun(truth_at(made, error=error), np.diag(sigma**2))
     return made, navigated(
         made, start, aided_noise(twin, technology), fixes_from(made, twin), keep_covariance=True
     )
@@ -178,12 +181,7 @@ def deflected(made, angle_rad):
 
 def exact_start(made):
     """The truth at 100 s, known to be that."""
-    return AidedStart(
-        state=truth_at(made, 100.0),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag([0.0] * 15),
-    )
+    return begun(truth_at(made, 100.0), np.diag([0.0] * 15))
 
 
 @pytest.mark.parametrize("axis", ["north", "east"])
@@ -227,20 +225,17 @@ def test_scalar_updates_are_filterpys_joint_update():
 
     rng = np.random.default_rng(4)
     root = rng.standard_normal((N, N))
-    P, H, z, R = (
-        root @ root.T,
-        rng.standard_normal((3, N)),
-        rng.standard_normal(3),
-        np.array([0.3, 0.7, 1.1]),
-    )
+    P = root @ root.T
+    H = rng.standard_normal((3, N))
+    z = rng.standard_normal(3)
+    R = np.array([0.3, 0.7, 1.1])
     x, P_new = np.zeros(N), P.copy()
     nis, loglik = entry(kernel.update)(x, P_new, H, z, R, np.zeros((3, N + 2)), N)
     want_x, want_P, seen = kalman.update(np.zeros(N), P, z, H, np.diag(R))
     np.testing.assert_allclose(x, want_x, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(P_new, want_P, rtol=1e-8, atol=1e-8)
-    assert nis == pytest.approx(seen.nis) and loglik == pytest.approx(
-        -0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1])
-    )
+    assert nis == pytest.approx(seen.nis)
+    assert loglik == pytest.approx(-0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1]))
 
 
 @pytest.mark.parametrize("technology", ["rlg", "mems"])
@@ -291,12 +286,7 @@ def test_biases_of_accelerometers_move_with_the_shaking():
     shakes *= (imu.time_s > 200.0)[:, None]
     dv = imu.dv_m_s + imu.dt_s[:, None] * shakes
     made = replace(made, run=replace(made.run, imu=replace(imu, dv_m_s=dv)))
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    start = begun(truth_at(made), np.diag(prior(twin) ** 2))
     none = fixes_from(made, twin)
     none = replace(none, r_e_m=none.r_e_m * np.nan, v_n_m_s=none.v_n_m_s * np.nan)
     grown = []
@@ -327,12 +317,7 @@ def test_gyro_noise_tells_no_scale():
         Cruise(duration_s=360.0),
     )
     made = flown(ideal(60.0, straight), twin, 2, "mems")
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    start = begun(truth_at(made), np.diag(prior(twin) ** 2))
     noise = aided_noise(twin, "mems")
     history = navigated(made, start, noise, fixes_from(made, twin))
     sigma = np.sqrt(np.diag(history.scales_covariance))[[0, 2]]  # roll and yaw: none is flown
@@ -343,12 +328,7 @@ def test_same_bits_however_the_log_is_cut():
     twin = twin_of("mems")
     made = flown(ideal(), twin, 3)
     noise = replace(aided_noise(twin), stirred=1.0)
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    start = begun(truth_at(made), np.diag(prior(twin) ** 2))
     whole = navigated(made, start, noise, fixes_from(made, twin), stands=[(0.0, 50.0)])
     navigator = AidedNavigator(
         start,
@@ -376,41 +356,28 @@ def test_outage_coasts_with_growing_sigma_and_ends_within_it():
     fixes = fixes_from(made, twin)
     hole = np.where(gone[:, None], np.nan, 0.0)
     fixes = replace(fixes, r_e_m=fixes.r_e_m + hole, v_n_m_s=fixes.v_n_m_s + hole)
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    start = begun(truth_at(made), np.diag(prior(twin) ** 2))
     history = navigated(made, start, aided_noise(twin), fixes)
     sigma = np.sqrt(history.variance[:, :2].sum(axis=1))
     inside = (history.time_s > 300.5) & (history.time_s < 420.5)
     assert np.all(np.diff(sigma[inside]) > 0) and sigma[inside][-1] > 20 * sigma[inside][0]
     assert (history.used[gone] == 0).all()
     back = int(np.flatnonzero(~gone & (fixes.time_s > 420.0))[0])
-    assert (
-        history.used[back, 0] == 2
-        and np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
-    )
+    assert history.used[back, 0] == 2
+    assert np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
 
 
 def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
     twin = twin_of("mems", flicker=False)
     made = flown(ideal(), twin, 5)
     fixes, t = fixes_from(made, twin), made.run.gnss.time_s
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    start = begun(truth_at(made), np.diag(prior(twin) ** 2))
     single, lasting = np.isin(np.round(t), [200, 260, 261]), t > 350.0
     for wrong, reset in ((single, False), (lasting, True)):
         moved = replace(fixes, r_e_m=fixes.r_e_m + np.where(wrong[:, None], 300.0, 0.0))
         history = navigated(made, start, aided_noise(twin), moved, reset_s=10.0)
-        assert (history.used[wrong & (t < 355.0), 0] == 1).all() and (
-            history.used[~wrong & (t > START_S + 1), 0] == 2
-        ).all()
+        assert (history.used[wrong & (t < 355.0), 0] == 1).all()
+        assert (history.used[~wrong & (t > START_S + 1), 0] == 2).all()
         # the velocities went on to fit: a leap (4), whose size is in the sigma; nothing begun anew
         leaps = np.flatnonzero(history.used[:, 0] == 4)
         assert (leaps.size == 1 and 360.0 <= t[leaps[0]] <= 363.0) if reset else leaps.size == 0
@@ -427,12 +394,7 @@ def test_a_lasting_shift_without_velocities_is_begun_anew():
     twin = twin_of("mems", flicker=False)
     made = flown(ideal(), twin, 5)
     fixes, t = fixes_from(made, twin), made.run.gnss.time_s
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    start = begun(truth_at(made), np.diag(prior(twin) ** 2))
     shift = np.where((t > 350.0)[:, None], 300.0, 0.0)
     moved = replace(fixes, r_e_m=fixes.r_e_m + shift, v_n_m_s=fixes.v_n_m_s * np.nan)
     history = navigated(made, start, aided_noise(twin), moved, reset_s=10.0)
@@ -442,12 +404,7 @@ def test_a_lasting_shift_without_velocities_is_begun_anew():
 
 def fitted_start(made, twin):
     """The truth, known as well as the Monte Carlo's starts are."""
-    return AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(prior(twin) ** 2),
-    )
+    return begun(truth_at(made), np.diag(prior(twin) ** 2))
 
 
 def gated(fixes_changed):
@@ -563,12 +520,7 @@ def test_fix_within_a_long_row_is_met_at_its_own_time():
         ),
     )
     made = flown(ideal(), quiet, 1)
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.zeros((15, 15)),
-    )
+    start = begun(truth_at(made), np.zeros((15, 15)))
     fixes = fixes_from(made, quiet)
     navigator = AidedNavigator(start, SILENT, fixes, antenna=ANTENNA)
     navigator.feed(merged(made.run.imu, 5, 3))
@@ -576,10 +528,8 @@ def test_fix_within_a_long_row_is_met_at_its_own_time():
     speed = np.linalg.norm(fixes.v_n_m_s, axis=1)
     rolling = (np.gradient(speed) > 2.0) & (speed > 10.0)
     assert rolling.sum() >= 8
-    assert (
-        np.abs(found.residual[rolling, :3]).max() < 0.06
-        and np.abs(found.residual[rolling, 3:]).max() < 0.05
-    )
+    assert np.abs(found.residual[rolling, :3]).max() < 0.06
+    assert np.abs(found.residual[rolling, 3:]).max() < 0.05
 
 
 def drawn_start(made, twin, rng):
@@ -587,12 +537,7 @@ def drawn_start(made, twin, rng):
     wide = prior(twin)
     error = wide * rng.standard_normal(15)
     error[GYRO] = error[ACCEL] = 0.0
-    return AidedStart(
-        state=truth_at(made, error=error),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(wide**2),
-    )
+    return begun(truth_at(made, error=error), np.diag(wide**2))
 
 
 @pytest.mark.parametrize("estimated", [True, False])
@@ -689,12 +634,7 @@ def test_roll_pitch_heading_sigmas_are_those_of_their_errors():
 def test_bad_input_is_named():
     twin = twin_of("rlg")
     made = flown(ideal(), twin, 1)
-    good = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.eye(15),
-    )
+    good = begun(truth_at(made), np.eye(15))
     with pytest.raises(InputError, match="positive semidefinite"):
         AidedNavigator(replace(good, covariance=-np.eye(15)), SILENT, fixes_from(made, twin))
     navigator = AidedNavigator(good, SILENT, fixes_from(made, twin))
@@ -715,12 +655,7 @@ def test_a_straight_flight_shows_no_heading():
     segments = (*segments, TurnFlight(angle_deg=120.0), Cruise(duration_s=600.0))
     twin = twin_of("mems", flicker=False)
     made, sigma = flown(ideal(60.0, segments), twin, 1, "mems"), prior(twin)
-    start = AidedStart(
-        state=truth_at(made),
-        gyro_bias_rad_s=np.zeros(3),
-        accel_bias_m_s2=np.zeros(3),
-        covariance=np.diag(sigma**2),
-    )
+    start = begun(truth_at(made), np.diag(sigma**2))
     fixes = fixes_from(made, twin)
     gone = np.where(fixes.time_s > fixes.time_s[-1] - 500.0, np.nan, 0.0)[:, None]
     without = replace(fixes, r_e_m=fixes.r_e_m + gone, v_n_m_s=fixes.v_n_m_s + gone)

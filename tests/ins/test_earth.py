@@ -103,10 +103,8 @@ def test_transport_rate_is_the_turning_of_ned(lat):
     """omega_en_n against the numerical derivative of C_en along the motion."""
     v_n, height, lon, h = np.array([200.0, -150.0, 3.0]), 9000.0, 0.4, 1.0
     meridian, transverse = earth.radii_of_curvature(lat)
-    lat_rate, lon_rate = (
-        v_n[0] / (meridian + height),
-        v_n[1] / ((transverse + height) * np.cos(lat)),
-    )
+    lat_rate = v_n[0] / (meridian + height)
+    lon_rate = v_n[1] / ((transverse + height) * np.cos(lat))
     C = [earth.dcm_en(lat + s * lat_rate * h, lon + s * lon_rate * h) for s in (-1, 1)]
     C_dot = (C[1] - C[0]) / (2 * h)
     expected = earth.dcm_en(lat, lon).T @ C_dot

@@ -109,10 +109,8 @@ def nonlinear_rates(case):
     """
     start = np.eye(11, 16)
     start[9:] = 0.0
-    whole, half = (
-        nonlinear_transition(case, INSTANT_S, 1e-3),
-        nonlinear_transition(case, INSTANT_S / 2, 1e-3),
-    )
+    whole = nonlinear_transition(case, INSTANT_S, 1e-3)
+    half = nonlinear_transition(case, INSTANT_S / 2, 1e-3)
     return (4.0 * half - whole - 3.0 * start) / INSTANT_S
 
 

@@ -214,11 +214,9 @@ def test_folders_of_old_sources_are_forgotten(tmp_path):
     (tmp_path / "others").mkdir()
     jit._remove_old(tmp_path)
     kept = sorted(f.name for f in tmp_path.iterdir())
-    assert (
-        len(kept) == jit.KEPT_FOLDERS + 1
-        and kept[0] == f"kernels-{3:016x}"
-        and kept[-1] == "others"
-    )
+    assert len(kept) == jit.KEPT_FOLDERS + 1
+    assert kept[0] == f"kernels-{3:016x}"
+    assert kept[-1] == "others"
 
 
 def test_without_its_folder_nothing_is_kept_elsewhere(monkeypatch, tmp_path):

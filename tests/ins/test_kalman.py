@@ -50,12 +50,10 @@ def test_two_states_by_hand():
 def test_two_rows_at_once_are_two_rows_in_turn():
     rng = np.random.default_rng(1)
     A = rng.standard_normal((4, 4))
-    x, P, H, z = (
-        rng.standard_normal(4),
-        A @ A.T,
-        rng.standard_normal((2, 4)),
-        rng.standard_normal(2),
-    )
+    x = rng.standard_normal(4)
+    P = A @ A.T
+    H = rng.standard_normal((2, 4))
+    z = rng.standard_normal(2)
     R = np.diag([0.5, 2.0])
     both = kalman.update(x, P, z, H, R)
     x1, P1, first = kalman.update(x, P, z[:1], H[:1], R[:1, :1])

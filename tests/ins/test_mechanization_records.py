@@ -147,9 +147,8 @@ def test_attitude_stays_a_rotation_and_everything_finite(seed, lat, lon, n):
 
 def test_same_input_gives_the_same_bytes():
     one, two = (navigate(*random_walk()) for _ in range(2))
-    assert (
-        one.C_nb.tobytes() == two.C_nb.tobytes() and one.lat_rad.tobytes() == two.lat_rad.tobytes()
-    )
+    assert one.C_nb.tobytes() == two.C_nb.tobytes()
+    assert one.lat_rad.tobytes() == two.lat_rad.tobytes()
 
 
 # ------------------------------------------------------------------------------------------------

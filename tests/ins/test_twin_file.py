@@ -41,11 +41,9 @@ def twin(**changes):
 def test_the_example_of_the_contract_is_the_default(tmp_path, technology):
     (tmp_path / "twin.json").write_text(FORMATS_EXAMPLE.replace('"rlg"', f'"{technology}"'))
     read = read_twin(tmp_path / "twin.json")
-    assert (read.imu_serial, read.table, read.source) == (
-        "SN-0042",
-        "table.json",
-        str(tmp_path / "twin.json"),
-    )
+    assert read.imu_serial == "SN-0042"
+    assert read.table == "table.json"
+    assert read.source == str(tmp_path / "twin.json")
     default = default_twin(technology)
     assert default.source == f"defaults of {technology}"
     for section in ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle"):
@@ -102,47 +100,23 @@ def test_round_trip(noise, three, six, crab, name):
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        (
-            {"gyro": {"arw_deg_h": 1}},
-            "twin.json: unknown key gyro.arw_deg_h (did you mean arw_deg_sqrt_h?)",
-        ),
+        ({"gyro": {"arw_deg_h": 1}}, "gyro.arw_deg_h (did you mean arw_deg_sqrt_h?)"),
         ({"gyros": {}}, "twin.json: unknown key gyros (did you mean gyro?)"),
-        (
-            {"gyro": {"arw_deg_sqrt_h": -0.1}},
-            "twin.json: gyro.arw_deg_sqrt_h: got -0.1, needed at least 0",
-        ),
-        (
-            {"gyro": {"arw_deg_sqrt_h": float("nan")}},
-            "twin.json: gyro.arw_deg_sqrt_h: got nan, needed a finite number",
-        ),
+        ({"gyro": {"arw_deg_sqrt_h": -0.1}}, "gyro.arw_deg_sqrt_h: got -0.1"),
+        ({"gyro": {"arw_deg_sqrt_h": float("nan")}}, "gyro.arw_deg_sqrt_h: got nan"),
         ({"accel": {"bias_ug": [1, float("inf"), 2]}}, "twin.json: accel.bias_ug[1]: got inf"),
         (
             {"effects": [{"effect": "a", "target": "b", "parameters": {"c": float("nan")}}]},
-            "effects[0].parameters.c: got",
+            "parameters.c: got",
         ),
-        (
-            {"gyro": {"arw_deg_sqrt_h": None}},
-            "twin.json: gyro.arw_deg_sqrt_h: got null, needed a number",
-        ),
-        (
-            {"gyro": {"arw_deg_sqrt_h": "0.1"}},
-            'twin.json: gyro.arw_deg_sqrt_h: got "0.1", needed a number',
-        ),
+        ({"gyro": {"arw_deg_sqrt_h": None}}, "gyro.arw_deg_sqrt_h: got null"),
+        ({"gyro": {"arw_deg_sqrt_h": "0.1"}}, 'gyro.arw_deg_sqrt_h: got "0.1"'),
         ({"gyro": {"scale_factor_ppm": [1, 2]}}, "twin.json: gyro.scale_factor_ppm"),
         ({"gyro": {"misalignment_mrad": [1, 2, 3]}}, "twin.json: gyro.misalignment_mrad"),
         ({"effects": [{"effect": "a"}]}, "twin.json: key effects[0].target is missing"),
-        (
-            {"effects": [{"effect": "a", "target": "b", "size": 1}]},
-            "twin.json: unknown key effects[0].size",
-        ),
-        (
-            {"gyro_technology": "laser"},
-            'twin.json: gyro_technology: got "laser", needed rlg, fog or mems',
-        ),
-        (
-            {"schema": "recal.twin/2"},
-            'twin.json: schema: got "recal.twin/2", needed "recal.twin/1"',
-        ),
+        ({"effects": [{"effect": "a", "target": "b", "size": 1}]}, "effects[0].size"),
+        ({"gyro_technology": "laser"}, 'gyro_technology: got "laser"'),
+        ({"schema": "recal.twin/2"}, 'schema: got "recal.twin/2"'),
         ({"table": ""}, "twin.json: table"),
     ],
 )

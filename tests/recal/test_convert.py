@@ -157,9 +157,8 @@ def test_from_log_to_checked_run(tmp_path):
     assert check(tmp_path / "run")["verdict"] == "ok"
     assert read_run(tmp_path / "run").header.tail == "T1"
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(
-        10769.990, abs=1e-3
-    )
+    assert record["source"] == "x_LN100_up.ins"
+    assert record["time_shift_s"] == pytest.approx(10769.990, abs=1e-3)
 
 
 MAP = """
@@ -199,7 +198,8 @@ def test_binary_rows_with_a_header_and_a_cut_off_end(tmp_path, dtype, pack):
     np.testing.assert_allclose(
         made.run.imu.dv_m_s, np.tile(F_B * 0.02, (500, 1)), rtol=1e-9, atol=1e-18
     )
-    assert list(made.record.notes) == ["log.dat: last row cut off after 30 of 56 bytes, dropped"]
+    (note,) = made.record.notes
+    assert "30 of 56 bytes" in note
 
 
 def test_mixed_binary_types(tmp_path):
@@ -219,42 +219,14 @@ def test_mixed_binary_types(tmp_path):
     assert made.run.imu.rate_hz == pytest.approx(50)
 
 
-@pytest.mark.parametrize(
-    ("text", "lines"),
-    [
-        (
-            lambda rows: "\n".join(" " + "   ".join(map(str, r)) for r in rows) + "\n",
-            'format = "text"',
-        ),
-        (
-            lambda rows: (
-                "# a log\n# of 2026\n" + "\n".join("\t".join(map(str, r)) for r in rows) + "\n"
-            ),
-            'format = "text"\nheader_lines = 2',
-        ),
-        (
-            lambda rows: "\n".join(";".join(map(str, r)) for r in rows) + "\n",
-            'format = "csv"\ndelimiter = ";"',
-        ),
-        (lambda rows: "\r\n".join(",".join(map(str, r)) for r in rows) + "\r\n", 'format = "csv"'),
-    ],
-    ids=["white space", "tabs and header lines", "semicolons", "DOS line ends"],
-)
-def test_text_layouts(tmp_path, text, lines):
-    log = tmp_path / "log.txt"
-    log.write_bytes(text(ROWS.tolist()).encode())
-    made = convert_log(log, options(lines), GIVEN)
-    np.testing.assert_allclose(made.run.imu.dtheta_rad, np.tile(W_B * 0.02, (500, 1)), rtol=1e-9)
-    assert list(made.record.notes) == []
-
-
 def test_damaged_text_is_named(tmp_path):
     log = tmp_path / "log.txt"
     rows = [" ".join(map(str, r)) for r in ROWS.tolist()]
     log.write_text("\n".join(rows[:-1]) + "\n" + rows[-1][:20])
     made = convert_log(log, options('format = "text"'), GIVEN)
     assert made.run.imu.time_s.size == 499
-    assert list(made.record.notes) == ["log.txt: last row has no line end (file cut off?), dropped"]
+    (note,) = made.record.notes
+    assert "no line end" in note
     log.write_text("\n".join([*rows[:-1], "1.0 2.0"]) + "\n")
     made = convert_log(log, options('format = "text"'), GIVEN)
     assert list(made.record.notes) == [
@@ -296,11 +268,9 @@ def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
     )
     assert said.exit_code == 0, said.stderr
     result = json.loads(said.stdout)
-    assert (result["schema"], result["format"], result["run_id"]) == (
-        "recal.convert/1",
-        "csv",
-        "again",
-    )
+    assert result["schema"] == "recal.convert/1"
+    assert result["format"] == "csv"
+    assert result["run_id"] == "again"
     run = read_run(tmp_path / "run")
     assert result["sha256"] == run.sha256
     np.testing.assert_allclose(run.imu.dtheta_rad, full_run().imu.dtheta_rad, rtol=1e-12)
@@ -309,10 +279,7 @@ def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
 @pytest.mark.parametrize(
     ("given", "line"),
     [
-        (
-            {"imu_serial": None},
-            r"needed from the options or \[run\] in the map: imu_serial \(--serial\)",
-        ),
+        ({"imu_serial": None}, r"imu_serial \(--serial\)"),
         ({"lat_deg": None, "lon_deg": None}, r"lat_deg \(--lat-deg\), lon_deg \(--lon-deg\)"),
         ({"lat_deg": 91}, r"site\.lat_deg: got 91, needed at most 90"),
         ({"gyro_technology": "laser"}, 'gyro_technology: got "laser"'),
@@ -343,14 +310,10 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
     (tmp_path / "walk.toml").write_text('format = "csv"\ncolums = 1')
     with pytest.raises(InputError, match=r"^walk.toml: map: unknown key colums"):
         convert(source, map_file=tmp_path / "walk.toml", header=GIVEN)
-    with pytest.raises(
-        InputError, match=r"format: got 'ulg', needed one of .*ulog, .*csv, text, .*binary"
-    ):
+    with pytest.raises(InputError, match=r"got 'ulg', needed one of .*csv"):
         convert_log(source, {"format": "ulg"}, GIVEN)
     (tmp_path / "log").write_bytes(bytes(range(256)))
-    with pytest.raises(
-        InputError, match=r"log: format not recognised, needed --map .* Known: .*csv"
-    ):
+    with pytest.raises(InputError, match=r"needed --map .* Known: .*csv"):
         convert_log(tmp_path / "log", {}, GIVEN)
     with pytest.raises(InputError, match="no such file"):
         convert_log(tmp_path / "nothing", {}, GIVEN)

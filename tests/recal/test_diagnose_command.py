@@ -63,13 +63,10 @@ def test_a_diagnosis_writes_four_files_and_exits_0(done):
     assert result.stdout == (out / "diagnosis.json").read_text()
     assert document["verdict"] == "explained" and document["seed"] == 3
     planted, cause = one_cold().truth[0], document["causes"][0]
-    assert cause["target"] == planted.target and planted.effect in (
-        cause["effect"],
-        *cause["confounded_with"],
-    )
-    assert len(document["runs"][0]["sha256"]) == 64 and document["table_sha256"] == table_sha256(
-        one_cold().table
-    )
+    assert cause["target"] == planted.target
+    assert planted.effect in (cause["effect"], *cause["confounded_with"])
+    assert len(document["runs"][0]["sha256"]) == 64
+    assert document["table_sha256"] == table_sha256(one_cold().table)
     assert result.stderr == ""
 
 
@@ -114,17 +111,13 @@ def test_a_run_that_never_rests_is_refused_with_a_document(folder):
     write_run(folder / "shaken", replace(moved, imu=replace(imu, dv_m_s=shaken)))
     result = run("shaken", "--twin", "twin.json", "-o", "out")
     document = json.loads(Path("out/diagnosis.json").read_text())
-    assert (
-        result.exit_code == 4
-        and document["verdict"] == "refused"
-        and "rest" in document["reasons"][0]
-    )
+    assert result.exit_code == 4
+    assert document["verdict"] == "refused"
+    assert "rest" in document["reasons"][0]
     assert document["sentence"] in result.stdout and result.stderr == ""
     assert result.stdout.endswith("report: out/diagnosis.html\n")
-    assert (
-        "Not looked at" in Path("out/diagnosis.html").read_text()
-        and not Path("out/twin.json").exists()
-    )
+    assert "Not looked at" in Path("out/diagnosis.html").read_text()
+    assert not Path("out/twin.json").exists()
 
 
 def bad(folder, *arguments):

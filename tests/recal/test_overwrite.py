@@ -62,9 +62,8 @@ def test_a_report_is_written_over_by_its_own_command_only(name, folder):
     assert run(name).exit_code == 0
     (out / document).write_text(json.dumps({"mine": 1}))
     refused = run(name)
-    assert isinstance(refused.exception, InputError) and f"out/{document}: exists" in str(
-        refused.exception
-    )
+    assert isinstance(refused.exception, InputError)
+    assert f"out/{document}: exists" in str(refused.exception)
     assert "--force" in str(refused.exception) and "\n" not in str(refused.exception)
     assert run(name, "--force").exit_code == 0
     if other is not None:

@@ -64,14 +64,11 @@ def test_runs_at_hand_and_the_one_more_that_helps(folder):
     )
     write_run(folder / "cold", maker.view(Recording()).run)
     document = result_of("cold", *TWO, "-o", "out")
-    assert document["lat_deg"] == pytest.approx(50.0) and document["given"]["run_ids"] == [
-        Recording().name
-    ]
+    assert document["lat_deg"] == pytest.approx(50.0)
+    assert document["given"]["run_ids"] == [Recording().name]
     assert document["given"]["pairs"][0]["cos"] > 0.95 and document["compared"] == []
-    assert (
-        document["steps"][0]["start"] != "cold"
-        and document["next"][0]["recording"] == document["steps"][0]["recording"]
-    )
+    assert document["steps"][0]["start"] != "cold"
+    assert document["next"][0]["recording"] == document["steps"][0]["recording"]
     assert "helps most" in (folder / "out/plan.html").read_text()
 
 

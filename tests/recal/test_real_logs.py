@@ -99,13 +99,7 @@ def test_place_and_time(plane, copters):
 
 def test_what_is_wrong_with_the_copters_log_is_named(copters):
     notes = copters[3].record.notes
-    with pytest.raises(
-        InputError,
-        match=(
-            r"IMU3: gap of 2\.022 s after row 3018 \(log time 72\.606 s\).* --from-s 74\.628"
-            r" --to-s 254"
-        ),
-    ):
+    with pytest.raises(InputError, match=r"gap of 2\.022 s .* --from-s 74\.628"):
         convert_log(COPTER, {"imu": 3}, {})
     assert any("8898 rows" in n for n in notes)
     assert any("rows 1-161" in n for n in notes)

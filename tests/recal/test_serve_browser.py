@@ -137,9 +137,8 @@ def test_every_field_and_link_has_a_name(browser, served):
     ):
         browser.open(served[0] + path)
         assert browser.evaluate(unnamed) == 0, path
-        assert browser.evaluate("document.querySelectorAll('h1').length") == 1 and browser.evaluate(
-            "document.documentElement.lang"
-        )
+        assert browser.evaluate("document.querySelectorAll('h1').length") == 1
+        assert browser.evaluate("document.documentElement.lang")
         ids = browser.evaluate("[...document.querySelectorAll('[id]')].map(e => e.id)")
         assert len(ids) == len(set(ids)), path
 
@@ -174,16 +173,14 @@ def test_a_hostile_report_stays_in_its_sandbox(browser, served):
     ):
         browser.open(served[0] + path)
         source = browser.evaluate("document.querySelector('iframe').src")
+        assert frame in source
         assert (
-            frame in source
-            and browser.evaluate("document.querySelector('iframe').contentDocument") is None
+            browser.evaluate("document.querySelector('iframe').contentDocument") is None
         )  # another origin
         assert browser.evaluate("location.pathname + location.search") == path
         browser.open(source)  # alone: still without script
-        assert (
-            browser.evaluate("document.title") == "r"
-            and browser.evaluate("getComputedStyle(p).color") == "rgb(255, 0, 0)"
-        )
+        assert browser.evaluate("document.title") == "r"
+        assert browser.evaluate("getComputedStyle(p).color") == "rgb(255, 0, 0)"
     browser.open(served[0] + "/unit?technology=rlg&serial=SN-2-" + "long" * 20)
     assert browser.evaluate("document.title").startswith("SN-2-long")
 

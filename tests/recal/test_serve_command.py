@@ -125,10 +125,8 @@ def test_a_token_of_a_file_is_never_shown(folder):
     with started("--token-file", "token", "-v") as (result, said):
         get(result["url"])
         with Visitor(result["url"]) as visitor:
-            assert (
-                visitor.sign_in(TOKEN).status_code == 303
-                and visitor.sign_in("wrong token").status_code == 403
-            )
+            assert visitor.sign_in(TOKEN).status_code == 303
+            assert visitor.sign_in("wrong token").status_code == 403
     assert TOKEN.encode() not in said and b"POST /signin" in said and b"warning" not in said
     (folder / "token").chmod(0o644)
     with started("--token-file", "token", terminal=True) as (_, said):
@@ -154,10 +152,8 @@ def test_an_open_address_needs_a_token(folder, monkeypatch, host):
 def test_other_refusals_are_one_line(folder, monkeypatch):
     import socket
 
-    assert (
-        "no store at" in refused("--store", "sqlite:///none.db")
-        and not (folder / "none.db").exists()
-    )
+    assert "no store at" in refused("--store", "sqlite:///none.db")
+    assert not (folder / "none.db").exists()
     assert "no such directory" in refused("--reports", "nowhere")
     assert "cannot be read" in refused("--token-file", "nowhere")
     assert "behind a proxy" in refused("--https")

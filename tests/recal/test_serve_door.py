@@ -23,10 +23,8 @@ TOKENS = (
 
 
 def test_which_hosts_are_ours():
-    here, there = (
-        ServeSettings(store_url="x"),
-        ServeSettings(store_url="x", host="0.0.0.0", tokens=TOKENS, hosts=("recal.fleet",)),
-    )
+    here = ServeSettings(store_url="x")
+    there = ServeSettings(store_url="x", host="0.0.0.0", tokens=TOKENS, hosts=("recal.fleet",))
     for host in ("127.0.0.1:8000", "localhost:9", "[::1]:8000", "127.0.0.1"):
         assert allowed_host(host, here) and allowed_host(host, there)
     for host in ("10.1.2.3:8000", "recal.fleet", "RECAL.FLEET:443", "[fe80::1]:8000"):

@@ -135,10 +135,7 @@ def test_a_wrong_effect_is_named_and_nothing_is_written(scenario, tmp_path):
     (tmp_path / "twin.json").write_text(
         json.dumps({"schema": "recal.twin/1", "gyro_technology": "rlg", "effects": [wrong]})
     )
-    with pytest.raises(
-        InputError,
-        match=r"twin.json: effects\[0\]: parameters.coefficient: got 'hot', needed a number",
-    ):
+    with pytest.raises(InputError, match=r"parameters.coefficient: got 'hot'"):
         simulate(str(scenario), tmp_path / "run", twin=tmp_path / "twin.json")
     assert not (tmp_path / "run").exists()
 

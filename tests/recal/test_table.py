@@ -85,19 +85,6 @@ def test_export_wants_a_file_of_a_known_kind(folder):
     assert run("export").exit_code == 2 and run("export", "-o", "t.xlsx").exit_code == 2
 
 
-def test_reading_commands_create_no_store(folder):
-    for command in (
-        ["list"],
-        ["show"],
-        ["diff"],
-        ["verify"],
-        ["rollback", *SIGNED],
-        ["export", "-o", "t.json"],
-    ):
-        assert "no store at" in refused(*command)
-    assert list(folder.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     "damage, clue",
     [
@@ -123,9 +110,8 @@ def test_serial_rules(folder):
     assert "no table for serial SN-9" in refused("list", "--serial", "SN-9")
     table_file(folder, serial="SN-2")
     ok("import", "table.json")
-    assert "several units" in refused("show") and "several units" in refused(
-        "export", "-o", "t.json"
-    )
+    assert "several units" in refused("show")
+    assert "several units" in refused("export", "-o", "t.json")
     assert "SN-2" in ok("show", "--serial", "SN-2")
 
 
@@ -160,17 +146,17 @@ def updated_store(folder):
 def test_diff_list_and_rollback(folder):
     updated_store(folder)
     change = json.loads(ok("diff", "--json"))
-    assert change["from"]["revision"] == 1 and change["to"]["runs"] == [
-        {"run_id": "run-1", "sha256": "abc"}
-    ]
+    assert change["from"]["revision"] == 1
+    assert change["to"]["runs"] == [{"run_id": "run-1", "sha256": "abc"}]
     assert change["axes"]["x"]["change_deg_h"] == pytest.approx([0.001] * 3)
     assert change["axes"]["x"]["sigma_after_deg_h"] == pytest.approx([0.005] * 3)
     assert "+0.00100" in ok("diff") and "+0.00000" in ok("diff", "--from", "2", "--to", "active")
     ok("rollback", "--to", "factory", "--serial", "SN-1", "--by", "B", "--reason", "lab says so")
     text = ok("list", "-v")
-    assert (
-        "rollback" in text and "[active]" in text and "[factory]" in text and "lab says so" in text
-    )
+    assert "rollback" in text
+    assert "[active]" in text
+    assert "[factory]" in text
+    assert "lab says so" in text
     unit = json.loads(ok("list", "--json"))["units"][0]
     assert [r["kind"] for r in unit["revisions"]] == ["factory", "update", "rollback"]
     assert unit["revisions"][2]["sha256"] == unit["revisions"][0]["sha256"]
@@ -178,12 +164,6 @@ def test_diff_list_and_rollback(folder):
         refused("rollback", "--to", wrong, *SIGNED)
     for wrong in ("17", "last"):
         refused("show", "--revision", wrong)
-
-
-def test_diff_with_one_revision_says_so(folder):
-    table_file(folder)
-    ok("import", "table.json")
-    assert "none before" in refused("diff")
 
 
 def test_import_sets_the_twin_without_opening_its_table(folder):
@@ -264,17 +244,5 @@ def test_quiet_prints_nothing_and_verbose_the_result_on_standard_error(folder):
     for name in ("list", "show", "verify"):
         assert run(name, "-q", "--seed", "3").output == ""
     seen = run("show", "-v")
-    assert (
-        json.loads(seen.stderr)["schema"] == "recal.table/1" and "axis  temperature" in seen.stdout
-    )
-
-
-def test_a_revision_is_a_number_or_a_tag(folder):
-    table_file(folder)
-    ok("import", "table.json")
-    for arguments in (
-        ["show", "--revision", "9" * 30],
-        ["show", "--revision", "newest"],
-        ["rollback", "--to", "-1", *SIGNED],
-    ):
-        assert "needed a number, factory, previous or active" in refused(*arguments)
+    assert json.loads(seen.stderr)["schema"] == "recal.table/1"
+    assert "axis  temperature" in seen.stdout

@@ -39,15 +39,11 @@ def test_px4_there_and_back(folder):
     told = json.loads(
         ok("export", "--to", "px4", "--imu", 1, "--device-id", 3670026, "-o", "u.params", "--json")
     )
-    assert (
-        told["verdict"] == "exported"
-        and told["range_degC"] == [0.0, 60.0]
-        and told["reasons"] == []
-    )
-    assert (
-        told["fit"]["y"]["max_error_deg_h"] == pytest.approx(4.9, abs=0.1)
-        and told["rounding_deg_h"] < 1e-3
-    )
+    assert told["verdict"] == "exported"
+    assert told["range_degC"] == [0.0, 60.0]
+    assert told["reasons"] == []
+    assert told["fit"]["y"]["max_error_deg_h"] == pytest.approx(4.9, abs=0.1)
+    assert told["rounding_deg_h"] < 1e-3
     text = (folder / "u.params").read_text()
     assert about["sha256"] in text and "TC_G1_X3_2" in text and "CAL_GYRO" in text
     into = ("--serial", "SN-2", "--technology", "mems", "--store", "sqlite:///other.db", "--json")
@@ -55,10 +51,8 @@ def test_px4_there_and_back(folder):
     assert "sigma 31.2 deg/h" in back["note"]
     assert "z 0 deg/h" in back["note"]
     table = json.loads(ok("show", "--store", "sqlite:///other.db", "--json"))
-    assert (
-        table["interpolation"] == "hermite"
-        and table["provenance"]["imported_from"]["device_id"] == 3670026
-    )
+    assert table["interpolation"] == "hermite"
+    assert table["provenance"]["imported_from"]["device_id"] == 3670026
     assert table["axes"]["x"]["bias_deg_h"][-1] == pytest.approx(190.0, abs=0.01)
 
 
@@ -88,9 +82,9 @@ def test_a_stiff_cubic_is_refused_unless_forced(folder):
     stored(folder, sigma=2.0)
     made = run("export", "--to", "px4", "--device-id", 7, "-o", "u.params", "--json")
     told = json.loads(made.stdout)
-    assert (
-        made.exit_code == REFUSED_EXIT and told["verdict"] == "refused" and told["output"] is None
-    )
+    assert made.exit_code == REFUSED_EXIT
+    assert told["verdict"] == "refused"
+    assert told["output"] is None
     assert "gyro y" in told["reasons"][0] and not (folder / "u.params").exists()
     forced = json.loads(
         ok("export", "--to", "px4", "--device-id", 7, "-o", "u.params", "--force", "--json")

@@ -121,9 +121,8 @@ def test_files_beside_the_json(runs, fitted):
     out = runs[0] / "out"
     page = (out / "thermal_fog.html").read_text()
     assert specifications(page) and "Held-out ramps" in page and "http" not in unscripted(page)
-    assert "x_bias" in (out / "thermal_fog.h").read_text() and (
-        out / "thermal_fog.csv"
-    ).read_text().startswith("table,")
+    assert "x_bias" in (out / "thermal_fog.h").read_text()
+    assert (out / "thermal_fog.csv").read_text().startswith("table,")
 
 
 def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, fitted):
@@ -181,18 +180,13 @@ def test_several_runs_may_follow_one_option(runs):
     result, document = run_fog(
         folder, "--fast", made["fast"], made["surveyed"], "--slow", made["slow"]
     )
-    assert result.exit_code == 0 and [run["role"] for run in document["runs"]] == [
-        "fast",
-        "fast",
-        "slow",
-    ]
+    assert result.exit_code == 0
+    assert [run["role"] for run in document["runs"]] == ["fast", "fast", "slow"]
     assert "some runs have a surveyed heading" in document["notes"][0]
     for a in document["axes"].values():  # and the surveyed one gives the level to all
-        assert (
-            a["level"]["known"]
-            and a["level"]["sigma_deg_h"] < 0.01
-            and a["residual_over_sigma"] < 1.2
-        )
+        assert a["level"]["known"]
+        assert a["level"]["sigma_deg_h"] < 0.01
+        assert a["residual_over_sigma"] < 1.2
 
 
 @pytest.mark.parametrize(
@@ -231,11 +225,9 @@ def test_a_run_is_compensated_on_disk_and_raw_ones_of_other_units_are_not(runs, 
     )
     path.write_text(json.dumps({**fitted[1], "imu_serial": "SN-8"}))
     result = CliRunner().invoke(app, [*words, str(made["check"]), "-o", str(folder / "none")])
-    assert (
-        isinstance(result.exception, InputError)
-        and "SN-8" in str(result.exception)
-        and not (folder / "none").exists()
-    )
+    assert isinstance(result.exception, InputError)
+    assert "SN-8" in str(result.exception)
+    assert not (folder / "none").exists()
 
 
 def test_a_result_that_is_none_is_no_model(fitted):
@@ -279,11 +271,9 @@ def test_causal_rate_on_a_ramp_and_its_noise():
     seen = [
         late.feed(float(k), 20.0 if k < 600 else 20.0 + (k - 600) / 60.0)[1] for k in range(1500)
     ]
-    assert (
-        seen[599] == pytest.approx(0.0, abs=1e-9)
-        and 0.5 < seen[750] < 1.0
-        and seen[1499] == pytest.approx(1.0, abs=1e-4)
-    )
+    assert seen[599] == pytest.approx(0.0, abs=1e-9)
+    assert 0.5 < seen[750] < 1.0
+    assert seen[1499] == pytest.approx(1.0, abs=1e-4)
     assert late.feed(1500.0, float("nan"))[1] == pytest.approx(1.0, abs=1e-4)
     with pytest.raises(ValueError, match="needed later"):
         late.feed(10.0, 20.0)

@@ -103,10 +103,8 @@ def test_terms_of_simulated_chamber_runs(runs, fitted):
     folder, _ = runs
     result, document = fitted
     assert result.exit_code == 0 and document["verdict"] == "fitted" and not document["notes"]
-    unit, reference = (
-        scenario_unit(read_scenario(folder / "a.toml")),
-        document["reference_temperature_degC"],
-    )
+    unit = scenario_unit(read_scenario(folder / "a.toml"))
+    reference = document["reference_temperature_degC"]
     for k, (axis, a) in enumerate(document["axes"].items()):
         slope = unit.thermal_rate_slope_deg_h_per_degC2_min[k]
         true = {
@@ -119,15 +117,12 @@ def test_terms_of_simulated_chamber_runs(runs, fitted):
             if term["state"] == "used":
                 assert abs(term["value"] - value) < 4.0 * term["sigma"], (axis, name)
         assert a["terms"]["K4"]["state"] == a["terms"][f"K6{axis}"]["state"] == "used"
-        assert a["condition"]["used"] < a["condition"]["limit"] and np.array(
-            a["covariance"]
-        ).shape == (8, 8)
+        assert a["condition"]["used"] < a["condition"]["limit"]
+        assert np.array(a["covariance"]).shape == (8, 8)
     (check,) = document["check"]
     for row in check["axes"].values():
-        assert (
-            row["over_temperature_only"] <= 0.5
-            and row["causal_after_deg_h"] <= 0.5 * row["temperature_only_deg_h"]
-        )
+        assert row["over_temperature_only"] <= 0.5
+        assert row["causal_after_deg_h"] <= 0.5 * row["temperature_only_deg_h"]
 
 
 def follows(values, tau_s):
@@ -236,13 +231,11 @@ def test_a_compensated_run_is_no_raw_run_and_the_part_has_a_name(runs, fitted):
     # minute means in real-time order, 0.0155 white
     assert np.all(np.std(left, axis=0) < 0.6 * np.std(raw, axis=0))
     result, _ = run_rlg(folder, folder / "left")
-    assert isinstance(result.exception, InputError) and "removed_thermal_model" in str(
-        result.exception
-    )
+    assert isinstance(result.exception, InputError)
+    assert "removed_thermal_model" in str(result.exception)
     result = CliRunner().invoke(app, [*words, "--part", "some"])
-    assert isinstance(result.exception, InputError) and "needed all or rates" in str(
-        result.exception
-    )
+    assert isinstance(result.exception, InputError)
+    assert "needed all or rates" in str(result.exception)
 
 
 def test_a_line_in_steps_is_smoothed_as_a_thermometer_is():

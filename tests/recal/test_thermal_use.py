@@ -129,10 +129,8 @@ def test_update_with_the_model_finds_the_settled_bias(folder, updated):
     unit = scenario_unit(read_scenario(folder / "session.toml"))
     _, document = updated
     used = document["thermal_model"]
-    assert (
-        used["part"] == "rates"
-        and used["runs"][0]["rms_deg_h"]["x"] > 0.03 > used["runs"][0]["sigma_deg_h"]["x"]
-    )
+    assert used["part"] == "rates"
+    assert used["runs"][0]["rms_deg_h"]["x"] > 0.03 > used["runs"][0]["sigma_deg_h"]["x"]
     assert document["noise_model"]["gyro"]["turn_on_deg_h"] > default_twin("rlg").gyro.turn_on_deg_h
     for axis in "xy":
         after = document["table_after"]["axes"][axis]
@@ -157,11 +155,9 @@ def test_without_the_model_the_same_session_contradicts_the_table(folder):
     result, document = recal(
         "update", folder / "run", "--store", store(folder, "without"), "-o", folder / "no", "--json"
     )
-    assert (
-        result.exit_code == 5
-        and document["verdict"] == "inconsistent"
-        and "thermal_model" not in document
-    )
+    assert result.exit_code == 5
+    assert document["verdict"] == "inconsistent"
+    assert "thermal_model" not in document
 
 
 def test_a_run_of_thermal_apply_goes_through_update_and_is_known_again(folder, updated):
@@ -201,18 +197,16 @@ def test_a_run_of_thermal_apply_goes_through_update_and_is_known_again(folder, u
         )
         assert result.exit_code == 4 and again["reason_codes"] == ["of_run.already_merged"]
     result, _ = recal("update", folder / "all", "--store", url, "-o", folder / "u")
-    assert isinstance(result.exception, InputError) and "as a whole, needed that model" in str(
-        result.exception
-    )
+    assert isinstance(result.exception, InputError)
+    assert "as a whole, needed that model" in str(result.exception)
     for words in (("misalignment", folder / "all", folder / "all"), ("align", folder / "all")):
         result, _ = recal(*words, "--store", url, "-o", folder / "u")
         assert isinstance(result.exception, InputError) and "was taken out whole" in str(
             result.exception
         ), words
     result, _ = recal("thermal", "apply", model, folder / "all", "-o", folder / "twice")
-    assert isinstance(result.exception, InputError) and "needed the raw run" in str(
-        result.exception
-    )
+    assert isinstance(result.exception, InputError)
+    assert "needed the raw run" in str(result.exception)
 
 
 def test_replay_with_the_model_drifts_less(folder, updated):
@@ -303,8 +297,6 @@ def test_a_fibre_optic_model_serves_as_well(tmp_path):
     for k, axis in enumerate("xyz"):
         true = truth.K_delta(k, T) * 0.5
         found = -left.imu.dtheta_rad[:, k] / DEG_PER_HOUR
-        assert (
-            np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[axis]
-            and gone.sigma_deg_h[axis] < 0.01
-        )
+        assert np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[axis]
+        assert gone.sigma_deg_h[axis] < 0.01
     assert left.header.removed_model.part == "rates" and left.sha256 == "0" * 64

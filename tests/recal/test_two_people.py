@@ -59,13 +59,6 @@ def test_a_store_of_one_person_says_so(folder):
     run("table", "policy", "--two-people", "--one-person", code=2)
 
 
-def test_a_rule_makes_no_store(folder):
-    for words in ([], ["--one-person"]):
-        done = CliRunner().invoke(app, ["table", "policy", *words])
-        assert "no store at" in str(done.exception)
-    assert [path.name for path in folder.iterdir()] == ["table.json"]
-
-
 @pytest.mark.parametrize("words", [[], ["--by", "B"], ["--reason", "why"]])
 def test_a_rollback_is_signed(folder, words):
     run("table", "import", "table.json")

@@ -47,20 +47,17 @@ def test_the_report_names_the_revision_and_its_command_takes_it_back(folder):
     done = update()
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)
-    assert (
-        document == report(folder)
-        and document["verdict"] == "committed"
-        and document["revision"] == 2
-    )
+    assert document == report(folder)
+    assert document["verdict"] == "committed"
+    assert document["revision"] == 2
     assert "as revision 2" in (folder / "out/update.html").read_text()
     with TableStore.open(URL) as store:
         active = store.active()
         assert (active.number, active.sha256) == (2, document["table_after_sha256"])
         assert json.loads(active.report_json)["points"] == document["points"]
     words = shlex.split(document["rollback_command"])[1:]
-    assert (
-        words[words.index("--technology") + 1] == "rlg" and words[words.index("--mode") + 1] == ""
-    )
+    assert words[words.index("--technology") + 1] == "rlg"
+    assert words[words.index("--mode") + 1] == ""
     assert CliRunner().invoke(app, words).exit_code == 0
     with TableStore.open(URL) as store:
         assert store.active().sha256 == document["table_before_sha256"]
@@ -79,12 +76,10 @@ def test_where_the_store_cannot_be_written_the_report_stays_as_a_proposal(
     assert isinstance(done.exception, InputError)
     answer, document = json.loads(done.stdout), report(drawn_folder)
     assert answer["schema"] == "recal.error/1" and "disk is full" in answer["reasons"][0]
-    assert document["verdict"] == "proposed" and document["reasons"] == [
-        f"not committed: {answer['reasons'][0]}"
-    ]
-    assert (
-        document["revision"] is None and (drawn_folder / "out/update.html").stat().st_size > 10_000
-    )
+    assert document["verdict"] == "proposed"
+    assert document["reasons"] == [f"not committed: {answer['reasons'][0]}"]
+    assert document["revision"] is None
+    assert (drawn_folder / "out/update.html").stat().st_size > 10_000
 
 
 def test_where_the_report_cannot_be_written_nothing_is_committed(folder):
@@ -100,9 +95,8 @@ def test_without_html_the_document_alone_is_written(folder):
     document = verbs.update(
         [folder / "run"], store_url=URL, commit=True, output=folder / "out", html=False
     )
-    assert document == report(folder) and [p.name for p in (folder / "out").iterdir()] == [
-        "update.json"
-    ]
+    assert document == report(folder)
+    assert [p.name for p in (folder / "out").iterdir()] == ["update.json"]
 
 
 def test_each_step_of_an_update_is_told(folder):

@@ -106,9 +106,9 @@ def test_tries_end(runs, filled, tmp_path, monkeypatch):
     beaten_by(monkeypatch, *([other, lambda: None] * 3))
     done = update(runs[0], filled, tmp_path / "out", "--retry", "1")
     document = json.loads(done.stdout)
-    assert (
-        done.exit_code == 4 and len(document["conflicts"]) == 1 and document["verdict"] == "refused"
-    )
+    assert done.exit_code == 4
+    assert len(document["conflicts"]) == 1
+    assert document["verdict"] == "refused"
 
 
 def test_the_same_run_committed_meanwhile_is_refused_not_merged_twice(

@@ -30,7 +30,7 @@ def test_priors_of_a_flight_are_read_and_what_is_not_given_keeps_its_default(tmp
         ("[flight]\nslow_position_s = 0.5\n", r"slow_position_s = 0.5, needed at least 1"),
         ("[flight]\nantenna_cm = 3\n", r"unknown key 'antenna_cm', needed one of slow_"),
         ("[flight]\nshift_deg_h = 3\n", r"\[flight\]: shift_deg_h = 3, needed dict"),
-        ("[flight]\nshift_deg_h = {lgr = 3}\n", r"shift_deg_h: unknown key 'lgr', needed .* fog"),
+        ("[flight]\nshift_deg_h = {lgr = 3}\n", "unknown key 'lgr'"),
         ("[flight]\nantenna_m = -1\n", r"antenna_m = -1, needed a number that is not negative"),
         ('[flight]\ndeflection_km = "far"\n', r"= \Wfar\W, needed a number .* or \"fit\""),
         ('[flight]\nantenna_m = "fit"\n', r"antenna_m = \Wfit\W, needed a number"),

@@ -120,17 +120,3 @@ def test_a_changed_row_is_found(stepped, tmp_path):
         )
     said = CliRunner().invoke(app, [str(runs[1]), "--store", url, "-o", str(tmp_path / "out")])
     assert "was changed" in str(said.exception)
-
-
-def test_a_store_of_the_first_schema_is_read_and_upgraded_by_a_commit(stepped, tmp_path):
-    url, runs, _ = stepped
-    with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
-        later = ("policy", "priors_decision", "priors", "decision", "proposal", "contradiction")
-        for name in later:
-            db.execute(f"DROP TABLE recal_{name}")
-        db.execute("UPDATE alembic_version SET version_num = '0001'")
-    assert update(url, tmp_path, runs[0])[0] == 5
-    with TableStore.open(url) as store:
-        assert store.contradictions("SN-0042", "rlg", "") == ()
-    assert update(url, tmp_path, runs[0], "--commit")[0] == 5
-    assert rows(tmp_path) == 1

@@ -91,11 +91,9 @@ def burst(seed: int) -> Burst:
     scale for 1 to 10 rows.
     """
     rng = np.random.default_rng([seed, 20260704])
-    sensor, axis, rows = (
-        str(rng.choice(["gyro", "accelerometer"])),
-        AXES[rng.integers(3)],
-        int(rng.integers(1, 11)),
-    )
+    sensor = str(rng.choice(["gyro", "accelerometer"]))
+    axis = AXES[rng.integers(3)]
+    rows = int(rng.integers(1, 11))
     total = log_uniform(rng, 0.005, 0.5) if sensor == "gyro" else log_uniform(rng, 0.05, 20.0)
     total *= float(rng.choice([-1.0, 1.0]))
     at_s, run = float(rng.uniform(120.0, 4000.0)), _session(seed)

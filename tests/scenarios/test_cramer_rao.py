@@ -105,9 +105,8 @@ def test_response_at_rest_is_that_of_physics_6_2():
     g, rate = 9.806, EARTH_RATE_RAD_S * np.cos(45 * DEG)
     Phi, Gamma = answer.Phi[1000], answer.Gamma[1000]
     assert Phi[3, 4] == pytest.approx(g, rel=1e-3) and Phi[2, 5] == pytest.approx(-g, rel=1e-3)
-    assert Phi[5, 6] == pytest.approx(rate, rel=1e-3) and Phi[4, 5] == pytest.approx(
-        -rate, rel=1e-3
-    )
+    assert Phi[5, 6] == pytest.approx(rate, rel=1e-3)
+    assert Phi[4, 5] == pytest.approx(-rate, rel=1e-3)
     assert Phi[6, 5] == pytest.approx(-rate, rel=1e-3)
     np.testing.assert_allclose(Gamma[4:, :3], np.eye(3), atol=1e-3)  # heading 0
     np.testing.assert_allclose(Gamma[2:4, 3:5], np.eye(2), atol=1e-3)

@@ -263,10 +263,8 @@ def test_r11_excess_noise_is_inconsistent_and_declared_noise_is_not(runs):
     louder = replace(REFERENCE_TWIN, gyro=replace(REFERENCE_TWIN.gyro, arw_deg_sqrt_h=0.006))
     caught, false = 0, 0
     for seed in range(runs):
-        good, bad = (
-            parked_session(seed),
-            session("parked_only", seed, twin=louder, believed=REFERENCE_TWIN),
-        )
+        good = parked_session(seed)
+        bad = session("parked_only", seed, twin=louder, believed=REFERENCE_TWIN)
         outcomes = [
             judge_estimate(o.estimate, observability(o.estimate, hold_heading=True)).outcome
             for o in (good, bad)

@@ -226,10 +226,8 @@ def split(runs: int, *, kind: str, split_deg_h: float = 0.0, sigmas: float = 0.0
     for seed in range(runs):
         rng = np.random.default_rng([seed, 17])
         table, axis = aged_table(), int(rng.integers(3))
-        nodes, chosen = (
-            draw(table.covariance, rng),
-            [_of_start(start, rng) for start in STARTS_OF_SPLIT],
-        )
+        nodes = draw(table.covariance, rng)
+        chosen = [_of_start(start, rng) for start in STARTS_OF_SPLIT]
         data = [bins_of(s, table) for s in chosen]
         D = [d.regressor(kind)[:, axis] for d in data]
         if sigmas:

@@ -43,11 +43,9 @@ def test_a_thermal_rate_is_named_measured_and_taken_out():
     found = diagnosed(trial)
     cause = found.causes[0]
     truth = trial.truth[0]
-    assert (found.verdict, cause.effect, cause.target) == (
-        "explained",
-        "gyro_thermal_rate",
-        truth.target,
-    )
+    assert found.verdict == "explained"
+    assert cause.effect == "gyro_thermal_rate"
+    assert cause.target == truth.target
     assert found.where[0].channel == truth.target
     assert cause.probability > 0.5
     assert cause.shrink is not None and cause.shrink.held_out

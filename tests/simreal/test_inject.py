@@ -73,10 +73,8 @@ def test_telemetry_of_the_truth_is_that_of_the_ideal_sensors():
     simulated, telemetry = session()
     imu = simulated.run.imu.whole()
     taxi = imu.time_s > 900.0
-    rate, force = (
-        imu.dtheta_rad[taxi] / imu.dt_s[taxi, None],
-        imu.dv_m_s[taxi] / imu.dt_s[taxi, None],
-    )
+    rate = imu.dtheta_rad[taxi] / imu.dt_s[taxi, None]
+    force = imu.dv_m_s[taxi] / imu.dt_s[taxi, None]
     noise_rad_s = TWIN.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR / np.sqrt(0.1)
     assert np.abs(telemetry.rate_rad_s[taxi] - rate).max() < 6 * noise_rad_s + 1e-6
     assert np.std(telemetry.force_m_s2[taxi] - force, axis=0).max() < 2e-3
@@ -211,11 +209,9 @@ def test_navigation_of_a_moved_run_ends_on_its_reference(name):
     """Perfect sensors, a real motion of the vehicle: increments and truth agree through the whole
     mechanization.
     """
-    ideal, quiet = (
-        runs._ideal(DRIVE, 37.0),
-        VehicleNoise(
-            crab_mrad=0.0, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0
-        ),
+    ideal = runs._ideal(DRIVE, 37.0)
+    quiet = VehicleNoise(
+        crab_mrad=0.0, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0
     )
     n = ideal.time_s.size
     imu = ImuLog(
@@ -271,9 +267,8 @@ def test_noise_has_the_size_it_says():
     gyro, *_ = added(effect("gyro_angle_random_walk", 0.01))
     n = gyro.shape[0]
     sigma = 0.01 * DEG_PER_SQRT_HOUR / np.sqrt(0.1)
-    assert (
-        np.std(gyro[:, 0]) == pytest.approx(sigma, rel=4 / np.sqrt(2 * n)) and not gyro[:, 1:].any()
-    )
+    assert np.std(gyro[:, 0]) == pytest.approx(sigma, rel=4 / np.sqrt(2 * n))
+    assert not gyro[:, 1:].any()
     ends = [
         added(effect("gyro_rate_random_walk", 0.05, target="gyro_z"), rng=k)[0][-1, 2]
         for k in range(40)

@@ -124,22 +124,17 @@ def test_needed_size_gives_odds_of_nineteen_to_one(maker):
     a, b = (evidence.whiten([e.effect.traces(view.telemetry, "gyro_x", {})])[:, 0] for e in (h, k))
     true = found.delta_needed[0] * a / np.linalg.norm(a)
     left = true - b * (b @ true) / (b @ b)
-    assert 0.5 * left @ left == pytest.approx(ODDS_NATS, rel=1e-4) and ODDS_NATS == pytest.approx(
-        np.log(0.95 / 0.05)
-    )
+    assert 0.5 * left @ left == pytest.approx(ODDS_NATS, rel=1e-4)
+    assert ODDS_NATS == pytest.approx(np.log(0.95 / 0.05))
 
 
 def table(maker, twin):
     """effects.md's pairs in its plans, each true effect of one shape."""
-    exp1000, exp350 = (
-        of("gyro_warmup_transient", tau_s=1000.0),
-        of("gyro_warmup_transient", tau_s=350.0),
-    )
-    linear, ramp, quadratic = (
-        of("gyro_thermal_linear"),
-        of("gyro_rate_ramp"),
-        of("gyro_thermal_quadratic"),
-    )
+    exp1000 = of("gyro_warmup_transient", tau_s=1000.0)
+    exp350 = of("gyro_warmup_transient", tau_s=350.0)
+    linear = of("gyro_thermal_linear")
+    ramp = of("gyro_rate_ramp")
+    quadratic = of("gyro_thermal_quadratic")
     pairs = {
         "Tlin/exp1000": (linear, exp1000),
         "Tlin/Tquad": (linear, quadratic),
@@ -185,10 +180,8 @@ def test_a_declared_turn_on_makes_the_constant_part_tell(maker):
     """The prototype left the bias free; the twin's 0.003 deg/h does not."""
     found = table(maker, TWIN)
     assert float(found["exp1000/ramp", "1 cold"].cos[0]) < 0.3
-    assert (
-        float(found["Tlin/exp1000", "1 cold"].cos[0]) > 0.95
-        and float(found["Tlin/exp1000", "diverse"].cos[0]) < 0.4
-    )
+    assert float(found["Tlin/exp1000", "1 cold"].cos[0]) > 0.95
+    assert float(found["Tlin/exp1000", "diverse"].cos[0]) < 0.4
     assert float(found["Tlin/exp1000", "3 cold"].cos[0]) > 0.9
 
 
@@ -245,11 +238,9 @@ def test_advice_is_a_sentence_for_each_rival(maker):
         ("gyro_warmup_transient", "gyro_x"),
     ]
     linear, force = advice(credible, evidence)
-    assert (
-        "gyro_thermal_linear" in linear
-        and "times the usual size on instead of" in linear
-        and "cold start" not in linear
-    )
+    assert "gyro_thermal_linear" in linear
+    assert "times the usual size on instead of" in linear
+    assert "cold start" not in linear
     before, after = (
         float(part.split(" times")[0].split()[-1])
         for part in (linear.split("instead of")[1], linear)
@@ -306,9 +297,8 @@ def test_without_a_second_sensor_a_gradient_is_not_testable():
     bare = RecordingMaker(TWIN, None, SITE, without=("gradient",))
     pair = read_pair("gyro_thermal_rate,gyro_thermal_gradient")
     assert "gradient_x_degC" in judge(grams(bare, (COLD,), pair.a, pair.b), pair).lacks
-    assert not any(r.taxi for r in candidates(("taxi",))) and not any(
-        "gnss" in r.aids for r in candidates(("gnss",))
-    )
+    assert not any(r.taxi for r in candidates(("taxi",)))
+    assert not any("gnss" in r.aids for r in candidates(("gnss",)))
 
 
 def test_the_size_that_is_seen_is_about_four(maker):

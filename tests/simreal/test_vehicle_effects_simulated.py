@@ -97,10 +97,8 @@ def test_a_step_is_a_boarding(taxi, sizes):
     event = Boarding(time_s=20.0, settle_s=1.0, **dict(zip(names, sizes)))
     moved = disturb(taxi, QUIET, (event,), np.random.default_rng(1))
     trace = combined("platform_step", telemetry(taxi), sizes, onset_s=20.5)
-    gyro, accel = (
-        (moved.dtheta_rad - taxi.dtheta_rad) / taxi.dt_s,
-        (moved.dv_m_s - taxi.dv_m_s) / taxi.dt_s,
-    )
+    gyro = (moved.dtheta_rad - taxi.dtheta_rad) / taxi.dt_s
+    accel = (moved.dv_m_s - taxi.dv_m_s) / taxi.dt_s
     early = taxi.time_s < 30.0
     np.testing.assert_allclose(
         trace.gyro_rad_s[early].sum(axis=0) * taxi.dt_s,

@@ -73,12 +73,10 @@ def test_velocities_that_are_not_those_of_the_positions(change, line, noise):
 
 
 def test_up_taken_for_down():
-    assert lines(driven(climb_m_s=2.0, change=lambda v: v * [1, 1, -1])) == [
-        "log: the fixes rise where their velocity says down: up taken for down (frame?)"
-    ]
-    assert (
-        lines(driven(climb_m_s=2.0)) == [] and lines(driven(change=lambda v: v * [1, 1, -1])) == []
-    )
+    (line,) = lines(driven(climb_m_s=2.0, change=lambda v: v * [1, 1, -1]))
+    assert "up taken for down" in line
+    assert lines(driven(climb_m_s=2.0)) == []
+    assert lines(driven(change=lambda v: v * [1, 1, -1])) == []
 
 
 @pytest.mark.parametrize(
@@ -88,10 +86,8 @@ def test_up_taken_for_down():
 def test_a_wheel_in_another_unit(factor, cause):
     wheel = OdometerLog(time_s=np.arange(0.0, 125.0, 0.1), speed_m_s=np.full(1250, 12.0 * factor))
     (found,) = lines(driven(), wheel)
-    assert (
-        found.startswith(f"log: the wheel reads {factor:.3g} times the speed of the fixes: ")
-        and cause in found
-    )
+    assert found.startswith(f"log: the wheel reads {factor:.3g} times the speed of the fixes: ")
+    assert cause in found
     for scale in (0.93, 1.0, 1.06, 1.3):  # worn or wrong tyres are no unit
         assert (
             lines(driven(), OdometerLog(time_s=wheel.time_s, speed_m_s=np.full(1250, 12.0 * scale)))

@@ -302,11 +302,9 @@ def test_tables_and_twins_with_anything_in_them(tmp_path, read):
             read(path)
         except InputError as error:
             refused += 1
-            assert (
-                str(error).startswith(str(path))
-                and "\n" not in str(error)
-                and "\x1b" not in str(error)
-            )
+            assert str(error).startswith(str(path))
+            assert "\n" not in str(error)
+            assert "\x1b" not in str(error)
     assert 80 < refused < 160
 
 
@@ -352,7 +350,7 @@ def test_a_twin_opens_nothing_but_its_own_table(tmp_path, name):
     folder.mkdir()
     (folder / "link.json").symlink_to("/etc/passwd")
     twin = TwinModel(imu_serial="SN-1", table=name, source="twin.json")
-    with pytest.raises(InputError, match=r"twin\.json: table: .* leaves the folder of the twin"):
+    with pytest.raises(InputError, match="leaves the folder of the twin"):
         table_path(twin, folder)
     own = TwinModel(table="tables/t.json")
     with pytest.raises(InputError, match=r"'tables/t\.json'"):

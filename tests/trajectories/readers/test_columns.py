@@ -134,12 +134,8 @@ def test_damaged_rows_are_dropped_and_listed():
     columns["t"][31], columns["wy"][31] = columns["t"][25], 1e-3
     log = convert(columns)
     assert log.imu.time_s.size == N - 4
-    assert log.notes == (
-        "log: row 11 dropped: missing or not finite",
-        "log: row 21 dropped: beyond 100 rad/s or 2000 m/s2",
-        "log: row 31 dropped: repeat an earlier row",
-        "log: row 32 dropped: time repeats or goes back",
-    )
+    dropped = [f"log: row {k} dropped" for k in (11, 21, 31, 32)]
+    assert [note.rpartition(": ")[0] for note in log.notes] == dropped
     # neighbours within a second are one stretch
     assert [s.reason for s in log.faults] == ["dropout: 4 imu rows lost"]
     np.testing.assert_allclose(log.imu.dv_m_s.sum(axis=0), F_B * N * DT_S, rtol=1e-9, atol=1e-12)
@@ -201,10 +197,8 @@ def test_late_rows_are_put_back_where_they_fit():
     columns["t"][100] = columns["t"][90]
     log = convert(columns)
     np.testing.assert_allclose(log.imu.dtheta_rad[:100], straight.imu.dtheta_rad[:100], rtol=1e-9)
-    assert log.notes == (
-        "log: row 101 dropped: time repeats or goes back",
-        "log: row 52 written late, put back in the order of time",
-    )
+    dropped, late = log.notes
+    assert "row 101 dropped" in dropped and "row 52 written late" in late
 
 
 def test_rows_written_twice_cost_nothing():
@@ -213,9 +207,8 @@ def test_rows_written_twice_cost_nothing():
     order = np.sort(np.concatenate([np.arange(N), np.arange(0, N, 3)]))
     log = convert({name: values[order] for name, values in columns.items()})
     np.testing.assert_array_equal(log.imu.dtheta_rad, convert(columns).imu.dtheta_rad)
-    assert len(log.notes) == 1 and log.notes[0].endswith(
-        "57 more stretches dropped: repeat an earlier row"
-    )
+    assert len(log.notes) == 1
+    assert log.notes[0].endswith("57 more stretches dropped: repeat an earlier row")
 
 
 def test_mixed_increments_and_rates():
@@ -233,37 +226,25 @@ def test_mixed_increments_and_rates():
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        (
-            {"axes": {"x": "z", "y": "y", "z": "x"}},
-            'map: axes x = "z", y = "y", z = "x": needed a right-handed set',
-        ),
-        (
-            {"axes": {"x": "x", "y": "x", "z": "z"}},
-            "needed a right-handed set that uses x, y and z once",
-        ),
+        ({"axes": {"x": "z", "y": "y", "z": "x"}}, 'x = "z", y = "y", z = "x"'),
+        ({"axes": {"x": "x", "y": "x", "z": "z"}}, "right-handed set"),
         ({"axes": {"x": "up"}}, 'map: axes.x: got "up"'),
         ({"axis": {}}, "map: unknown key axis (did you mean axes?)"),
-        (
-            {"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}},
-            "map: key gyro.unit is missing",
-        ),
-        (
-            {"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}},
-            "gyro.unit: got 'deg/min', needed one of rad/s,",
-        ),
+        ({"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}}, "gyro.unit is missing"),
+        ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}}, "gyro.unit: got 'deg/min'"),
         ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "g"}}, "map: gyro.unit: got 'g'"),
         (
             {"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/s", "kind": "increments"}},
-            "deg/s is a unit of rates",
+            "unit of rates",
         ),
         ({"gyro": {"columns": ["wx", "wy"], "unit": "deg/s"}}, "map: gyro.columns"),
-        ({"time": None}, "map: needed either a [time] column or rate_hz"),
-        ({"rate_hz": 100.0}, "map: needed either a [time] column or rate_hz"),
+        ({"time": None}, "column or rate_hz"),
+        ({"rate_hz": 100.0}, "column or rate_hz"),
         ({"time": None, "rate_hz": 5.0}, "map: rate_hz: got 5.0, needed at least 10"),
         ({"accel": {"columns": ["fx", "fy", "up"], "unit": "g"}}, "log: no column up, has t wx"),
         (
             {"accel": {"columns": ["fx", "fy", "fz"], "unit": "g", "scale": float("nan")}},
-            "map: accel.scale: got nan",
+            "accel.scale: got nan",
         ),
         ({"temperature": {"columns": ["a", "b"]}}, "map: temperature.columns"),
     ],
@@ -277,9 +258,7 @@ def test_wrong_maps_are_refused(changes, line):
 def test_a_wrong_map_is_not_taken_for_damaged_rows():
     columns = raw_columns()
     columns["wx"][:50] = 1e9
-    with pytest.raises(
-        InputError, match=r"log: 50 of 200 rows are damaged \(first row 1: beyond 100 rad/s"
-    ):
+    with pytest.raises(InputError, match="50 of 200 rows are damaged"):
         convert(columns)
 
 

@@ -48,13 +48,13 @@ def test_an_answer_whatever_is_printed(log, monkeypatch, capfd):
 @pytest.mark.parametrize(
     ("deed", "line"),
     [
-        ("grow", r"takes more than 1073 MB of memory to read.*\(recal --max-unpacked-mb raises it"),
-        ("crash", "the library that reads it ended by SIGSEGV, needed a sound file"),
+        ("grow", "recal --max-unpacked-mb"),
+        ("crash", "ended by SIGSEGV"),
         ("leave", r"its reader's answer is garbled \(EOFError\)"),
         ("refuse", "got 1, needed 2"),
-        ("fail", "ended with RuntimeError: odd.*file, needed a sound file"),
-        ("connect", "PermissionError: socket.getaddrinfo while a file is read"),
-        ("start", "PermissionError: subprocess.Popen while a file is read"),
+        ("fail", "RuntimeError: odd"),
+        ("connect", "PermissionError: socket.getaddrinfo"),
+        ("start", "PermissionError: subprocess.Popen"),
         ("write", "PermissionError: open while a file is read"),
     ],
 )
@@ -128,5 +128,5 @@ def test_an_answer_that_would_be_code_is_refused(log, monkeypatch):
         return 0
 
     monkeypatch.setattr(contained, "_run", pickled)
-    with pytest.raises(InputError, match=r"^log\.mat: its reader's answer is garbled \(ValueError"):
+    with pytest.raises(InputError, match="answer is garbled"):
         read(log, "read")

@@ -139,7 +139,7 @@ def test_kitti_with_damage(tmp_path):
     assert any("data rows 6-8 missing or damaged" in note for note in made.record.notes)
     for file in data.iterdir():
         file.write_text("")
-    with pytest.raises(InputError, match=r"0 of 1000 moments of timestamps\.txt with 30 numbers"):
+    with pytest.raises(InputError, match="0 of 1000 moments"):
         convert_log(path, {}, KNOWN)
 
 

@@ -84,10 +84,8 @@ def test_xsens_parked(tmp_path, fine):
     header = made.run.header
     assert (made.record.format, header.imu_serial) == ("xsens", "00B42D4B")
     assert header.gyro_technology == "mems" and header.start_utc == "2026-03-01T05:00:09.990Z"
-    assert (
-        np.degrees(header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-9)
-        and made.run.gnss is None
-    )
+    assert np.degrees(header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-9)
+    assert made.run.gnss is None
     np.testing.assert_allclose(made.run.temperature.gyro_degC, 31.0)
 
 
@@ -112,7 +110,7 @@ def test_the_orientation_tells_the_unit_of_the_gyros(tmp_path, gyro):
 def test_xsens_without_a_clock(tmp_path):
     path = xsens(tmp_path / "log.txt", fine=None)
     path.write_text(path.read_text().replace("// Update Rate: 100.0Hz", "//"))
-    with pytest.raises(InputError, match=r"no SampleTimeFine and no update rate .*needed rate_hz"):
+    with pytest.raises(InputError, match="needed rate_hz"):
         convert_log(path, {}, GIVEN)
     check_parked(convert_log(path, {"rate_hz": 100.0}, GIVEN).run, OUT)
     with pytest.raises(InputError, match="rad/s scaled by pi/180 once too often"):

@@ -54,13 +54,9 @@ def test_px4_with_a_slow_accelerometer(tmp_path):
         if topic[0] != "sensor_accel" or every[topic] % 4 == 1:
             kept.append(message)
     made = px4(tmp_path, kept)
-    assert made.run.imu.rows == ROWS and any(
-        "vehicle_imu 1: rates are less" in note for note in made.record.notes
-    )
-    with pytest.raises(
-        InputError,
-        match=r"sensor_gyro 1: 100 Hz, sensor_accel 25 Hz: needed like rates \(or another topic",
-    ):
+    assert made.run.imu.rows == ROWS
+    assert any("vehicle_imu 1: rates are less" in note for note in made.record.notes)
+    with pytest.raises(InputError, match="sensor_gyro 1: 100 Hz, sensor_accel 25 Hz"):
         px4(tmp_path, kept, {"topic": "sensor_gyro"})
 
 
@@ -112,13 +108,7 @@ def test_ardupilot_over_the_wrap_of_its_milliseconds(tmp_path):
 @pytest.mark.parametrize("week", [0, ap.WEEK - 1024])
 def test_ardupilot_without_the_week(tmp_path, week):
     messages = changed(ap.old_messages(rows=200), "GPS", lambda v: [*v[:2], week, *v[3:]])
-    with pytest.raises(
-        InputError,
-        match=(
-            r"start_utc \(--start-utc\) \(flight.bin: GPS weeks that give no date \(unknown, or"
-            r" modulo"
-        ),
-    ):
+    with pytest.raises(InputError, match=r"start_utc .*GPS weeks that give no date"):
         ardupilot(tmp_path, messages)
     assert (
         ardupilot(tmp_path, messages, {"start_utc": "2026-03-01T05:00:00Z"}).run.gnss.time_s.size
@@ -141,10 +131,7 @@ def test_ardupilot_temperatures_that_are_none(tmp_path):
     )
     made = ardupilot(tmp_path, odd)
     assert made.run.temperature.gyro_degC.max() < 40
-    assert any(
-        "temperatures are 400 to 400 degC, needed -60 to 125: left out" in note
-        for note in made.record.notes
-    )
+    assert any("temperatures are 400 to 400 degC" in note for note in made.record.notes)
 
 
 @pytest.mark.parametrize(
@@ -170,13 +157,7 @@ def test_ardupilot_that_declares_its_units_twice(tmp_path, letters, labels):
         ardupilot(tmp_path, messages[:6] + extra[:5] + [first, first] + messages[6:]).run.imu.rows
         == 200
     )
-    with pytest.raises(
-        InputError,
-        match=(
-            r"IMU 1: its units are declared twice, differently \(FMTU, UNIT\): logs of two"
-            r" firmwares"
-        ),
-    ):
+    with pytest.raises(InputError, match="IMU 1: its units are declared twice"):
         ardupilot(tmp_path, messages[:6] + extra + [first, second] + messages[6:])
 
 
@@ -239,11 +220,9 @@ def test_novatel_fixes_at_the_origin(tmp_path):
     lines += [test_novatel.velocity(200_001.0 + k, 1.0) for k in range(49)]
     lines += [test_novatel.position(200_021.0 + k, k) for k in range(25)]
     made = test_novatel.convert(tmp_path, lines, given={"imu_serial": "SN-1"})
-    assert (
-        np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3)
-        and made.run.gnss.time_s.size == 25
-    )
-    assert "span.log: GPS rows 1-20 left out: 0 N 0 E: no fix" in made.record.notes
+    assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3)
+    assert made.run.gnss.time_s.size == 25
+    assert "GPS rows 1-20 left out" in str(made.record.notes)
 
 
 OUT = parked(seconds=60.0, start_s=100.0)
@@ -272,20 +251,12 @@ def test_kfgins_fixes(tmp_path):
         tmp_path, [fix(t, *((0.0, 0.0) if t < 120 else ())) for t in np.arange(101.0, 160.0)]
     )
     assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG)
-    with pytest.raises(
-        InputError,
-        match=(
-            r"gnss.txt: latitudes and longitudes up to 0.597775 and 1.90066, needed degrees:"
-            r" radians\?"
-        ),
-    ):
+    with pytest.raises(InputError, match=r"0.597775 and 1.90066"):
         kfgins(
             tmp_path,
             [fix(t, np.radians(LAT_DEG), np.radians(LON_DEG)) for t in np.arange(101.0, 160.0)],
         )
-    with pytest.raises(
-        InputError, match=r"lat_deg \(--lat-deg\).*\(gnss.txt: GPS rows 1-59 left out"
-    ):
+    with pytest.raises(InputError, match=r"lat_deg .*GPS rows 1-59 left out"):
         kfgins(tmp_path, [fix(t, sigma="nan") for t in np.arange(101.0, 160.0)])
 
 
@@ -308,10 +279,7 @@ def test_receivers_of_nothing_but_nan(tmp_path):
     gps = test_psins.gps_rows(3) * np.nan
     savemat(tmp_path / "log.mat", {"imu": test_psins.imu_rows(OUT), "gps": gps})
     made = convert_log(tmp_path / "log.mat", {}, GIVEN)
-    assert (
-        made.run.gnss is None
-        and "log.mat: GPS rows 1-3 left out: not finite or beyond any aircraft" in made.record.notes
-    )
+    assert made.run.gnss is None and "GPS rows 1-3 left out" in str(made.record.notes)
     receiver = navego_gnss()
     for name in ("lat", "lon"):
         savemat(

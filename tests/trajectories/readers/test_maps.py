@@ -115,10 +115,7 @@ def test_another_separator_is_named(tmp_path, delimiter, needed, named):
 
 def test_raw_numbers_are_not_taken_for_text(tmp_path):
     np.column_stack(list(rate_table().values())).tofile(tmp_path / "log.dat")
-    with pytest.raises(
-        InputError,
-        match=r"log\.dat: no text: needed format in the map \(binary, with columns and dtype\?\)",
-    ):
+    with pytest.raises(InputError, match="binary, with columns and dtype"):
         convert(tmp_path / "log.dat")
 
 
@@ -127,10 +124,7 @@ def test_columns_that_are_not_used_may_hold_anything(tmp_path):
     rows = [rows[0] + ",state,utc"] + [f'{row},"ok, fine",2026-03-01 05:00' for row in rows[1:]]
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     check_parked(convert(tmp_path / "log.csv").run, OUT)
-    with pytest.raises(
-        InputError,
-        match=r"log\.csv: row 1 \(line 2\): column utc: got '2026-03-01 05:00', needed a number",
-    ):
+    with pytest.raises(InputError, match=r"row 1 \(line 2\): column utc"):
         convert(tmp_path / "log.csv", MAP | {"time": {"column": "utc"}})
 
 
@@ -143,13 +137,8 @@ def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
     assert made.run.imu.rows == N - 2
-    assert list(made.record.notes[:2]) == [
-        (
-            "log.csv: no row of 7 numbers in line 11, 100 (column wy: got 'what', needed a number):"
-            " taken as missing"
-        ),
-        "log.csv: rows 9, 98 dropped: missing or not finite",
-    ]
+    told, dropped = made.record.notes[:2]
+    assert "line 11, 100 (column wy: got 'what'" in told and "rows 9, 98 dropped" in dropped
     assert [s.reason for s in made.run.faults] == ["dropout: 2 imu rows lost"]
     rows[10:110] = ["1,2,what,4,5,6,7"] * 100
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
@@ -194,13 +183,13 @@ def test_parquet_time_stamps_give_the_date(tmp_path):
 
 def test_parquet_refusals(tmp_path):
     pq.write_table(pa.table(rate_table() | {"wz": ["x"] * N}), tmp_path / "log.parquet")
-    with pytest.raises(InputError, match=r"log\.parquet: column wz holds string, needed numbers"):
+    with pytest.raises(InputError, match="column wz holds string"):
         convert(tmp_path / "log.parquet")
     with pytest.raises(InputError, match=r"log\.parquet: no column up, has t wx"):
         convert(
             tmp_path / "log.parquet", MAP | {"accel": {"columns": ["up", "fy", "fz"], "unit": "g"}}
         )
-    with pytest.raises(InputError, match=r"log\.parquet: its columns do not name the imu columns"):
+    with pytest.raises(InputError, match="do not name the imu columns"):
         convert_log(tmp_path / "log.parquet", {"format": "parquet"}, GIVEN)
     whole = (tmp_path / "log.parquet").read_bytes()
     (tmp_path / "cut.parquet").write_bytes(whole[: len(whole) // 2])
@@ -287,16 +276,13 @@ def struct_array(*elements: dict) -> np.ndarray:
 @pytest.mark.parametrize(
     ("column", "line"),
     [
-        ("log.w[0]", r"log\.mat: no matrix log\.w, has log\.t 6000x1, log\.wb 6000x3"),
-        ("gyro[0]", r"log\.mat: no matrix gyro, has .*log\.t 6000x1"),
-        (
-            "log.wb",
-            r"log\.mat: log\.wb is log\.wb 6000x3, needed which column: log\.wb\[0\] is the first",
-        ),
-        ("log.wb[3]", r"log\.mat: log\.wb\[3\]: log\.wb has 3 columns"),
+        ("log.w[0]", r"no matrix log\.w"),
+        ("gyro[0]", "no matrix gyro"),
+        ("log.wb", r"which column: log\.wb\[0\]"),
+        ("log.wb[3]", r"log\.wb has 3 columns"),
         ("log.wb(:,0)", r"log\.wb has 3 columns"),
         ("log.wb(1,:)", r"map: column 'log\.wb\(1,:\)', needed a name such as"),
-        ("log.short", r"log\.mat: log\.short has 5 values, log\.t has 6000, needed as many"),
+        ("log.short", r"log\.short has 5 values"),
     ],
 )
 def test_matlab_columns_that_are_not_there(tmp_path, column, line):
@@ -470,17 +456,11 @@ def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
     np.testing.assert_allclose(v[32:, :2], 0.0, atol=1e-9)
     np.testing.assert_allclose(sigma[[10, 50]], 0.005 * np.sqrt(2) / 2, rtol=1e-3)
     assert sigma[30] == pytest.approx(0.025, rel=0.05)
-    assert (
-        "gps.csv: fixes have no velocity: differences of their positions, sigma 0.00354 m/s"
-        " (median)" in made.record.notes
-    )
+    assert "sigma 0.00354 m/s (median)" in str(made.record.notes)
     without = {**gnss, "position": {"columns": ["lat", "lon", "h"]}}
     made = convert(tmp_path / "log.csv", MAP | {"gnss": without})
     assert made.run.gnss is None
-    assert (
-        "gps.csv: fixes without velocity, and no sigma to give to differences of their positions"
-        in made.record.notes
-    )
+    assert "no sigma to give" in str(made.record.notes)
 
 
 def test_another_clock_is_said(tmp_path):
@@ -489,15 +469,9 @@ def test_another_clock_is_said(tmp_path):
     keys = MAP | {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
     made = convert(tmp_path / "log.csv", keys)
     assert made.run.gnss is None
-    assert (
-        "gps.csv: fixes at 0.000 to 59.000 s, imu 5000.000 to 5060.000 s: no gnss stream"
-        in made.record.notes
-    )
+    assert "no gnss stream" in str(made.record.notes)
     for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
-        with pytest.raises(
-            InputError,
-            match=r"gps\.csv: no .* between the first and the last imu row: another clock\?",
-        ):
+        with pytest.raises(InputError, match="another clock"):
             convert(
                 tmp_path / "log.csv",
                 MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}},
@@ -507,25 +481,13 @@ def test_another_clock_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
-        (
-            {"gnss": {**GNSS, "file": "no.csv", "time": {"column": "t"}}},
-            r"map: gnss\.file: .*no\.csv: no such file",
-        ),
-        (
-            {"gnss": {**GNSS, "file": "no.csv"}},
-            r"map: gnss\.time: needed, the column of its time stamps",
-        ),
+        ({"gnss": {**GNSS, "file": "no.csv", "time": {"column": "t"}}}, r"no\.csv: no such file"),
+        ({"gnss": {**GNSS, "file": "no.csv"}}, r"gnss\.time: needed"),
         ({"gnss": {"position": {"columns": ["a", "b"]}}}, r"map: gnss\.position\.columns"),
         ({"gnss": {**GNSS, "frame": "ned"}}, r"map: unknown key gnss\.frame"),
         ({"gnss": GNSS}, r"log\.csv: no column lat, has t wx"),
-        (
-            {"odometer": {"column": "fx", "unit": "mph"}},
-            r"map: odometer\.unit: got \"mph\", needed m/s, km/h or kn",
-        ),
-        (
-            {"header_lines": 1, "names_line": 3},
-            r"map: names_line 3, needed at most header_lines \(1\)",
-        ),
+        ({"odometer": {"column": "fx", "unit": "mph"}}, r"odometer\.unit: got \"mph\""),
+        ({"header_lines": 1, "names_line": 3}, "names_line 3, needed at most"),
         ({"temperature": {"columns": ["fx"], "unit": "F"}}, r"map: temperature\.unit: got \"F\""),
     ],
 )
@@ -538,19 +500,10 @@ def test_wrong_keys_are_named(tmp_path, keys, line):
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
-        (
-            {"accel": {**MAP["accel"], "unit": "g"}},
-            r"6000 of 6000 rows are damaged \(first row 1: beyond 100 rad/s or 2000",
-        ),
+        ({"accel": {**MAP["accel"], "unit": "g"}}, "6000 of 6000 rows"),
         ({"gyro": {**MAP["gyro"], "unit": "deg/s"}}, r"rows are damaged|mean \|w\| at rest"),
-        (
-            {"axes": {"x": "y", "y": "x", "z": "-z"}},
-            r"mean f at rest is \+9\.\d+ m/s2 on z, .*z points up",
-        ),
-        (
-            {"axes": {"x": "z", "y": "y", "z": "-x"}},
-            r"mean f at rest is .* on x, needed about -9\.8 on z",
-        ),
+        ({"axes": {"x": "y", "y": "x", "z": "-z"}}, "z points up"),
+        ({"axes": {"x": "z", "y": "y", "z": "-x"}}, r"on x, needed about -9\.8 on z"),
     ],
 )
 def test_wrong_units_and_axes_are_refused(tmp_path, keys, line):

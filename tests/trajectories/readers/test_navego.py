@@ -124,44 +124,20 @@ def test_several_imus_and_a_receiver_of_another_file(tmp_path):
         convert_log(tmp_path / "imus.mat", {}, GIVEN)
     made = convert_log(tmp_path / "imus.mat", {"imu": 2}, GIVEN)
     assert made.run.gnss is None
-    assert "imus.mat: no gnss struct: no gnss stream (--gnss for another file)" in made.record.notes
+    assert "no gnss struct" in str(made.record.notes)
 
 
 @pytest.mark.parametrize(
     ("variables", "options", "line"),
     [
-        (
-            {"imu": imu(wb=np.degrees(OUT.dtheta) / 0.01)},
-            {},
-            r"mean \|w\| at rest is .*: deg/s\? multiply by pi/180",
-        ),
-        (
-            {"imu": imu(fb=OUT.dv / 0.01 / 9.80665)},
-            {},
-            r"mean \|f\| at rest is 0\.9989 m/s2, needed 9\.8: g\? multiply",
-        ),
+        ({"imu": imu(wb=np.degrees(OUT.dtheta) / 0.01)}, {}, r"deg/s\? multiply by pi/180"),
+        ({"imu": imu(fb=OUT.dv / 0.01 / 9.80665)}, {}, r"0\.9989 m/s2, needed 9\.8"),
         ({"imu": imu(fb=OUT.dv.T)}, {}, r"log\.mat: imu\.fb 3x6000, needed 3 columns"),
-        (
-            {"imu": imu(t=OUT.time_s[:50, None])},
-            {},
-            r"log\.mat: imu: t has 50 rows, wb 6000, fb 6000, needed as many",
-        ),
-        (
-            {"imu": imu(), "gnss": gnss(lat=np.full((60, 1), LAT_DEG))},
-            {},
-            r"log\.mat: gnss\.lat up to 34\.25, needed radians",
-        ),
+        ({"imu": imu(t=OUT.time_s[:50, None])}, {}, "t has 50 rows, wb 6000"),
+        ({"imu": imu(), "gnss": gnss(lat=np.full((60, 1), LAT_DEG))}, {}, r"gnss\.lat up to 34"),
         ({"imu": imu()}, {"imu": 2}, r"log\.mat: no IMU 2 \(--imu\), has imu"),
-        (
-            {"nav": ref()},
-            {"format": "navego"},
-            r"log\.mat: no IMU 1 \(--imu\), has nav\.t 6000x1, nav\.lat 6000x1",
-        ),
-        (
-            {"imu": imu()},
-            {"gnss": {"file": "log.mat"}},
-            r"log\.mat: no struct with t, lat, lon, h, has imu\.t 6000x1",
-        ),
+        ({"nav": ref()}, {"format": "navego"}, r"no IMU 1 \(--imu\)"),
+        ({"imu": imu()}, {"gnss": {"file": "log.mat"}}, "no struct with t, lat, lon, h"),
     ],
 )
 def test_what_does_not_fit_is_named(tmp_path, variables, options, line):

@@ -113,9 +113,7 @@ def test_simu_file(tmp_path, late, ending):
     assert made.record.format == "psins"
     assert made.run.header.site.height_m == HEIGHT_M
     assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG)
-    assert any(
-        "pitch 0, roll 0, heading 90.6 deg (inaccurate" in note for note in made.record.notes
-    )
+    assert any("heading 90.6 deg" in note for note in made.record.notes)
     assert made.run.imu.rate_hz == pytest.approx(100.0)
 
 
@@ -162,9 +160,7 @@ def test_mat(tmp_path, in_trj):
     reference = made.reference
     angles = np.degrees([reference.roll_rad[9], reference.pitch_rad[9], reference.heading_rad[9]])
     np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
-    assert any(
-        "avp: 6000 rows as reference, for scoring only" in note for note in made.record.notes
-    )
+    assert any("6000 rows as reference" in note for note in made.record.notes)
 
 
 def test_the_place_is_that_of_the_reference_without_fixes(tmp_path):
@@ -190,9 +186,7 @@ def test_positions_alone_have_no_sigma_and_give_no_stream(tmp_path):
     savemat(tmp_path / "trj.mat", {"imu": imu_rows(), "gps": gps_rows()[:, 3:]})
     made = convert_log(tmp_path / "trj.mat", {}, GIVEN)
     assert made.run.gnss is None
-    assert any(
-        "no sigma to give to differences of their positions" in note for note in made.record.notes
-    )
+    assert any("no sigma to give" in note for note in made.record.notes)
 
 
 @pytest.mark.parametrize("technology", ["rlg", "fog", "mems"])
@@ -205,10 +199,8 @@ def test_a_wrong_map_is_refused_with_the_right_one(tmp_path, technology):
             text_file(tmp_path / "imu.txt"), RFU_MAP, GIVEN | {"gyro_technology": technology}
         )
     told = str(caught.value)
-    assert (
-        'axes x = "x", y = "-y", z = "-z" would put it there if x points forward and y left' in told
-    )
-    assert 'x = "y", y = "x", z = "-z" if x points right and y forward' in told
+    assert 'x = "x", y = "-y", z = "-z"' in told
+    assert 'x = "y", y = "x", z = "-z"' in told
 
 
 def test_of_the_maps_that_the_refusal_names_the_second_is_right(tmp_path):
@@ -229,10 +221,7 @@ def test_increments_taken_for_rates_are_refused(tmp_path):
         "gyro": {**RFU_MAP["gyro"], "unit": "rad/s"},
         "accel": {**RFU_MAP["accel"], "unit": "m/s2"},
     }
-    with pytest.raises(
-        InputError,
-        match=r"at rest is 0\.09796 m/s2, needed 9\.8: velocity increments in columns of rates\?",
-    ):
+    with pytest.raises(InputError, match=r"0\.09796 m/s2, needed 9\.8"):
         convert_log(text_file(tmp_path / "imu.txt"), rates, GIVEN)
 
 
@@ -240,21 +229,15 @@ def test_gyros_in_degrees_are_refused(tmp_path):
     columns = imu_rows()
     columns[:, :3] *= 180 / np.pi
     np.savetxt(tmp_path / "imu.txt", columns, fmt="%.12e")
-    with pytest.raises(InputError, match=r"mean \|w\| at rest is .*: deg/s\? multiply by pi/180"):
+    with pytest.raises(InputError, match=r"deg/s\?"):
         convert_log(tmp_path / "imu.txt", {}, GIVEN)
 
 
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        (
-            lambda t: t.replace(" 9.780327", ""),
-            r"log\.imu: line 5: got '34\.25000000 .*', needed six numbers of the head",
-        ),
-        (
-            lambda t: t.replace(" 10.00000000 ", " 0.0 "),
-            r"log\.imu: head: interval 0 ms, g 9\.78033, scales 0\.001 and more",
-        ),
+        (lambda t: t.replace(" 9.780327", ""), "line 5: got '34"),
+        (lambda t: t.replace(" 10.00000000 ", " 0.0 "), "head: interval 0 ms"),
         (lambda t: t.split("34.25")[0], r"log\.imu: \d lines in the head, needed 3"),
         (
             lambda t: t[:-9000] + "\n1 2 x 4 5 6\n" * 90 + t[-9000:].partition("\n")[2],
@@ -272,27 +255,11 @@ def test_damaged_simu_files_are_named(tmp_path, change, line):
 @pytest.mark.parametrize(
     ("held", "options", "line"),
     [
-        (
-            {"data": imu_rows()},
-            {"format": "psins"},
-            r"log\.mat: no matrix imu or trj\.imu, has data 6000x7",
-        ),
+        ({"data": imu_rows()}, {"format": "psins"}, r"no matrix imu or trj\.imu"),
         ({"imu": imu_rows()[:, :6]}, {"format": "psins"}, r"log\.mat: 6 columns, needed 7 \(imu\)"),
-        (
-            {"imu": imu_rows(), "gps": gps_rows()[:, 1:]},
-            {},
-            r"log\.mat: 6 columns, needed 4 or 7 \(gps\)",
-        ),
-        (
-            {"imu": imu_rows(), "gps": gps_rows() * 57.3},
-            {},
-            r"log\.mat: latitude of a fix 34\.\d+ rad, needed radians",
-        ),
-        (
-            {"imu": imu_rows()},
-            {},
-            r"log\.mat: needed from the options or \[run\] in the map: lat_deg \(--lat-deg\)",
-        ),
+        ({"imu": imu_rows(), "gps": gps_rows()[:, 1:]}, {}, "6 columns, needed 4 or 7"),
+        ({"imu": imu_rows(), "gps": gps_rows() * 57.3}, {}, r"latitude of a fix 34\.\d+ rad"),
+        ({"imu": imu_rows()}, {}, r"lat_deg \(--lat-deg\)"),
     ],
 )
 def test_matrices_that_do_not_fit_are_named(tmp_path, held, options, line):

@@ -7,16 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ins.records import FixType, InputError
 from ins.units import DEG
 from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.ulog_file import read_ulog
 from trajectories.readers.conversion import convert_log
-from trajectories.readers.registry import read_log
-from trajectories.readers.rows.column_map import LogOptions
 
 W, DT_S, ROWS = np.array([0.01, -0.02, 0.03]), 0.01, 1000
 # [rad/s] that the autopilot takes off; in the raw topic still
@@ -223,11 +219,9 @@ def test_raw_topics_come_first(tmp_path):
     made = convert_log(write(tmp_path / "flight.ulg", ulog()), {}, {})
     check_parked(made.run, W + OFFSET)
     header = made.run.header
-    assert (made.record.format, header.run_id, header.imu_serial) == (
-        "ulog",
-        "flight-imu1",
-        "0001DEADBEEF-imu1",
-    )
+    assert made.record.format == "ulog"
+    assert header.run_id == "flight-imu1"
+    assert header.imu_serial == "0001DEADBEEF-imu1"
     assert header.start_utc == "2023-11-14T22:13:26.990Z"
     assert header.site.lat_rad == pytest.approx(47.5 * DEG) and header.site.height_m == 447.5
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [1.0, 2.0, -0.5])
@@ -266,38 +260,18 @@ def test_other_topics_where_raw_ones_are_missing_or_slow(tmp_path, topics, named
         " rad/s)" in notes
     )
     assert made.run.temperature.gyro_degC[0, 0] == pytest.approx(30.025, abs=0.001)
-    assert made.run.header.site.lon_rad == pytest.approx(
-        8.5 * DEG
-    ) and made.run.header.site.height_m == pytest.approx(447.5)
+    assert made.run.header.site.lon_rad == pytest.approx(8.5 * DEG)
+    assert made.run.header.site.height_m == pytest.approx(447.5)
 
 
 @pytest.mark.parametrize(
     ("parameters", "options", "line"),
     [
-        (
-            {"SENS_BOARD_ROT": 4},
-            {},
-            r"sensor_gyro 1: the sensor is turned in the vehicle: SENS_BOARD_ROT is 4, needed 0",
-        ),
+        ({"SENS_BOARD_ROT": 4}, {}, "SENS_BOARD_ROT is 4"),
         ({"CAL_GYRO1_ID": 101, "CAL_GYRO1_ROT": 6}, {"imu": 2}, r"CAL_GYRO1_ROT is 6"),
-        (
-            {"TC_G_ENABLE": 1},
-            {"topic": "vehicle_imu"},
-            r"vehicle_imu 1: TC_G_ENABLE is on: gyros compensated for temperature",
-        ),
-        (
-            {},
-            {"imu": 3},
-            (
-                r"flight\.ulg: no IMU 3 at 10 Hz or more, has sensor_combined 1, sensor_gyro 1,"
-                r" sensor_gyro 2"
-            ),
-        ),
-        (
-            {},
-            {"imu": 2, "topic": "sensor_combined"},
-            r"flight\.ulg: no sensor_combined of IMU 2, has 1 \(--imu\)",
-        ),
+        ({"TC_G_ENABLE": 1}, {"topic": "vehicle_imu"}, "vehicle_imu 1: TC_G_ENABLE is on"),
+        ({}, {"imu": 3}, ("no IMU 3")),
+        ({}, {"imu": 2, "topic": "sensor_combined"}, "no sensor_combined of IMU 2"),
         ({}, {"topic": "vehicle_attitude"}, r"map: topic: got \"vehicle_attitude\""),
     ],
 )
@@ -387,27 +361,3 @@ def test_a_log_without_data_is_bad_input(tmp_path, content):
     (tmp_path / "a.ulg").write_bytes(b"ULog\x01\x12\x35" + content)
     with pytest.raises(InputError, match=r"a\.ulg: no IMU 1 at 10 Hz or more, has none"):
         convert_log(tmp_path / "a.ulg", {}, {})
-
-
-SHORT = b"".join(ulog(rows=30))
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    st.lists(
-        st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=8), st.integers(0, 30)),
-        max_size=5,
-    )
-)
-def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
-    content = SHORT
-    for at, new, lost in cuts:
-        content = content[:at] + new + content[at + lost :]
-    path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
-    path.write_bytes(content)
-    try:
-        _, log = read_log(path, LogOptions({"format": "ulog"}))
-    except InputError as error:
-        assert "\n" not in str(error)
-        return
-    assert np.isfinite(log.imu.dtheta_rad).all() and np.all(np.diff(log.imu.time_s) > 0)

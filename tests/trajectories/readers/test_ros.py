@@ -34,10 +34,8 @@ def convert(path: Path, options=None, given=GIVEN):
 def check_motion(run, *, rows=bags.ROWS, first=1):
     """Forward, right, down: what the levels of the messages mean, and the turn to the right."""
     assert run.imu.rows == rows
-    rates, forces = (
-        run.imu.dtheta_rad / run.imu.dt_s[:, None],
-        run.imu.dv_m_s / run.imu.dt_s[:, None],
-    )
+    rates = run.imu.dtheta_rad / run.imu.dt_s[:, None]
+    forces = run.imu.dv_m_s / run.imu.dt_s[:, None]
     fx, fy, fz = forces[first]
     assert np.arcsin(fx / bags.G) == pytest.approx(bags.PITCH, abs=1e-9)
     assert np.arctan2(-fy, -fz) == pytest.approx(bags.ROLL, abs=1e-9)
@@ -132,13 +130,7 @@ def test_another_mounting(tmp_path):
     ]
     path = bags.write(tmp_path / "b", "mcap", made)
     check_motion(convert(path, {"axes": {"x": "x", "y": "y", "z": "z"}}).run)
-    with pytest.raises(
-        InputError,
-        match=(
-            r"\(frame_id 'base_frd'\) read -9\.75 m/s2 on z, REP-103 has \+9\.8 on z: needed"
-            r" \[axes\]"
-        ),
-    ):
+    with pytest.raises(InputError, match="frame_id 'base_frd'"):
         convert(path)
 
 
@@ -150,12 +142,7 @@ TWO = ("/imu/data", "/imu/data_raw")
 
 def test_several_imus(tmp_path):
     path = bags.write(tmp_path / "b", "mcap", bags.messages(imu_topics=TWO))
-    with pytest.raises(
-        InputError,
-        match=(
-            r"b: several topics of sensor_msgs/Imu: 1 /imu/data, 2 /imu/data_raw: needed --imu or"
-        ),
-    ):
+    with pytest.raises(InputError, match="1 /imu/data, 2 /imu/data_raw"):
         convert(path)
     check_motion(convert(path, {"imu": 1}).run)
     for options in ({"imu": 2}, {"imu_topic": "/imu/data_raw"}):
@@ -170,9 +157,7 @@ def test_three_thermometers(tmp_path):
     path = bags.write(tmp_path / "b", "sqlite3", bags.messages(temperature_topics=names))
     made = convert(path)
     assert made.run.temperature is None
-    assert any(
-        "several Temperature topics: /t/a, /t/b, /t/c: none taken" in n for n in made.record.notes
-    )
+    assert any("/t/a, /t/b, /t/c" in n for n in made.record.notes)
     T = convert(path, {"temperature_topics": names}).run.temperature
     np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 0], [0, 10, 20], atol=1e-9)
     T = read_log(
@@ -180,10 +165,7 @@ def test_three_thermometers(tmp_path):
     )[1].temperature
     # a thermometer follows its gyro
     np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 2], [10, 20, 0], atol=1e-9)
-    with pytest.raises(
-        InputError,
-        match=r"temperature_topics: needed one or three of the topics of Temperature: /t/a",
-    ):
+    with pytest.raises(InputError, match="temperature_topics"):
         convert(path, {"temperature_topics": ["/t/a", "/x"]})
 
 
@@ -194,7 +176,7 @@ def test_a_velocity_of_another_frame_is_not_taken(tmp_path):
     )
     made = convert(path)
     notes = " ".join(made.record.notes)
-    assert "/vel has frame_id 'base_link', the fixes 'gps': not taken" in notes
+    assert "/vel has frame_id 'base_link'" in notes
     assert "fixes have no velocity: differences of their positions" in notes
     np.testing.assert_allclose(made.run.gnss.v_n_m_s, 0.0, atol=1e-9)
     assert np.all(made.run.gnss.sigma_velocity_m_s > 3)  # 1.4 m on either side of 0.4 s
@@ -213,9 +195,7 @@ def test_fixes_with_neither_velocity_nor_covariance_give_the_site(tmp_path):
 def test_a_bag_without_fixes_or_dates_needs_them(tmp_path):
     """A simulated clock from 0 is no UTC."""
     path = bags.write(tmp_path / "b", "mcap", bags.messages(with_fix=False, start_ns=10**9))
-    with pytest.raises(
-        InputError, match=r"b: needed from the options or \[run\] in the map: start_utc .*lat_deg"
-    ):
+    with pytest.raises(InputError, match=r"start_utc .*lat_deg"):
         convert(path)
     site = {"lat_deg": 30.0, "lon_deg": 7.0, "height_m": 250.0, "start_utc": "2026-01-01T00:00:00Z"}
     check_motion(convert(path, given={**GIVEN, **site}).run)
@@ -226,9 +206,7 @@ def test_no_imu(tmp_path):
     with pytest.raises(InputError, match=r"b: no topic of sensor_msgs/Imu, has none"):
         convert(bags.write(tmp_path / "b", "mcap", made))
     without = [(*m[:3], (*m[3][:3], None)) if "Imu" in m[1] else m for m in bags.messages()]
-    with pytest.raises(
-        InputError, match=r"has no linear acceleration \(its covariance begins with -1\)"
-    ):
+    with pytest.raises(InputError, match="no linear acceleration"):
         convert(bags.write(tmp_path / "c", "mcap", without))
 
 
@@ -252,7 +230,7 @@ def test_stamps_that_go_back_repeat_or_jump_are_listed(tmp_path):
     made = convert(bags.write(tmp_path / "b", "sqlite3", bags.messages(stamps=stamps)))
     check_motion(made.run, rows=bags.ROWS - 2)
     notes = " ".join(made.record.notes)
-    assert "row 501 dropped: time jumps ahead and comes back" in notes
+    assert "row 501 dropped" in notes
     assert "row 101 dropped" in notes and "row 302 written late, put back" in notes
     assert [s.reason for s in made.run.faults] == ["dropout: 1 imu rows lost"] * 2
 
@@ -291,7 +269,7 @@ def test_cut_off(tmp_path, form, share):
     except InputError as error:
         # one packed chunk
         assert form == "mcap-storage" and "no topic of sensor_msgs/Imu, has none" in str(error)
-        assert re.search(r"chunk at byte \d+ damaged \(cut off\), it is dropped", str(error))
+        assert re.search(r"chunk at byte \d+ damaged", str(error))
         return
     assert made.run.imu.rows > (0.9 * share - 0.15) * bags.ROWS
     notes = " ".join(made.record.notes)
@@ -378,10 +356,7 @@ def test_the_checksum_of_a_chunk(tmp_path):
     check_motion(convert(path).run)
     data[start + 1000] ^= 1
     path.write_bytes(data)
-    with pytest.raises(
-        InputError,
-        match=r"has none \(b\.mcap: chunk at byte \d+ damaged \(wrong checksum\), it is dropped",
-    ):
+    with pytest.raises(InputError, match=r"chunk at byte \d+ damaged"):
         convert(path)
 
 
@@ -392,10 +367,7 @@ def test_a_bag_whose_libraries_are_missing_says_what_to_install(tmp_path, monkey
         raise ImportError("backports.zstd")
 
     monkeypatch.setitem(unpacking.UNPACK, "zstd", absent)
-    with pytest.raises(
-        InputError,
-        match=r"packed with zstd: needed the libraries of pip install strapdown-recal\[ros\]",
-    ):
+    with pytest.raises(InputError, match=r"strapdown-recal\[ros\]"):
         convert(path)
 
 
@@ -410,7 +382,7 @@ def test_hostile_databases(tmp_path):
         "SELECT id, 1 AS topic_id, id AS timestamp, zeroblob(100) AS data FROM n"
     )
     base.commit()
-    with pytest.raises(InputError, match=r"a\.db3: not a ROS 2 bag: no tables topics and messages"):
+    with pytest.raises(InputError, match="not a ROS 2 bag"):
         convert(path)
     base.execute("DROP VIEW messages")
     base.execute(
@@ -427,8 +399,8 @@ def test_hostile_databases(tmp_path):
 
 
 def test_a_folder_that_is_no_bag(tmp_path):
-    with pytest.raises(InputError, match=r"a folder without a bag .*needed the file of the log"):
+    with pytest.raises(InputError, match="a folder without a bag"):
         read_log(tmp_path, LogOptions({}))
     (tmp_path / "a.mcap.zstd").write_bytes(b"x")
-    with pytest.raises(InputError, match=r"a\.mcap\.zstd is packed as a whole: unpack it first"):
+    with pytest.raises(InputError, match=r"a\.mcap\.zstd"):
         read_log(tmp_path, LogOptions({}))
