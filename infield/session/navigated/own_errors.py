@@ -4,7 +4,7 @@ A session has states of its own for the errors of the project. What a user decla
 recipe SESSION becomes one constant state for each coefficient, behind the time bins; it makes gyros
 and accelerometers wrong by the error's own trace along the solution.
 
-Decision: docs/decisions/0103-own-errors-estimated.md.
+Decision: docs/decisions/0095-users-errors-are-states.md.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,6 +33,7 @@ from ins.units import DEG_PER_HOUR
 
 SESSION = "session"  # recipe of the priors
 PROBED_S = 10.0  # of the first rest, over which traces are looked at before there is a solution
+SHOWN = {"gyro_rad_s", "accel_m_s2"}  # channels of a trace that drive the filter
 REPEATS = "R"  # one coefficient for all runs
 
 
@@ -171,7 +172,11 @@ def own_errors(
         return OwnErrors(logged, first)
     seconds = np.arange(rest[0] + 0.5, rest[0] + PROBED_S)
     probed = logged.with_temperatures(standing(logged.run, seconds, attitude()))
-    known = {(effect.get("effect"), effect.get("target")) for effect in twin.effects}
+    known = {
+        (effect.get("effect"), effect.get("target"))
+        for effect in twin.effects
+        if "run_id" not in effect.get("parameters", {})
+    }
     states, left_out, variance = [], [], np.zeros(3)
     for state in every:
         record = state.record
@@ -217,8 +222,8 @@ def _against(state: Carried, probed: Telemetry) -> OwnErrorState | None:
         trace = state.trace(probed)
     except (TypeError, AttributeError):  # of a stream that is not logged
         return OwnErrorState.NO_TRACE
-    beside = replace(trace, gyro_rad_s=None, accel_m_s2=None)
-    return None if beside == Trace() else OwnErrorState.NO_TRACE
+    shown = {name for name, series in vars(trace).items() if series is not None}
+    return None if shown and shown <= SHOWN else OwnErrorState.NO_TRACE
 
 
 def _means(run: Telemetry, series: NDArray, start_s: NDArray, end_s: NDArray) -> NDArray:
