@@ -192,7 +192,16 @@ class OwnError:
     @property
     def reason(self) -> Reason:
         """What became of it."""
-        return because(self.state, **vars(self))
+        return because(
+            self.state,
+            error=self.error,
+            target=self.target,
+            coefficient=self.coefficient,
+            unit=self.unit,
+            value=self.value,
+            sigma=self.sigma,
+            prior_sigma=self.prior_sigma,
+        )
 
 
 @dataclass(frozen=True)

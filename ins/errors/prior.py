@@ -54,7 +54,16 @@ class Prior:
         return self.sigma
 
     def of(self, technology: str) -> float:
-        """The number of a gyro technology."""
+        """The number of a gyro technology.
+
+        Parameters
+        ----------
+        technology : str
+
+        Returns
+        -------
+        sigma : float
+        """
         return self.sigma[technology] if isinstance(self.sigma, Mapping) else self.sigma
 
     def each(self) -> dict[str, float]:
