@@ -125,12 +125,13 @@ def solve(
     course: Course = TO_THE_END,
     sigma0: dict[str, float] | None = None,
     aids: Sequence[Aid] = (),
+    further_sigma: tuple[float, ...] = (),
 ) -> Solution:
     """Navigate from the rest, estimate the errors, correct the start and the biases, and again
     until it stands: two or three passes as a rule.
 
     prior: of the gyro biases, over time bins; sigma0: priors of the nuisances by their names; aids:
-    what else measures. Raises NothingStands.
+    what else measures; further_sigma: of constant states behind the bins. Raises NothingStands.
     """
     bins = len(prior.edges_s) - 1
     start = Start(start_attitude(log.imu, log.site, log.rest), np.zeros((bins, 3)), np.zeros(3))
@@ -141,6 +142,7 @@ def solve(
         final = number == MAX_PASSES - 1
         judged = before if before is not None and final else _judge(history, log, before, number)
         last, stretch = _laid_out(log, twin, prior, course, (history, judged), start)
+        last = replace(last, further_sigma=further_sigma)
         run = _runner(last, sigma0 or {}, aids)
         fitted = level_fit.fit(run, stretch, course.noise_scales, rough=number == 0, near=near)
         small = np.linalg.norm(fitted.filter.x[em.THETA_START]) < CONVERGED_RAD

@@ -348,7 +348,7 @@ class ParkedConstraint:
 
     @property
     def swing_states(self) -> int:
-        """How many states behind the bins hold a place that swings; zero until it is laid."""
+        """How many states behind all others hold a place that swings; zero until it is laid."""
         return STATES if self.swing is not None else 0
 
     def until(self, count: int) -> "ParkedConstraint":
@@ -381,8 +381,8 @@ def lay_down(
 ) -> "LaidDown":
     """The filter's tape over the plan, ready for any level of the parked vehicle's motion.
 
-    theta is cloned at the end of the step that reaches `clone_at_s`; beside: the first state behind
-    the bins.
+    theta is cloned at the end of the step that reaches `clone_at_s`; beside: the first state of
+    a place that swings.
     """
     views = views_of(history, plan, float(np.median(parked.displacement_sigma_m)))
     tape = Tape(filter_steps(views))
@@ -401,7 +401,7 @@ class FilterPass:
     what was taken off before. It can be run again under other aids on the same solution.
 
     applied_rad_s (N, 3): gyro biases taken off over the bias bins; applied_accel_m_s2 (3,).
-    further_sigma: priors of states behind the bins, after those of a place that swings.
+    further_sigma: priors of states behind the bins, before those of a place that swings.
     """
 
     history: NavHistory
@@ -430,7 +430,7 @@ class FilterPass:
             self.parked,
             aids=aids,
             clone_at_s=self.clone_at_s,
-            beside=em.BASE + len(self.bias_covariance),
+            beside=em.BASE + len(self.bias_covariance) + len(self.further_sigma),
         )
 
     def over(self, laid: "LaidDown", sigma0: Mapping[str, float]) -> ErrorFilter:
@@ -441,7 +441,7 @@ class FilterPass:
             -self.applied_rad_s.ravel(),
             self.bias_covariance,
             self.level_earth_rate_rad_s,
-            (0.0,) * self.parked.swing_states + self.further_sigma,
+            self.further_sigma + (0.0,) * self.parked.swing_states,
         )
         flt.x[em.ACCEL] = -self.applied_accel_m_s2[:2]
         flt.run(laid.under(self.parked))

@@ -2,7 +2,8 @@
 axis, so that it changes with the heading.
 
 With the entry point `recal.effects` of a package, as in own_effect.py, it can be simulated from the
-`effects` of a twin, found by `recal diagnose`, planned for, and taken out by `recal update --twin`.
+`effects` of a twin, found by `recal diagnose`, planned for, and estimated by `recal update`, which
+its prior asks for; one that a twin lists is taken out of the log by `recal update --twin`.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from simreal.effects.own import (
     GYROS,
     Coefficient,
     ErrorSource,
+    Prior,
     Shape,
     Telemetry,
     Trace,
@@ -56,6 +58,7 @@ AXIAL_FIELD = ErrorSource(
     rivals=("gyro_magnetic_sensitivity", "gyro_misalignment"),
     source="IEEE Std 952-1997: magnetic sensitivity",
     formula=axial_field,
+    priors=(Prior("session", "deg/h per gauss", 0.03, source="its usual size"),),
     need=lacks_field_changes,
     words=Words(
         what="The bias follows the magnetic field along the gyro's own axis.",

@@ -31,6 +31,7 @@ CHOSEN = {
     ("infield/session/estimate.py", "self.nuisance"): [
         *(f"Nuisance.{code.name}" for code in Nuisance if code is not Nuisance.CROSS_WIND)
     ],
+    ("infield/session/estimate.py", "self.state"): ["OwnErrorState"],
     ("infield/session/hysteresis.py", "self.action"): ["ThermalAction", "ThermalKind"],
     ("infield/session/parked/stretches.py", "code"): [
         "ParkedReason.NAMED_TOO_SHORT",

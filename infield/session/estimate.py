@@ -15,7 +15,7 @@ from alignment.motion.sway import Sway
 from alignment.motion.turn_between import HeadingChange
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
-from infield.session.reasons import Nuisance, VarianceSource
+from infield.session.reasons import Nuisance, OwnErrorState, VarianceSource
 from infield.table.merge import UNOBSERVED, MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
 from ins.records import Span
@@ -173,6 +173,48 @@ class RollingEvidence:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OwnError:
+    """A coefficient of an error that an installed package declares, on a target, in `unit`.
+
+    prior_sigma: taken for possible before; value, sigma: as estimated, None where it was not;
+    state: that, or why not.
+    """
+
+    error: str
+    target: str
+    coefficient: str
+    unit: str
+    prior_sigma: float
+    value: float | None = None
+    sigma: float | None = None
+    state: OwnErrorState = OwnErrorState.NO_TRACE
+
+    @property
+    def reason(self) -> Reason:
+        """What became of it."""
+        return because(
+            self.state,
+            error=self.error,
+            target=self.target,
+            coefficient=self.coefficient,
+            unit=self.unit,
+            value=self.value,
+            sigma=self.sigma,
+            prior_sigma=self.prior_sigma,
+        )
+
+
+@dataclass(frozen=True)
+class OwnErrorsFound:
+    """All of a session. in_common: of each that is the same in all runs what one sigma of its prior
+    adds to the bins (3N,) [deg/h].
+    """
+
+    errors: tuple[OwnError, ...] = ()
+    in_common: tuple[NDArray, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class BegunInMotion:
     """How a session began that has no first rest: when, how the heading was found and to which
     sigma; parked_s: seconds of the session at rest, after its flight.
@@ -193,7 +235,7 @@ class SessionEstimate:
     alone) and after. solution is None, and parked is not, for gyros that find no heading
     (`infield.session.parked`); the heading is NaN then. sweep: tells the `shares`
     (`navigated.noise_shares`). begun: of a session without a first rest; the heading error is that
-    of its start then.
+    of its start then. own: errors of installed packages, None where its filter knows of none.
     """
 
     bins: SessionBins
@@ -210,6 +252,7 @@ class SessionEstimate:
     rolling: RollingEvidence | None = None
     sweep: Callable[[], Mapping[VarianceSource, NDArray]] | None = None
     begun: BegunInMotion | None = None
+    own: OwnErrorsFound | None = None
 
     @cached_property
     def shares(self) -> Mapping[VarianceSource, NDArray]:

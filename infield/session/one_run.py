@@ -21,10 +21,11 @@ from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
 from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_claim_chain
 from infield.session.navigated.estimator import AlignmentRefused, estimate_session
+from infield.session.navigated.own_errors import not_estimated
 from infield.session.parked.rates import estimate_parked, no_heading
 from infield.session.parked.stretches import Rests, find_rests
 from infield.session.points import observability, session_points, unseen_axes
-from infield.session.reasons import SessionReason
+from infield.session.reasons import OwnErrorState, SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.session.wrong_facts import (
@@ -32,6 +33,7 @@ from infield.session.wrong_facts import (
     force_off_gravity,
     suspicions,
     widened_by,
+    widened_for_own_errors,
     widened_for_place,
     with_doubt,
 )
@@ -55,13 +57,15 @@ LEAST_COVERED = 0.1  # of a session that needs a gyro temperature; chosen: of an
 class OnRecord:
     """What is on record for one run. marks: of the unit's earlier sessions; applied: the table that
     the log says it had subtracted, None of a raw one; of_place: how many runs of the update were
-    made at its place; now: when the update is made, None: nobody asks; stored: the table as it was
-    before the update, which a unit may have applied, None where a step from it is followed.
+    made at its place, of_update: of all; now: when the update is made, None: nobody asks; stored:
+    the table as it was before the update, which a unit may have applied, None where a step from it
+    is followed.
     """
 
     marks: Sequence[UnitMarks] = ()
     applied: ThermalTable | None = None
     of_place: int = 1
+    of_update: int = 1
     now: datetime | None = None
     stored: ThermalTable | None = None
 
@@ -101,6 +105,9 @@ def take_run(
         flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
     joined = None if flight is None else flight.joined
     estimate = joined or estimate
+    if estimate.own is None:
+        own = not_estimated(run, OwnErrorState.NO_HEADING)
+        estimate = replace(estimate, own=own)
     seen = observability(
         estimate,
         hold_heading=settings.hold_heading,
@@ -142,6 +149,7 @@ def take_run(
         return replace(told, verdict=verdict, merged=merged)
     wider = estimate if declared is None else widened_by(estimate, declared.pattern)
     wider = widened_for_place(wider, run.header.site, on_record.of_place)
+    wider = widened_for_own_errors(wider, on_record.of_update)
     wider, doubted = with_doubt(wider)
     if wider is not estimate:
         merged = wider.merged_into(table, held)

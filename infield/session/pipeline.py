@@ -152,6 +152,7 @@ def _take(
                 marks=(*history.marks, *agreeing),
                 applied=applied,
                 of_place=_of_place(run, runs),
+                of_update=len({run.sha256 for run in runs}),
                 now=history.now,
                 stored=None if walk.steps else table,
             ),

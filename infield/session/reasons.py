@@ -459,6 +459,35 @@ class ParkedReason(ReasonCode):
     )
 
 
+class OwnErrorState(ReasonCode):
+    """What became of an error that an installed package declares with a prior of a session."""
+
+    ESTIMATED = (
+        "estimated",
+        "{error} on {target}: {value:+.3g} +- {sigma:.2g} {unit} ({coefficient}; taken for within"
+        " {prior_sigma:g})",
+    )
+    IN_TWIN = (
+        "in_twin",
+        "{error} on {target} was not estimated ({coefficient}): the twin lists it",
+    )
+    NOT_CONSTANT = (
+        "not_constant",
+        "{error} on {target} was not estimated ({coefficient}): it is no constant factor of a trace"
+        " (it has shape parameters, adds noise, or its prior is a process)",
+    )
+    NO_TRACE = (
+        "no_trace",
+        "{error} on {target} was not estimated ({coefficient}): what the run logs gives no trace of"
+        " it on gyros and accelerometers alone",
+    )
+    NO_HEADING = (
+        "no_heading",
+        "{error} on {target} was not estimated ({coefficient}): the session finds no heading, and"
+        " its filter carries no such state",
+    )
+
+
 class Advice(ReasonCode):
     """What would make a gyro better known."""
 

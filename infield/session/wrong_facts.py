@@ -382,6 +382,13 @@ def widened_for_place(estimate: SessionEstimate, site: Site, sessions: int) -> S
     return widened_by(estimate, more_deg * _by_latitude(estimate).ravel())
 
 
+def widened_for_own_errors(estimate: SessionEstimate, sessions: int) -> SessionEstimate:
+    """The estimate among `sessions` of an update that have a user's errors in common: likewise."""
+    if estimate.own is None or sessions < 2 or not estimate.own.in_common:
+        return estimate
+    return widened_by(estimate, *np.sqrt(sessions - 1) * np.array(estimate.own.in_common))
+
+
 def _steps(bins: SessionBins) -> list[_Pattern]:
     """A gyro's bias that steps between two bins."""
     patterns = []

@@ -234,6 +234,19 @@ class ErrorSource:
                 return prior
         raise LookupError(f"{self.id}: no prior of {recipe} {part}")
 
+    def prior_of(self, recipe: str, coefficient: Coefficient) -> Prior | None:
+        """What an estimator assumes of one coefficient: the prior of that part, else of the whole;
+        None where it does not carry it. InputError where that is in another unit.
+        """
+        for prior in sorted(self.priors, key=lambda prior: prior.part == ""):
+            if recipe in prior.recipes.split() and prior.part in (coefficient.name, ""):
+                if prior.unit != coefficient.unit:
+                    raise InputError(
+                        f"error {self.id}: prior in {prior.unit!r}, needed {coefficient.unit!r}"
+                    )
+                return prior
+        return None
+
     @property
     def is_noise(self) -> bool:
         """Whether its coefficient is the size of a noise."""

@@ -68,6 +68,14 @@ def prior(id: str, recipe: str, part: str = "") -> Prior:
     return _OF_ID[id].prior(recipe, part)
 
 
+def estimated_of_users(recipe: str) -> tuple[ErrorSource, ...]:
+    """Errors of installed packages that an estimator is to carry; those of the project have states
+    of their own.
+    """
+    own = (e for e in catalogue() if isinstance(e, ErrorSource) and e.id not in _OF_ID)
+    return tuple(e for e in own if any(recipe in prior.recipes.split() for prior in e.priors))
+
+
 def effects_named(name: str, among: tuple[Effect, ...] | None = None) -> tuple[Effect, ...]:
     """The effects that go by a name (several kinds of `slow_variation` share theirs), or by an
     id.

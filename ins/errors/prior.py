@@ -53,6 +53,19 @@ class Prior:
             raise TypeError(f"{self.recipes} {self.part}: a sigma for each technology")
         return self.sigma
 
+    def of(self, technology: str) -> float:
+        """The number of a gyro technology.
+
+        Parameters
+        ----------
+        technology : str
+
+        Returns
+        -------
+        sigma : float
+        """
+        return self.sigma[technology] if isinstance(self.sigma, Mapping) else self.sigma
+
     def each(self) -> dict[str, float]:
         """The numbers by technology.
 

@@ -2,7 +2,8 @@
 
 `Effect` is the protocol that the diagnosis asks; `ErrorSource` is a base with its fields filled in.
 An effect says what the runs lack to show it (`needs`), and gives for a run (`Telemetry`) the
-`Trace` of one unit of each `Coefficient`, or the `AddedNoise`. examples/own_effect.py is one.
+`Trace` of one unit of each `Coefficient`, or the `AddedNoise`; with a `Prior` of the recipe
+"session" an update estimates its coefficients. examples/own_effect.py is one.
 """
 
 from ins.errors.base import (
@@ -17,6 +18,7 @@ from ins.errors.base import (
     ShapeParameter,
     Words,
 )
+from ins.errors.prior import Prior
 from ins.errors.telemetry import Telemetry, Trace, on_axis
 
 CatalogueEffect = ErrorSource  # its name before
@@ -30,6 +32,7 @@ __all__ = [
     "Coefficient",
     "Effect",
     "ErrorSource",
+    "Prior",
     "Shape",
     "ShapeParameter",
     "Telemetry",

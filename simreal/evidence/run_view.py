@@ -6,9 +6,8 @@ stretch, then free-inertial navigation. The `reference` stream is never read. Ti
 clock (seconds since power-on).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,9 @@ from infield.session.log import (
     compensated_imu,
     compensated_seconds,
     find_rest,
-    table_series,
     with_applied_table_undone,
 )
+from infield.session.navigated.run_telemetry import standing, thermal
 from infield.session.parked.stretches import find_rests
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
@@ -36,7 +35,7 @@ from infield.thermometer.gyro_temperature import (
     too_short,
 )
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
-from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
+from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
@@ -156,7 +155,7 @@ def view_run(
         _telemetry(run, seconds, kind, C_nb, history), run_index=index, heading_known=knows_north
     )
     if temperature is not None:
-        telemetry = replace(telemetry, **_thermal(run, table, temperature, telemetry.time_s))
+        telemetry = replace(telemetry, **thermal(run, table, temperature, telemetry.time_s))
     return RunView(
         run,
         telemetry,
@@ -329,16 +328,12 @@ def _telemetry(
     run: Run, seconds: Seconds, kind: NDArray, C_nb: NDArray, history: NavHistory | None
 ) -> Telemetry:
     """Motion and force at the seconds; temperatures and the number of the run are not in it."""
-    site, n, t = run.header.site, seconds.end_s.size, seconds.middle_s
-    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
-    C = np.broadcast_to(C_nb, (n, 3, 3)).copy()
-    v = np.zeros((n, 3))
-    rate = np.broadcast_to(C_nb.T @ omega_ie_n(site.lat_rad), (n, 3)).copy()
-    force = np.broadcast_to(C_nb.T @ [0.0, 0.0, -gravity], (n, 3)).copy()
-    turn = np.zeros(n)
+    stands = standing(run, seconds.middle_s, C_nb)
+    C, v, rate = stands.C_nb.copy(), stands.v_n_m_s.copy(), stands.rate_rad_s.copy()
+    force, turn = stands.force_m_s2.copy(), stands.turn_rad_s.copy()
     if history is not None:
         at = np.searchsorted(seconds.end_s, history.time_s[1:] - 1e-6)
-        keep = at < n
+        keep = at < stands.n
         at, rows = at[keep], 1 + np.flatnonzero(keep)
         # mean over the second
         C[at] = history.C_nb_dt[rows] / np.diff(history.time_s)[rows - 1][:, None, None]
@@ -348,26 +343,18 @@ def _telemetry(
         heading = euler_from_dcm(history.C_nb)[2]
         turn[at] = np.where(moving, wrap_pi(heading[rows] - heading[rows - 1]), 0.0)
         rate[at], force[at] = seconds.mean[at, :3], seconds.mean[at, 3:]
-    speed = np.einsum("nj,nj->n", C[:, :, 0], v)
-    return Telemetry(
-        run_index=0,
-        time_s=t,
-        dt_s=1.0,
+    return replace(
+        stands,
         rate_rad_s=rate,
         force_m_s2=force,
         C_nb=C,
         v_n_m_s=v,
-        speed_m_s=speed,
+        speed_m_s=np.einsum("nj,nj->n", C[:, :, 0], v),
         turn_rad_s=turn,
         kind=kind,
-        lat_rad=site.lat_rad,
-        height_m=site.height_m,
-        has_gnss=run.gnss is not None,
-        has_odometer=run.odometer is not None,
         vibration_m2_s4=_beyond_parked(seconds, kind, slice(3, 6)),
         swing_rad2_s2=_beyond_parked(seconds, kind, slice(0, 3)),
         at_range=share_at_range(run.imu, seconds.end_s, kind != PARKED),
-        above_m=_above(run, t),
     )
 
 
@@ -378,53 +365,3 @@ def _beyond_parked(seconds: Seconds, kind: NDArray, sensors: slice) -> NDArray:
     if not parked.any():
         return variance
     return np.asarray(np.maximum(variance - np.median(variance[parked], axis=0), 0.0))
-
-
-def _above(run: Run, t: NDArray) -> NDArray | None:
-    """Height over the site at the seconds, straight between fixes."""
-    gnss = run.gnss
-    if gnss is None:
-        return None
-    good = np.isfinite(gnss.height_m)
-    if not good.any():
-        return None
-    height_m = np.interp(t, gnss.time_s[good], gnss.height_m[good])
-    return np.asarray(height_m - gnss.height_m[good][0])
-
-
-def _thermal(
-    run: Run, table: ThermalTable | None, temperature: GyroTemperature, t: NDArray
-) -> Mapping[str, Any]:
-    """Temperatures at the seconds, by field of the telemetry; those beside the gyros' as read,
-    straight between readings.
-    """
-    assert run.temperature is not None
-    log, T = run.temperature, temperature.at(t)
-    rate = np.stack(
-        [np.interp(t, temperature.time_s, temperature.rate_degC_min[:, k]) for k in range(3)],
-        axis=1,
-    )
-    out = {"temperature_degC": T, "temperature_rate_degC_min": rate, "accel_degC": T}
-    for name in ("accel_degC", "gradient_degC", "block_degC", "ambient_degC"):
-        values = getattr(log, name)
-        if values is not None and np.isfinite(values).sum() > 1:
-            columns = [_smooth(t, log.time_s, column) for column in np.atleast_2d(values.T)]
-            out[name] = columns[0] if values.ndim == 1 else np.stack(columns, axis=1)
-    if table is not None:
-        out["table_deg_h"] = table_series(table, temperature)(t)
-    return out
-
-
-def _smooth(t: NDArray, time_s: NDArray, values: NDArray) -> NDArray:
-    """Readings at other times, means over a minute (thermal masses are slower; thermometers are
-    coarse).
-    """
-    good = np.isfinite(values)
-    if good.sum() < 2:
-        return np.zeros_like(t)
-    raw = np.interp(t, time_s[good], values[good])
-    half = 30
-    padded = np.concatenate(
-        [2 * raw[0] - raw[1 : half + 1][::-1], raw, 2 * raw[-1] - raw[-half - 1 : -1][::-1]]
-    )
-    return np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")

@@ -1,17 +1,30 @@
-"""The newcomer's test: an error of one file is simulated, found, planned for, taken out of a log
-and stands in the reference, by its entry point alone.
+"""The newcomer's test: an error of one file is simulated, found, planned for, estimated in an
+update, taken out of a log and stands in the reference, by its entry point alone.
 """
 
 import importlib.util
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+import recal
+from infield.session.one_run import take_run
+from infield.session.pipeline import update_calibration
+from infield.session.settings import SessionSettings
+from ins.documents import to_json
 from ins.errors import catalogue as module
+from ins.errors.base import GYROS, ShapeParameter
 from ins.errors.catalogue import effects_named, rivals_of
+from ins.errors.prior import Prior
 from ins.errors.reference import words_page
+from ins.errors.telemetry import Trace
+from ins.records import InputError
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import sentence
 from recal.service.inputs.twin_effects import without_found_effects
 from simreal.declared.twin_effects import parse_effects
 from simreal.evidence.run_view import view_run
@@ -20,11 +33,15 @@ from simreal.plan.gram import RunGrams
 from simreal.plan.pairs import judge, read_pair
 from simreal.twin.inject import injected
 from tests.simreal.diagnosed import NAMES
-from tests.simreal.runs import PARKED, simulated, table, twin_of
+from tests.simreal.runs import FLIGHT, PARKED, simulated, table, twin_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples/magnetic_axis.py"
 NAME, TARGET, DEG_H_PER_GAUSS = "gyro_axial_field", "gyro_y", 0.3
+UNIT = "deg/h per gauss"
 HEADINGS = (0.0, 100.0, 190.0, 280.0)
+SEEDS = 20
+TABLE_DEG_H = 0.02
+LOW, HIGH = chi2.ppf([0.005, 0.995], 3 * SEEDS)  # of the means of three gyros in each session
 
 
 class Point:
@@ -77,6 +94,144 @@ def test_it_is_found_with_its_size_in_runs_that_were_simulated_with_it(runs):
     found = cause.parameters["coefficient"]
     assert found.value == pytest.approx(DEG_H_PER_GAUSS, abs=3.0 * found.sigma)
     assert found.sigma < 0.1 * DEG_H_PER_GAUSS
+
+
+@pytest.fixture(scope="module")
+def drawn(installed):
+    """Taxis with coefficients drawn from the prior, their truth (3,), and the runs without them."""
+    sigma = effects_named(NAME)[0].prior("session").size
+    made = []
+    for seed in range(SEEDS):
+        plain = simulated(seed=seed)
+        rng = np.random.default_rng([seed, 5])
+        truth = sigma * rng.standard_normal(3)
+        telemetry = view_run(plain.run, 0, table(), twin_of()).telemetry
+        listed = [
+            {"effect": NAME, "target": gyro, "parameters": {"coefficient": float(size)}}
+            for gyro, size in zip(GYROS, truth)
+        ]
+        effects = parse_effects(twin_of(effects=tuple(listed)))
+        made.append((injected(plain.run, telemetry, effects, rng).run, truth, plain))
+    return made
+
+
+def mean_errors(run, plain):
+    """The session's estimate, and its mean biases (3,) less the true ones over their sigmas."""
+    estimate = take_run(run, table(), twin_of(), SessionSettings(), repeated=False).estimate
+    bins = estimate.bins
+    spans = zip(bins.start_s, bins.end_s)
+    of_bins = [(plain.bias_time_s > a) & (plain.bias_time_s <= b) for a, b in spans]
+    true = np.array([plain.gyro_bias_true_deg_h[rows].mean(axis=0) for rows in of_bins])
+    error = (bins.table_deg_h + estimate.mean_deg_h).reshape(-1, 3) - true
+    mean = np.kron(np.full(len(true), 1.0 / len(true)), np.eye(3))
+    return estimate, error.mean(axis=0) / np.sqrt(np.diag(mean @ estimate.covariance @ mean.T))
+
+
+@pytest.mark.slow
+def test_an_update_that_estimates_it_is_honest_about_biases_and_coefficients(drawn, monkeypatch):
+    biases, coefficients, blind = 0.0, 0.0, 0.0
+    for run, truth, plain in drawn:
+        estimate, off = mean_errors(run, plain)
+        own = estimate.own.errors
+        assert [error.target for error in own] == list(GYROS)
+        found = np.array([(error.value, error.sigma) for error in own])
+        biases += np.sum(off**2)
+        coefficients += np.sum(((found[:, 0] - truth) / found[:, 1]) ** 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "entry_points", lambda group: [])
+        module.catalogue.cache_clear()
+        for run, _, plain in drawn:
+            blind += np.sum(mean_errors(run, plain)[1] ** 2)
+    module.catalogue.cache_clear()
+    assert LOW < biases < HIGH
+    assert LOW < coefficients < HIGH
+    assert blind > 2.0 * HIGH
+
+
+def test_an_update_reports_it_with_its_sigma(drawn, tmp_path):
+    run, truth, _ = drawn[0]
+    result = recal.update(run, table(), twin_of())
+    (session,) = json.loads(to_json(result.record))["sessions"]
+    for error, size in zip(session["own_errors"], truth, strict=True):
+        assert (error["error"], error["state"], error["unit"]) == (NAME, "estimated", UNIT)
+        assert abs(error["value"] - size) < 3.0 * error["sigma"] < 3.0 * error["prior_sigma"]
+        assert any(error["text"] in line for line in result.lines())
+    page = result.to_html(tmp_path / "update.html").read_text("utf-8")
+    assert all(error["text"] in page for error in session["own_errors"])
+
+
+def test_runs_of_one_update_have_it_in_common(drawn):
+    """The field down is the same on all headings: of gyro z no number of sessions tells error and
+    bias apart, so that three know the bias no better than the prior of the error lets one.
+    """
+    wide = table()
+    n = wide.n_parameters // 3
+    of_axis = TABLE_DEG_H**2 * (0.98 + 0.02 * np.eye(n))
+    wide = wide.replaced(covariance=np.kron(np.eye(3), of_axis))
+    runs = []
+    for k, (run, _, _) in enumerate(drawn[:3]):
+        header = replace(run.header, run_id=f"taxi-{k}", start_utc=f"2026-03-0{k + 1}T05:00:00Z")
+        runs.append(replace(run, header=header, sha256=str(k) * 64))
+    result = update_calibration(runs, wide, twin_of())
+    assert len(result.merged_runs) == 3
+    estimate = result.sessions[0].estimate
+    row = estimate.bins.H[2::3].mean(axis=0)
+    sigma = np.sqrt(row @ result.after.covariance @ row)
+    of_error = estimate.own.in_common[2][2::3].mean()
+    assert sigma > 1.0 / np.hypot(1.0 / of_error, 1.0 / TABLE_DEG_H)
+
+
+@pytest.mark.parametrize(
+    ("changes", "state"),
+    [
+        ({"shape": (ShapeParameter("lag", "s", 1.0, 10.0, 3),)}, "not_constant"),
+        ({"priors": (Prior("session", UNIT, 0.03, scale=60.0, scale_unit="s"),)}, "not_constant"),
+        ({"formula": lambda run, target, shape: (Trace(lateral_m_s=run.speed_m_s),)}, "no_trace"),
+        ({"formula": lambda run, target, shape: (Trace(-run.vibration_m2_s4),)}, "no_trace"),
+    ],
+)
+def test_what_is_not_estimated_is_reported(drawn, monkeypatch, changes, state):
+    (error,) = effects_named(NAME)
+    found = estimate_with(replace(error, **changes), drawn, monkeypatch)
+    assert {one.state.value for one in found} == {state}
+    assert all(one.value is None and NAME in sentence(one.reason) for one in found)
+
+
+def test_a_prior_in_another_unit_is_refused(drawn, monkeypatch):
+    (error,) = effects_named(NAME)
+    other = replace(error, priors=(Prior("session", "deg/h", 0.03),))
+    with pytest.raises(InputError, match="prior in 'deg/h', needed 'deg/h per gauss'"):
+        estimate_with(other, drawn, monkeypatch)
+
+
+def test_one_that_the_twin_lists_is_not_estimated(runs, twin, monkeypatch):
+    run = runs[0]
+    result = take_run(run, table(), twin, SessionSettings(), repeated=False)
+    of_target = {error.target: error.state.value for error in result.estimate.own.errors}
+    assert of_target == {"gyro_x": "estimated", TARGET: "in_twin", "gyro_z": "estimated"}
+
+
+def test_a_flight_estimates_it_too(installed):
+    run = simulated(segments=FLIGHT, aids=True).run
+    result = take_run(run, table(), twin_of(), SessionSettings(), repeated=False)
+    assert result.flight.joined is not None
+    errors = result.estimate.own.errors
+    assert [error.target for error in errors] == list(GYROS)
+    for error in errors:
+        assert abs(error.value) < 3.0 * error.sigma
+        assert error.sigma < error.prior_sigma
+
+
+def test_a_session_without_a_heading_says_that_it_does_not_estimate_it(installed):
+    run = simulated(segments=PARKED, technology="mems").run
+    result = take_run(run, table("mems"), twin_of("mems"), SessionSettings(), repeated=False)
+    assert {error.state.value for error in result.estimate.own.errors} == {"no_heading"}
+
+
+def estimate_with(error, drawn, monkeypatch):
+    """Own errors of the first taxi, with another declaration in place of the file's."""
+    monkeypatch.setattr(module, "catalogue", lambda: (*module.OWN, error))
+    return mean_errors(drawn[0][0], drawn[0][2])[0].own.errors
 
 
 def test_a_plan_asks_for_headings_and_tells_it_from_a_warm_up(runs):

@@ -125,6 +125,23 @@ class TaxiNuisance(CarriedNuisance):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OwnErrorDocument:
+    """A coefficient of an error of an installed package, in `unit`; value, sigma: None where it was
+    not estimated. state: `estimated`, or why not; text: that in words.
+    """
+
+    error: str
+    target: str
+    coefficient: str
+    value: float | None
+    sigma: float | None
+    prior_sigma: float
+    unit: str
+    state: str
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class TaxiDocument:
     """What the taxi needed beyond what is declared, and what every taxi estimates.
 
@@ -285,7 +302,8 @@ class EstimatedDocument(SessionDocument):
     """The same of a run that was estimated; what only a navigated session has is None.
 
     doubted: wrong facts that the session resembles, so that its table was taught nothing along
-    them; left out where there are none. taxi: left out where nothing rolled. phases_used: those
+    them; left out where there are none. taxi: left out where nothing rolled. own_errors: left out
+    where no installed package declares one with a prior of a session. phases_used: those
     that made points. environment: of a navigated session, what its parked vehicle went through.
     flight: left out where the run does not fly with a receiver. begun_in_motion: of a session
     without a first rest; the heading error is that of its start then. unit_marks: left out where
@@ -311,6 +329,7 @@ class EstimatedDocument(SessionDocument):
     motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
     environment: StandingMotion | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
+    own_errors: Sequence[OwnErrorDocument] | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
     begun_in_motion: BegunInMotion | None = field(default=None, metadata=OMIT_NONE)
     unit_marks: UnitMarksDocument | None = field(default=None, metadata=OMIT_NONE)

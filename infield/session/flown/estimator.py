@@ -72,6 +72,8 @@ def estimate_flown(
     bins = make_bins(
         known.table, temperature, twin, known.settings, start_s=rest[0], end_s=run.imu.end_s
     )
+    layout, start = known.layout(bins), _first_start(ground, flight, bins)
+    airborne = flight.start_s, flight.end_s
     session = FlownSession(
         known=known,
         fixes=fixes,
@@ -85,9 +87,10 @@ def estimate_flown(
             hold_heading=known.settings.hold_heading,
             vertical=VerticalChannel(mode="aided", time_s=fixes.time_s, height_m=fixes.height_m),
         ),
-        layout=known.layout(bins, solution.fitted.parked),
+        layout=layout,
+        own=known.own_errors(layout, airborne, rest, start.C_nb),
     )
-    done, antenna = solved(session, _first_start(ground, flight, bins))
+    done, antenna = solved(session, start)
     estimate = _flown(session, ground, bins, done)
     return FlownEstimate(estimate, done.session.layout, antenna, done.session.priors)
 
@@ -210,4 +213,5 @@ def _flown(
         nis_mean=sum(flt.tally.nis.values()) / max(dof, 1),
         dof=dof,
         rolling=ground.rolling,
+        own=session.own.found(solution, bins),
     )

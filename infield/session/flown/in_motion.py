@@ -89,6 +89,7 @@ def estimate_in_motion(
     heading = diffuse_heading_rad(prior.covariance, level_rate)
     speed = float(np.linalg.norm(start.state.v_n_m_s))
     twin = known.twin if parked_after is None else parked_after.navigated.last.twin
+    layout, airborne = known.layout(bins), (flight.start_s, flight.end_s)
     session = FlownSession(
         known=known,
         fixes=fixes,
@@ -114,7 +115,8 @@ def estimate_in_motion(
             hold_heading=settings.hold_heading,
             vertical=VerticalChannel(mode="aided", time_s=fixes.time_s, height_m=fixes.height_m),
         ),
-        layout=known.layout(bins, held),
+        layout=layout,
+        own=known.own_errors(layout, airborne, (begin_s, begin_s), start.state.C_nb),
     )
     level = np.array([*start.accel_m_s2[:2], 0.0])
     of_bins = np.tile(start.gyro_rad_s, (bins.start_s.size, 1))
@@ -147,6 +149,7 @@ def estimate_in_motion(
             sigma_heading_mrad=found_rad / MILLIRADIAN,
             parked_s=float(solution.motion.seconds(STILL)),
         ),
+        own=session.own.found(solution, bins),
     )
     return FlownEstimate(estimate, done.session.layout, antenna, done.session.priors)
 

@@ -32,6 +32,7 @@ from infield.session.flown.flight import Flight, flown_motion, joined_cruise
 from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.fixes import FixAid, Sigmas
+from infield.session.navigated.own_errors import OwnErrors
 from infield.session.settings import FIT, FlightPriors
 from ins.estimation.choice import SURE_NATS, Level, Sizes, climb, gain_by, powers_of_two
 from ins.estimation.error_filter import ErrorFilter
@@ -82,6 +83,12 @@ class FlownSession:
     prior: BiasPrior
     course: Course
     layout: Layout
+    own: OwnErrors
+
+    @property
+    def further_sigma(self) -> tuple[float, ...]:
+        """Priors of all states behind the bins."""
+        return (*self.layout.sigma, *self.own.sigma)
 
     @property
     def priors(self) -> FlightPriors:
@@ -164,7 +171,7 @@ def _with_vertical(
 
 def _swept(session: FlownSession, last: FilterPass, fixes: FlightFixes) -> ErrorFilter:
     """The filter of a pass under the priors of a session."""
-    under = replace(last, further_sigma=tuple(session.layout.sigma))
+    under = replace(last, further_sigma=session.further_sigma)
     return under.run(session.beginning.sigmas, _aids(session, last, fixes))
 
 
@@ -189,7 +196,7 @@ def _pass_over(session: FlownSession, history: NavHistory, start: Start) -> Filt
         applied_accel_m_s2=start.accel_m_s2,
         level_earth_rate_rad_s=beginning.level_earth_rate_rad_s,
         clone_at_s=session.course.clone_at_s,
-        further_sigma=tuple(session.layout.sigma),
+        further_sigma=session.further_sigma,
     )
 
 
@@ -235,5 +242,6 @@ def _aids(session: FlownSession, last: FilterPass, fixes: FlightFixes) -> Sequen
             flying(session.flight, views),
         ),
         *(_Before(aid, before) for aid in session.beginning.aids),
+        session.own,
         fixes,
     ]

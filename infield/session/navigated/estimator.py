@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import gyrocompass
+from alignment.inertial_start import start_attitude
 from alignment.linearised import Course, NothingStands, RestedLog, latitude_covariance, solve
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
@@ -28,6 +29,7 @@ from infield.session.navigated.nuisances import (
     priors_under,
     rolling_model,
 )
+from infield.session.navigated.own_errors import LoggedRun, own_errors
 from infield.session.navigated.receiver import WHITE, ReceiverErrors, receiver_errors
 from infield.session.navigated.taxi_heading import (
     OF_FIXES,
@@ -75,11 +77,18 @@ def estimate_session(
     repaired, faults = repair(run.imu, log, rest[0], end_s)
     imu = compensated_imu(replace(run, imu=repaired), table, temperature, twin)
     bins = make_bins(table, temperature, twin, settings, start_s=rest[0], end_s=end_s)
+    own = own_errors(
+        LoggedRun(run, table, temperature),
+        twin,
+        rest=rest,
+        attitude=lambda: start_attitude(imu, run.header.site, rest),
+        first=em.BASE + len(bins.prior),
+    )
     aligned = gyrocompass.align(
         imu.between(rest[0], align_until_s),
         run.header.site,
         twin,
-        bias_sigma_deg_h=np.sqrt(np.diag(bins.prior)[:3]),
+        bias_sigma_deg_h=np.sqrt(np.diag(bins.prior)[:3] + own.at_rest_deg_h2),
         hold_heading=settings.hold_heading,
         read=gyrocompass.ReadLog(
             seconds=log.between(rest[0], align_until_s),
@@ -93,7 +102,8 @@ def estimate_session(
     rows = RowSums(imu)
 
     def aids(assumed: Assumed) -> list[Aid]:
-        return _aids(KnownSources(run, rows, twin, settings, clone_at, receiver), assumed)
+        heard = KnownSources(run, rows, twin, settings, clone_at, receiver)
+        return [*_aids(heard, assumed), own]
 
     try:
         solution = solve(
@@ -108,6 +118,7 @@ def estimate_session(
             ),
             sigma0=sigma0,
             aids=aids(AS_DECLARED),
+            further_sigma=own.sigma,
         )
     except NothingStands:
         if aligned.wrong_latitude:
@@ -136,6 +147,7 @@ def estimate_session(
         rolling=replace(
             rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
         ),
+        own=own.found(solution, bins),
     )
 
 

@@ -142,6 +142,8 @@ def _effects(document: UpdateDocument) -> list[str]:
     for session in document.sessions:
         if isinstance(session, EstimatedDocument) and session.taxi:
             lines += [f"  {session.run_id} {found.text}" for found in session.taxi.needed]
+        if isinstance(session, EstimatedDocument) and session.own_errors:
+            lines += [f"  {session.run_id} {own.text}" for own in session.own_errors]
         if isinstance(session, EstimatedDocument) and session.zero_rate:
             lines += [f"  {session.run_id} {line}" for line in stretch_words(session.zero_rate)]
     effect = document.predicted_effect
