@@ -40,6 +40,7 @@ STUDIES = {
     "recalibration": "recalibration_study",
     "replay": "replay",
     "rests": "rests",
+    "sources": "sources",
     "speed": "speed",
     "thermal": "thermal_rates",
     "twin_fit": "twin_fit",
