@@ -140,10 +140,6 @@ class StepViews:
             C_nb=self.C_mean[at],
         )
 
-    def place_of(self, at: NDArray) -> tuple[NDArray, NDArray]:
-        """Latitude and radius at given steps, as measurements of attitude take them."""
-        return self.lat_rad[at], self.radius_m[at]
-
     @property
     def radius_m(self) -> NDArray:
         """The sphere of the error model."""
@@ -545,7 +541,7 @@ def hold_heading(
     references, held = still[first], np.setdiff1d(still, still[first])
     variance = _each(variance_of(parked, "yaw_jitter_rad"), views)
     walk = _each(variance_of(parked, "yaw_walk_rad"), views)
-    assigned = heading_error_row(*views.place_of(references), -1.0)
+    assigned = heading_error_row(views.lat_rad[references], views.radius_m[references], -1.0)
     # the heading at the stop is the reference
     noise = [_held(tape, references, "yaw_jitter_rad")]
     tape.assign(references, em.YAW, assigned, variance[references])
@@ -554,6 +550,12 @@ def hold_heading(
         tape.widen(held, em.YAW, walk[held])
     C_ref = views.C_nb[references[number[np.isin(still, held)]]]
     noise.append(_held(tape, held, "yaw_jitter_rad"))
-    measured = standstill.heading(views.C_nb[held], C_ref, views.place_of(held), variance[held])
+    measured = standstill.heading(
+        views.C_nb[held],
+        C_ref,
+        variance[held],
+        lat_rad=views.lat_rad[held],
+        radius_m=views.radius_m[held],
+    )
     tape.measure("heading held", held, *measured, gate=parked.gate)
     return tuple(part for part in noise if part.steps.size)

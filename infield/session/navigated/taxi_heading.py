@@ -186,8 +186,13 @@ class SurveyedHeadingAid:
         at = np.flatnonzero(
             (views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s)
         )
-        place, variance = views.place_of(at), self.sigma_rad**2
-        measured = survey.heading(views.heading_rad[at], self.heading_rad, place, variance)
+        measured = survey.heading(
+            views.heading_rad[at],
+            self.heading_rad,
+            self.sigma_rad**2,
+            lat_rad=views.lat_rad[at],
+            radius_m=views.radius_m[at],
+        )
         tape.measure("survey", at, *measured, gate=GATE_SIGMA)
 
 
@@ -209,8 +214,9 @@ class CentreLineAid:
             views.displacement_n_m[at],
             views.C_mean[at],
             chi[at],
-            views.place_of(at),
             CENTRE_LINE_WANDER_M**2 * views.dt_s[at],
+            lat_rad=views.lat_rad[at],
+            radius_m=views.radius_m[at],
         )
         tape.measure("centre line", at, *measured, gate=GATE_SIGMA)
 
