@@ -60,6 +60,7 @@ def _section(kind: type, values: Any, where: str) -> Any:
         raise InputError(f"{where}: got {values!r}, needed a section")
     default = kind()
     known = setting_names(kind)
+    values = {key: _of_each(value, getattr(default, key, None)) for key, value in values.items()}
     for key, value in values.items():
         if key not in known:
             raise InputError(f"{where}: unknown key {key!r}, needed one of {', '.join(known)}")
@@ -73,6 +74,12 @@ def _section(kind: type, values: Any, where: str) -> Any:
         if got != FIT and got < least:
             raise InputError(f"{where}: {key} = {got:g}, needed at least {least:g}")
     return record
+
+
+def _of_each(value: Any, wanted: Any) -> Any:
+    """A number in place of one for each technology is that of all."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return dict.fromkeys(wanted, value) if number and isinstance(wanted, dict) else value
 
 
 def _check(where: str, value: Any, wanted: Any) -> None:
