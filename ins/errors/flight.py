@@ -239,7 +239,7 @@ needs_way = _with(distance_m, FAR_M, "20 km of way")
 
 
 # after which 1/e is left of what ionosphere, orbits and reflections add to positions
-SKY_S = 300.0
+SKY_S = 200.0
 FLIGHT_EFFECTS = (
     error(
         "F06",
