@@ -23,6 +23,7 @@ from alignment.motion.stillness import Motion
 from alignment.swing import STATES, Swing, lay
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
+from ins.errors.catalogue import prior
 from ins.estimation import error_model as em
 from ins.estimation import sensors
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
@@ -38,7 +39,7 @@ from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
 # periods of rocking at 0.28 Hz fit in
 STILL_STEP_S = 10.0
 PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that stands
-LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
+LATERAL_TIME_S = prior("lateral_motion", "session").scale
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 # a sudden turn beyond this is a new parked heading: loading turns by up to 200 arcsec
 # (docs/rates_gate.md), 0.97 mrad
