@@ -23,6 +23,7 @@ from alignment.motion.stillness import Motion
 from alignment.swing import STATES, Swing, lay
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
+from ins.errors.catalogue import prior
 from ins.estimation import error_model as em
 from ins.estimation import sensors
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
@@ -38,7 +39,7 @@ from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
 # periods of rocking at 0.28 Hz fit in
 STILL_STEP_S = 10.0
 PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that stands
-LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
+LATERAL_TIME_S = prior("lateral_motion", "session").scale
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 # a sudden turn beyond this is a new parked heading: loading turns by up to 200 arcsec
 # (docs/rates_gate.md), 0.97 mrad
@@ -139,10 +140,6 @@ class StepViews:
             dt_s=self.dt_s[at],
             C_nb=self.C_mean[at],
         )
-
-    def place_of(self, at: NDArray) -> tuple[NDArray, NDArray]:
-        """Latitude and radius at given steps, as measurements of attitude take them."""
-        return self.lat_rad[at], self.radius_m[at]
 
     @property
     def radius_m(self) -> NDArray:
@@ -545,7 +542,7 @@ def hold_heading(
     references, held = still[first], np.setdiff1d(still, still[first])
     variance = _each(variance_of(parked, "yaw_jitter_rad"), views)
     walk = _each(variance_of(parked, "yaw_walk_rad"), views)
-    assigned = heading_error_row(*views.place_of(references), -1.0)
+    assigned = heading_error_row(views.lat_rad[references], views.radius_m[references], -1.0)
     # the heading at the stop is the reference
     noise = [_held(tape, references, "yaw_jitter_rad")]
     tape.assign(references, em.YAW, assigned, variance[references])
@@ -554,6 +551,12 @@ def hold_heading(
         tape.widen(held, em.YAW, walk[held])
     C_ref = views.C_nb[references[number[np.isin(still, held)]]]
     noise.append(_held(tape, held, "yaw_jitter_rad"))
-    measured = standstill.heading(views.C_nb[held], C_ref, views.place_of(held), variance[held])
+    measured = standstill.heading(
+        views.C_nb[held],
+        C_ref,
+        variance[held],
+        lat_rad=views.lat_rad[held],
+        radius_m=views.radius_m[held],
+    )
     tape.measure("heading held", held, *measured, gate=parked.gate)
     return tuple(part for part in noise if part.steps.size)

@@ -28,7 +28,11 @@ def modules(package: str) -> dict[str, Path]:
     for path in sorted((ROOT / package).rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
         parts = parts[:-1] if parts[-1] == "__init__" else parts
-        if not any(p.startswith("_") for p in parts) and parts[:2] != ("recal", "cli"):
+        if (
+            not any(p.startswith("_") for p in parts)
+            and parts[:2] != ("recal", "cli")
+            and "migrations" not in parts
+        ):
             found[".".join(parts)] = path
     return dict(sorted(found.items(), key=lambda item: (item[0].count(".") > 0, item[0])))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from infield.table.prior import KERNEL_LENGTH_degC
 from infield.table.thermal_table import AgeingModel
 from ins.errors.catalogue import prior
-from ins.errors.table import TABLE_AGED, DEFAULT_SIGMA_deg_h
+from ins.errors.table import OUTLIER, TABLE_AGED, DEFAULT_SIGMA_deg_h
 from ins.twin_file import default_twin
 
 
@@ -58,10 +58,8 @@ WIDTHS: Mapping[PriorName, float] = {
 # sheets give as spread of one model (25 %)
 TYPE_SPREAD = 0.3
 UNIT_SPREAD = 0.25
-DEFAULT_OUTLIER_SHARE = 0.02  # of sessions that the gates let pass; docs/rates_gate.md
-# size of an outlier's common shift relative to the sigma of a unit without a table: 0.05 deg/h for
-# ring lasers, the step of requirement R16
-OUTLIER_SIZE = 5.0
+# size of an outlier's common shift relative to the sigma of a unit without a table
+OUTLIER_SIZE = OUTLIER.prior("learning", "size").size
 
 
 def defaults_of(technology: str) -> dict[PriorName, float]:
@@ -75,7 +73,7 @@ def defaults_of(technology: str) -> dict[PriorName, float]:
         PriorName.AGEING_SHAPE: prior(TABLE_AGED, "learning", "shape").size * sigma,
         PriorName.LENGTH: KERNEL_LENGTH_degC,
         PriorName.YAW_CREEP: twin.vehicle.yaw_creep_arcsec_sqrt_h,
-        PriorName.OUTLIER_SHARE: DEFAULT_OUTLIER_SHARE,
+        PriorName.OUTLIER_SHARE: OUTLIER.prior("learning", "share").size,
         PriorName.CRAB: prior("odometer_boresight", "learning").size,
     }
 

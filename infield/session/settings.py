@@ -89,7 +89,9 @@ class SessionSettings:
     sigma_scale_factor_ppm: dict[str, float] = field(
         default_factory=prior("gyro_scale_factor", "session").each
     )
-    sigma_misalignment_mrad: float = prior("gyro_misalignment_x", "session").size
+    sigma_misalignment_mrad: dict[str, float] = field(
+        default_factory=prior("gyro_misalignment_x", "session").each
+    )
     hold_heading: bool = True
     use_gnss: bool = True
     use_odometer: bool = True
@@ -110,4 +112,5 @@ def misalignment_sigma_mrad(twin: TwinModel, settings: SessionSettings) -> NDArr
     measured, else as assumed.
     """
     measured = np.linalg.norm(np.reshape(twin.gyro.sigma_misalignment_mrad, (3, 2)), axis=1)
-    return np.where(measured > 0, measured, settings.sigma_misalignment_mrad)
+    assumed = settings.sigma_misalignment_mrad[twin.gyro_technology]
+    return np.where(measured > 0, measured, assumed)

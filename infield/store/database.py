@@ -11,6 +11,7 @@ Decision: docs/decisions/0022-sqlite-journal.md.
 import os
 import re
 import sqlite3
+import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
@@ -20,12 +21,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote
 
-from sqlalchemy import Connection, Engine, create_engine, event, exc, inspect, select, text
+from sqlalchemy import Connection, Engine, create_engine, event, exc, inspect, text
 from sqlalchemy.engine import URL, make_url
 
 from infield.store.errors import NoStore, StoreBusy, StoreError
-from infield.store.schema import READABLE, SCHEMA_REVISION, version
-from infield.store.upgrade import upgrade
+from infield.store.schema import READABLE, SCHEMA_REVISION
 
 LOCK_WAIT_S = 10.0  # for a lock that others hold (docs/store.md)
 CONNECT_WAIT_S = 10  # for a server
@@ -37,6 +37,7 @@ HINTS = {"SQLITE_IOERR": " (no room, a limit on file size, or a failing medium)"
 DAMAGES = (exc.DBAPIError, sqlite3.Error, UnicodeDecodeError)
 RETRY_SQLSTATES = ("40001", "40P01", "55P03")  # serialization failure, deadlock, lock not available
 QUERY_SECRET = re.compile(r"(?i)((?:ssl)?passw(?:or)?d=)[^&]*")
+_ONE_MIGRATION = threading.Lock()  # Alembic's context is one per process
 T = TypeVar("T")
 
 
@@ -250,10 +251,10 @@ def _begin(connection: Connection) -> None:
 
 
 def schema_of(connection: Connection) -> str | None:
-    """The schema of the store in the database, None where there is none."""
-    if not inspect(connection).has_table(version.name):
+    """The newest migration that the database has seen."""
+    if not inspect(connection).has_table("alembic_version"):
         return None
-    return connection.execute(select(version.c.version_num)).scalar()
+    return connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
 
 
 def _require_schema(connection: Connection, name: str) -> None:
@@ -283,9 +284,28 @@ def _migrate(connection: Connection) -> None:
     if found == SCHEMA_REVISION:
         return
     _refuse_newer(found, "store")
-    if found is not None and found not in READABLE:
-        raise StoreError(f"store: schema {found} cannot be upgraded to {SCHEMA_REVISION}")
-    upgrade(connection, found)
+    from alembic import command  # 0.6 s, needed once in a store's life
+    from alembic.util import CommandError
+
+    try:
+        with _ONE_MIGRATION:
+            command.upgrade(alembic_config(connection), "head")
+    except CommandError as error:
+        raise StoreError(
+            f"store: cannot be upgraded to schema {SCHEMA_REVISION}: {error}"
+        ) from None
+
+
+def alembic_config(connection: Connection) -> Any:
+    """Alembic's configuration for the packaged migrations on an open connection."""
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option(
+        "script_location", str(Path(__file__).parent / "migrations").replace("%", "%%")
+    )
+    config.attributes["connection"] = connection
+    return config
 
 
 def _worth_a_retry(error: Exception) -> bool:

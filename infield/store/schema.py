@@ -1,4 +1,4 @@
-"""Tables of the store (SQLAlchemy Core); `upgrade` beside it creates them.
+"""Tables of the store (SQLAlchemy Core); `migrations` beside it creates them, a test compares both.
 
 Names begin with `recal_` because a fleet's PostgreSQL database may hold other people's tables.
 """
@@ -11,14 +11,16 @@ from sqlalchemy import (
     Index,
     Integer,
     MetaData,
-    PrimaryKeyConstraint,
     String,
     Table,
     Text,
     UniqueConstraint,
 )
 
-# by triggers on PostgreSQL
+SCHEMA_REVISION = "0006"  # the newest migration
+# older stores that a reading command opens as they are
+READABLE = ("0001", "0002", "0003", "0004", "0005", SCHEMA_REVISION)
+# by triggers on PostgreSQL, 0004 to 0006
 GUARDED = (
     "recal_contradiction",
     "recal_decision",
@@ -197,23 +199,3 @@ policy = Table(
     Column("record_sha256", String(64), nullable=False),
     CheckConstraint("approval IN ('one_person', 'two_people')", name="ck_recal_policy_approval"),
 )
-
-# The schema that the store has; Alembic, which made the first stores, named it so.
-version = Table(
-    "alembic_version",
-    MetaData(),
-    Column("version_num", String(32), nullable=False),
-    PrimaryKeyConstraint("version_num", name="alembic_version_pkc"),
-)
-
-# by the schema that added them
-TABLES_SINCE: dict[str, tuple[Table, ...]] = {
-    "0001": (unit, revision, tag, merged_run),
-    "0002": (contradiction,),
-    "0003": (proposal, decision),
-    "0004": (),  # the triggers of GUARDED
-    "0005": (priors, priors_decision),
-    "0006": (policy,),
-}
-READABLE = tuple(TABLES_SINCE)  # also older stores, which a reading command opens as they are
-SCHEMA_REVISION = READABLE[-1]

@@ -41,10 +41,18 @@ _OF_ID = {source.id: source for source in OWN}
 
 @cache
 def catalogue() -> tuple[Effect, ...]:
-    """What a diagnosis may name, a plan separate and a twin hold: errors of the list that a run can
-    show, and those of installed packages. An entry point names an error or a tuple of them.
+    """What a diagnosis may name, a plan separate and a twin hold.
 
-    InputError where one of them does not follow the protocol or takes an id that is in use.
+    Returns
+    -------
+    errors : tuple of Effect
+        Those of the list that a run can show, and those of installed packages: an entry point
+        names an error or a tuple of them.
+
+    Raises
+    ------
+    InputError
+        One of them does not follow the protocol or takes an id that is in use.
     """
     found: list[Effect] = [source for source in OWN if source.diagnosed]
     ids = {source.id for source in OWN}
@@ -64,28 +72,74 @@ def catalogue() -> tuple[Effect, ...]:
 
 
 def prior(id: str, recipe: str, part: str = "") -> Prior:
-    """What an estimator assumes of an error of the list; LookupError where it does not carry it."""
+    """What an estimator assumes of an error of the list.
+
+    Parameters
+    ----------
+    id : str
+        Of the error.
+    recipe, part : str
+        As in `Prior`.
+
+    Returns
+    -------
+    prior : Prior
+
+    Raises
+    ------
+    LookupError
+        That estimator does not carry it.
+    """
     return _OF_ID[id].prior(recipe, part)
 
 
 def estimated_of_users(recipe: str) -> tuple[ErrorSource, ...]:
-    """Errors of installed packages that an estimator is to carry; those of the project have states
-    of their own.
+    """Errors of installed packages that an estimator is to carry.
+
+    Those of the project have states of their own.
+
+    Parameters
+    ----------
+    recipe : str
+        As in `Prior`.
+
+    Returns
+    -------
+    errors : tuple of ErrorSource
     """
     own = (e for e in catalogue() if isinstance(e, ErrorSource) and e.id not in _OF_ID)
     return tuple(e for e in own if any(recipe in prior.recipes.split() for prior in e.priors))
 
 
 def effects_named(name: str, among: tuple[Effect, ...] | None = None) -> tuple[Effect, ...]:
-    """The effects that go by a name (several kinds of `slow_variation` share theirs), or by an
-    id.
+    """The effects that go by a name, or by an id.
+
+    Parameters
+    ----------
+    name : str
+        Several kinds of `slow_variation` share theirs.
+    among : tuple of Effect, optional
+        Default: the catalogue.
+
+    Returns
+    -------
+    effects : tuple of Effect
     """
     every = catalogue() if among is None else among
     return tuple(e for e in every if name in (e.name, e.id))
 
 
 def rivals_of(effect: Effect) -> tuple[str, ...]:
-    """Names that it is easily confused with: its own rivals, and what names it as one."""
+    """Names that an effect is easily confused with: its own rivals, and what names it as one.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    names : tuple of str
+    """
     called = _called(effect)
     naming = (_called(other) for other in catalogue() if called in other.rivals)
     return tuple(dict.fromkeys((*effect.rivals, *naming)))
@@ -97,6 +151,16 @@ def _called(effect: Effect) -> str:
 
 
 def words_of(name: str) -> Words | None:
-    """The words on an error or a free function; None where a user's own has none."""
+    """The words on an error or a free function.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    words : Words or None
+        None where a user's own has none.
+    """
     of_errors = {e.name: e.words for e in (*OWN, *catalogue()) if isinstance(e, ErrorSource)}
     return of_errors.get(name) or FREE_FUNCTIONS.get(name)

@@ -238,6 +238,8 @@ needs_climb = _with(_above, CLIMBS_M, "a climb")
 needs_way = _with(distance_m, FAR_M, "20 km of way")
 
 
+# after which 1/e is left of what ionosphere, orbits and reflections add to positions
+SKY_S = 200.0
 FLIGHT_EFFECTS = (
     error(
         "F06",
@@ -352,10 +354,35 @@ FLIGHT_EFFECTS = (
         repeats="E",
         formula=slow_error,
         priors=(
-            Prior("flight", "m", 1.5, "position", 300.0, "s", "one frequency: ionosphere, orbits"),
-            Prior("flight", "m/s", 0.01, "velocity", 60.0, "s", "assumed"),
-            Prior("replay", "sigma of a fix", 0.0, "position", 200.0, "s", "level and time fitted"),
-            Prior("replay", "sigma of a fix", 0.0, "velocity", 3.0, "s", "level and time fitted"),
+            Prior("flight", "m", 1.5, "position", SKY_S, "s", "one frequency: ionosphere, orbits"),
+            Prior(
+                "flight",
+                "m/s",
+                0.01,
+                "velocity",
+                60.0,
+                "s",
+                "reflections that drift with the sky; what a receiver smooths is in the sigma of"
+                " a fix",
+            ),
+            Prior(
+                "replay",
+                "sigma of a fix",
+                0.0,
+                "position",
+                SKY_S,
+                "s",
+                "level and time fitted from there",
+            ),
+            Prior(
+                "replay",
+                "sigma of a fix",
+                0.0,
+                "velocity",
+                3.0,
+                "s",
+                "a receiver's own smoothing; level and time fitted from there, to 48 s",
+            ),
         ),
         need=flight_with_gnss,
         words=Words(

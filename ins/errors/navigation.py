@@ -52,9 +52,14 @@ NAVIGATION_EFFECTS = (
             (*several("xy", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
             formula=gnss_antenna,
             priors=(
-                Prior("taxi", "m", 1.0, part="arm", source="its usual size"),
-                Prior("flight", "m", 0.3, part="arm", source="assumed"),
-                Prior("replay", "m", 2.0, part="arm", source="assumed"),
+                Prior(
+                    "taxi flight replay",
+                    "m",
+                    2.0,
+                    part="arm",
+                    source="0.1 to 3 m where it is off, on aircraft of any size; a flight under"
+                    " 0.3 m and a replay under 1 m found the same",
+                ),
                 Prior(
                     "taxi flight replay",
                     "s",

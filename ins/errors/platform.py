@@ -31,7 +31,7 @@ from ins.errors.parts.gyro_needs import TEMPERATURE_CHANGE_degC
 from ins.errors.parts.recordings import lacking, over, span
 from ins.errors.prior import Prior
 from ins.errors.telemetry import Telemetry, Trace, on_axis
-from ins.records import InputError
+from ins.records import InputError, VehicleNoise
 from ins.units import ARCSEC, HOUR, MICRO_G
 
 ARCMIN = 60.0 * ARCSEC
@@ -281,6 +281,15 @@ YAW_CREEP_EFFECTS = (
         id="platform_yaw_drift",
         repeats="E",
         formula=yaw_drift,
+        priors=(
+            Prior(
+                "session learning",
+                "arcsec/sqrt(h)",
+                VehicleNoise().yaw_creep_arcsec_sqrt_h,
+                walks=True,
+                source="the twin's `vehicle.yaw_creep_arcsec_sqrt_h`; docs/rests.md",
+            ),
+        ),
         need=needs_standstill,
         source="steady",
         words=YAW_WORDS,

@@ -29,7 +29,7 @@ PAGE = Path("docs/reference/effects.md")
 # a table of the page: the first letters of its numbers, then its rows up to an empty line
 TABLE = re.compile(r"(<!-- (rows|priors) of (\w+), from the list -->\n).*?(?=\n\n|\n\Z)", re.S)
 PRIORS = "| no. | error | recipes | one sigma | process | where the number comes from |"
-ROWS = "| no. | error | adds, for one unit | usual size | shows in | looks like | |"
+ROWS = "| no. | error | adds, for one unit | usual size | looks like | |"
 SECTIONS: Mapping[str, str] = {
     "What they are": "",
     "Answers without a name": (
@@ -103,7 +103,7 @@ def _table(letters: str) -> str:
     """One row a number that begins with one of the letters."""
 
     rows = [_row(kinds) for kinds in _numbered(letters)]
-    return "\n".join([ROWS, "|---" * 7 + "|", *rows])
+    return "\n".join([ROWS, "|---" * 6 + "|", *rows])
 
 
 def _numbered(letters: str) -> list[list[ErrorSource]]:
@@ -146,9 +146,8 @@ def _name(source: ErrorSource) -> str:
 
 
 def _row(kinds: list[ErrorSource]) -> str:
-    """The kinds of one number; the first gives name and words."""
+    """The kinds of one number; the first gives the name."""
     first = kinds[0]
-    words = first.words
     adds = dict.fromkeys(line for kind in kinds if (line := _adds(kind)))
     rivals = dict.fromkeys(_number(rival) for kind in kinds for rival in rivals_of(kind))
     repeats = dict.fromkeys(kind.repeats for kind in kinds)
@@ -157,7 +156,6 @@ def _row(kinds: list[ErrorSource]) -> str:
         f"`{_name(first)}`",
         " ".join(adds),
         "; ".join(_sizes(kinds)),
-        words.brought_on_by if words else "",
         ", ".join(filter(None, rivals)),
         ", ".join(repeats),
     )

@@ -37,9 +37,39 @@ TABLE_ERROR = error(
 # Of a gyro's bias [deg/h], one sigma, where no table says it.
 DEFAULT_SIGMA_deg_h = TABLE_ERROR.prior("session").each()
 RAW_BIAS_DEG_H = TABLE_ERROR.prior("raw").each()
+OUTLIER = error(
+    "T03",
+    "session_outlier",
+    GYROS,
+    source="A session that shifts all its biases of a gyro.",
+    diagnosed=False,
+    priors=(
+        Prior(
+            "learning",
+            "1",
+            0.02,
+            part="share",
+            source="of sessions that the gates let pass (docs/rates_gate.md)",
+        ),
+        Prior(
+            "learning",
+            "of the table's sigma",
+            5.0,
+            part="size",
+            source="0.05 deg/h of ring lasers, the step of requirement R16",
+        ),
+    ),
+    words=Words(
+        what="One session says something else than all others of its unit.",
+        brought_on_by="A wrong site, a shock, a repair, the log of another unit.",
+        size="Five times the sigma of a unit without a table.",
+        remedy="Look at the session's report; leave it out.",
+    ),
+)
 OF_THE_MONTE_CARLO = "0.006 and 0.004 of 0.01 deg/h (the Monte Carlo of physics.md 6.8)"
 TABLE_ERRORS = (
     TABLE_ERROR,
+    OUTLIER,
     error(
         "T02",
         TABLE_AGED,

@@ -23,6 +23,7 @@ from ins.errors.parts.recordings import (
 from ins.errors.platform import integral
 from ins.errors.prior import Prior
 from ins.errors.telemetry import AIRBORNE, Telemetry, Trace
+from ins.records import VehicleNoise
 from ins.units import MILLIRADIAN, PPM
 
 MILLISECOND = 1e-3
@@ -143,8 +144,21 @@ WHEELS = (
             several("xy", "m", 0.1, 3.0),
             formula=lever_arm,
             priors=(
-                Prior("session", "m", 5.0, part="x", source="assumed"),
-                Prior("taxi", "m", 1.0, part="y", source="its usual size"),
+                Prior(
+                    "session",
+                    "m",
+                    5.0,
+                    part="x",
+                    source="units sit anywhere along a fuselage, and logs leave the wheels' place"
+                    " out",
+                ),
+                Prior(
+                    "taxi",
+                    "m",
+                    1.0,
+                    part="y",
+                    source="units sit near the centre line; half a track of a wheel that is read",
+                ),
             ),
             need=needs_turns,
             rivals=("side_slip", "odometer_time_offset", "gnss_lever_arm_or_latency"),
@@ -294,6 +308,45 @@ WHEELS = (
             brought_on_by="Wind; each gust passes within seconds.",
             size="A tenth of what a steady wind does.",
             remedy="None: the taxi estimates it; taxi longer, so that gusts average.",
+        ),
+    ),
+    error(
+        "O12",
+        "lateral_motion",
+        ("vehicle",),
+        source="Side velocity of the rolling wheels beyond crab and arm.",
+        diagnosed=False,
+        priors=(
+            Prior(
+                "session",
+                "m/s",
+                VehicleNoise().lateral_noise_m_s,
+                scale=2.0,
+                scale_unit="s",
+                source="the twin's `vehicle.lateral_noise_m_s`; formats.md section 3",
+            ),
+        ),
+        words=Words(
+            what="The rolling vehicle weaves, and its tyres yield a little to either side.",
+            brought_on_by="Rolling; it averages out within seconds.",
+            size="20 mm/s are 2 mrad of crab at 10 m/s.",
+            remedy="Declare `lateral_noise_m_s` in the twin.",
+        ),
+    ),
+    error(
+        "O13",
+        "centre_line_wander",
+        ("vehicle",),
+        source="Way across a painted line beyond lateral motion.",
+        diagnosed=False,
+        priors=(
+            Prior("taxi", "m/sqrt(s)", 0.01, walks=True, source="0.2 m in 5 min, as drivers steer"),
+        ),
+        words=Words(
+            what="The driver does not stay on the surveyed centre line.",
+            brought_on_by="Any taxi along a line.",
+            size="0.2 m in 5 min are 0.07 mrad of heading at 10 m/s.",
+            remedy="Survey the heading at rest as well.",
         ),
     ),
 )

@@ -1,5 +1,5 @@
 """Put a found effect back into the twin: how much of the gap is gone on data that the effect was
-not fitted to::
+not fitted to (effects.md, section 3.7)::
 
     S = N / D,  N = 2 d'z - |d|^2,  D = |z|^2 - m
 

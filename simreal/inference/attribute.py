@@ -2,7 +2,8 @@
 as credible sets.
 
 Each slot holds one effect; its posterior runs over all hypotheses given the other slots (SuSiE, see
-`scoring`). The threshold comes from replicates of the twin's own noise on the very same runs.
+`scoring`; effects.md, section 3.4). The threshold comes from replicates of the twin's own noise on
+the very same runs.
 
 What the twin's table leaves open by its own covariance is a state of every unit, as its turn-on is:
 it has slots of its own from the start, so that every effect is judged against a table that may be

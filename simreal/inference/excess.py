@@ -1,4 +1,5 @@
-"""How large the gap is, in one measure: the excess of squared whitened rows over their floor::
+"""How large the gap is, in one measure: the excess of squared whitened rows over their floor
+(effects.md, section 3.2)::
 
     score = sum w z^2 / sum w,   E = sum w (z^2 - 1),   excess in sigmas = E / sqrt(2 sum w^2)
     w = 1 / (1 + k / 8),   k: index of the cosine transform over a run's rows of one channel

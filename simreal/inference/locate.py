@@ -1,5 +1,5 @@
 """Where the gap lies: sums of squares in cells of channel, kind of motion and octave band, and what
-is left at the end::
+is left at the end (effects.md, sections 3.3 and 3.6)::
 
     D = n/2 (rho - 1 - ln rho) - 1/2 nats
 

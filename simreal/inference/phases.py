@@ -2,7 +2,7 @@
 
 Where what follows is beyond every hypothesis, effects of the parked stretch can be bent to explain
 some of it: two that cancel while parked, at a thousand times their usual size. Their coefficients,
-fitted to the parked rows alone, then come out otherwise.
+fitted to the parked rows alone, then come out otherwise (effects.md, section 3.6).
 """
 
 import numpy as np

@@ -3,7 +3,7 @@ left.
 
 The parked stretch and what follows it are asked apart: a found effect is placed in a phase only
 where it makes the rows of that phase likelier, so that an error of the drive never shows in a
-parked stretch that is clean.
+parked stretch that is clean (effects.md, section 3.3).
 """
 
 from dataclasses import dataclass

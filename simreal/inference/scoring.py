@@ -1,4 +1,5 @@
-"""Bayes factors of single effects, in closed form, given what has been selected already::
+"""Bayes factors of single effects, in closed form, given what has been selected already
+(effects.md, section 3.4)::
 
     log BF = log mean_v sum_i [ y_i^2 w_i / (2 (1 + w_i)) - ln(1 + w_i) / 2 ]
     w_i = v lambda_i / lambda_max

@@ -1,5 +1,5 @@
 """How well one effect is told from another in a set of runs: from Gram matrices of whitened
-signatures.
+signatures (effects.md, section 3.9).
 
 An effect of size Delta (norm of its whitened signature) is told from a rival, which adapts its
 shape and coefficients as well as it can, by what is left of it::

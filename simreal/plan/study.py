@@ -1,5 +1,7 @@
 """Which recordings separate rival effects: judged with the very operator that whitens a diagnosis.
 
+Method: effects.md, section 3.9.
+
 Candidate recordings are simulated with the twin, viewed and whitened as real ones are
 (`plan_recordings`, `plan_gram`); a greedy search takes the recording that separates most, then the
 next given the first, and so on.

@@ -253,9 +253,8 @@ def test_the_twin_carries_value_and_sigma_into_the_session():
     assert sigma[2] == pytest.approx(
         1e3 * np.hypot(made.result.coupling("zx").sigma_rad, made.result.coupling("zy").sigma_rad)
     )
-    assert misalignment_sigma_mrad(
-        TWIN, SessionSettings(sigma_misalignment_mrad=0.3)
-    ) == pytest.approx([0.3] * 3)
+    assumed = SessionSettings(sigma_misalignment_mrad={TWIN.gyro_technology: 0.3})
+    assert misalignment_sigma_mrad(TWIN, assumed) == pytest.approx([0.3] * 3)
 
 
 def test_measuring_again_with_the_corrected_twin_finds_nothing_more():

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from infield.store.database import Database
 from infield.store.table_store import (
     MergedRun,
     RunAlreadyMerged,
@@ -187,6 +188,22 @@ def test_changed_twin_is_found(store, url):
     tamper(url, "UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')")
     with pytest.raises(InputError, match="the row was changed"):
         store.twin("SN-1")
+
+
+def test_migration_makes_the_declared_schema(store, url):
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+    from alembic.script import ScriptDirectory
+
+    from infield.store.database import alembic_config
+    from infield.store.schema import SCHEMA_REVISION, metadata
+
+    with Database(url, create=False).reading() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+        assert (
+            ScriptDirectory.from_config(alembic_config(connection)).get_current_head()
+            == SCHEMA_REVISION
+        )
 
 
 def test_another_schema_version_is_refused(store, url):

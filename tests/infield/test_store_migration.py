@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
+from alembic import command
 from sqlalchemy import create_engine, insert
 from sqlalchemy.pool import NullPool
 
-from infield.store.schema import SCHEMA_REVISION, TABLES_SINCE, metadata, version
+from infield.store.database import alembic_config
+from infield.store.schema import SCHEMA_REVISION, metadata
 from infield.store.table_store import TableStore
 from ins.records import InputError
 from tests.infield.stores import SIGNED, commit, rows, tamper
@@ -22,9 +24,7 @@ def old(url):
     """A store as the first release left it."""
     engine = create_engine(url, poolclass=NullPool)
     with engine.begin() as c:
-        for table in (*TABLES_SINCE["0001"], version):
-            table.create(c)
-        c.execute(insert(version).values(version_num="0001"))
+        command.upgrade(alembic_config(c), "0001")
         for name, lines in FIRST.items():
             c.execute(insert(metadata.tables[name]), lines)
     if url.startswith("postgresql"):
@@ -78,9 +78,10 @@ def test_writing_upgrades_it_and_keeps_every_row(old):
         assert store.verify().intact
 
 
-def test_an_upgrade_that_fails_leaves_the_old_schema(old):
+def test_an_upgrade_that_fails_leaves_the_old_schema(old, monkeypatch):
     """All of it in one transaction, on both databases."""
     before = kept(old)
+    monkeypatch.setattr("infield.store.database.SCHEMA_REVISION", "0005")  # never reached
     tamper(old, "CREATE TABLE recal_proposal (in_the_way INTEGER)")
     with pytest.raises(InputError, match=r"not written: .*recal_proposal"):
         TableStore.open(old, create=True)

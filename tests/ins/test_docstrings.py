@@ -14,8 +14,9 @@ FOLDER = Path(ins.__file__).parent
 # Parts of compiled loops are documented by one sentence: what Python calls has all its sections.
 KERNELS = [path for path in FOLDER.rglob("*.py") if "ins.jit import" in path.read_text("utf-8")]
 KERNELS.append(FOLDER / "strapdown/loop.py")
-# Formulas of the list of errors share one signature, which `ins.errors.base.Effect` documents.
-OF_ALL = {FOLDER / "errors/prior.py", FOLDER / "errors/reference.py"}
+# Formulas of the list of errors share one signature, which `ins.errors.base.Effect` documents, and
+# take one sentence each.
+OF_ALL = {FOLDER / f"errors/{name}.py" for name in ("catalogue", "prior", "reference")}
 FORMULAS = set((FOLDER / "errors").rglob("*.py")) - OF_ALL
 MODULES = sorted(set(FOLDER.rglob("*.py")) - {*KERNELS, *FORMULAS})
 CALLED_FROM_PYTHON = {
@@ -103,6 +104,15 @@ def test_public_names_say_what_they_take_and_give(path):
     tree = ast.parse(path.read_text("utf-8"))
     assert ast.get_docstring(tree)
     assert [fault for name, node in public(tree) for fault in faults(name, node)] == []
+
+
+@pytest.mark.parametrize("path", sorted(FORMULAS), ids=name_of)
+def test_formulas_of_errors_say_what_they_add(path):
+    """The reference prints their first sentence."""
+    tree = ast.parse(path.read_text("utf-8"))
+    assert ast.get_docstring(tree)
+    of_run = [n for _, n in public(tree) if getattr(n, "args", None) and "run" in arguments(n)]
+    assert [node.name for node in of_run if not ast.get_docstring(node)] == []
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=name_of)

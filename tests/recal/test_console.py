@@ -34,6 +34,7 @@ HEAVY = {
     "matplotlib",
     "plotly",
     "sqlalchemy",
+    "alembic",
     "pydantic",
     "filterpy",
     "pymap3d",

@@ -22,6 +22,8 @@ def test_priors_of_a_flight_are_read_and_what_is_not_given_keeps_its_default(tmp
     assert found.flight.deflection_km == default.deflection_km == "fit"
     assert settings_of(tmp_path, '[flight]\ndeflection_arcsec = "fit"\n').flight == default
     assert settings_of(tmp_path, "") == SessionSettings()
+    of_all = settings_of(tmp_path, "[session]\nsigma_misalignment_mrad = 0.3\n")
+    assert of_all.sigma_misalignment_mrad == dict.fromkeys(("rlg", "fog", "mems"), 0.3)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +31,7 @@ def test_priors_of_a_flight_are_read_and_what_is_not_given_keeps_its_default(tmp
     [
         ("[flight]\nslow_position_s = 0.5\n", r"slow_position_s = 0.5, needed at least 1"),
         ("[flight]\nantenna_cm = 3\n", r"unknown key 'antenna_cm', needed one of slow_"),
+        ("[session]\nsigma_misalignment_mrad = -1\n", r"-1.*needed a number that is not negative"),
         ("[flight]\nshift_deg_h = 3\n", r"\[flight\]: shift_deg_h = 3, needed dict"),
         ("[flight]\nshift_deg_h = {lgr = 3}\n", "unknown key 'lgr'"),
         ("[flight]\nantenna_m = -1\n", r"antenna_m = -1, needed a number that is not negative"),

@@ -19,6 +19,7 @@ from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST
 from infield.session.navigated.receiver import WHITE, ReceiverErrors
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
+from ins.errors.catalogue import prior
 from ins.estimation import error_model as em
 from ins.estimation.error_filter import GATE_SIGMA
 from ins.estimation.measurements import survey
@@ -31,8 +32,8 @@ from ins.units import DEG
 
 OF_FIXES = "gnss"  # kind of measurement
 LATERAL_FLOOR_M = 5e-4  # displacement noise of a step beyond crab, lever arm and lateral motion
-# per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
-CENTRE_LINE_WANDER_M = 0.01
+# per square root of a second about the painted line, beyond side motion
+CENTRE_LINE_WANDER_M = prior("centre_line_wander", "taxi").size
 # chosen: a vehicle on its line is within 5 deg of it, taxiways that leave it are not
 CENTRE_LINE_NEAR_RAD = 5 * DEG
 CENTRE_LINE_TURN_RAD_S = 0.01  # chosen: on a line; 0.6 deg/s, a circle of 1 km at 10 m/s
@@ -186,8 +187,13 @@ class SurveyedHeadingAid:
         at = np.flatnonzero(
             (views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s)
         )
-        place, variance = views.place_of(at), self.sigma_rad**2
-        measured = survey.heading(views.heading_rad[at], self.heading_rad, place, variance)
+        measured = survey.heading(
+            views.heading_rad[at],
+            self.heading_rad,
+            self.sigma_rad**2,
+            lat_rad=views.lat_rad[at],
+            radius_m=views.radius_m[at],
+        )
         tape.measure("survey", at, *measured, gate=GATE_SIGMA)
 
 
@@ -209,8 +215,9 @@ class CentreLineAid:
             views.displacement_n_m[at],
             views.C_mean[at],
             chi[at],
-            views.place_of(at),
             CENTRE_LINE_WANDER_M**2 * views.dt_s[at],
+            lat_rad=views.lat_rad[at],
+            radius_m=views.radius_m[at],
         )
         tape.measure("centre line", at, *measured, gate=GATE_SIGMA)
 

@@ -34,6 +34,7 @@ class PartEffect(ErrorSource):
     kept: tuple[int, ...] = ()
 
     def traces(self, run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+        """Those of the coefficients that are kept."""
         if isinstance(self.formula, EachAlone):
             return tuple(self.formula.alone(run, target, shape, k) for k in self.kept)
         every = super().traces(run, target, shape)

@@ -64,7 +64,7 @@ def place(way_b_m: NDArray, variance: NDArray, swing: Sequence[Row] = ({}, {})) 
 
 
 def heading(
-    C_nb: NDArray, C_nb_stop: NDArray, place_of: tuple[NDArray, NDArray], variance: ArrayLike
+    C_nb: NDArray, C_nb_stop: NDArray, variance: ArrayLike, *, lat_rad: NDArray, radius_m: NDArray
 ) -> Measured:
     """Computed turn about down since the stop.
 
@@ -72,10 +72,10 @@ def heading(
     ----------
     C_nb, C_nb_stop : ndarray, shape (m, 3, 3)
         Of the solution, and as it was at the stop.
-    place_of : tuple of ndarray, shape (m,)
-        Latitude and radius, as of `attitude.error_rows`.
     variance : array_like, () or (m,)
         Of the vehicle's jitter in heading [rad^2].
+    lat_rad, radius_m : ndarray, shape (m,)
+        As of `attitude.error_rows`.
 
     Returns
     -------
@@ -83,4 +83,4 @@ def heading(
         One row [rad] at m steps.
     """
     turn = rotation_vector_from_dcm(C_nb @ np.swapaxes(C_nb_stop, 1, 2))[:, 2]
-    return Measured([turn], [{**heading_error_row(*place_of), YAW: 1.0}], [variance])
+    return Measured([turn], [{**heading_error_row(lat_rad, radius_m), YAW: 1.0}], [variance])

@@ -18,8 +18,10 @@ from ins.estimation.tape import Measured, Row
 def heading(
     heading_rad: NDArray,
     surveyed_rad: float,
-    place_of: tuple[NDArray, NDArray],
     variance: ArrayLike,
+    *,
+    lat_rad: NDArray,
+    radius_m: NDArray,
 ) -> Measured:
     """Computed less surveyed heading.
 
@@ -28,10 +30,10 @@ def heading(
     heading_rad : ndarray, shape (m,)
         Of the solution.
     surveyed_rad : float
-    place_of : tuple of ndarray, shape (m,)
-        Latitude and radius, as of `attitude.error_rows`.
     variance : array_like, () or (m,)
         Of the survey [rad^2].
+    lat_rad, radius_m : ndarray, shape (m,)
+        As of `attitude.error_rows`.
 
     Returns
     -------
@@ -43,15 +45,17 @@ def heading(
     Left out: the tangent of the pitch times the level errors, 0.02 of them on a slope of 1 deg.
     """
     z = wrap_pi(heading_rad - surveyed_rad)
-    return Measured([z], [heading_error_row(*place_of)], [variance])
+    return Measured([z], [heading_error_row(lat_rad, radius_m)], [variance])
 
 
 def cross_track(
     way_n_m: NDArray,
     C_nb: NDArray,
     azimuth_rad: NDArray,
-    place_of: tuple[NDArray, NDArray],
     variance: ArrayLike,
+    *,
+    lat_rad: NDArray,
+    radius_m: NDArray,
 ) -> Measured:
     """Way of the solution across a surveyed line, over each step along it.
 
@@ -63,10 +67,10 @@ def cross_track(
         Mean over each step.
     azimuth_rad : ndarray, shape (m,)
         Of the line, in the sense in which the vehicle rolls.
-    place_of : tuple of ndarray, shape (m,)
-        Latitude and radius, as of `attitude.error_rows`.
     variance : array_like, () or (m,)
         Of the vehicle's way across the line [m^2].
+    lat_rad, radius_m : ndarray, shape (m,)
+        As of `attitude.error_rows`.
 
     Returns
     -------
@@ -79,7 +83,7 @@ def cross_track(
     # the step's displacement error is in body axes
     across_b = np.einsum("ki,kij->kj", across, C_nb[:, :2, :2])
     row: Row = {
-        **heading_error_row(*place_of, D),
+        **heading_error_row(lat_rad, radius_m, D),
         S.start: across_b[:, 0],
         S.start + 1: across_b[:, 1],
         CENTRE_LINE: -D,

@@ -49,7 +49,7 @@ REST: dict[str, FleetOutcome] = {
 }
 CONFLICT_TRIES = 6  # another writer changed this very unit in between, or kept the store busy
 Pair = tuple[PlannedRun, str]  # a run and the folder of its report
-# a Dask worker may have several threads; drawing is one per process
+# a Dask worker may have several threads; drawing and migrations are one per process
 _ONE_AT_A_TIME = threading.Lock()
 
 

@@ -19,6 +19,8 @@ CONFIG_SECTIONS: dict[str, type] = {
     "flight": FlightPriors,
     "ageing": AgeingModel,
 }
+# settings that had one number for all technologies before, and still take one
+ONCE_OF_ALL = {"sigma_misalignment_mrad"}
 # of what a number divides: bins below it hold no rest, slow errors below it are a fix's own noise
 LEAST_SETTING = {
     "bin_s": 30.0,
@@ -60,6 +62,7 @@ def _section(kind: type, values: Any, where: str) -> Any:
         raise InputError(f"{where}: got {values!r}, needed a section")
     default = kind()
     known = setting_names(kind)
+    values = {key: _of_each(key, value, default) for key, value in values.items()}
     for key, value in values.items():
         if key not in known:
             raise InputError(f"{where}: unknown key {key!r}, needed one of {', '.join(known)}")
@@ -73,6 +76,13 @@ def _section(kind: type, values: Any, where: str) -> Any:
         if got != FIT and got < least:
             raise InputError(f"{where}: {key} = {got:g}, needed at least {least:g}")
     return record
+
+
+def _of_each(key: str, value: Any, default: Any) -> Any:
+    """The number of a key that was one for all technologies is that of each."""
+    if key in ONCE_OF_ALL and isinstance(value, int | float):
+        return dict.fromkeys(getattr(default, key), value)
+    return value
 
 
 def _check(where: str, value: Any, wanted: Any) -> None:

@@ -125,12 +125,14 @@ def test_effects_of_one_name_share_the_prior_of_one():
 
 
 def test_what_estimators_assume_is_asked_by_recipe_part_and_technology():
-    """Two homes of one error have a number each, by recipe; what nobody carries is refused."""
+    """One number of an error in all recipes that share its physics; what nobody carries is
+    refused.
+    """
     arm = {
         recipe: prior("gnss_lever_arm_or_latency", recipe, "arm").size
         for recipe in ("taxi", "flight", "replay")
     }
-    assert arm == {"taxi": 1.0, "flight": 0.3, "replay": 2.0}
+    assert arm == dict.fromkeys(("taxi", "flight", "replay"), 2.0)
     scale = prior("gyro_scale_factor", "flight")
     assert scale.each() == {"rlg": 5.0, "fog": 50.0, "mems": 5000.0}
     assert prior("gust_crab", "taxi").process == "Gauss-Markov, 10 s"

@@ -107,13 +107,13 @@ def stood(x):
 
 def kept_heading(x):
     turned = dcm_from_rotation_vector([0.0, 0.0, x[states.YAW]]) @ C_NB
-    return standstill.heading(attitude(x, turned)[None], C_NB[None], sphere(), 1.0)
+    return standstill.heading(attitude(x, turned)[None], C_NB[None], 1.0, **sphere())
 
 
 def surveyed(x):
     C_nb = attitude(x)
     heading = whole(np.arctan2(C_nb[1, 0], C_nb[0, 0]))
-    return survey.heading(heading, HEADING_RAD, sphere(), 1.0)
+    return survey.heading(heading, HEADING_RAD, 1.0, **sphere())
 
 
 def on_line(x):
@@ -121,11 +121,11 @@ def on_line(x):
     along_b = C_NB.T @ [np.cos(AZIMUTH_RAD), np.sin(AZIMUTH_RAD), 0.0]
     way_n = attitude(x) @ (LINE_M * along_b + [*x[states.S], 0.0])
     azimuth = whole(AZIMUTH_RAD + x[states.CENTRE_LINE])
-    return survey.cross_track(way_n[None], C_NB[None], azimuth, sphere(), 1.0)
+    return survey.cross_track(way_n[None], C_NB[None], azimuth, 1.0, **sphere())
 
 
 def sphere():
-    return whole(LAT), whole(SEMI_MAJOR_AXIS_M + HEIGHT_M)
+    return {"lat_rad": whole(LAT), "radius_m": whole(SEMI_MAJOR_AXIS_M + HEIGHT_M)}
 
 
 KINDS = {
