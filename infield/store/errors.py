@@ -1,21 +1,6 @@
 """What can stand in the way of the store, as types; a caller asks for the type, never for words."""
 
-from enum import StrEnum
-
 from ins.records import InputError, Refusal
-
-
-class StoreRefusal(StrEnum):
-    """Why the store did not take an update or a decision."""
-
-    TABLE_MOVED = "table_moved"
-    REVISION_MOVED = "revision_moved"
-    BUSY = "store_busy"
-    RUN_ALREADY_MERGED = "run_already_merged"
-    ALREADY_REJECTED = "already_rejected"
-    SAME_PERSON = "same_person"
-    NO_STORE = "no_store"
-    UNIT_NOT_IN_STORE = "unit_not_in_store"
 
 
 class StoreError(InputError):
@@ -53,7 +38,7 @@ class UnknownUnit(InputError):
 class StoreRefused(Refusal):
     """The store stands as it was; `code` says why."""
 
-    code: StoreRefusal
+    code: str
 
 
 class StoreConflict(StoreRefused):
@@ -63,50 +48,50 @@ class StoreConflict(StoreRefused):
 class TableMoved(StoreConflict):
     """Another table than the update's parent is active by now."""
 
-    code = StoreRefusal.TABLE_MOVED
+    code = "table_moved"
 
 
 class RevisionMoved(StoreConflict):
     """Another revision than the one that the caller saw is active by now."""
 
-    code = StoreRefusal.REVISION_MOVED
+    code = "revision_moved"
 
 
 class StoreBusy(StoreConflict):
     """Other writers held the store all the time."""
 
-    code = StoreRefusal.BUSY
+    code = "store_busy"
 
 
 class RunAlreadyMerged(StoreRefused):
     """The active table of this unit already holds this run."""
 
-    code = StoreRefusal.RUN_ALREADY_MERGED
+    code = "run_already_merged"
 
 
 class AlreadyRejected(StoreRefused):
     """The same update was rejected before, and nothing new is said for it."""
 
-    code = StoreRefusal.ALREADY_REJECTED
+    code = "already_rejected"
 
 
 class SamePerson(StoreRefused):
     """Who approves a proposal is who put it forward, or nobody is named who did."""
 
-    code = StoreRefusal.SAME_PERSON
+    code = "same_person"
 
 
 class StoreNotAskedFor(StoreRefused):
     """There is no store, and nobody asked for a new one."""
 
-    code = StoreRefusal.NO_STORE
+    code = "no_store"
 
 
 class UnitNotInStore(StoreRefused):
     """The store holds no table of the unit, and nobody asked for a new unit."""
 
-    code = StoreRefusal.UNIT_NOT_IN_STORE
+    code = "unit_not_in_store"
 
 
 # refusals that another estimate, from the table that is active by then, may overcome
-WORTH_ANOTHER_TRY = (StoreRefusal.TABLE_MOVED, StoreRefusal.BUSY)
+WORTH_ANOTHER_TRY = (TableMoved.code, StoreBusy.code)

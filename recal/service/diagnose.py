@@ -10,8 +10,7 @@ from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
-from ins.twin_file import read_twin
-from recal.service.inputs.twin_table import TwinTable, twin_table
+from recal.service.inputs.twin_table import TwinTable, twin_and_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -144,15 +143,13 @@ def diagnose(
         ...
     ins.records.InputError: nowhere.json: no such file
     """
-    twin_path = Path(twin)
     paths = [Path(runs)] if isinstance(runs, str | PathLike) else [Path(run) for run in runs]
     if simulator and len(paths) < FEWEST_PREDICTED:
         raise InputError(
             f"--simulator: {len(paths)} run, needed {FEWEST_PREDICTED} or more: each is predicted"
             " by a fit to others"
         )
-    believed = read_twin(twin_path)
-    beside = twin_table(twin_path, believed)
+    believed, beside = twin_and_table(twin)
     told("reading the runs")
     rows = HELD_ROWS // len(paths)
     read = [

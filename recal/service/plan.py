@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
-from infield.table.file import read_table_dict, table_from_dict, table_sha256
 from ins.records import InputError, Run, Site, TwinModel
-from ins.twin_file import default_twin, read_twin, table_path
+from ins.twin_file import default_twin
 from ins.units import DEG
 from recal.service.inputs.records import AnyRun, runs_of
-from recal.service.inputs.twin_table import TwinTable
+from recal.service.inputs.twin_table import TwinTable, twin_and_table
 from recal.service.results.files import program_version
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result, write_report
@@ -155,24 +154,7 @@ def _unit(request: PlanRequest, runs: list[Run]) -> tuple[TwinModel, TwinTable]:
     if request.twin is None:
         technology = runs[0].header.gyro_technology if runs else request.technology
         return default_twin(technology), TwinTable()
-    twin_path = Path(request.twin)
-    twin = read_twin(twin_path)
-    for run in runs:
-        if (twin.imu_serial or run.header.imu_serial) != run.header.imu_serial:
-            raise InputError(
-                f"twin {twin_path}: imu_serial {twin.imu_serial}, run {run.header.run_id} is of"
-                f" {run.header.imu_serial}"
-            )
-        if twin.gyro_technology != run.header.gyro_technology:
-            raise InputError(
-                f"twin {twin_path}: gyro_technology {twin.gyro_technology}, run {run.header.run_id}"
-                f" is of {run.header.gyro_technology}"
-            )
-    path = table_path(twin, twin_path.parent)
-    if path is None:
-        return twin, TwinTable()
-    data = read_table_dict(path)
-    return twin, TwinTable(data, table_from_dict(data, name=str(path)), table_sha256(data))
+    return twin_and_table(request.twin, runs)
 
 
 def _views(runs: list[Run], twin: TwinModel, beside: TwinTable) -> list[RunView]:

@@ -7,7 +7,8 @@ from infield.store.table_store import TableStore, UnknownUnit
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin
 from recal.service.inputs.records import AnyRun, AnyTwin, read_one, twin_of
-from recal.service.inputs.unit_inputs import opened, twin_of_unit
+from recal.service.inputs.twin_table import twin_of_unit
+from recal.service.inputs.unit_inputs import opened
 
 T = TypeVar("T")
 

@@ -26,7 +26,7 @@ from infield.thermal.stored_model import (
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.table import RAW_BIAS_DEG_H
-from ins.records import InputError, Run, TableDocument, TwinModel
+from ins.records import Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
@@ -38,6 +38,7 @@ from recal.service.inputs.records import (
     twin_fit_command,
     twin_of,
 )
+from recal.service.inputs.twin_table import twin_of_unit
 
 
 class NoiseSource(StrEnum):
@@ -220,19 +221,3 @@ def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> Ta
         return TableStore.open(url, create=create, any_clock=any_clock)
     except NoStore:  # a server's database that holds no recal tables
         return None
-
-
-def twin_of_unit(twin: TwinModel, run: Run) -> TwinModel:
-    """The twin, which must be of the unit that made the run; InputError where it is not."""
-    header = run.header
-    if twin.imu_serial and twin.imu_serial != header.imu_serial:
-        raise InputError(
-            f"twin {twin.source}: imu_serial {twin.imu_serial}, run {header.run_id} is of"
-            f" {header.imu_serial}"
-        )
-    if twin.gyro_technology != header.gyro_technology:
-        raise InputError(
-            f"twin {twin.source}: gyro_technology {twin.gyro_technology}, run {header.run_id} is of"
-            f" {header.gyro_technology}"
-        )
-    return twin

@@ -2,7 +2,6 @@
 that would put that off the longest. `recal.forecast/1`.
 """
 
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -31,7 +30,6 @@ from infield.store.errors import NoStore
 from infield.store.rows import Revision
 from infield.store.table_store import TableStore
 from infield.table.thermal_table import DAYS_PER_YEAR
-from ins.json_file import read_json_object
 from ins.records import InputError
 from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
@@ -46,7 +44,7 @@ from recal.service.priors.forecast_records import (
 )
 from recal.service.priors.kept import EPOCH, kept_units
 from recal.service.priors.reasons import ForecastReason
-from recal.service.priors.use import APPROVED, DEFAULT, technology_of
+from recal.service.priors.use import APPROVED, DEFAULT, chosen_priors
 from recal.service.results.files import program_version
 from recal.service.results.result import Result, write_report
 
@@ -337,16 +335,9 @@ class _Technology:
 
 def _priors(choice: str, store: TableStore, technology: str) -> tuple[str, TechnologyPriors | None]:
     """What the forecast of a technology rests on."""
-    defaults = f"defaults of {technology}, each known to a factor of 3"
-    if choice == DEFAULT:
-        return defaults, None
-    if choice != APPROVED:
-        return choice, technology_of(read_json_object(Path(choice)), choice, technology)
-    record = store.priors_in_use(technology)
-    if record is None:
-        return f"{defaults} ({NOT_LEARNT})", None
-    name = f"priors {record.number} of {technology}"
-    return name, technology_of(json.loads(record.priors_json), name, technology)
+    name, found, _ = chosen_priors(choice, store, technology)
+    untold = "" if choice == DEFAULT else f" ({NOT_LEARNT})"
+    return name or f"defaults of {technology}, each known to a factor of 3{untold}", found
 
 
 def _candidates(units: Sequence[KeptUnit]) -> dict[str, KeptSession]:

@@ -1,7 +1,6 @@
 """The priors that an update goes by: those approved in the store, those of a file, or none."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from infield.reports.documents.update_records import PriorsUse
 from infield.session.settings import SessionSettings
 from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
-from ins.json_file import Json, read_json_object
+from ins.json_file import read_json_object
 from ins.records import InputError, TwinModel
 from recal.service.inputs.unit_inputs import NoiseSource, UnitInputs
 from recal.service.priors.document import TechnologyPriors, priors_of
@@ -28,26 +27,31 @@ def priors_in_use(choice: str, store: TableStore | None, unit: UnitInputs) -> Pr
         Where the file is none, or says nothing of the technology.
     """
     technology = unit.table.gyro_technology
-    if choice == DEFAULT:
+    name, found, record = chosen_priors(choice, store, technology)
+    if not name:
         return None
-    if choice != APPROVED:
-        found = technology_of(read_json_object(Path(choice)), choice, technology)
-        if found is None:
-            raise InputError(f"{choice}: says nothing of {technology}")
-        return _use(found, choice, None, unit)
-    record = None if store is None else store.priors_in_use(technology)
-    if record is None:
-        return None
-    name = f"priors {record.number} of {technology}"
-    found = technology_of(json.loads(record.priors_json), name, technology)
     if found is None:
         raise InputError(f"{name}: says nothing of {technology}")
-    return _use(found, APPROVED, record, unit)
+    return _use(found, choice, record, unit)
 
 
-def technology_of(data: Mapping[str, Json], name: str, technology: str) -> TechnologyPriors | None:
-    document = priors_of(data, name=name)
-    return next((t for t in document.technologies if t.gyro_technology == technology), None)
+def chosen_priors(
+    choice: str, store: TableStore | None, technology: str
+) -> tuple[str, TechnologyPriors | None, PriorsRecord | None]:
+    """Name of what was chosen ("": the defaults stand), what it says of the technology, and where
+    the store has it.
+    """
+    record = None
+    if choice in (APPROVED, DEFAULT):
+        if choice == APPROVED and store is not None:
+            record = store.priors_in_use(technology)
+        if record is None:
+            return "", None, None
+        name, data = f"priors {record.number} of {technology}", json.loads(record.priors_json)
+    else:
+        name, data = choice, read_json_object(Path(choice))
+    of = priors_of(data, name=name).technologies
+    return name, next((t for t in of if t.gyro_technology == technology), None), record
 
 
 def _use(

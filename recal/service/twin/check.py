@@ -3,16 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 
-from ins.records import InputError, Run
-from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_fit_command, twin_of
-from recal.service.inputs.twin_table import twin_table
+from ins.records import Run
+from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_fit_command
+from recal.service.inputs.twin_table import twin_and_table
 from recal.service.results.files import program_version
 from recal.service.results.result import Result
 from simreal.report.twin_check_document import TwinCheck, summary, twin_check_document
 from simreal.twin.fit.agreement import agreement
-from simreal.twin.fit.streams import ParkedStream, stream_of
+from simreal.twin.fit.streams import stream_of
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -48,20 +47,8 @@ def check_twin(runs: AnyRun | Sequence[AnyRun], twin: AnyTwin) -> CheckedTwin:
         Where an input cannot be read, or twin and runs are of different units.
     """
     read = runs_of(runs)
-    record = twin_of(twin)
-    table = twin_table(Path(twin), record).table if isinstance(twin, str | PathLike) else None
-    streams: list[ParkedStream] = []
-    for run in read:
-        header = run.header
-        for key in ("imu_serial", "gyro_technology"):
-            declared, own = getattr(record, key), getattr(header, key)
-            if declared and declared != own:
-                raise InputError(
-                    f"{record.source}: {key} {declared}, run {header.run_id} has {own}"
-                )
-        stream = stream_of(run, record, table)
-        if stream is not None:
-            streams.append(stream)
+    record, beside = twin_and_table(twin, read)
+    streams = [s for run in read if (s := stream_of(run, record, beside.table)) is not None]
     given = [runs] if isinstance(runs, Run | str | PathLike) else list(runs)
     document = twin_check_document(
         agreement(streams, record),

@@ -2,16 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json
-from ins.records import InputError, Run, TwinModel
+from ins.records import TwinModel
 from ins.twin_file import default_twin, twin_to_dict
-from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
-from recal.service.inputs.twin_table import twin_table
+from recal.service.inputs.records import AnyRun, AnyTwin, runs_of
+from recal.service.inputs.twin_table import TwinTable, twin_and_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.plots import figure_of
@@ -142,24 +140,14 @@ def fit_twin(
     ('fitted', True)
     """
     read = runs_of(runs)
-    believed, table = _believed(read[0], start)
-    found = fit_runs(read, believed, table, told)
+    believed, beside = (
+        (default_twin(read[0].header.gyro_technology), TwinTable())
+        if start is None
+        else twin_and_table(start, read)
+    )
+    found = fit_runs(read, believed, beside.table, told)
     if isinstance(found, NoRest):
         serial = read[0].header.imu_serial
         return FittedTwin(no_rest_document(found, believed, serial, program_version()), twin=None)
     record = twin_fit_document(found, believed, program_version())
     return FittedTwin(record, page=lambda: twin_html(record), twin=fitted_twin(found))
-
-
-def _believed(run: Run, start: AnyTwin | None) -> tuple[TwinModel, ThermalTable | None]:
-    """The twin to begin with, less what an earlier fit says of itself, and its table."""
-    header = run.header
-    if start is None:
-        return default_twin(header.gyro_technology), None
-    twin = twin_of(start)
-    for key in ("imu_serial", "gyro_technology"):
-        declared, own = getattr(twin, key), getattr(header, key)
-        if declared and declared != own:
-            raise InputError(f"{twin.source}: {key} {declared}, run {header.run_id} has {own}")
-    beside = twin_table(Path(start), twin).table if isinstance(start, str | PathLike) else None
-    return twin, beside

@@ -108,9 +108,11 @@ def with_fixes(log: ConvertedLog, raw: RawFixes, *, label: str) -> ConvertedLog:
     return replace(log, gnss=gnss, notes=(*log.notes, *notes), header={**header, **log.header})
 
 
-def reference_on_run_time(log: ConvertedLog, columns: dict[str, NDArray]) -> ReferenceLog | None:
-    """A reference of columns named as in `ReferenceLog`, time_s on the log's clock; rows in order
-    beside the imu.
+def with_reference(
+    log: ConvertedLog, columns: dict[str, NDArray], *, label: str, rows_of: str = "rows"
+) -> ConvertedLog:
+    """The log with a reference of columns named as in `ReferenceLog`, time_s on the log's clock:
+    the rows in order beside the imu. rows_of: what they are, for the note.
     """
     time_s = columns["time_s"] - log.time_shift_s
     with np.errstate(invalid="ignore"):
@@ -119,11 +121,12 @@ def reference_on_run_time(log: ConvertedLog, columns: dict[str, NDArray]) -> Ref
     rows &= np.all(
         [np.isfinite(v).all(axis=tuple(range(1, v.ndim))) for v in columns.values()], axis=0
     )
-    return (
-        ReferenceLog(**{**{k: v[rows] for k, v in columns.items()}, "time_s": time_s[rows]})
-        if rows.any()
-        else None
-    )
+    note = f"{label}: {np.count_nonzero(rows)} {rows_of} as reference, for scoring only"
+    log = replace(log, notes=(*log.notes, note))
+    if not rows.any():
+        return log
+    kept = {k: v[rows] for k, v in columns.items()}
+    return replace(log, reference=ReferenceLog(**{**kept, "time_s": time_s[rows]}))
 
 
 def _columns_of(

@@ -23,7 +23,7 @@ from trajectories.readers.columns.fixes import RawFixes, largest, may_be_radians
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.columns.rtklib_solution import is_solution, on_gps_week, read_solution
-from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
+from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
     LayoutKeys,
@@ -160,7 +160,7 @@ def _with_truth(log: ConvertedLog, path: Path) -> ConvertedLog:
         path, {11: TRUTH_ROW[1:]}, "week, time, position, velocity, attitude", first="week"
     )
     time_s = unwrapped(columns["time"])
-    reference = reference_on_run_time(
+    log = with_reference(
         log,
         {
             "time_s": time_s,
@@ -170,14 +170,8 @@ def _with_truth(log: ConvertedLog, path: Path) -> ConvertedLog:
             "v_n_m_s": np.column_stack([columns[name] for name in SPEED]),
             **{f"{name}_rad": columns[name] * DEG for name in ("roll", "pitch", "heading")},
         },
+        label=path.name,
     )
-    notes = [
-        *notes,
-        (
-            f"{path.name}: {0 if reference is None else reference.time_s.size} rows as reference,"
-            " for scoring only"
-        ),
-    ]
     place = {
         name: float(columns[k][0]) for name, k in zip(("lat_deg", "lon_deg", "height_m"), PLACE)
     }
@@ -185,11 +179,7 @@ def _with_truth(log: ConvertedLog, path: Path) -> ConvertedLog:
     header = {"site": place, **start, **log.header}
     notes += told if "start_utc" not in header else []
     return replace(
-        log,
-        reference=reference,
-        notes=(*log.notes, *notes),
-        other_files=(*log.other_files, path),
-        header=header,
+        log, notes=(*log.notes, *notes), other_files=(*log.other_files, path), header=header
     )
 
 

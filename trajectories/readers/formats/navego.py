@@ -22,7 +22,7 @@ from trajectories.readers.columns.fixes import RawFixes, largest
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import side_file
 from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_once, shapes
-from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
+from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
@@ -168,7 +168,7 @@ def _with_reference(log: ConvertedLog, values: Leaves) -> ConvertedLog:
             log, notes=(*log.notes, f"{REFERENCE}: fields differ in length: no reference stream")
         )
     time_s, lat, lon, height, roll, pitch, yaw = (values[name].ravel() for name in fields[:-1])
-    reference = reference_on_run_time(
+    return with_reference(
         log,
         {
             "time_s": time_s,
@@ -180,12 +180,7 @@ def _with_reference(log: ConvertedLog, values: Leaves) -> ConvertedLog:
             "pitch_rad": pitch,
             "heading_rad": np.mod(yaw, 2 * np.pi),
         },
-    )
-    count = 0 if reference is None else reference.time_s.size
-    return replace(
-        log,
-        reference=reference,
-        notes=(*log.notes, f"{REFERENCE}: {count} rows as reference, for scoring only"),
+        label=REFERENCE,
     )
 
 

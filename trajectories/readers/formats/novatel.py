@@ -25,7 +25,7 @@ from ins.units import DEG
 from ins.user_input import open_regular
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import side_file
-from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
+from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.containers.novatel_frames import CONFIG, has_frame
 from trajectories.readers.formats.novatel_gnss import fixes
 from trajectories.readers.formats.novatel_tables import (
@@ -265,7 +265,7 @@ def _with_reference(
         return log
     table = tables[name]
     found = {key: values[table["good"]] for key, values in table.items()}
-    reference = reference_on_run_time(
+    return with_reference(
         log,
         {
             "time_s": gps_seconds(found["week"] - week, found["seconds"]),
@@ -275,10 +275,9 @@ def _with_reference(
             "v_n_m_s": np.column_stack([found["north"], found["east"], -found["up"]]),
             **{f"{angle}_rad": found[angle] * DEG for angle in ("roll", "pitch", "heading")},
         },
+        label=f"{label}: {name}",
+        rows_of="rows of the receiver's filter",
     )
-    count = 0 if reference is None else reference.time_s.size
-    note = f"{label}: {name}: {count} rows of the receiver's filter as reference, for scoring only"
-    return replace(log, reference=reference, notes=(*log.notes, note))
 
 
 def detect(path: Path) -> bool:

@@ -23,7 +23,7 @@ from trajectories.readers.columns.fixes import RawFixes, largest
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_once, shapes
-from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
+from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
@@ -216,7 +216,7 @@ def _with_avp(log: ConvertedLog, avp: NDArray) -> ConvertedLog:
     else gives one.
     """
     pitch, roll, yaw, v_e, v_n, v_u, lat, lon, height, time_s = avp.T
-    reference = reference_on_run_time(
+    log = with_reference(
         log,
         {
             "time_s": time_s,
@@ -228,18 +228,16 @@ def _with_avp(log: ConvertedLog, avp: NDArray) -> ConvertedLog:
             "pitch_rad": pitch,
             "heading_rad": np.mod(-yaw, 2 * np.pi),
         },
+        label="avp",
     )
-    if reference is None:
-        return replace(log, notes=(*log.notes, "avp: no row beside the imu: no reference stream"))
+    if log.reference is None:
+        return log
     place = {
         "lat_deg": float(lat[0] / DEG),
         "lon_deg": float(lon[0] / DEG),
         "height_m": float(height[0]),
     }
-    note = f"avp: {reference.time_s.size} rows as reference, for scoring only"
-    return replace(
-        log, reference=reference, notes=(*log.notes, note), header={"site": place, **log.header}
-    )
+    return replace(log, header={"site": place, **log.header})
 
 
 def detect(path: Path) -> bool:

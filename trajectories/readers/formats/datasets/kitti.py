@@ -25,7 +25,7 @@ from ins.units import DEG
 from ins.user_input import open_regular, read_bounded
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
-from trajectories.readers.columns.side_streams import reference_on_run_time
+from trajectories.readers.columns.side_streams import with_reference
 from trajectories.readers.containers.file_bytes import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
@@ -190,7 +190,7 @@ def _site(columns: Mapping[str, NDArray]) -> dict[str, dict[str, float]]:
 
 def _with_reference(log: ConvertedLog, columns: Mapping[str, NDArray], label: str) -> ConvertedLog:
     """The solution of the RT3003 as reference; heights as they are, above mean sea level."""
-    reference = reference_on_run_time(
+    log = with_reference(
         log,
         {
             "time_s": columns["time"],
@@ -202,14 +202,14 @@ def _with_reference(log: ConvertedLog, columns: Mapping[str, NDArray], label: st
             "pitch_rad": -columns["pitch"],
             "heading_rad": np.mod(np.pi / 2 - columns["yaw"], 2 * np.pi),
         },
+        label=label,
+        rows_of="rows of the solution of an OXTS RT3003",
     )
-    count = 0 if reference is None else reference.time_s.size
     notes = [
-        f"{label}: {count} rows of the solution of an OXTS RT3003 as reference, for scoring only;"
-        " rates and forces are less its bias estimates",
+        f"{label}: rates and forces are less the bias estimates of that solution",
         f"{label}: heights are above mean sea level, taken as they are",
     ]
-    return replace(log, reference=reference, notes=(*log.notes, *notes))
+    return replace(log, notes=(*log.notes, *notes))
 
 
 def detect(path: Path) -> bool:

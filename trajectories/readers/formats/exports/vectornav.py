@@ -24,7 +24,7 @@ from trajectories.readers.columns.fixes import RawFixes, chosen
 from trajectories.readers.columns.headings import heading
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
-from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
+from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
     AxesKeys,
@@ -251,7 +251,7 @@ def _with_reference(log: ConvertedLog, columns: Columns, label: str) -> Converte
     with np.errstate(invalid="ignore"):
         rows = (columns["lat"] != 0.0) | (columns["lon"] != 0.0)
     found = {name: values[rows] for name, values in columns.items()}
-    reference = reference_on_run_time(
+    return with_reference(
         log,
         {
             "time_s": found["startup"] * NS,
@@ -263,12 +263,9 @@ def _with_reference(log: ConvertedLog, columns: Columns, label: str) -> Converte
             "pitch_rad": found["pitch"] * DEG,
             "heading_rad": np.mod(found["heading"] * DEG, 2 * np.pi),
         },
+        label=label,
+        rows_of="rows of the unit's own solution",
     )
-    if reference is None:
-        return log
-    count = reference.time_s.size
-    note = f"{label}: {count} rows of the unit's own solution as reference, for scoring only"
-    return replace(log, reference=reference, notes=(*log.notes, note))
 
 
 def detect(path: Path) -> bool:
