@@ -27,7 +27,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, InputError
 from ins.units import ARCSEC, DEG, MICRO_G
-from ins.verdicts import sentences
+from ins.verdicts import codes, sentences
 from tests.infield.azimuth_cases import (
     SITE,
     STOP_S,
@@ -319,7 +319,7 @@ def test_gyros_too_poor_to_find_an_azimuth_are_refused_until_it_is_given():
     runs = [parked_run(h).run for h in FOUR_DEG]
     refused = study_runs(runs, wide, TWIN)
     assert refused.result.verdict == "refused"
-    assert "cannot be found" in sentences(refused.result.reasons)[0]
+    assert "azimuths_cannot_be_found" in codes(refused.result.reasons)[0]
     assert study_runs(runs, wide, TWIN, known=known(*FOUR_DEG)).result.fit is not None
 
 

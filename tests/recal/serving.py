@@ -20,6 +20,15 @@ from recal.web.connections import server_config
 from recal.web.settings import ServeSettings, token_of
 
 TOKEN, NAMED_TOKEN = "0123456789abcdef-shared", "0123456789abcdef-of-her"
+DECISION = {
+    "serial": "SN-1",
+    "technology": "rlg",
+    "mode": "",
+    "number": "1",
+    "verdict": "approved",
+    "by": "A",
+    "reason": "why",
+}
 TOKENS = (token_of(TOKEN, source="test"), token_of(NAMED_TOKEN, "R. Eviewer", source="test"))
 
 
@@ -60,6 +69,9 @@ class Visitor(httpx.Client):
             data=fields,
             headers={"origin": base, "sec-fetch-site": "same-origin", **(headers or {})},
         )
+
+    def decide(self, form_token, **changes):
+        return self.submit("/decide", form_token=form_token, **{**DECISION, **changes})
 
     def sign_in(self, token=TOKEN, **more):
         return self.submit(

@@ -9,26 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from benchmarks.gap_trials.written import write_trial
 from infield.table.file import table_sha256
 from ins.records import InputError
 from ins.twin_file import read_twin
-from recal.cli import diagnose
 from simreal.declared.twin_effects import parse_effects
 from tests.drawn import specifications, unscripted
+from tests.recal import command
 from tests.simreal.diagnosed import trial
 from trajectories.runs.directory import read_run, write_run
 
-app = typer.Typer()
-app.command()(diagnose.command)
-FILES = {"diagnosis.json", "diagnosis.html", "twin.json", "table.json"}
-
 
 def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+    return command.run("diagnose", *arguments)
+
+
+FILES = {"diagnosis.json", "diagnosis.html", "twin.json", "table.json"}
 
 
 def one_cold():

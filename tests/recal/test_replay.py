@@ -49,16 +49,10 @@ def session() -> SimulatedRun:
 
 
 @pytest.fixture
-def drawn_folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "run", session().run, reference=session().reference)
     return tmp_path
-
-
-@pytest.fixture
-def folder(drawn_folder):
-    """Where pages get no drawings."""
-    return drawn_folder
 
 
 def table(bias_deg_h: float, serial: str = "SN-0042"):
@@ -136,16 +130,14 @@ def test_navigation_file_holds_both_solutions_at_one_hertz(folder):
 
 
 @pytest.mark.slow
-def test_same_bytes_on_a_second_run(drawn_folder):
+def test_same_bytes_on_a_second_run(folder):
     stored(table(0.05), table(0.0))
     result_of("run", "-o", "one")
     result_of("run", "-o", "two")
-    names = sorted(p.name for p in (drawn_folder / "one").iterdir())
+    names = sorted(p.name for p in (folder / "one").iterdir())
     assert names == ["navigation.parquet", "navigation_aided.parquet", "replay.html", "replay.json"]
     for name in names:
-        assert (drawn_folder / "one" / name).read_bytes() == (
-            drawn_folder / "two" / name
-        ).read_bytes(), name
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes(), name
 
 
 def test_exports_and_the_aided_solution(folder):

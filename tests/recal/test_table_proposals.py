@@ -4,33 +4,16 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
-from recal.cli.app import app
 from tests.infield.sessions import TWIN, factory, factory_dict, shifted, simulated
+from tests.recal.command import answered, run
 from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
-
-
-def answered(*arguments, exit_code=0):
-    result = run(*arguments, "--json")
-    assert result.exit_code == exit_code, (result.output, result.exception)
-    return json.loads(result.stdout)
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def put_forward(serials=("SN-1",), *, shift_deg_h=0.001, run_id="run-1"):
