@@ -195,9 +195,7 @@ def test_stands_are_found_where_receiver_and_sensors_agree():
 
 @pytest.mark.slow
 def test_latency_and_noise_of_the_receiver_are_found():
-    """Fixes stamped 0.25 s late, four times as noisy as declared: both found, and said; declared
-    NIS kept.
-    """
+    """Fixes stamped 0.25 s late, four times as noisy as declared: both found; declared NIS kept."""
     twin = twin_of("mems")
     loud = replace(
         twin,

@@ -74,9 +74,7 @@ def test_correlated_velocities_are_found_and_in_the_sigmas(technology, flights):
 
 
 def test_velocities_older_than_positions_are_told_apart():
-    """A receiver whose velocity is 0.4 s late and whose position is not: no lever arm is made of
-    it.
-    """
+    """Velocity is 0.4 s late and whose position is not: no lever arm is made of it."""
     made = flown(ideal(PARK_S), twin_of("rlg"), 7)
     gnss = made.run.gnss
     late = replace(gnss, v_n_m_s=late_velocities(made, gnss.time_s, gnss.v_n_m_s, 0.4))
@@ -344,9 +342,7 @@ def test_site_elsewhere_is_told():
 
 
 def test_stuck_receiver_is_left_out():
-    """Thirty seconds of the same fix at speed: rejected for long, it used to be taken for a new
-    start.
-    """
+    """Thirty seconds of the same fix at speed: rejected for long, once taken for a new start."""
     made = flown(ideal(PARK_S), twin_of("mems"), 5)
     gnss = made.run.gnss
     held = np.where(

@@ -67,9 +67,7 @@ def test_slow_vehicle_starts_where_its_log_begins(flights):
 
 
 def test_heading_by_parts_of_the_compass_does_not_matter():
-    """The same slow drive in body axes turned by 123 deg about the vertical: the same attitude of
-    the vehicle.
-    """
+    """The same slow drive in body axes turned by 123 deg about the vertical: the same attitude."""
     made = slow(1)
     C = dcm_from_rotation_vector(np.array([0.0, 0.0, 123.0 * DEG]))
     imu = made.run.imu

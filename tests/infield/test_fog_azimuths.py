@@ -27,9 +27,7 @@ SIGMA = 0.001  # deg/h
 
 
 def biases(heading, entries=TRUE, constant=(0.01, -0.02, 0.03)):
-    """k(H) from the sensor model: rows of M on (cosH, -sinH), what a level unit sees of the level
-    Earth rate.
-    """
+    """k(H) from the sensor model: rows of M on (cosH, -sinH) of the level Earth rate."""
     rate_b = RATE * np.stack([np.cos(heading), -np.sin(heading)])
     m = {name: value * MILLIRADIAN for name, value in entries.items()}
     return np.stack(

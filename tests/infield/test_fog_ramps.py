@@ -259,9 +259,7 @@ def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
 
 
 def test_earth_rate_moves_the_level_alone_and_another_level_is_seen():
-    """The unknown share of Earth rate is one constant an axis; runs mounted anew have each their
-    own.
-    """
+    """The unknown share of Earth rate is one constant an axis; one a mounting."""
     truth = Truth(np.random.default_rng(5))
     slow_rates = dict(rates=(0.05, -0.05))
     same = []

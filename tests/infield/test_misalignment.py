@@ -215,9 +215,7 @@ def test_the_table_merge_takes_both_headings_after_it_and_neither_before():
 
 
 def _difference_sigmas(twin):
-    """Difference of two sessions in sigmas: the north gyro bias along the diagonal of x and y, and
-    z.
-    """
+    """Of two sessions in sigmas: the north gyro bias along the diagonal of x and y, and z."""
     seen = [_session_bias(parked_run(heading).run, twin) for heading in (45.0, 225.0)]
     (b1, P1), (b2, P2) = seen
     return (b1 - b2) / np.sqrt(np.diag(P1 + P2))

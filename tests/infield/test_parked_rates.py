@@ -89,9 +89,7 @@ def test_a_surveyed_heading_takes_it_away():
 
 
 def test_the_common_error_is_one_of_the_session():
-    """Differences between points of a level gyro are known far better than any of them: Earth rate
-    cancels.
-    """
+    """Differences between points of a level gyro are known far better: Earth rate cancels."""
     points = first()[1].sessions[0].points
     x = np.flatnonzero(points.axis_index == 0)
     one, last = x[0], x[-1]
@@ -269,9 +267,7 @@ def test_two_hundred_runs_have_honest_errors():
 
 @pytest.mark.slow
 def test_five_sessions_make_the_shape_better():
-    """What a start-up calibration leaves: RMS over ten units, a blank table against five warm-ups
-    of 40 min.
-    """
+    """RMS over ten units, a blank table against five warm-ups of 40 min."""
     blank_error = [shape_error_deg_h(blank(), unit(seed)) for seed in range(500, 510)]
     merged = [
         shape_error_deg_h(updated([session(seed, n).run for n in range(5)]).after, unit(seed))

@@ -163,9 +163,7 @@ def test_a_surveyed_heading_follows_the_turn_and_no_further(monkeypatch):
 
 
 def test_down_is_measured_in_each_stretch():
-    """The unit stands otherwise after landing: the vertical part of Earth rate goes with
-    gravity.
-    """
+    """It stands otherwise after landing: the vertical part of Earth rate goes with gravity."""
     simulated = flight(6, turn_deg=0.0)
     run = simulated.run
     late = run.imu.time_s > run.imu.end_s - WARM_S - 5.0

@@ -56,9 +56,7 @@ def at_nodes_visited(run):
 
 
 def error_of(table, run):
-    """RMS over the visited temperatures of the level gyros, against the unit's settled curves
-    [deg/h].
-    """
+    """Over visited temperatures of the level gyros, against the unit's settled curves [deg/h]."""
     T = at_nodes_visited(run)
     return np.sqrt(
         np.mean(

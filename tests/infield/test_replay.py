@@ -195,9 +195,7 @@ def test_prediction_of_a_constant_bias_is_the_closed_form():
 
 @pytest.mark.slow
 def test_predicted_sigma_is_honest():
-    """Radial error squared over predicted variance averages 1 over seeded units: 99.9 % band, 1.3
-    dof each.
-    """
+    """Squared radial error over variance: 1 over seeded units: 99.9 % band, 1.3 dof each."""
     ratios = []
     for seed in range(60):
         rng = np.random.default_rng([seed, 7])
@@ -224,9 +222,7 @@ def true_table(truth: SimulatedRun, like: ThermalTable, unit_bias) -> ThermalTab
 
 
 def test_update_drifts_less_and_the_true_table_least():
-    """R28 with truth: one committed session, then later parked sessions on other headings; RMS of
-    their NM/h.
-    """
+    """R28 with truth: one session, then parked ones on other headings; RMS of their NM/h."""
     unit = aged_unit(
         np.random.default_rng(5),
         ageing_offset_deg_h=0.012,

@@ -31,9 +31,7 @@ def test_the_terms_by_hand():
 
 
 def test_least_squares_by_hand_and_the_condition_number_of_two_columns():
-    """y = 2 on the first of two unit columns with cosine c: condition number sqrt((1 + c) / (1 -
-    c)).
-    """
+    """y = 2 on the first of two unit columns with cosine c: condition sqrt((1 + c) / (1 - c))."""
     c = 0.99
     A = np.eye(8)
     A[0, 3] = A[3, 0] = c
@@ -105,9 +103,7 @@ def over_units(count, wave=0.003):
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas_over_units():
-    """NEES of all kept rate and gradient terms within two-sided 99.9 % bounds, false alarm 1 in
-    1000.
-    """
+    """NEES of all kept rate and gradient terms within 99.9 % bounds, false alarm 1 in 1000."""
     nees, dof, residuals = over_units(FEW)
     low, high = chi2.ppf([0.0005, 0.9995], dof.sum())
     assert low < nees.sum() < high, (nees.sum() / dof.sum(), dof.sum())

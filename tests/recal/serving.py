@@ -52,9 +52,7 @@ def serving(url, *, tokens=TOKENS, **more):
 
 
 class Visitor(httpx.Client):
-    """Someone with a browser: keeps cookies, sends forms with the page's own form token and
-    Origin.
-    """
+    """Keeps cookies, sends forms with the page's own form token and Origin."""
 
     def __init__(self, base, **more):
         super().__init__(base_url=base, timeout=60.0, trust_env=False, **more)

@@ -68,9 +68,7 @@ def test_a_diagnosis_writes_four_files_and_exits_0(done):
 
 
 def test_what_one_cold_start_leaves_open_is_in_no_twin_and_reads_back(done):
-    """The items of an open cause are those of a twin, for who takes it out of a log all the
-    same.
-    """
+    """The items of an open cause are those of a twin, if one takes it out of a log all the same."""
     _, out = done
     document = json.loads((out / "diagnosis.json").read_text())
     (open_,) = document["open"]

@@ -49,9 +49,7 @@ def means(run, start_s, end_s):
 
 
 def test_gravity_is_down(plane, copters):
-    """At rest f_z is -g within what an uncalibrated MEMS triad is off (the third IMU of the copter
-    by 7 %).
-    """
+    """At rest f_z is -g within what an uncalibrated MEMS triad is off."""
     for run, tolerance in (
         (plane, 0.3),
         (copters[1].run, 0.3),
@@ -85,9 +83,7 @@ def test_the_planes_axes_agree_with_its_gps(plane):
 
 
 def test_place_and_time(plane, copters):
-    """Melbourne on 2013-11-29 and Canberra on 2015-11-21, by hand from week and milliseconds of the
-    week.
-    """
+    """Melbourne on 2013-11-29 and Canberra on 2015-11-21, by hand from week and ms."""
     assert plane.header.site.lat_rad / DEG == pytest.approx(-37.9597, abs=1e-3)
     assert plane.header.site.lon_rad / DEG == pytest.approx(144.7648, abs=1e-3)
     # week 1768, 511 216.7 s: day 5, 22:00:16.7, 16 leap s

@@ -141,9 +141,7 @@ def test_same_bytes_on_a_second_run(folder):
 
 
 def test_exports_and_the_aided_solution(folder):
-    """--kml and --csv write what the parquet files hold, twice the same bytes; --no-aided leaves
-    GNSS out.
-    """
+    """Both write what the parquet files hold, twice the same bytes; --no-aided leaves GNSS out."""
     stored(table(0.0))
     document = result_of("run", "-o", "one", "--kml", "--csv")
     result_of("run", "-o", "two", "--kml", "--csv")

@@ -182,9 +182,7 @@ def test_json_alone_on_standard_output(folder):
 
 
 def test_a_serial_has_one_technology_unless_that_is_overridden_and_noted(folder):
-    """R24: a table of another unit under the same serial is a swapped unit until somebody says
-    otherwise.
-    """
+    """R24: a table of another unit under the serial is a swapped unit until overridden."""
     table_file(folder)
     table_file(folder, technology="fog", name="fog.json")
     ok("import", "table.json")

@@ -50,9 +50,7 @@ def grams(maker, recordings, *contenders, twin=TWIN):
 
 
 def whole_bank_cos2(views, h, k, *, run_h=None, run_k=None):
-    """Largest squared cosine of single shapes of h with the span of k, from one bank over all runs
-    at once.
-    """
+    """Largest squared cosine of single shapes of h with the span of k, from one bank over all."""
     bank = Bank(Evidence(views, TWIN), (h.effect, k.effect), with_generic=False)
 
     def groups(e, run):
@@ -156,9 +154,7 @@ def table(maker, twin):
 
 
 def test_the_table_of_gap_md_comes_out_alike(maker):
-    """With the turn-on bias free, as in the prototype: its order, and its values where the profiles
-    agree.
-    """
+    """With the turn-on bias free, as in the prototype: its order and values."""
     free = table(maker, replace(TWIN, gyro=replace(TWIN.gyro, turn_on_deg_h=1.0)))
     cos = {key: float(t.cos[0]) for key, t in free.items()}
     for pair in ("Tlin/exp1000", "Tquad/exp350", "Tlin/Tquad"):

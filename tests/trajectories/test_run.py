@@ -244,9 +244,7 @@ def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
 
 
 def test_repaired_stretches_are_listed(tmp_path):
-    """Lost rows, missing temperatures, fixes without a position: reading goes on, each is in
-    faults.
-    """
+    """Lost rows, missing temperatures, fixes without a position: each is in faults."""
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1011:])
@@ -264,9 +262,7 @@ def test_repaired_stretches_are_listed(tmp_path):
 
 
 def test_increments_cover_a_dropout(tmp_path):
-    """Ten lost rows would be 1 m/s of lost gravity; a logger that keeps summing must not be counted
-    twice.
-    """
+    """Ten lost rows would be 1 m/s of lost gravity; a sum must not count twice."""
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1011:])

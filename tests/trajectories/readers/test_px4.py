@@ -248,9 +248,7 @@ def test_the_second_imu(tmp_path, topic, w):
     ],
 )
 def test_other_topics_where_raw_ones_are_missing_or_slow(tmp_path, topics, named):
-    """sensor_gyro at 2 Hz still gives the temperature, and the calibration offsets taken off are
-    told.
-    """
+    """sensor_gyro at 2 Hz still gives the temperature, and the calibration offsets taken off."""
     blocks = ulog(topics=(*topics, "sensor_gyro", "sensor_gps"), gyro_every=50)
     made = convert_log(write(tmp_path / "flight.ulg", blocks), {}, {})
     check_parked(made.run, W)
