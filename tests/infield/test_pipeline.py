@@ -147,7 +147,7 @@ REFUSED = {
     "all_stuck at 70 degF": lambda: stuck_at((70.0 - 32.0) / 1.8),
     "never_rests": lambda: driven(*(Turn(angle_deg=a) for a in (170.0, -170.0) * 8)),
     "short_rest": lambda: driven(Park(duration_s=200.0)),
-    "beyond_latitude": at_the_pole,
+    "latitude_too_high": at_the_pole,
 }
 
 
