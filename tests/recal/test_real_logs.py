@@ -132,19 +132,15 @@ def test_from_log_to_check_and_align(tmp_path, log, args, rows):
     assert said.exit_code == 0, said.stderr
     assert f"{rows} rows, 50 Hz" in said.stdout
     assert check(tmp_path / "run")["verdict"] == "warnings"
-    assert (
-        read_run(tmp_path / "run").sha256
-        == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
-    )
+    found = read_run(tmp_path / "run").sha256
+    assert found == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
     document = align(
         tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align"
     )
     assert document["verdict"] == "level_only"
     assert document["reason_codes"][0] == "no_heading"
-    assert (
-        json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"]
-        == "recal.alignment/1"
-    )
+    found = json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"]
+    assert found == "recal.alignment/1"
 
 
 def test_level_of_the_parked_plane_is_that_of_its_autopilot(plane):

@@ -127,10 +127,8 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     monkeypatch.setattr("recal.service.results.update_summary.stored_summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
-    assert json.loads((folder / "again/update.json").read_text()) == {
-        "verdict": "proposed",
-        "proposal": 1,
-    }
+    found = json.loads((folder / "again/update.json").read_text())
+    assert found == {"verdict": "proposed", "proposal": 1}
     assert (folder / "again/update.html").read_text() == "proposal 1"
 
 

@@ -219,13 +219,8 @@ def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
     write_run(tmp_path / "run", full_run(), reference=reference_log())
     write_run(tmp_path / "run", full_run(header=header(run_id="R2"), gnss=None), fmt="csv")
     assert read_run(tmp_path / "run").header.run_id == "R2"
-    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == [
-        "imu.csv",
-        "odometer.csv",
-        "phases.csv",
-        "run.json",
-        "temperature.csv",
-    ]
+    found = sorted(p.name for p in (tmp_path / "run").iterdir())
+    assert found == ["imu.csv", "odometer.csv", "phases.csv", "run.json", "temperature.csv"]
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
     (tmp_path / "empty").mkdir()
     write_run(tmp_path / "empty", full_run())

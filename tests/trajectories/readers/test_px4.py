@@ -323,11 +323,8 @@ def test_nested_topics_and_unknown_flags(tmp_path):
     )
     (tmp_path / "a.ulg").write_bytes(flags + body)
     topic = read_ulog(tmp_path / "a.ulg", ["outer"]).topics["outer", 0]
-    assert {k: v.tolist() for k, v in topic.items()} == {
-        "timestamp": [5.0],
-        "c[0]": [0.5],
-        "c[1]": [0.25],
-    }
+    found = {k: v.tolist() for k, v in topic.items()}
+    assert found == {"timestamp": [5.0], "c[0]": [0.5], "c[1]": [0.25]}
     (tmp_path / "b.ulg").write_bytes(flags + block("B", bytes(8) + b"\3" + bytes(31)) + body)
     with pytest.raises(InputError, match=r"b\.ulg: incompatible flags 03 00"):
         read_ulog(tmp_path / "b.ulg", ["outer"])
