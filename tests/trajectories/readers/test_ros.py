@@ -214,9 +214,7 @@ def test_no_imu(tmp_path):
 def test_headers_without_stamps(tmp_path):
     made = convert(bags.write(tmp_path / "b", "mcap", bags.messages(stamps=np.zeros(bags.ROWS))))
     assert made.run.imu.rows == bags.ROWS
-    assert any(
-        "headers without stamps: times are those of the receiver" in n for n in made.record.notes
-    )
+    assert "headers without stamps: times are those of the receiver" in str(made.record.notes)
     check_motion(convert(bags.write(tmp_path / "c", "mcap"), {"stamp": "receive"}).run)
 
 
