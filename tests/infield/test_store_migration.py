@@ -49,6 +49,7 @@ def test_reading_leaves_an_old_store_as_it_is(old):
         assert store.twin("SN-1") is not None
         assert store.contradictions("SN-1", "rlg", "") == ()
         assert store.proposals() == []
+        assert store.overview()[0].undecided == 0
     assert kept(old) == before
     assert rows(old, "SELECT version_num FROM alembic_version") == [("0001",)]
 

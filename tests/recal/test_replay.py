@@ -166,6 +166,14 @@ def test_exports_and_the_aided_solution(folder):
     assert plain["tables"][0]["schuler"]["reason"].startswith("parked for 10 min")
 
 
+@pytest.mark.parametrize(("serial", "said"), [("SN-0042", "one revision"), ("SN-7", "SN-0042")])
+def test_a_lone_table_is_flown_and_why_is_said(folder, serial, said):
+    stored(table(0.0, serial=serial))
+    document = result_of("run", "--no-aided")
+    assert len(document["tables"]) == 1 and document["difference"] is None
+    assert said in document["notes"][0]
+
+
 def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
     document = result_of("run", "--no-aided")
     assert document["notes"][0].startswith("no store there") and document["store"] is None

@@ -143,6 +143,7 @@ def test_an_approval_is_refused_where_the_table_has_moved(folder):
     put_forward()
     put_forward(shift_deg_h=0.002, run_id="run-2")
     answered("table", "approve", 1, "--reason", "yes")
+    assert "revision 2" in run("table", "proposals").stdout
     refused = answered("table", "approve", 2, "--reason", "yes", exit_code=4)
     assert refused["verdict"] == "refused" and "update again" in refused["reasons"][0]
     listed = answered("table", "proposals", "--state", "out of date")["proposals"]
