@@ -30,6 +30,7 @@ from ins.twin_file import default_twin, read_twin, twin_to_dict
 from recal.service.inputs.config import CONFIG_SECTIONS, read_config, setting_names
 from tests.trajectories.readers import damage
 from tests.trajectories.run_cases import full_run, imu_log, reference_log
+from tests.trajectories.test_hostile import table_dict
 from trajectories.readers.registry import read_log
 from trajectories.readers.rows.column_map import LogOptions, column_map
 from trajectories.runs.directory import inspect_run, write_run
@@ -74,7 +75,7 @@ def targets() -> list[Target]:
             name = f"{stream}.{fmt}"
             found.append(Target(f"run:{name}", _run(name, fmt), _inspect, is_text=fmt == "csv"))
     found.append(Target("json:run", _run("run.json", "csv"), _inspect, is_text=True))
-    found.append(Target("json:table", _json(small_table()), _import_table, is_text=True))
+    found.append(Target("json:table", _json(table_dict()), _import_table, is_text=True))
     found.append(Target("json:twin", _json(twin_to_dict(default_twin("rlg"))), read_twin, True))
     found.append(Target("json:thermal", _json(THERMAL), read_thermal_model, is_text=True))
     found.append(Target("toml:settings", _text(settings()), read_config, is_text=True))
@@ -85,25 +86,6 @@ def targets() -> list[Target]:
         text = (folder / f"{name}.toml").read_text("utf-8")
         found.append(Target(f"toml:scenario:{name}", _text(text), _scenario, is_text=True))
     return found
-
-
-def small_table() -> dict[str, object]:
-    """A small whole table."""
-    axis = {
-        "temperature_degC": [0.0, 20.0, 40.0],
-        "bias_deg_h": [0.01, 0.02, 0.03],
-        "sigma_deg_h": [0.01, 0.01, 0.01],
-    }
-    return {
-        "schema": "recal.table/1",
-        "imu_serial": "SN-1",
-        "gyro_technology": "rlg",
-        "created_utc": "2026-03-01T05:00:00Z",
-        "interpolation": "linear",
-        "axes": {k: axis for k in "xyz"},
-        "covariance": None,
-        "provenance": {"parent_sha256": None, "runs": []},
-    }
 
 
 def settings() -> str:

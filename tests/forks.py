@@ -32,9 +32,7 @@ LONGEST_S = 300.0  # a job that takes longer is killed and reported
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job: its exit code, negative for the signal that ended it, and what it had
-    printed.
-    """
+    """A job's exit code, negative for the signal that ended it, and what it had printed."""
 
     code: int
     out: str

@@ -26,9 +26,7 @@ def heading_dcm(heading_rad):
 
 
 def parked(duration_s, *, C_nb=None, gyro_bias=(0.0, 0.0, 0.0), dt=0.1):
-    """Log of a parked unit whose true attitude is C_nb (default: level, north); gyro errors
-    added.
-    """
+    """A parked unit whose true attitude is C_nb (default: level, north); gyro errors added."""
     n, C_nb = round(duration_s / dt), np.eye(3) if C_nb is None else C_nb
     gyro, accel = C_nb.T @ [SPIN_N, 0.0, SPIN_D] + gyro_bias, C_nb.T @ [0.0, 0.0, -G]
     return ImuLog(

@@ -31,9 +31,7 @@ def ideal_of(segments=TEN_MINUTES, lat_deg=45.0, heading_deg=17.0):
 
 
 def simulate(ideal, seed, *, twin=DEFAULT_TWIN, size=1.0, **options):
-    """One seeded run of a unit whose bias is drawn with `size` times PRIOR_DEG_H about the
-    table.
-    """
+    """One seeded run, its bias drawn with `size` times PRIOR_DEG_H about the table."""
     rng = np.random.default_rng([seed, 20260302])
     unit = aged_unit(
         rng,

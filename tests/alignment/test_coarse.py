@@ -62,9 +62,7 @@ def test_gyrocompass_errors_are_those_of_the_closed_form(lat_deg):
 
 @pytest.mark.parametrize("lat_deg", [-45.0, 0.1, 45.0, 70.0])
 def test_latitude_from_the_rates(lat_deg):
-    """North gyro error e turns the found latitude by -e sinL / Omega, a down error by -e cosL /
-    Omega.
-    """
+    """North gyro error e turns the latitude by -e sinL / Omega, a down error by -e cosL / Omega."""
     _, log = resting(lat_deg, roll=0.02, heading=1.0)
     latitude, excess = coarse.latitude_from_rates(coarse.rest_means(log))
     assert latitude == pytest.approx(lat_deg * DEG, abs=1e-9)

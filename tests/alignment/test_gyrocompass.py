@@ -59,9 +59,7 @@ def normalised(result, simulated):
 @pytest.mark.parametrize("runs", [RUNS, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("lat_deg", [-45.0, 0.1, 45.0, 70.0])
 def test_sigma_is_honest(lat_deg, runs):
-    """Units and accelerometer turn-ons: mean squared normalised error of each angle in its 99.9 %
-    band.
-    """
+    """Mean squared normalised error of each angle in its 99.9 % band."""
     ideal, z = ideal_of(lat_deg=lat_deg), []
     for seed in range(runs):
         simulated = simulate(ideal, 100 * int(abs(lat_deg)) + seed)
@@ -89,9 +87,7 @@ def averaged_heading_error(simulated):
 
 
 def test_people_and_gusts_do_not_spoil_it_as_they_spoil_an_average():
-    """RMS heading error over 10 runs: about 1 mrad (the bias's own) against 10 mrad of the
-    average.
-    """
+    """RMS heading error over 10 runs: about 1 mrad against 10 mrad of the average."""
     errors, averaged, z = [], [], []
     for seed in range(10):
         simulated = simulate(ideal_of(), 300 + seed, events=PEOPLE)
@@ -122,9 +118,7 @@ def test_what_shakes_the_vehicle_has_a_level_and_is_used():
 
 
 def test_nothing_measured_is_refused(monkeypatch):
-    """An alignment without a measurement once passed as aligned, with the diffuse prior as
-    sigma.
-    """
+    """An alignment without a measurement passed as aligned, with the diffuse prior as sigma."""
     monkeypatch.setattr(navigation_filter, "hold_position", lambda *_: ())
     monkeypatch.setattr(navigation_filter, "hold_heading", lambda *_: ())
     result = align(simulate(ideal_of(), 1))
@@ -227,9 +221,7 @@ def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
 
 
 def test_a_noisier_unit_is_aligned_with_the_noise_it_shows():
-    """ARW and VRW five times the twin's: NIS finds it, the sigma stays honest, the reason names
-    it.
-    """
+    """ARW and VRW five times the twin's: NIS finds it, the sigma stays honest and is named."""
     noisy = replace(
         DEFAULT_TWIN,
         gyro=replace(DEFAULT_TWIN.gyro, arw_deg_sqrt_h=0.01),
@@ -260,9 +252,7 @@ def test_nothing_at_rest_is_refused():
 
 
 def test_rolling_straight_all_the_way_is_not_a_rest_that_can_be_aligned():
-    """Straight at 9.5 m/s looks at rest in force and rate; its side motion does not fit any
-    noise.
-    """
+    """Straight at 9.5 m/s looks at rest ; its side motion does not fit any noise."""
     result = align(simulate(ideal_of((Straight(duration_s=400.0),)), 1))
     assert result.verdict == "refused"
     assert result.reasons[0].code is AlignmentReason.MOVES

@@ -113,9 +113,7 @@ def test_a_clipped_bump_leaves_no_velocity():
 @pytest.mark.parametrize("sway_m_s", [0.001, 0.02])
 @pytest.mark.parametrize("source", ["rates", "increments"])
 def test_lost_rows_do_not_hold_one_row_of_sway(sway_m_s, source):
-    """0.7 s are lost; held over by the next row's rate alone, 20 mm/s of sway leave up to 0.1
-    m/s.
-    """
+    """0.7 s are lost; held over by the next row's rate alone, 20 mm/s of sway leave 0.1 m/s."""
     run = parked(sway_m_s=sway_m_s)
     keep = (run.imu.time_s < 300.25) | (run.imu.time_s > 300.95)
     columns = [

@@ -89,9 +89,7 @@ def test_a_long_bump_is_left_out_with_its_guard():
 
 
 def test_a_bump_that_is_gone_within_an_epoch_is_seen_in_the_raw_rows():
-    """0.1 m/s to and fro in half a second: nothing is left of it in the velocity at the end of the
-    second.
-    """
+    """0.1 m/s to and fro in half a second: nothing is left of it in the velocity at the end."""
     bump = Bump(time_s=450.2, velocity_m_s=0.1, duration_s=0.5, direction_deg=60.0)
     run = simulate(ideal_of(QUARTER_HOUR), 1, events=[bump]).run
     assert (stillness.classify(parked_history(run)).kind == STILL).all()

@@ -53,9 +53,7 @@ def test_sigma_in_closed_form():
 
 
 def test_scatter_of_the_windows_is_their_sigma():
-    """Velocity of pure angle random walk and a constant: 60 windows, chi-square 99.9 % (120 degrees
-    of freedom).
-    """
+    """Angle random walk and a constant: 60 windows, chi-square 99.9 % (120 degrees of freedom)."""
     h, rng, g = history(), np.random.default_rng(3), 9.806
     z = []
     for _ in range(10):

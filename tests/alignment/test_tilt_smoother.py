@@ -67,9 +67,7 @@ def driven(history, u_north, u_east, rng=None, arw=0.0):
 
 
 def test_a_constant_rate_is_found_to_five_digits_over_an_hour():
-    """Silent, 0.01 deg/h north and -0.004 east: the Schuler and Coriolis terms are the model's
-    own.
-    """
+    """0.01 deg/h north and -0.004 east: the Schuler and Coriolis terms are the model's own."""
     history = simulated_history()
     ones = np.ones(len(history.time_s)) * DEG_PER_HOUR
     found = rates(driven(history, 0.01 * ones, -0.004 * ones), arw=1e-3 * ARW, velocity_sigma=1e-6)

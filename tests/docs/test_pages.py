@@ -103,11 +103,8 @@ def test_an_unknown_option_and_an_unknown_command_are_found(tree):
             "```\n$ recal update run --comit; recal updat run\n$ cat x | recal check run\n```"
         )
     )
-    assert [unknown_words(line, tree) for line in lines if line.startswith("recal")] == [
-        ["--comit"],
-        ["updat"],
-        [],
-    ]
+    found = [unknown_words(line, tree) for line in lines if line.startswith("recal")]
+    assert found == [["--comit"], ["updat"], []]
 
 
 def test_every_command_has_a_page_with_all_its_options(tree, extension):

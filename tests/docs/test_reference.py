@@ -95,9 +95,7 @@ def test_exit_codes():
 
 
 def test_schemas():
-    """Each schema that the code writes is named; what is named and not written is said not to be
-    there yet.
-    """
+    """Each schema that the code writes is named; what is named and not written is marked."""
     written = set()
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):

@@ -21,9 +21,7 @@ def planted(name, target, size=1.0, **parameters):
 
 
 def change(trial, number, *effects):
-    """Run `number` with effects minus without: gyro [deg/h], accel [micro-g] (n, 3), and the
-    run.
-    """
+    """Run `number` with effects less without: gyro [deg/h], accel [micro-g] (n, 3), and the run."""
     seen, plain = trial.seen[number], trial.runs_without[number]
     run = lay_over(Base(plain, seen), effects)
     gyro = (run.imu.dtheta_rad - plain.imu.dtheta_rad) / seen.dt_s / DEG_PER_HOUR

@@ -123,9 +123,7 @@ def test_pyins_and_trajectories_agree_on_a_parked_unit():
 
 
 def test_increments_of_pyins_navigate_to_its_own_truth():
-    """Ten minutes of taxi by the project's mechanization: 0.1 mm/s level, 2 mm/s in the free
-    vertical.
-    """
+    """Ten minutes of taxi by our mechanization: 0.1 mm/s level, 2 mm/s in the free vertical."""
     path = outside.ideal_path(90.0, 1, SHORT_S, True)
     first = 2900
     rest = slice(first + 1, None)

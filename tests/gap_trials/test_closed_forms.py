@@ -41,100 +41,84 @@ def centripetal_ug(seen, arm_m):
     return (-(w**2) * arm_m[0] - turning * arm_m[1]) / MICRO_G
 
 
-WARM = {"amplitude_deg_h": 0.02, "tau_s": 400.0}
+def decay(seen, tau_s):
+    return np.exp(-seen.time_s / tau_s)
+
+
+def case(target, formula, apart, **parameters):
+    return target, parameters, formula, apart
+
+
 CASES = {
-    "gyro_thermal_rate": (
+    "gyro_thermal_rate": case(
         "gyro_x",
-        {"coefficient_deg_h_min_degC": 0.03, "shell_s": 0.2},
         lambda s: 0.03 * rate_degC_min(s),
         0.01,
+        coefficient_deg_h_min_degC=0.03,
+        shell_s=0.2,
     ),
-    "gyro_thermal_quadratic": (
-        "gyro_z",
-        {"coefficient_deg_h_degC2": 1e-4},
-        lambda s: 1e-4 * (s.gyro_degC[:, 2] - 20) ** 2,
-        0.1,
+    "gyro_thermal_quadratic": case(
+        "gyro_z", lambda s: 1e-4 * (s.gyro_degC[:, 2] - 20) ** 2, 0.1, coefficient_deg_h_degC2=1e-4
     ),
-    "gyro_thermal_gradient": (
-        "gyro_y",
-        {"coefficient_deg_h_degC": 0.01},
-        lambda s: 0.01 * s.gradient_degC[:, 1],
-        1e-6,
+    "gyro_thermal_gradient": case(
+        "gyro_y", lambda s: 0.01 * s.gradient_degC[:, 1], 1e-6, coefficient_deg_h_degC=0.01
     ),
-    "gyro_thermal_lag": (
-        "gyro_y",
-        {"coefficient_deg_h_degC": 0.01, "tau_s": 200.0},
-        lambda s: 0.01 * lagging(s, 200.0),
-        0.12,
+    "gyro_thermal_lag": case(
+        "gyro_y", lambda s: 0.01 * lagging(s, 200.0), 0.12, coefficient_deg_h_degC=0.01, tau_s=200.0
     ),
-    "gyro_warmup_transient": ("gyro_x", WARM, lambda s: 0.02 * np.exp(-s.time_s / 400.0), 0.08),
-    "gyro_rate_ramp": (
+    "gyro_warmup_transient": case(
+        "gyro_x", lambda s: 0.02 * decay(s, 400.0), 0.08, amplitude_deg_h=0.02, tau_s=400.0
+    ),
+    "gyro_rate_ramp": case(
+        "gyro_x", lambda s: 0.003 * s.time_s / 3600.0, 1e-6, slope_deg_h_h=0.003
+    ),
+    "gyro_mode_hop": case(
         "gyro_x",
-        {"slope_deg_h_h": 0.003},
-        lambda s: 0.003 * s.time_s / 3600.0,
-        1e-6,
-    ),
-    "gyro_mode_hop": (
-        "gyro_x",
-        {"amplitude_deg_h": 0.005, "period_degC": 6.0, "phase_rad": 1.0},
         lambda s: 0.005 * np.sin(2 * np.pi * s.gyro_degC[:, 0] / 6.0 + 1.0),
         0.5,
+        amplitude_deg_h=0.005,
+        period_degC=6.0,
+        phase_rad=1.0,
     ),
-    "gyro_scale_factor": (
-        "gyro_z",
-        {"scale_ppm": 20.0},
-        lambda s: 20e-6 * body_rate_deg_h(s, 2),
-        1e-6,
+    "gyro_scale_factor": case(
+        "gyro_z", lambda s: 20e-6 * body_rate_deg_h(s, 2), 1e-6, scale_ppm=20.0
     ),
-    "gyro_scale_asymmetry": (
-        "gyro_z",
-        {"asymmetry_ppm": 20.0},
-        lambda s: 20e-6 * np.abs(body_rate_deg_h(s, 2)),
-        0.05,
+    "gyro_scale_asymmetry": case(
+        "gyro_z", lambda s: 20e-6 * np.abs(body_rate_deg_h(s, 2)), 0.05, asymmetry_ppm=20.0
     ),
-    "gyro_misalignment": (
-        "gyro_x",
-        {"arcsec_xyz": [500.0, 0.0, 10.0]},
-        lambda s: 10 * ARCSEC * body_rate_deg_h(s, 2),
-        1e-6,
+    "gyro_misalignment": case(
+        "gyro_x", lambda s: 10 * ARCSEC * body_rate_deg_h(s, 2), 1e-6, arcsec_xyz=[500.0, 0.0, 10.0]
     ),
-    "gyro_g_sensitivity": (
+    "gyro_g_sensitivity": case(
         "gyro_y",
-        {"deg_h_g": 0.002, "direction": [0.0, 0.0, 1.0]},
         lambda s: 0.002e-6 * force_ug(s, 2),
         1e-6,
+        deg_h_g=0.002,
+        direction=[0.0, 0.0, 1.0],
     ),
-    "clock_rate": ("gyro_z", {"ppm": 30.0}, lambda s: 30e-6 * body_rate_deg_h(s, 2), 1e-6),
-    "accel_thermal": ("accel_x", {"ug_degC": 2.0}, lambda s: 2.0 * (s.accel_degC[:, 0] - 20), 0.12),
-    "accel_warmup_transient": (
-        "accel_y",
-        {"amplitude_ug": 40.0, "tau_s": 400.0},
-        lambda s: 40.0 * np.exp(-s.time_s / 400.0),
-        0.08,
+    "clock_rate": case("gyro_z", lambda s: 30e-6 * body_rate_deg_h(s, 2), 1e-6, ppm=30.0),
+    "accel_thermal": case("accel_x", lambda s: 2.0 * (s.accel_degC[:, 0] - 20), 0.12, ug_degC=2.0),
+    "accel_warmup_transient": case(
+        "accel_y", lambda s: 40.0 * decay(s, 400.0), 0.08, amplitude_ug=40.0, tau_s=400.0
     ),
-    "accel_scale_factor": (
-        "accel_z",
-        {"scale_ppm": 100.0},
-        lambda s: 100e-6 * force_ug(s, 2),
-        0.025,
+    "accel_scale_factor": case(
+        "accel_z", lambda s: 100e-6 * force_ug(s, 2), 0.025, scale_ppm=100.0
     ),
-    "imu_size_effect": (
+    "imu_size_effect": case(
+        "accel_x", lambda s: centripetal_ug(s, [0.05, 0.03]), 0.1, arm_m=[0.05, 0.03, 0.0]
+    ),
+    "vertical_deflection": case(
         "accel_x",
-        {"arm_m": [0.05, 0.03, 0.0]},
-        lambda s: centripetal_ug(s, [0.05, 0.03]),
-        0.1,
-    ),
-    "vertical_deflection": (
-        "accel_x",
-        {"arcsec_north_east": [10.0, -5.0], "anomaly_mgal": 0.0},
         lambda s: 4.848 * (10 * np.cos(s.heading_rad) - 5 * np.sin(s.heading_rad)),
         0.01,
+        arcsec_north_east=[10.0, -5.0],
+        anomaly_mgal=0.0,
     ),
-    "platform_mount_sag": (
+    "platform_mount_sag": case(
         "accel_y",
-        {"arcsec_xyz": [20.0, 0.0, 0.0]},
         lambda s: -4.848 * 20 * (s.block_degC - s.block_degC[0]) / 30,
         0.15,
+        arcsec_xyz=[20.0, 0.0, 0.0],
     ),
 }
 

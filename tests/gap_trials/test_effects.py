@@ -195,9 +195,7 @@ def test_an_old_fix_lies_behind(short):
 
 @pytest.mark.parametrize("kind, key", [("to and fro", "accel"), ("rocking", "gyro")])
 def test_sway_has_its_size(short, kind, key):
-    """To and fro: fixes move with that RMS. Rocking: gyros turn, and accelerometers see g times the
-    angle.
-    """
+    """To and fro: fixes move with that RMS. Rocking: gyros turn, and f is g times it."""
     rms = 0.01 if kind == "to and fro" else 50.0 * ARCSEC
     p = {"kind": kind, "rms": rms, "hz": 0.3, "damping": 0.2, "seed": 5}
     gyro, accel, run = change(short, 0, planted("platform_sway", "vehicle", **p))

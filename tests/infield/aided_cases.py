@@ -144,9 +144,7 @@ def motion_errors(reference: ReferenceLog, history: AidedHistory) -> np.ndarray:
 
 
 def normalised(made: SimulatedRun, history: AidedHistory, first: int) -> np.ndarray:
-    """Mean squared error over variance of position, velocity, attitude (3,), over the rows from
-    `first` on.
-    """
+    """Mean squared error over variance of position, velocity, attitude (3,) from row `first` on."""
     ratio = errors(made, history)[first:] ** 2 / history.variance[first:]
     return np.asarray(ratio[:, :9].reshape(-1, 3, 3).mean(axis=(0, 2)))
 
@@ -164,9 +162,7 @@ def gauss_markov(
 def late_velocities(
     made: SimulatedRun, time_s: np.ndarray, v_n_m_s: np.ndarray, seconds: float
 ) -> np.ndarray:
-    """The velocities of a flight's fixes, noise and all, moved to be so much older than their
-    time.
-    """
+    """The velocities of a flight's fixes, noise and all, moved to so much earlier."""
     ref = made.reference
     C_nb = dcm_from_euler(ref.roll_rad, ref.pitch_rad, ref.heading_rad)
     antenna = ref.v_n_m_s + np.gradient(C_nb @ np.array(LEVER_M), ref.time_s, axis=0)

@@ -47,9 +47,7 @@ class Ramp:
 
 
 def ramp(rng, truth, **changes):
-    """Minute blocks of a `Ramp` with these changes; white noise, turn-on, random walk and
-    flicker.
-    """
+    """Blocks of a `Ramp` with these changes; white noise, turn-on, random walk and flicker."""
     of = Ramp(**changes)
     T, rate, legs = [], [], []
     for r in of.rates:

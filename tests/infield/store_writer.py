@@ -8,9 +8,7 @@ STEP_DEG_H = 1e-6
 
 
 def work(url: str, name: str, updates: int, serial: str = "SN-1") -> None:
-    """Commit updates until they are done, told of every conflict and then made again from the table
-    that won.
-    """
+    """Commit updates until they are done, each conflict on top of the table that won."""
     conflicts = 0
     with TableStore.open(url) as store:
         for k in range(updates):

@@ -184,9 +184,7 @@ def test_a_receiver_that_gives_itself_wide_sigmas_is_told():
 
 
 def test_fixes_are_of_two_types_at_most():
-    """Cut where most are left in the smaller part; few of a type, and unknown ones, are no type of
-    their own.
-    """
+    """Cut where most are left in the smaller part; few and unknown ones are no type."""
 
     def others(*counts):
         types = np.repeat([np.nan, *map(float, FixType)], counts)

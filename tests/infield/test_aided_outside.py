@@ -23,9 +23,7 @@ ACCEL_BIAS = np.array([2000.0, -1500.0, 1000.0]) * MICRO_G
 
 
 def measured(seed: int):
-    """A MEMS unit in the car, in motion from the first row on; fixes at 2 Hz; the profile's
-    rows.
-    """
+    """A MEMS unit in a car, in motion from the first row on; fixes at 2 Hz; the profile's rows."""
     rng, twin = np.random.default_rng(seed), twin_of("mems", flicker=False)
     rows, motion = profile(2)
     ideal = ideal_imu(motion, np.linspace(0.0, rows[-1, 0], len(rows)))

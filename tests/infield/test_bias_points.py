@@ -78,9 +78,7 @@ def test_points_agree_with_truth(seed):
 
 
 def test_a_point_that_says_nothing_says_so():
-    """Parked on north, never turned: each y point carries about 100 prior sigmas, each x point its
-    own ARW.
-    """
+    """Parked on north: each y point carries about 100 prior sigmas, each x point its own ARW."""
     p = session_points(simulated(1, PARKED).run, estimate(1, PARKED))
     prior = np.sqrt(np.diag(estimate(1, PARKED).bins.prior))
     y, x = p.axis_index == 1, p.axis_index == 0

@@ -33,9 +33,7 @@ def chain_of(seed=1, segments=TAXI):
 
 
 def true_residual(seed, segments, point):
-    """True bias less table (x, y, z) [deg/h] over a point's window; heading 0: x is north, y is
-    east.
-    """
+    """Bias less table (x, y, z) [deg/h] over a point's window; heading 0: x is north, y is east."""
     s, table = simulated(seed, segments), factory()
     rows = np.abs(s.bias_time_s - point.time_s) <= 150.0
     T = s.temperature_true_degC[rows]
@@ -52,9 +50,7 @@ def heading_error(seed, segments):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_north_points_are_absolute(seed):
-    """Set 2, north: the true bias left by the table, to its sigma and 0.0006 deg/h of 50 micro-g of
-    tilt (6.4).
-    """
+    """Set 2, north: the true bias left by the table, to its sigma and 50 micro-g of tilt (6.4)."""
     chain = chain_of(seed)
     assert len(chain.points) == 4  # of 20 minutes after the alignment
     z = []
@@ -75,9 +71,7 @@ def test_north_points_have_an_honest_sigma():
 
 
 def test_east_points_are_relative_before_the_taxi_and_absolute_after():
-    """Before: eps_E + Omega cosL psi. After (m): less Omega cosL psi, within the heading's
-    sigma.
-    """
+    """Before eps_E + Omega cosL psi. After (m): less Omega cosL psi, within the heading's sigma."""
     for seed in (1, 2, 3):
         chain, psi = chain_of(seed), heading_error(seed, TAXI)
         for p in chain.points:

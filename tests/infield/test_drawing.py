@@ -113,10 +113,8 @@ def test_a_key_names_each_item_once_and_a_press_finds_its_traces():
     )
     page = str(panels([one, two]))
     assert page.count('data-name="first"') == 1 and page.count("<button") == 2
-    assert [t["meta"] for spec in specifications(page) for t in spec["data"]] == [
-        "first",
-        "second",
-    ] * 2
+    found = [t["meta"] for spec in specifications(page) for t in spec["data"]]
+    assert found == ["first", "second"] * 2
     assert "<button" not in panels([Panel(items=[Line(X, X, "#000000", "alone")])])
 
 

@@ -251,9 +251,7 @@ def test_several_flights_show_what_one_may_hide():
 
 @pytest.mark.parametrize("with_gnss", [False, True])
 def test_sessions_that_do_not_fly_with_a_receiver_are_untouched(with_gnss, monkeypatch):
-    """With the path of flights and without it: the same bits. A run with GNSS is cut before it
-    flies.
-    """
+    """With the path of flights or not: the same bits. A run with GNSS is cut before it flies."""
     run = flown(with_gnss=with_gnss).run
     if with_gnss:
         run = cut_run(run, 0.0, 980.0)

@@ -17,7 +17,7 @@ from infield.misalignment.harmonic_fit import (
 )
 from ins.records import InputError
 from ins.units import ARCSEC, DEG, MILLIRADIAN
-from ins.verdicts import sentences
+from ins.verdicts import codes, sentences
 
 LAT = 39.9 * DEG
 RATE = level_rate_deg_h(LAT)
@@ -27,9 +27,7 @@ SIGMA = 0.001  # deg/h
 
 
 def biases(heading, entries=TRUE, constant=(0.01, -0.02, 0.03)):
-    """k(H) from the sensor model: rows of M on (cosH, -sinH), what a level unit sees of the level
-    Earth rate.
-    """
+    """k(H) from the sensor model: rows of M on (cosH, -sinH) of the level Earth rate."""
     rate_b = RATE * np.stack([np.cos(heading), -np.sin(heading)])
     m = {name: value * MILLIRADIAN for name, value in entries.items()}
     return np.stack(
@@ -201,7 +199,7 @@ def test_a_contradiction_between_the_azimuths_is_told():
 def test_noise_beyond_the_prior_is_refused():
     bias = biases(FOUR)
     result = measure_misalignment(FOUR, bias, 0.1**2 * np.eye(12), level_rate_deg_h=RATE)
-    assert result.verdict == "refused" and "nothing is gained" in sentences(result.reasons)[0]
+    assert result.verdict == "refused" and "nothing_gained" in codes(result.reasons)[0]
 
 
 def test_bad_arrays_are_input_errors():

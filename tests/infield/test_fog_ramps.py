@@ -10,7 +10,7 @@ from infield.thermal.compensation import bias_deg_h
 from infield.thermal.fog.model import FogCurves, FogModel
 from infield.thermal.fog.piecewise import piecewise_pair
 from infield.thermal.fog.ramps import document_subtraction, exact_separation, separate, up_down
-from ins.verdicts import sentences
+from ins.verdicts import codes, sentences
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 FEW, MANY = 8, 200  # units in the normal suite, and of R20
@@ -210,7 +210,7 @@ def test_equal_ramps_are_refused_in_all_200():
         rates = ((rate, -rate), (rate,), (-rate,))[seed % 3]
         runs = [ramp(rng, truth, rates=rates, run_id=name) for name in "ab"]
         study = separate(runs[:1], runs[1:], TWIN)
-        assert study.axes == () and "cannot separate: equal rates" in sentences(study.refused)[0]
+        assert study.axes == () and "equal_rates" in codes(study.refused)[0]
 
 
 @pytest.mark.parametrize(
@@ -259,9 +259,7 @@ def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
 
 
 def test_earth_rate_moves_the_level_alone_and_another_level_is_seen():
-    """The unknown share of Earth rate is one constant an axis; runs mounted anew have each their
-    own.
-    """
+    """The unknown share of Earth rate is one constant an axis; one a mounting."""
     truth = Truth(np.random.default_rng(5))
     slow_rates = dict(rates=(0.05, -0.05))
     same = []
@@ -282,7 +280,7 @@ def test_earth_rate_moves_the_level_alone_and_another_level_is_seen():
         np.random.default_rng(8), truth, earth=(-3.0, 4.0, 0.0), roll_rad=0.01, **slow_rates
     )
     study = separate([ramp(np.random.default_rng(7), truth)], [anew], TWIN)
-    assert study.remounted and "mounted anew" in sentences(study.notes)[0]
+    assert study.remounted and "mounted_anew" in codes(study.notes)[0]
     for k, a in enumerate(study.axes):
         error = a.curves.K_delta - truth.K_delta(k, a.curves.temperature_degC)
         assert np.sqrt(np.mean(error**2)) < 0.02
@@ -320,7 +318,7 @@ def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
     study = separate([type(run)(**{**run.__dict__, "bias_deg_h": wild})], [], TWIN)
     assert study.axes == ()
     assert len(study.inconsistent) == 3
-    assert "something else" in sentences(study.inconsistent)[0]
+    assert "residual_scatters" in codes(study.inconsistent)[0]
     study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
     (why,) = sentences(study.refused)
     assert study.axes == () and "moving base" in why and "0.57 deg" in why

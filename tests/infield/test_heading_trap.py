@@ -64,9 +64,7 @@ def trapped():
 
 
 def holds(parked, taxied):
-    """The trap test itself: heading sigma after the taxi at least 0.97 of that before, error within
-    3 sigmas.
-    """
+    """Heading sigma after the taxi at least 0.97 of that before, error within 3 sigmas."""
     return (
         taxied.sigma_heading_rad > 0.97 * parked.sigma_heading_rad
         and abs(taxied.heading_normalised) < 3.0
@@ -138,9 +136,7 @@ def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_veloci
 
 
 def test_without_the_lever_arm_in_the_turn_the_answer_is_wrong(monkeypatch):
-    """Test of the test: 5 m of lever arm taken as known and zero; the turn then reads as lateral
-    velocity.
-    """
+    """5 m of lever arm taken as known and zero; the turn then reads as lateral velocity."""
     seed = 3
     ideal = ideal_of(
         (Park(duration_s=900.0), Turn(angle_deg=90.0), Straight(duration_s=120.0)), heading_deg=0.0

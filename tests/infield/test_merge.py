@@ -51,9 +51,7 @@ def session(
     sigma=SIGMA_POINT_deg_h,
     **noise,
 ):
-    """Points of a warming session on all axes; the truth is the table plus `shift` (and noise, with
-    an rng).
-    """
+    """Points of a warming session on all axes; the truth is the table plus `shift` and noise."""
     axis = np.repeat([0, 1, 2], bins)
     T = np.tile(np.linspace(low, high, bins), 3)
     time = np.tile(BIN_S * (np.arange(bins) + 0.5), 3)
@@ -85,9 +83,7 @@ def session(
 
 
 def filtered(table, points, own, M=None, y=None, R=None):
-    """What the main filter hands over: prior and posterior of the session biases, from measurements
-    M b + v.
-    """
+    """Prior and posterior of the session biases, from measurements M b + v."""
     C, m0 = points.H @ table.covariance @ points.H.T + own, points.H @ table.parameters
     M = np.eye(m0.size) if M is None else M
     R, y = points.covariance if R is None else R, points.bias_deg_h if y is None else y
@@ -333,9 +329,7 @@ def settled_table(rng):
 
 @pytest.mark.parametrize("wrong_deg_h", [0.03, 0.05])
 def test_a_wrong_session_is_flagged_and_not_merged(wrong_deg_h):
-    """R16: over 40 units, one axis wrong by 0.03 or more never moves a node by more than half a
-    sigma.
-    """
+    """R16: over 40 units, one axis wrong by 0.03  never moves a node by more than half a sigma."""
     rng = np.random.default_rng(16)
     for k in range(40):
         table, error = settled_table(rng)
@@ -351,9 +345,7 @@ def test_a_wrong_session_is_flagged_and_not_merged(wrong_deg_h):
 
 
 def test_false_alarms_are_as_rare_as_the_band_says():
-    """300 honest sessions, two 99.9 % tests each: 0.6 expected, 4 or more with probability
-    0.003.
-    """
+    """300 honest sessions, two 99.9 % tests each: 0.6 expected, 4 with probability 0.003."""
     rng = np.random.default_rng(17)
     table, alarms, nis = table_with(), 0, 0.0
     root = np.linalg.cholesky(table.covariance + 1e-15 * np.eye(24))

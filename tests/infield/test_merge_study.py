@@ -220,9 +220,7 @@ def merged_independently(table, sessions):
 
 
 def ten_sessions(rng, runs):
-    """RMS and mean e^2/sigma^2 at visited nodes for the three merges, and the share of sessions
-    flagged.
-    """
+    """RMS and mean e^2/sigma^2 at visited nodes by merge, and the share of sessions flagged."""
     errors, normalised, flagged = [], [], 0
     for _ in range(runs):
         table = aged_table(NODES_13)

@@ -138,9 +138,7 @@ def test_a_missing_sigma_counts_with_the_declared_one():
 
 
 def test_replay_with_missing_sigmas_is_aided(tmp_path):
-    """From the files on: the same solution, bit for bit, as with the declared sigmas written out in
-    those rows.
-    """
+    """The same solution, bit for bit, as with the declared sigmas written out in those rows."""
     found = []
     for name, values in (
         ("missing", dict.fromkeys(FIX_SIGMA_COLUMNS, np.nan)),

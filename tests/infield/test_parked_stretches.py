@@ -24,7 +24,7 @@ from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import GnssLog, Phase, Survey
 from ins.units import DEG, DEG_PER_HOUR
-from ins.verdicts import sentence
+from ins.verdicts import codes, sentence
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
 from tests.infield.mems_sessions import TWIN, blank, session, squared_error, unit, updated
 from tests.infield.sessions import with_header
@@ -163,9 +163,7 @@ def test_a_surveyed_heading_follows_the_turn_and_no_further(monkeypatch):
 
 
 def test_down_is_measured_in_each_stretch():
-    """The unit stands otherwise after landing: the vertical part of Earth rate goes with
-    gravity.
-    """
+    """It stands otherwise after landing: the vertical part of Earth rate goes with gravity."""
     simulated = flight(6, turn_deg=0.0)
     run = simulated.run
     late = run.imu.time_s > run.imu.end_s - WARM_S - 5.0
@@ -255,7 +253,7 @@ def test_a_short_rest_is_named():
     )
     early = run.imu.between(0.0, run.imu.end_s - WARM_S + 50.0)
     bare = find_rests(replace(run, imu=early, phases=()))
-    assert len(bare.stretches) == 1 and "a rest of 4" in sentence(bare.left_out[0].reason)
+    assert len(bare.stretches) == 1 and "rest_too_short" in codes([bare.left_out[0].reason])[0]
 
 
 def test_a_shaken_rest_is_left_out_and_the_other_used():
@@ -271,7 +269,7 @@ def test_a_shaken_rest_is_left_out_and_the_other_used():
     )
     p = estimate_of(shaken).parked
     assert len(p.stretches) == 1
-    assert "times as much as their noise model" in sentence(p.left_out[0].reason)
+    assert "too_noisy" in codes([p.left_out[0].reason])[0]
 
 
 def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():

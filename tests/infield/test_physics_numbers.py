@@ -166,9 +166,7 @@ def test_bracket_form_is_the_tilt_rate_over_an_hour():
 
 
 def test_tilt_rates_of_claim_1_are_schuler_corrected():
-    """Five-minute windows over an hour: within 2 % of theta', where the raw acceleration rate loses
-    its sign.
-    """
+    """Windows of 5 min: within 2 % of theta', where the raw acceleration rate loses its sign."""
     eps = np.array([BIAS, -BIAS, 0.0])
     _, history = parked_errors(tuple(eps))
     truth = navigate(
@@ -304,9 +302,7 @@ def test_straight_taxi_does_not_show_the_heading_error_in_body_axes():
     [(0, 90, -8.58), (-90, 90, -17.2), (0, 45, -6.07), (0, 180, 0.0), (30, 150, 0.0)],
 )
 def test_cross_track_velocity_after_a_turn(aligned_deg, heading_deg, z_mm_s):
-    """z = -g eps (sinH - sinH1) t^2 / 2 after 190 s, along track +g eps (cosH - cosH1) t^2 / 2
-    (6.5).
-    """
+    """z = -g eps (sinH - sinH1) t^2 / 2, along track +g eps (cosH - cosH1) t^2 / 2 (6.5)."""
     z, along, _ = rolled(aligned_deg, heading_deg)
     sines = np.sin(heading_deg * DEG) - np.sin(aligned_deg * DEG)
     cosines = np.cos(heading_deg * DEG) - np.cos(aligned_deg * DEG)

@@ -102,9 +102,7 @@ def test_rounding_stays_below_its_bound_at_every_temperature(model, word_bits):
 
 
 def test_the_bound_is_no_looser_than_it_must_be(model):
-    """At 16 bits the worst error that occurs is at least a tenth of the bound, so the bound says
-    something.
-    """
+    """At 16 bits the worst error is at least a tenth of the bound, so the bound says something."""
     for curve in [gyro.K_delta for gyro in model.gyros.values()]:
         table = fixed_table(curve)
         t = np.arange(-20 << TEMPERATURE_BITS, 40 << TEMPERATURE_BITS)

@@ -25,7 +25,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
 from ins.strapdown.compensation import compensate
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
-from ins.verdicts import sentences
+from ins.verdicts import codes, sentences
 from tests.drawn import specifications, unscripted
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
 from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
@@ -195,9 +195,7 @@ def test_prediction_of_a_constant_bias_is_the_closed_form():
 
 @pytest.mark.slow
 def test_predicted_sigma_is_honest():
-    """Radial error squared over predicted variance averages 1 over seeded units: 99.9 % band, 1.3
-    dof each.
-    """
+    """Squared radial error over variance: 1 over seeded units: 99.9 % band, 1.3 dof each."""
     ratios = []
     for seed in range(60):
         rng = np.random.default_rng([seed, 7])
@@ -224,9 +222,7 @@ def true_table(truth: SimulatedRun, like: ThermalTable, unit_bias) -> ThermalTab
 
 
 def test_update_drifts_less_and_the_true_table_least():
-    """R28 with truth: one committed session, then later parked sessions on other headings; RMS of
-    their NM/h.
-    """
+    """R28 with truth: one session, then parked ones on other headings; RMS of their NM/h."""
     unit = aged_unit(
         np.random.default_rng(5),
         ageing_offset_deg_h=0.012,
@@ -388,7 +384,7 @@ def test_level_gyros_too_coarse_are_refused():
         imu_serial="SN-0042", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z"
     )
     result = replay(mems, choices(table), TwinModel(gyro_technology="mems"))
-    assert result.verdict == "refused" and "heading cannot be found" in sentences(result.reasons)[0]
+    assert result.verdict == "refused" and "no_heading" in codes(result.reasons)[0]
     assert result.tables[0].history is None
 
 
@@ -408,21 +404,21 @@ def never_rests(run: Run) -> Run:
 
 def test_log_that_ends_with_its_alignment_is_refused():
     result = replay(parked(630.0).run, choices(flat()), TwinModel())
-    assert result.verdict == "refused" and "60 s of navigation" in sentences(result.reasons)[0]
+    assert result.verdict == "refused" and "log_ends_after_alignment" in codes(result.reasons)[0]
 
 
 def test_wrong_latitude_is_inconsistent_but_flown():
     run = parked(1800.0).run
     wrong = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=46 * DEG)))
     result = replay(wrong, choices(flat()), TwinModel())
-    assert result.verdict == "inconsistent" and "latitude entered" in sentences(result.reasons)[-1]
+    assert result.verdict == "inconsistent" and "wrong_latitude" in codes(result.reasons)[-1]
     assert result.tables[0].parked is not None
 
 
 def test_without_temperature_the_log_is_flown_raw():
     run = replace(parked(1800.0).run, temperature=None)
     result = replay(run, choices(flat(x=1.0), flat()), TwinModel())
-    assert result.verdict == "replayed" and "no gyro temperature" in sentences(result.notes)[0]
+    assert result.verdict == "replayed" and "no_gyro_temperature" in codes(result.notes)[0]
     assert [t.choice.table for t in result.tables] == [None] and result.tables[0].predicted is None
     # the perfect unit's raw output; 1 deg/h was not subtracted
     assert result.tables[0].parked.rate_nm_h < 0.01
@@ -465,7 +461,7 @@ def test_temperature_beyond_the_table_is_said():
     flown = replay(
         parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()
     ).tables[0]
-    assert len(flown.notes) == 3 and "beyond the table's nodes" in sentences(flown.notes)[0]
+    assert len(flown.notes) == 3 and "beyond_the_tables_nodes" in codes(flown.notes)[0]
 
 
 # ---- the page

@@ -39,9 +39,7 @@ def test_bins_share_the_time_evenly():
 
 
 def test_rows_average_the_table_over_the_bin():
-    """H beta is the table's mean along the bin's temperatures, not the table at the mean
-    temperature.
-    """
+    """H beta is the table's mean along the bin, not the table at the mean temperature."""
     temperature, table, bins = gyro_temperature(simulated().run.temperature), factory(), bins_of()
     inside = (
         np.linspace(bins.edges_s[0], bins.edges_s[1], 6001)[:-1] + 0.5 * bins.duration_s[0] / 6000
@@ -92,9 +90,7 @@ def test_compensated_imu_takes_off_the_table_at_the_logged_temperature():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_estimate_agrees_with_truth(seed):
-    """Chi-square of all bins jointly below its 99.9 % bound, mean biases within 4 sigmas, heading
-    too.
-    """
+    """Chi-square of all bins jointly below its 99.9 % bound, mean biases within 4 sigmas."""
     e = estimate(seed)
     error = e.bins.table_deg_h + e.mean_deg_h - true_bias(simulated(seed), e.bins.edges_s)
     m = len(error)

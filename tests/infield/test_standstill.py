@@ -10,7 +10,7 @@ from infield.reports.update_page import update_html
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
-from ins.verdicts import sentence, sentences
+from ins.verdicts import codes, sentences
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
 
 
@@ -24,7 +24,7 @@ def test_dead_encoder_and_rolling_rest_are_named():
     run, motion = o.simulated.run, o.estimate.solution.motion
     t = run.odometer.time_s
     dead = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.zeros(t.size)))
-    assert any("dead encoder" in reason for reason in sentences(speed_disagreement(dead, motion)))
+    assert any("dead_odometer" in code for code in codes(speed_disagreement(dead, motion)))
     rolling = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.full(t.size, 9.0)))
     assert any(
         "while the inertial solution rests" in reason
@@ -45,7 +45,7 @@ def test_a_dead_encoder_refuses_the_update_with_a_full_report():
     result = update_calibration(
         [dead], table, REFERENCE_TWIN, history=UnitHistory(parent_sha256=table_sha256(data))
     )
-    assert result.outcome == "refused" and "dead encoder" in sentence(result.reasons[0])
+    assert result.outcome == "refused" and "dead_odometer" in codes(result.reasons)[0]
     document = update_document(result, Kept(), version="test", table_before=data)
     assert "dead encoder" in update_html(document)
 

@@ -200,10 +200,8 @@ def test_migration_makes_the_declared_schema(store, url):
 
     with Database(url, create=False).reading() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
-        assert (
-            ScriptDirectory.from_config(alembic_config(connection)).get_current_head()
-            == SCHEMA_REVISION
-        )
+        found = ScriptDirectory.from_config(alembic_config(connection)).get_current_head()
+        assert found == SCHEMA_REVISION
 
 
 def test_another_schema_version_is_refused(store, url):

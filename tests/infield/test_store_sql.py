@@ -26,9 +26,7 @@ SOURCES = sorted(
 
 
 def built_sql(source):
-    """Lines where a call that runs SQL gets a string that was built: f"", +, %, .format or
-    .join.
-    """
+    """Where a call that runs SQL gets a string that was built: f"", +, %, .format or .join."""
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or not node.args:
             continue

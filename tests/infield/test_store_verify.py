@@ -59,76 +59,35 @@ def test_a_store_as_written_is_intact(full, url):
     assert rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number") == before
 
 
-DAMAGE = {
-    "changed table": (
-        (
-            "UPDATE recal_revision SET table_json = replace(table_json, '0.001', '0.002') WHERE"
-            " number = 2"
-        ),
-        "revision 2: the table was changed",
+OF_SN_1 = "unit_id = (SELECT id FROM recal_unit WHERE imu_serial = 'SN-1')"
+DAMAGE = {  # what was done, and how the line that tells it begins
+    "UPDATE recal_revision SET table_json = replace(table_json, '0.001', '0.2') WHERE number = 2": (
+        "revision 2: the table"
     ),
-    "changed note": (
-        "UPDATE recal_revision SET note = 'better' WHERE number = 3",
-        "revision 3: the row, or its link",
+    "UPDATE recal_revision SET note = 'better' WHERE number = 3": "revision 3: the row",
+    "UPDATE recal_revision SET report_json = '{}' WHERE number = 3": "revision 3: the row",
+    "UPDATE recal_revision SET created_utc = '2020' WHERE number = 5": "revision 5: the row",
+    f"DELETE FROM recal_revision WHERE number = 1 AND {OF_SN_1}": "revision 1 is missing",
+    "DELETE FROM recal_revision WHERE number = 3": "revision 3 is missing",
+    "DELETE FROM recal_revision WHERE number = 5": "revision 5 is missing",
+    "UPDATE recal_tag SET number = 2 WHERE name = 'active' AND number = 5": "tag active is on",
+    f"DELETE FROM recal_tag WHERE name = 'factory' AND {OF_SN_1}": "tag factory is missing",
+    "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'": "merged run run-3 is missing",
+    "UPDATE recal_merged_run SET run_sha256 = 'run-9' WHERE run_sha256 = 'run-3'": (
+        "merged run run-9"
     ),
-    "edited report": (
-        'UPDATE recal_revision SET report_json = \'{"verdict": "refused"}\' WHERE number = 3',
-        "revision 3: the row, or its link",
-    ),
-    "changed time": (
-        "UPDATE recal_revision SET created_utc = '2020-01-01T00:00:00Z' WHERE number = 5",
-        "revision 5: the row, or its link",
-    ),
-    "deleted first": (
-        (
-            "DELETE FROM recal_revision WHERE number = 1 AND unit_id = (SELECT id FROM recal_unit"
-            " WHERE imu_serial = 'SN-1')"
-        ),
-        "revision 1 is missing, though tagged factory",
-    ),
-    "deleted in the middle": (
-        "DELETE FROM recal_revision WHERE number = 3",
-        "revision 3 is missing",
-    ),
-    "deleted last": (
-        "DELETE FROM recal_revision WHERE number = 5",
-        "revision 5 is missing, though tagged active",
-    ),
-    "tag moved": (
-        "UPDATE recal_tag SET number = 2 WHERE name = 'active' AND number = 5",
-        "tag active is on revision 2, needed 5",
-    ),
-    "tag deleted": (
-        (
-            "DELETE FROM recal_tag WHERE name = 'factory' AND unit_id = (SELECT id FROM recal_unit"
-            " WHERE imu_serial = 'SN-1')"
-        ),
-        "tag factory is missing",
-    ),
-    "merged run deleted": (
-        "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
-        "merged run run-3 is missing",
-    ),
-    "merged run added": (
-        "UPDATE recal_merged_run SET run_sha256 = 'run-9' WHERE run_sha256 = 'run-3'",
-        "merged run run-9: no revision",
-    ),
-    "changed twin": (
-        "UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')",
-        "twin: the row was changed",
-    ),
-    "deleted twin": ("UPDATE recal_unit SET twin_json = NULL", "twin: the record is missing"),
-    "changed contradiction": (
-        "UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '1.0', '2.0')",
-        "contradicting run odd: the row was changed",
+    "UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')": "twin: the row",
+    "UPDATE recal_unit SET twin_json = NULL": "twin: the record is missing",
+    "UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '1.0', '2.0')": (
+        "contradicting run odd"
     ),
 }
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_damage_is_found_and_named(full, url, damage):
-    statement, said = DAMAGE[damage]
-    tamper(url, statement)
+    said = DAMAGE[damage]
+    tamper(url, damage)
     found = faults(full)
     assert list(found) == ["SN-1"] and any(line.startswith(said) for line in found["SN-1"]), found
 

@@ -28,9 +28,7 @@ UTC = "2026-03-01T05:00:00Z"
 
 
 def plain(interpolation="linear"):
-    """A table dict as somebody would write it by hand: integers among the numbers, covariance
-    null.
-    """
+    """A table dict as written by hand: integers among the numbers, covariance null."""
     axis = {
         "temperature_degC": [-10, 0, 10.5],
         "bias_deg_h": [0.01, 0, -0.02],

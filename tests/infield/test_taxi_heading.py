@@ -55,9 +55,7 @@ ONE_MM = 1e-3
 
 
 class Listener:
-    """A tape that only writes down what an aid measures: name, z, dense rows and R of each
-    measurement.
-    """
+    """Writes down what an aid measures: name, z, dense rows and R of each measurement."""
 
     def __init__(self):
         self.seen = []
@@ -83,9 +81,7 @@ class Velocities:
 
 @cache
 def taxi(crab_mrad=0.0, odometer_ppm=0.0, lean=UPRIGHT):
-    """A silent simulated taxi from rest: 60 s parked at heading 25 deg, a 90 deg turn, 40 s
-    straight.
-    """
+    """A silent taxi from rest: 60 s parked at heading 25 deg, a 90 deg turn, 40 s straight."""
     segments = (Park(duration_s=60.0), Turn(angle_deg=90.0), Straight(duration_s=40.0))
     truth = build_truth(
         lay(segments),
@@ -193,9 +189,7 @@ def aids():
     ],
 )
 def test_rows_are_the_derivative_of_what_the_aid_reads(kind, end_s, error):
-    """z of the perturbed solution less z of the true one = H x, x from the Earth frame; to 1 % and
-    half a mm.
-    """
+    """z of the perturbed solution less z of the true one = H x; to 1 % and half a mm."""
     x, bad = true_state(error, end_s)
     before, after = seen_by(aids()[kind], solution(), end_s), seen_by(aids()[kind], bad, end_s)
     assert len(before) == len(after) > 0
@@ -246,9 +240,7 @@ def test_a_lever_arm_of_the_wrong_sign_is_seen():
 
 
 def test_crab_is_minus_kappa():
-    """Crab 10 mrad: the lateral way is -V crab, and the row's coefficient of kappa is the way
-    forward.
-    """
+    """Crab 10 mrad: lateral way -V crab, and the row's coefficient of kappa is the way forward."""
     ((_, z, H, _),) = seen_by(LateralAid(WHEEL), solution(crab_mrad=10.0), STRAIGHT_S)
     forward = view(solution(), STRAIGHT_S).displacement_b_m[0, 0]
     assert H[0, em.KAPPA] == pytest.approx(forward, rel=1e-3)

@@ -91,9 +91,7 @@ def change_of(state, minus, plus, size):
 
 @cache
 def slipped(kind, size):
-    """The silent taxi with a drift along body y of so much of its speed, navigated from the same
-    start.
-    """
+    """The silent taxi with a drift along body y of so much of its speed."""
     simulated = taxi()
     ideal = ideal_of_taxi()
     heading = ideal.euler_rad[:, 2]
@@ -168,9 +166,7 @@ def test_the_wheels_delay_is_the_derivative_of_the_way():
 
 
 def fix_of(time_s, *, late_s=0.0, arm=ANTENNA):
-    """What a receiver says at a time: the truth of the antenna so much earlier, from the 10 Hz
-    reference.
-    """
+    """The truth of the antenna so much earlier, from the 10 Hz reference."""
     ref = taxi().reference
     row = int(np.argmin(np.abs(ref.time_s - (time_s - late_s))))
     C_nb = dcm_from_rotation_vector([0.0, 0.0, ref.heading_rad[row]])

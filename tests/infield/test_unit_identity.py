@@ -18,7 +18,7 @@ from infield.session.reasons import SessionReason, WrongFact
 from ins.documents import plain
 from ins.records import InputError
 from ins.units import DEG, MICRO_G
-from ins.verdicts import Outcome, sentence
+from ins.verdicts import Outcome, codes
 from tests.infield.sessions import SETTINGS, TWIN, estimate_of, factory, simulated
 
 READ = ("gyro_x_degC", "gyro_y_degC", "gyro_z_degC", "accel_x_degC", "accel_y_degC", "accel_z_degC")
@@ -130,7 +130,7 @@ def test_another_unit_is_found_and_its_own_log_is_not():
     assert found.verdict.outcome is Outcome.INCONSISTENT and found.merged is None
     (reason, *_) = found.verdict.reasons
     assert reason.code is SessionReason.UNLIKE_THE_UNIT
-    assert "Another unit under the same serial" in sentence(reason)
+    assert "unlike_the_unit" in codes([reason])[0]
     document = plain(session_document(found))
     assert json.loads(json.dumps(document))["unit_marks"]["sessions"] == 2
     unasked = replace(SETTINGS, check_unit=False)

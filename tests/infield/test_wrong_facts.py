@@ -51,9 +51,7 @@ def cases():
 
 
 def test_evidence_is_that_of_the_measurement_itself():
-    """g and M are S^-1 y and S^-1 of the innovation y with S = C + R, which the filter never forms
-    here.
-    """
+    """g and M are S^-1 y and S^-1 of the innovation y with S = C + R, never formed here."""
     rng, prior, noise = cases()
     learnt = measured(rng, prior, noise, np.ones(9), 2.0)
     g, M = learnt.evidence()

@@ -63,9 +63,7 @@ class Errors:
 
 
 def perturbed_state(start: NavState, errors: Errors) -> NavState:
-    """The start with its errors: C_eb turned by theta, position moved by p, body velocity moved by
-    C_bn w.
-    """
+    """The start: C_eb turned by theta, position moved by p, body velocity moved by C_bn w."""
     C_en = dcm_en(start.site.lat_rad, start.site.lon_rad)
     r_e = (
         ecef_from_geodetic(start.site.lat_rad, start.site.lon_rad, start.site.height_m)
@@ -88,9 +86,7 @@ def perturbed_imu(imu: ImuLog, errors: Errors) -> ImuLog:
 
 
 def error_states(true, computed, row: int = -1) -> np.ndarray:
-    """[w (3), p (3), theta (3)] at a row of two histories, computed against true, NED of the true
-    one.
-    """
+    """[w (3), p (3), theta (3)] at a row of two histories, NED of the true one."""
     C_en, C_en_c = (dcm_en(h.lat_rad[row], h.lon_rad[row]) for h in (true, computed))
     r, r_c = (
         ecef_from_geodetic(h.lat_rad[row], h.lon_rad[row], h.height_m[row])

@@ -388,9 +388,7 @@ def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
 
 
 def test_a_lasting_shift_without_velocities_is_begun_anew():
-    """Nothing tells then whether the solution or the fixes leapt: the solution follows, and says
-    so.
-    """
+    """Nothing tells whether the solution or the fixes leapt: the solution follows, and says so."""
     twin = twin_of("mems", flicker=False)
     made = flown(ideal(), twin, 5)
     fixes, t = fixes_from(made, twin), made.run.gnss.time_s

@@ -54,9 +54,7 @@ def parked_step(dt_s=10.0, heading=0.4, speed=0.0, turn_rate=0.0):
 
 
 def test_a_clone_is_the_state_itself_at_that_time():
-    """Cov(clone, clone) = Cov(clone, theta) = Cov(theta, theta): their difference has no
-    variance.
-    """
+    """Cov(clone, clone) = Cov(clone, theta) = Cov(theta, theta): no variance of the difference."""
     flt = new_filter()
     flt.x[em.THETA] = [1e-4, 2e-4, 3e-4]
     advance(flt, parked_step())
@@ -127,9 +125,7 @@ def test_bins_are_static_and_only_their_own_drives_the_step():
 
 
 def test_a_bin_learns_through_its_correlation():
-    """Bin 0 measured as good as exactly: bin 1, sharing 2/3 of the variance, keeps 1 - (2/3)^2 of
-    it.
-    """
+    """Bin 0 measured exactly: bin 1, sharing 2/3 of the variance, keeps 1 - (2/3)^2 of it."""
     flt = new_filter(bins=2)
     measure(flt, "bias", 1e-8, [{em.BASE: 1.0}], 1e-24)
     assert flt.x[em.BASE + 3] == pytest.approx(2 / 3 * 1e-8, rel=1e-6)
@@ -232,9 +228,7 @@ def test_displacement_is_kept_only_where_asked():
 
 
 def test_covariance_stays_symmetric_and_positive_over_an_hour_and_a_taxi():
-    """An hour of 10 s steps parked, a turn and 200 s of rolling by the second, all kinds of
-    rows.
-    """
+    """An hour of 10 s steps parked, a turn, 200 s of rolling by the second, all kinds of rows."""
     flt = new_filter(bins=3)
     rng = np.random.default_rng(5)
     lowest = []
@@ -375,9 +369,7 @@ def test_each_step_from_the_same_state_is_filterpys_to_ten_digits(seed):
 
 
 def test_a_whole_program_is_its_steps_one_by_one():
-    """Operations come in the order of the steps, and within a step in the order they were
-    written.
-    """
+    """In the order of the steps, and within a step in the order they were written."""
     whole, single = new_filter(), new_filter()
     step, z = parked_step(speed=3.0), np.array([1e-3, -2e-3, 3e-3])
     tape = driven(steps_of(step, 3, rolling=True, moving=True))

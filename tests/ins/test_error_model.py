@@ -47,9 +47,7 @@ def start_of(case):
 
 @cache
 def run_of(case, duration_s, dt=0.01):
-    """Start, log and solution (the truth here) of a vehicle that turns at 0.2 rad/s where the case
-    says so.
-    """
+    """Start, log and solution (the truth here) of a vehicle that turns at 0.2 rad/s."""
     start = start_of(case)
     turn = 0.2 if "turn" in case else 0.0
     g = float(earth.gravity_magnitude(LAT, 100.0))
@@ -80,9 +78,7 @@ def step_of(history):
 
 @cache
 def nonlinear_transition(case, duration_s, dt=0.01):
-    """(11, 16): w, p, theta, S at the end against STATES at the start, by central differences of
-    `navigate`.
-    """
+    """(11, 16): w, p, theta, S at the end against STATES at the start, by differences."""
     start, imu, truth = run_of(case, duration_s, dt)
     columns = []
     for state in STATES:
@@ -144,9 +140,7 @@ def test_block_of_F_is_the_derivative_of_the_nonlinear_navigation(case, row, col
     ("case", "dt_s"), [("parked", 1.0), ("parked", 10.0), ("rolling", 1.0), ("turning", 1.0)]
 )
 def test_discretized_step_is_the_nonlinear_step(case, dt_s):
-    """Phi and Gamma with the step's means, as the filter uses them: seconds while rolling, up to 10
-    s parked.
-    """
+    """Phi and Gamma with the step's means: seconds while rolling, up to 10 s parked."""
     _, _, truth = run_of(case, dt_s)
     noise = em.ProcessNoise(
         arw=0.0, vrw=0.0, accel_rrw=0.0, yaw_creep=0.0, lateral_rms=0.02, lateral_time_s=2.0
@@ -315,9 +309,7 @@ def test_parked_lateral_velocity_takes_no_part():
 
 
 def test_an_hour_of_steps_follows_the_nonlinear_solution():
-    """0.01 deg/h on all three axes, parked: w of the linear steps within 0.5 % of the nonlinear 0.6
-    m/s.
-    """
+    """0.01 deg/h on all three axes, parked: w of the linear steps within 0.5 % of 0.6 m/s."""
     bias = 0.01 * DEG_PER_HOUR * np.array([1.0, -0.7, 2.0])
     start, imu, _ = run_of("parked", 3600.0, 1.0)
     hold = VerticalChannel(mode="hold")

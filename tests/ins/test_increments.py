@@ -36,17 +36,13 @@ def classical_coning(frequency_hz, n, dt=0.01):
 
 
 def residual_factor(x):
-    """What previous-plus-current compensation leaves of a drift 1/2 per radian of phase: x^4/60 to
-    first order.
-    """
+    """What is left of a drift 1/2 per radian of phase: x^4/60 to first order."""
     return ((x - np.sin(x)) / 2 - np.sin(x / 2) ** 2 * np.sin(x) / 3) / x
 
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 2.5, 5.0, 10.0])
 def test_classical_coning_leaves_the_closed_form_drift(frequency_hz):
-    """Cone half-angle 10 mrad; whole periods, so that the true attitude returns and only drift is
-    left.
-    """
+    """Cone half-angle 10 mrad; whole periods: only drift is left."""
     n, dt = 400, 0.01
     imu = classical_coning(frequency_hz, n, dt)
     w = 2 * np.pi * frequency_hz
@@ -71,9 +67,7 @@ def test_coning_residual_falls_with_the_fourth_power():
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 2.5, 5.0])
 def test_classical_sculling_leaves_the_closed_form_drift(frequency_hz):
-    """Roll angle and side force in phase: true mean acceleration 1/2 theta0 f0 down; attitude taken
-    as exact.
-    """
+    """Roll angle and side force in phase: true mean acceleration 1/2 theta0 f0 down."""
     n, dt, theta0, f0 = 400, 0.01, 1e-4, 10.0
     w = 2 * np.pi * frequency_hz
     edges = w * dt * np.arange(-1, n + 1)
@@ -137,9 +131,7 @@ def integrate_finely(a, b, c, d, dt, n=400):
 
 
 def test_one_step_of_a_linear_motion_is_of_fourth_order():
-    """Against fine integration: halving the interval divides what one step leaves by at least
-    2^4.
-    """
+    """Against fine integration: halving the interval divides the rest by at least 2^4."""
     a, b = np.array([1.0, -0.5, 0.8]), np.array([5.0, 30.0, -20.0])
     c, d = np.array([3.0, 2.0, -9.8]), np.array([-60.0, 90.0, 40.0])
     left = []
@@ -153,9 +145,7 @@ def test_one_step_of_a_linear_motion_is_of_fourth_order():
 
 
 def test_steady_rotation_is_integrated_exactly():
-    """Constant rate and force, 0.5 rad in one interval: the velocity increment has the Rodrigues
-    closed form.
-    """
+    """Constant rate and force, 0.5 rad in one interval: Rodrigues."""
     dtheta, dv = np.array([0.3, -0.4, 0.0]), np.array([1.0, 2.0, -9.0])
     imu = log(np.tile(dtheta, (2, 1)), np.tile(dv, (2, 1)))
     s = np.linspace(0, 1, 2001)

@@ -33,9 +33,7 @@ def test_scalar_update_by_hand():
 
 
 def test_two_states_by_hand():
-    """Position and velocity, dt = 1, P = I: P- = [[2, 1], [1, 1]]; z = position, R = 2: K = (1/2,
-    1/4).
-    """
+    """Dt = 1, P = I: P- = [[2, 1], [1, 1]]; z = position, R = 2: K = (1/2, 1/4)."""
     x, P = kalman.predict(
         np.array([0.0, 1.0]), np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 2))
     )
@@ -134,9 +132,7 @@ def test_update_refuses_shapes_that_do_not_fit(x, P, z, R):
 
 
 def test_smoother_is_the_batch_solution():
-    """Random time-varying steps: smoothed means and covariances are those of all states solved at
-    once.
-    """
+    """Random steps: smoothed means and covariances are those of all states solved at once."""
     rng, n, steps = np.random.default_rng(4), 3, 6
     F, H = rng.standard_normal((steps, n, n)), rng.standard_normal((steps, 1, n))
     Q = np.stack([a @ a.T for a in rng.standard_normal((steps, n, n))])
@@ -217,9 +213,7 @@ class TestFaultsOfFilterpy:
         assert np.array_equal(mended, mended.T)
 
     def test_module_smoother_uses_the_transition_of_the_step_before(self):
-        """Truth x = 1 into step 2 with F[1] = 2: the smoother that uses F[0] = 1 instead answers
-        otherwise.
-        """
+        """Truth x = 1 into step 2 with F[1] = 2: F[0] = 1 instead answers otherwise."""
         from filterpy.kalman import rts_smoother
 
         X, P = np.array([[1.0], [2.0]]), np.array([one(1), one(2)])

@@ -109,9 +109,7 @@ def test_raw_jerk_passes_zero_at_a_quarter_period():
 
 
 def test_east_gyro_error_gives_minus_r_u():
-    """dv_N = -R u_E (1 - cos ws t) with u_E = eps cos(Omega t) at the equator, by the convolution
-    it solves.
-    """
+    """dv_N = -R u_E (1 - cos ws t) with u_E = eps cos(Omega t) at the equator, the convolution."""
     u = 0.01 * DEG_PER_HOUR
     h = schuler_run(0.0, gyro_bias=(0, u, 0))
     meridian = float(earth.radii_of_curvature(0.0)[0])
@@ -150,9 +148,7 @@ def test_response_to_each_sensor_error_is_that_of_the_error_equations(lat_deg, c
 
 
 def test_foucault_turns_the_schuler_plane():
-    """One Schuler period after a push north the velocity points Omega sinL T to the east of
-    north.
-    """
+    """A Schuler period after a push north the velocity points Omega sinL T to the east of north."""
     imu, state = at_rest(45.0, duration_s=5070, dt=0.1, height_m=0.0)
     pushed = NavState(time_s=0.0, site=state.site, v_n_m_s=[0.1, 0.0, 0.0], C_nb=state.C_nb)
     h = navigate(imu, pushed, epoch_s=1.0, vertical=HOLD)
@@ -173,9 +169,7 @@ def test_foucault_turns_the_schuler_plane():
 
 
 def test_free_fall_matches_newton_in_the_inertial_frame():
-    """No specific force, no rotation in space: 40 s of fall from 12 km; east by about Omega g t^3
-    cosL / 3.
-    """
+    """40 s of fall from 12 km; east by about Omega g t^3 cosL / 3."""
     lat, n, dt = 40 * DEG, 400, 0.1
     imu = ImuLog(
         time_s=dt * np.arange(1, n + 1),

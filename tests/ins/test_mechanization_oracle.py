@@ -55,9 +55,7 @@ def level_flight(t):
 
 
 def polar_flight(t, *, offset_rad=0.0):
-    """On the ellipsoid along a meridian, 1.15 deg beyond the pole and back in an hour; offset
-    sideways.
-    """
+    """Along a meridian, 1.15 deg beyond the pole and back in an hour; offset sideways."""
     a, b = earth.SEMI_MAJOR_AXIS_M, earth.SEMI_MINOR_AXIS_M
     u, side = -0.02 * cosine(TURN / 3600 * t), constant(offset_rad, t)
     su, cu, ss, cs = sine(u), cosine(u), sine(side), cosine(side)
@@ -86,9 +84,7 @@ def sizes(history, motion):
 
 
 def test_one_hour_flight_comes_straight_back():
-    """100 Hz, ideal sensors, free vertical channel: required 1 m and 1 arcsec; reached 1 mm and
-    2e-5 arcsec.
-    """
+    """100 Hz, ideal sensors, free vertical channel: required 1 m and 1 arcsec; reached 1 mm."""
     h = navigate(ideal_imu(flight, edges(3600, 0.01)), true_state(flight, 0.0))
     position_m, velocity_m_s, attitude_rad = sizes(h, flight)
     assert position_m < ONE_CM
@@ -133,9 +129,7 @@ def test_irregular_intervals_come_straight_back():
 
 
 def test_a_sign_error_in_the_truth_would_be_seen():
-    """Test of the test: a log delayed by half an interval, or one gyro reversed, does not come
-    back.
-    """
+    """Test of the test: a log delayed by half an interval, or one gyro reversed does not."""
     t = edges(300, 0.02)
     late = ideal_imu(flight, t + 0.01)
     h = navigate(late, true_state(flight, 0.01), epoch_s=None)
@@ -177,9 +171,7 @@ def test_coning_through_the_whole_mechanization(frequency_hz):
 
 @pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
 def test_sculling_through_the_whole_mechanization(frequency_hz):
-    """Roll 1 mrad and 3 mm of sway in phase at 100 Hz: rectified acceleration error of the closed
-    form.
-    """
+    """Roll 1 mrad and 3 mm of sway in phase at 100 Hz: the closed form."""
     w, theta0, sway_m = TURN * frequency_hz, 1e-3, 0.003
     radius = float(earth.radii_of_curvature(0.0)[1])
 
@@ -274,9 +266,7 @@ def test_groves_profile_error_falls_with_the_interval(number):
 
 
 def pyins_trajectory(imu, state):
-    """The same increments through pyins.strapdown (degrees, DataFrames); the row before the first
-    repeats it.
-    """
+    """Through pyins.strapdown (degrees, DataFrames); the row before the first repeats it."""
     strapdown = pytest.importorskip("pyins.strapdown")
     import pandas as pd
     from pyins import util

@@ -20,6 +20,15 @@ from recal.web.connections import server_config
 from recal.web.settings import ServeSettings, token_of
 
 TOKEN, NAMED_TOKEN = "0123456789abcdef-shared", "0123456789abcdef-of-her"
+DECISION = {
+    "serial": "SN-1",
+    "technology": "rlg",
+    "mode": "",
+    "number": "1",
+    "verdict": "approved",
+    "by": "A",
+    "reason": "why",
+}
 TOKENS = (token_of(TOKEN, source="test"), token_of(NAMED_TOKEN, "R. Eviewer", source="test"))
 
 
@@ -43,9 +52,7 @@ def serving(url, *, tokens=TOKENS, **more):
 
 
 class Visitor(httpx.Client):
-    """Someone with a browser: keeps cookies, sends forms with the page's own form token and
-    Origin.
-    """
+    """Keeps cookies, sends forms with the page's own form token and Origin."""
 
     def __init__(self, base, **more):
         super().__init__(base_url=base, timeout=60.0, trust_env=False, **more)
@@ -60,6 +67,9 @@ class Visitor(httpx.Client):
             data=fields,
             headers={"origin": base, "sec-fetch-site": "same-origin", **(headers or {})},
         )
+
+    def decide(self, form_token, **changes):
+        return self.submit("/decide", form_token=form_token, **{**DECISION, **changes})
 
     def sign_in(self, token=TOKEN, **more):
         return self.submit(

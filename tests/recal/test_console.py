@@ -121,9 +121,7 @@ def test_the_help_above_the_commands_speaks_no_python_and_completes_once(helps, 
 
 @pytest.mark.parametrize("words", ALL, ids=" ".join)
 def test_the_help_keeps_its_units_and_speaks_no_python(helps, words):
-    """A unit in square brackets stands in the help as it was written; every option says what it is
-    for.
-    """
+    """A unit in square brackets stays as written; every option says what it is for."""
     said = " ".join(helps[" ".join(words)][0].split())
     assert not re.search(r"\[\s*\]|\(\s*\)", said)
     assert not PYTHON_WORDS.search(said), PYTHON_WORDS.search(said)
@@ -282,9 +280,7 @@ def test_a_wrong_value_is_said_as_that_of_a_file_is(words, said):
 
 
 def test_every_verdict_has_its_exit_code():
-    """formats.md, section 4; 1 is what a program that breaks down ends with, here all workers of a
-    fleet.
-    """
+    """formats.md, section 4; 1: all workers of a fleet broke down."""
     assert {
         code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())
     } == {

@@ -39,9 +39,7 @@ def invoke(*args):
 
 
 def rest_means(name: str, axes: dict | None = None):
-    """Mean f [m/s^2] and w [deg/h] in body axes of a shared log, by its example map or with other
-    axes.
-    """
+    """Mean f [m/s^2] and w [deg/h] in body axes of a shared log, by its map or other axes."""
     options = read_toml(MAPS / f"{name.split('.')[0]}.toml")
     run = convert_log(DATA / name, options | ({"axes": axes} if axes else {}), {}).run
     span = run.imu.dt_s.sum()
@@ -131,9 +129,7 @@ def test_a_left_handed_ln100_map_is_refused():
 
 @needs_data
 def test_mems_log_shows_gravity():
-    """Gyro biases of up to 2.6 deg/s hide Earth rate; gravity is down, within 60 mg, level to 3
-    deg.
-    """
+    """Gyro biases of up to 2.6 deg/s; gravity is down, within 60 mg, level to 3 deg."""
     run, f, _ = rest_means("x_adi_up.txt")
     assert run.imu.time_s.size == 3579 and run.imu.rate_hz == pytest.approx(100, rel=1e-6)
     assert run.header.gyro_technology == "mems"

@@ -9,26 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from benchmarks.gap_trials.written import write_trial
 from infield.table.file import table_sha256
 from ins.records import InputError
 from ins.twin_file import read_twin
-from recal.cli import diagnose
 from simreal.declared.twin_effects import parse_effects
 from tests.drawn import specifications, unscripted
+from tests.recal import command
 from tests.simreal.diagnosed import trial
 from trajectories.runs.directory import read_run, write_run
 
-app = typer.Typer()
-app.command()(diagnose.command)
-FILES = {"diagnosis.json", "diagnosis.html", "twin.json", "table.json"}
-
 
 def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+    return command.run("diagnose", *arguments)
+
+
+FILES = {"diagnosis.json", "diagnosis.html", "twin.json", "table.json"}
 
 
 def one_cold():
@@ -71,9 +68,7 @@ def test_a_diagnosis_writes_four_files_and_exits_0(done):
 
 
 def test_what_one_cold_start_leaves_open_is_in_no_twin_and_reads_back(done):
-    """The items of an open cause are those of a twin, for who takes it out of a log all the
-    same.
-    """
+    """The items of an open cause are those of a twin, if one takes it out of a log all the same."""
     _, out = done
     document = json.loads((out / "diagnosis.json").read_text())
     (open_,) = document["open"]

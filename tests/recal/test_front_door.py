@@ -170,21 +170,13 @@ def test_a_result_is_frozen_short_and_shows_itself(result, tmp_path):
 def test_points_become_a_frame_and_a_figure(result):
     frame = result.points.to_frame()
     assert len(frame) == len(result.points) and set(frame.axis) == set("xyz")
-    assert list(frame.columns[:5]) == [
-        "axis",
-        "time_s",
-        "temperature_degC",
-        "bias_deg_h",
-        "sigma_deg_h",
-    ]
+    found = list(frame.columns[:5])
+    assert found == ["axis", "time_s", "temperature_degC", "bias_deg_h", "sigma_deg_h"]
     figure = result.plot()
     assert {trace.xaxis or "x" for trace in figure.data} == {"x", "x2", "x3"}
     assert figure.to_json() == result.plot().to_json()
-    assert [trace.name for trace in figure.data if trace.showlegend] == [
-        "before",
-        "after",
-        "points, U(k=2)",
-    ]
+    found = [trace.name for trace in figure.data if trace.showlegend]
+    assert found == ["before", "after", "points, U(k=2)"]
 
 
 def test_without_plotly_a_plot_says_what_to_install(result, monkeypatch):

@@ -6,14 +6,13 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
 from ins.records import InputError
 from ins.twin_file import read_twin, twin_to_dict
-from recal.cli.app import app
 from tests.drawn import specifications, unscripted
 from tests.infield.azimuth_cases import TWIN, one_power_on, unit
+from tests.recal import command
 from trajectories.runs.directory import write_run
 
 HEADER = "north_to_west_deg,bias_x_deg_h,bias_y_deg_h,bias_z_deg_h"
@@ -28,16 +27,10 @@ TABLE = (*HEADINGS_UNKNOWN, "--sigma-heading-deg", "0")
 
 
 @pytest.fixture
-def drawn_folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put()
     return tmp_path
-
-
-@pytest.fixture
-def folder(drawn_folder):
-    """Where pages get no drawings."""
-    return drawn_folder
 
 
 def put(header=HEADER, rows=ROWS):
@@ -46,20 +39,18 @@ def put(header=HEADER, rows=ROWS):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["misalignment", *map(str, arguments)])
+    return command.run("misalignment", *arguments)
 
 
 def result_of(*arguments, exit_code=0):
-    outcome = run(*arguments, "--json", "-q")
-    assert outcome.exit_code == exit_code, (outcome.output, outcome.exception)
-    return json.loads(outcome.stdout)
+    return command.answered("misalignment", *arguments, "-q", exit_code=exit_code)
 
 
 def by_entry(document):
     return {c["entry"]: c for c in document["couplings"]}
 
 
-def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(drawn_folder):
+def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folder):
     document = result_of(*TABLE)
     assert document["schema"] == "recal.misalignment/1" and document["verdict"] == "measured"
     found = by_entry(document)
@@ -74,7 +65,7 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(drawn
     assert forms["ezy"]["value_arcsec"] == pytest.approx(103.1, abs=0.2)
     assert forms["ezy_as_printed_arcsec"] == pytest.approx(66.6 * 206.265, rel=2e-3)
     assert {row["what"] for row in document["not_observable"]} >= {"xz", "yz", "z own axis"}
-    out = drawn_folder / "recal-misalignment"
+    out = folder / "recal-misalignment"
     assert json.loads((out / "misalignment.json").read_text()) == document
     page = (out / "misalignment.html").read_text()
     assert specifications(page) and "http" not in unscripted(page) and "Measured" in page

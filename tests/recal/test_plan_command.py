@@ -3,15 +3,14 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
 
 from ins.records import InputError, Site
 from ins.twin_file import default_twin, twin_to_dict
 from ins.units import DEG
-from recal.cli.app import app
 from simreal.plan import flights
 from simreal.plan.recordings import Recording, RecordingMaker
 from tests.drawn import specifications, unscripted
+from tests.recal import command
 from trajectories.runs.directory import write_run
 
 TWO = ("--separate", "gyro_thermal_linear,gyro_warmup_transient", "--without", "taxi")
@@ -27,13 +26,11 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["plan", *map(str, arguments)])
+    return command.run("plan", *arguments)
 
 
-def result_of(*arguments):
-    outcome = run(*arguments, "--json", "-q")
-    assert outcome.exit_code == 0, (outcome.output, outcome.exception)
-    return json.loads(outcome.stdout)
+def result_of(*arguments, exit_code=0):
+    return command.answered("plan", *arguments, "-q", exit_code=exit_code)
 
 
 def test_a_plan_from_nothing(folder):

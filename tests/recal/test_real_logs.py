@@ -49,9 +49,7 @@ def means(run, start_s, end_s):
 
 
 def test_gravity_is_down(plane, copters):
-    """At rest f_z is -g within what an uncalibrated MEMS triad is off (the third IMU of the copter
-    by 7 %).
-    """
+    """At rest f_z is -g within what an uncalibrated MEMS triad is off."""
     for run, tolerance in (
         (plane, 0.3),
         (copters[1].run, 0.3),
@@ -85,9 +83,7 @@ def test_the_planes_axes_agree_with_its_gps(plane):
 
 
 def test_place_and_time(plane, copters):
-    """Melbourne on 2013-11-29 and Canberra on 2015-11-21, by hand from week and milliseconds of the
-    week.
-    """
+    """Melbourne on 2013-11-29 and Canberra on 2015-11-21, by hand from week and ms."""
     assert plane.header.site.lat_rad / DEG == pytest.approx(-37.9597, abs=1e-3)
     assert plane.header.site.lon_rad / DEG == pytest.approx(144.7648, abs=1e-3)
     # week 1768, 511 216.7 s: day 5, 22:00:16.7, 16 leap s
@@ -136,19 +132,15 @@ def test_from_log_to_check_and_align(tmp_path, log, args, rows):
     assert said.exit_code == 0, said.stderr
     assert f"{rows} rows, 50 Hz" in said.stdout
     assert check(tmp_path / "run")["verdict"] == "warnings"
-    assert (
-        read_run(tmp_path / "run").sha256
-        == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
-    )
+    found = read_run(tmp_path / "run").sha256
+    assert found == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
     document = align(
         tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align"
     )
     assert document["verdict"] == "level_only"
     assert document["reason_codes"][0] == "no_heading"
-    assert (
-        json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"]
-        == "recal.alignment/1"
-    )
+    found = json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"]
+    assert found == "recal.alignment/1"
 
 
 def test_level_of_the_parked_plane_is_that_of_its_autopilot(plane):

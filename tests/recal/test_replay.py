@@ -49,16 +49,10 @@ def session() -> SimulatedRun:
 
 
 @pytest.fixture
-def drawn_folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "run", session().run, reference=session().reference)
     return tmp_path
-
-
-@pytest.fixture
-def folder(drawn_folder):
-    """Where pages get no drawings."""
-    return drawn_folder
 
 
 def table(bias_deg_h: float, serial: str = "SN-0042"):
@@ -97,10 +91,8 @@ def test_two_revisions_are_flown_and_compared(folder):
     assert "recal twin fit run -o twin.json" in defaults
     assert document["noise_source"] == "defaults of rlg"
     assert extrapolated == "parked for 10 min of navigation: NM/h is extrapolated"
-    assert [(t["role"], t["revision"]) for t in document["tables"]] == [
-        ("active", 2),
-        ("previous", 1),
-    ]
+    found = [(t["role"], t["revision"]) for t in document["tables"]]
+    assert found == [("active", 2), ("previous", 1)]
     assert [t["sha256"] for t in document["tables"]] == [table_sha256(second), table_sha256(first)]
     rate = document["difference"]["rate_nm_h"]
     assert rate["active"] < 0.01 < 0.1 < rate["previous"]  # the unit's truth is no bias at all
@@ -136,22 +128,18 @@ def test_navigation_file_holds_both_solutions_at_one_hertz(folder):
 
 
 @pytest.mark.slow
-def test_same_bytes_on_a_second_run(drawn_folder):
+def test_same_bytes_on_a_second_run(folder):
     stored(table(0.05), table(0.0))
     result_of("run", "-o", "one")
     result_of("run", "-o", "two")
-    names = sorted(p.name for p in (drawn_folder / "one").iterdir())
+    names = sorted(p.name for p in (folder / "one").iterdir())
     assert names == ["navigation.parquet", "navigation_aided.parquet", "replay.html", "replay.json"]
     for name in names:
-        assert (drawn_folder / "one" / name).read_bytes() == (
-            drawn_folder / "two" / name
-        ).read_bytes(), name
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes(), name
 
 
 def test_exports_and_the_aided_solution(folder):
-    """--kml and --csv write what the parquet files hold, twice the same bytes; --no-aided leaves
-    GNSS out.
-    """
+    """Both write what the parquet files hold, twice the same bytes; --no-aided leaves GNSS out."""
     stored(table(0.0))
     document = result_of("run", "-o", "one", "--kml", "--csv")
     result_of("run", "-o", "two", "--kml", "--csv")
@@ -176,6 +164,14 @@ def test_exports_and_the_aided_solution(folder):
     assert plain["aided"] is None and not (folder / "one/navigation_aided.parquet").exists()
     assert plain["tables"] == document["tables"]
     assert plain["tables"][0]["schuler"]["reason"].startswith("parked for 10 min")
+
+
+@pytest.mark.parametrize(("serial", "said"), [("SN-0042", "one revision"), ("SN-7", "SN-0042")])
+def test_a_lone_table_is_flown_and_why_is_said(folder, serial, said):
+    stored(table(0.0, serial=serial))
+    document = result_of("run", "--no-aided")
+    assert len(document["tables"]) == 1 and document["difference"] is None
+    assert said in document["notes"][0]
 
 
 def test_without_a_store_the_default_table_is_flown_and_none_made(folder):

@@ -246,17 +246,7 @@ def test_approval_is_recorded_and_commits(fresh):
         assert 'name="verdict"' not in visitor.get(page).text
         assert visitor.sign_in(next=page).headers["location"] == page
         token = visitor.form_token(page)
-        done = visitor.submit(
-            "/decide",
-            form_token=token,
-            serial="SN-1",
-            technology="rlg",
-            mode="",
-            number="1",
-            verdict="approved",
-            by="A. Reviewer",
-            reason="white residuals",
-        )
+        done = visitor.decide(token, by="A. Reviewer", reason="white residuals")
         assert done.status_code == 303
         assert "Recorded: approved" in text_of(visitor.get(done.headers["location"]))
         with TableStore.open(url) as store:
@@ -268,17 +258,7 @@ def test_approval_is_recorded_and_commits(fresh):
         late = "/proposal?serial=SN-1&technology=rlg&number=2"
         assert "Out of date" in visitor.get(late).text
         assert 'value="approved"' not in visitor.get(late).text
-        again = visitor.submit(
-            "/decide",
-            form_token=token,
-            serial="SN-1",
-            technology="rlg",
-            mode="",
-            number="2",
-            verdict="approved",
-            by="A",
-            reason="all the same",
-        )
+        again = visitor.decide(token, number="2", reason="all the same")
         assert again.status_code == 409 and "update again" in text_of(again)
         with TableStore.open(url) as store:
             assert len(store.history()) == 3 and store.proposals()[1].decision is None
@@ -300,10 +280,7 @@ def test_rejection_and_rollback_carry_the_name_of_the_token(fresh):
             "by": "Somebody Else",
         }
         assert (
-            visitor.submit(
-                "/decide", **unit, number="2", verdict="rejected", reason="towed"
-            ).status_code
-            == 303
+            visitor.decide(token, number="2", verdict="rejected", reason="towed").status_code == 303
         )
         confirm = visitor.get("/rollback?serial=SN-1&technology=rlg&to=1")
         assert "Please confirm" in confirm.text
@@ -355,17 +332,7 @@ def test_a_wrong_form_is_a_readable_line_and_changes_nothing(untouched, change, 
     with Visitor(base) as visitor:
         visitor.sign_in()
         token = visitor.form_token("/proposal?serial=SN-1&technology=rlg&number=1")
-        fields = {
-            "form_token": token,
-            "serial": "SN-1",
-            "technology": "rlg",
-            "mode": "",
-            "number": "1",
-            "verdict": "approved",
-            "by": "A",
-            "reason": "why",
-        }
-        answer = visitor.submit("/decide", **{**fields, **change})
+        answer = visitor.decide(token, **change)
         assert answer.status_code == status and words in text_of(answer)
     with TableStore.open(url) as store:
         assert len(store.history()) == 2 and not any(p.decision for p in store.proposals())
@@ -400,16 +367,7 @@ def test_a_first_table_waits_without_one_in_use(tmp_path):
         page = "/proposal?serial=NEW&technology=rlg&number=1"
         assert "first table" in visitor.get(page).text
         visitor.sign_in()
-        done = visitor.submit(
-            "/decide",
-            form_token=visitor.form_token(page),
-            serial="NEW",
-            technology="rlg",
-            number="1",
-            verdict="approved",
-            by="A",
-            reason="first",
-        )
+        done = visitor.decide(visitor.form_token(page), serial="NEW", reason="first")
         assert "Revision 2 is active" in visitor.get(done.headers["location"]).text
 
 
@@ -488,15 +446,7 @@ def test_who_put_it_forward_does_not_approve_it_on_the_page(fresh):
         )
         visitor.sign_in(NAMED_TOKEN)
         page = f"/proposal?serial=SN-1&technology=rlg&number={own.number}"
-        form = {
-            "form_token": visitor.form_token(page),
-            "serial": "SN-1",
-            "technology": "rlg",
-            "number": str(own.number),
-            "verdict": "approved",
-            "by": "Somebody Else",
-            "reason": "good",
-        }
-        refused = visitor.submit("/decide", **form)
+        token = visitor.form_token(page)
+        refused = visitor.decide(token, number=str(own.number), by="Somebody Else", reason="good")
         assert refused.status_code == 409 and "was put forward by r. eviewer" in text_of(refused)
         assert store.active() == active

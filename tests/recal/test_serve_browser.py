@@ -227,9 +227,7 @@ def test_the_login_link_signs_in_once(browser, tmp_path):
 
 
 def test_a_reviewer_decides_by_keyboard_alone(browser, served):
-    """Sign in, reject, approve, roll back: as a browser without script does it, Origin and cookies
-    its own.
-    """
+    """Sign in, reject, approve, roll back without script, by its Origin and cookies."""
     browser.size(1200)
     base, url = served
     browser.call("Emulation.setScriptExecutionDisabled", value=True)

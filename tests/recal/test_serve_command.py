@@ -14,13 +14,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("fastapi")
 
 import recal
-from ins.records import InputError
-from recal.cli.app import app
+from tests.recal import command
 from tests.recal.serving import TOKEN, Visitor, put_unit
 
 URL = "sqlite:///recal.db"
@@ -35,10 +33,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def refused(*arguments):
-    result = CliRunner().invoke(app, ["serve", *arguments])
-    assert isinstance(result.exception, InputError), (result.output, result.exception)
-    assert "\n" not in str(result.exception)
-    return str(result.exception)
+    return command.refused("serve", *arguments)
 
 
 @contextmanager

@@ -74,15 +74,8 @@ DRIFTS = forecast(BEYOND=(0.9, -5), SOON=(0.5, 30), GOOD=(0.2, 900))
 
 def test_the_unit_that_needs_most_comes_first():
     rows = sorted(judged(UNITS, DRIFTS, NOW), key=urgency)
-    assert [row.unit.unit.imu_serial for row in rows] == [
-        "AGAINST",
-        "WAITS",
-        "BEYOND",
-        "SOON",
-        "NEW",
-        "OLD",
-        "GOOD",
-    ]
+    found = [row.unit.unit.imu_serial for row in rows]
+    assert found == ["AGAINST", "WAITS", "BEYOND", "SOON", "NEW", "OLD", "GOOD"]
     assert [row.age_days for row in rows if row.unit.unit.imu_serial == "OLD"] == [400.0]
 
 

@@ -22,17 +22,8 @@ from recal.web.actions import local_path
 from recal.web.door import MAX_FAILURES
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
-from tests.recal.serving import TOKEN, TOKENS, Visitor, put_unit, serving
+from tests.recal.serving import DECISION, TOKEN, TOKENS, Visitor, put_unit, serving
 
-UNIT = {
-    "serial": "SN-1",
-    "technology": "rlg",
-    "mode": "",
-    "number": "1",
-    "verdict": "approved",
-    "by": "A",
-    "reason": "why",
-}
 PROPOSAL = "/proposal?serial=SN-1&technology=rlg&number=1"
 
 
@@ -122,7 +113,7 @@ FORMS = ("/signin", "/signout", "/decide", "/rollback")
 
 def test_no_page_and_no_form_is_served_under_another_name(site, visitor):
     visitor.sign_in()
-    form = {**UNIT, "form_token": visitor.form_token(PROPOSAL), "to": "1", "active": "2"}
+    form = {**DECISION, "form_token": visitor.form_token(PROPOSAL), "to": "1", "active": "2"}
     evil = {"host": "evil.example"}
     for path in (*PRIVATE, "/signin", "/login?ticket=x"):
         assert visitor.get(path, headers=evil).status_code == 421, path
@@ -137,7 +128,7 @@ def test_no_page_and_no_form_is_served_under_another_name(site, visitor):
 
 def test_no_form_of_another_site_is_taken(site, visitor):
     visitor.sign_in()
-    form = {**UNIT, "form_token": visitor.form_token(PROPOSAL), "to": "1", "active": "2"}
+    form = {**DECISION, "form_token": visitor.form_token(PROPOSAL), "to": "1", "active": "2"}
     for path in FORMS:
         answer = visitor.submit(path, headers={"origin": "http://evil.example"}, **form)
         assert answer.status_code == 403 and "did not come from this page" in answer.text, path
@@ -232,7 +223,7 @@ def test_a_request_at_work_is_never_dropped(site, monkeypatch):
 def test_a_form_from_another_site_is_refused(site, visitor, headers):
     visitor.sign_in()
     token = visitor.form_token(PROPOSAL)
-    answer = visitor.submit("/decide", headers=headers, form_token=token, **UNIT)
+    answer = visitor.submit("/decide", headers=headers, form_token=token, **DECISION)
     assert answer.status_code == 403 and unchanged(site[1])
 
 
@@ -240,7 +231,7 @@ def test_a_form_that_says_nothing_of_its_origin_is_refused(site, visitor):
     visitor.sign_in()
     assert (
         visitor.post(
-            "/decide", data={**UNIT, "form_token": visitor.form_token(PROPOSAL)}
+            "/decide", data={**DECISION, "form_token": visitor.form_token(PROPOSAL)}
         ).status_code
         == 403
     )
@@ -249,16 +240,16 @@ def test_a_form_that_says_nothing_of_its_origin_is_refused(site, visitor):
 
 def test_a_form_needs_its_session_and_its_own_token(site, visitor):
     # nobody is signed in
-    assert visitor.submit("/decide", form_token="0" * 64, **UNIT).status_code == 403
+    assert visitor.submit("/decide", form_token="0" * 64, **DECISION).status_code == 403
     with Visitor(site[0]) as other:
         other.sign_in()
         of_other = other.form_token(PROPOSAL)
     visitor.sign_in()
     for token in ("", "0" * 64, of_other, "é"):
-        assert visitor.submit("/decide", form_token=token, **UNIT).status_code == 403
-    assert visitor.submit("/decide", **UNIT).status_code == 403
+        assert visitor.submit("/decide", form_token=token, **DECISION).status_code == 403
+    assert visitor.submit("/decide", **DECISION).status_code == 403
     for path in ("/rollback", "/signout", "/signin"):
-        assert visitor.submit(path, **UNIT, to="1", active="2", token=TOKEN).status_code == 403
+        assert visitor.submit(path, **DECISION, to="1", active="2", token=TOKEN).status_code == 403
     assert unchanged(site[1])
 
 
@@ -268,7 +259,7 @@ def test_a_session_ends_with_sign_out(site, visitor):
     token = visitor.form_token(PROPOSAL)
     assert visitor.submit("/signout", form_token=token).status_code == 303
     with Visitor(site[0], cookies=cookie) as thief:
-        assert thief.submit("/decide", form_token=token, **UNIT).status_code == 403
+        assert thief.submit("/decide", form_token=token, **DECISION).status_code == 403
         assert unchanged(site[1])
 
 
@@ -317,7 +308,7 @@ def test_without_a_token_it_only_reads(tmp_path):
         assert "roll back" not in visitor.get("/unit?serial=SN-1&technology=rlg").text
         assert visitor.get("/signin").status_code == 200
         assert 'name="token"' not in visitor.get("/signin").text
-        assert visitor.submit("/decide", form_token="", **UNIT).status_code == 403
+        assert visitor.submit("/decide", form_token="", **DECISION).status_code == 403
         assert unchanged(url)
 
 
@@ -418,7 +409,7 @@ def test_odd_paths_are_no_pages(site, path):
 def test_a_large_form_is_refused(site, visitor):
     visitor.sign_in()
     token = visitor.form_token(PROPOSAL)
-    answer = visitor.submit("/decide", form_token=token, **{**UNIT, "reason": "x" * 40_000})
+    answer = visitor.submit("/decide", form_token=token, **{**DECISION, "reason": "x" * 40_000})
     assert answer.status_code == 413 and unchanged(site[1])
     headers = (
         "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection:"

@@ -96,9 +96,7 @@ def kill_writers(forks, url, run, out, *, kills, rng, function="tests.forks:reca
 
 
 def look(url, before, outcome, out):
-    """How many revisions came; all is intact, what was told is there, and the report on disk is no
-    lie.
-    """
+    """How many revisions came; all is intact, what was told is there, and the report is true."""
     report = out / "update.json"
     kept = json.loads(report.read_text()) if report.exists() else None
     with TableStore.open(url) as store:

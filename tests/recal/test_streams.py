@@ -212,9 +212,7 @@ def test_the_result_goes_to_standard_output_and_nothing_else_does(name, folder):
 
 
 def test_only_the_console_prints():
-    """No module of the front door but the console and the program's last line writes to a
-    stream.
-    """
+    """None of the front door but the console and the program's last line writes to a stream."""
     allowed = {"recal/cli/console.py", "recal/__main__.py"}
     for path in sorted((ROOT / "recal").rglob("*.py")):
         name = str(path.relative_to(ROOT))

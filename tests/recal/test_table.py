@@ -5,25 +5,18 @@ wrong.
 import json
 
 import pytest
-from typer.testing import CliRunner
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import json_text, table_sha256, table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
-from ins.records import InputError, TwinModel
+from ins.records import TwinModel
 from ins.twin_file import twin_to_dict
-from recal.cli.table.app import app
+from tests.recal import command
 
 UTC = "2026-03-01T05:00:00Z"
 
 
 SIGNED = ("--by", "B", "--reason", "why")  # of a rollback
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def table_file(folder, serial="SN-1", technology="rlg", name="table.json"):
@@ -41,7 +34,7 @@ def table_file(folder, serial="SN-1", technology="rlg", name="table.json"):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+    return command.run("table", *arguments)
 
 
 def ok(*arguments):
@@ -51,11 +44,7 @@ def ok(*arguments):
 
 
 def refused(*arguments):
-    """The one line of an InputError, which `recal` turns into exit code 3."""
-    result = run(*arguments)
-    assert isinstance(result.exception, InputError), (result.output, result.exception)
-    assert "\n" not in str(result.exception)
-    return str(result.exception)
+    return command.refused("table", *arguments)
 
 
 def test_export_import_export_is_bit_identical(folder):
@@ -118,6 +107,7 @@ def test_serial_rules(folder):
 def test_show_json_is_the_table_itself(folder):
     data = table_file(folder)
     ok("import", "table.json")
+    refused("diff")
     assert table_sha256(json.loads(ok("show", "--json"))) == table_sha256(data)
 
 
@@ -193,9 +183,7 @@ def test_json_alone_on_standard_output(folder):
 
 
 def test_a_serial_has_one_technology_unless_that_is_overridden_and_noted(folder):
-    """R24: a table of another unit under the same serial is a swapped unit until somebody says
-    otherwise.
-    """
+    """R24: a table of another unit under the serial is a swapped unit until overridden."""
     table_file(folder)
     table_file(folder, technology="fog", name="fog.json")
     ok("import", "table.json")

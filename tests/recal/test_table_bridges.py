@@ -12,12 +12,6 @@ from recal.cli.console import REFUSED_EXIT
 from tests.recal.test_table import ok, refused, run
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def stored(folder, sigma=10.0):
     table = default_table(
         imu_serial="SN-1",

@@ -4,33 +4,16 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
-from recal.cli.app import app
 from tests.infield.sessions import TWIN, factory, factory_dict, shifted, simulated
+from tests.recal.command import answered, run
 from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
-
-
-def answered(*arguments, exit_code=0):
-    result = run(*arguments, "--json")
-    assert result.exit_code == exit_code, (result.output, result.exception)
-    return json.loads(result.stdout)
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def put_forward(serials=("SN-1",), *, shift_deg_h=0.001, run_id="run-1"):
@@ -144,10 +127,8 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     monkeypatch.setattr("recal.service.results.update_summary.stored_summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
-    assert json.loads((folder / "again/update.json").read_text()) == {
-        "verdict": "proposed",
-        "proposal": 1,
-    }
+    found = json.loads((folder / "again/update.json").read_text())
+    assert found == {"verdict": "proposed", "proposal": 1}
     assert (folder / "again/update.html").read_text() == "proposal 1"
 
 
@@ -162,6 +143,7 @@ def test_an_approval_is_refused_where_the_table_has_moved(folder):
     put_forward()
     put_forward(shift_deg_h=0.002, run_id="run-2")
     answered("table", "approve", 1, "--reason", "yes")
+    assert "revision 2" in run("table", "proposals").stdout
     refused = answered("table", "approve", 2, "--reason", "yes", exit_code=4)
     assert refused["verdict"] == "refused" and "update again" in refused["reasons"][0]
     listed = answered("table", "proposals", "--state", "out of date")["proposals"]

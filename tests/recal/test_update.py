@@ -19,18 +19,12 @@ URL = "sqlite:///recal.db"
 
 
 @pytest.fixture
-def drawn_folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "run", simulated().run)
     with TableStore.open(URL, create=True) as store:
         store.import_table(factory_dict())
     return tmp_path
-
-
-@pytest.fixture
-def folder(drawn_folder):
-    """Where pages get no drawings."""
-    return drawn_folder
 
 
 def update(*more):
@@ -65,21 +59,19 @@ def test_the_report_names_the_revision_and_its_command_takes_it_back(folder):
     assert again["revision"] == 4 and again == report(folder)
 
 
-def test_where_the_store_cannot_be_written_the_report_stays_as_a_proposal(
-    drawn_folder, monkeypatch
-):
+def test_where_the_store_cannot_be_written_the_report_stays_as_a_proposal(folder, monkeypatch):
     def full(*arguments, **options):
         raise InputError("store sqlite:///recal.db: not written: database or disk is full")
 
     monkeypatch.setattr(TableStore, "commit_update", full)
     done = update()
     assert isinstance(done.exception, InputError)
-    answer, document = json.loads(done.stdout), report(drawn_folder)
+    answer, document = json.loads(done.stdout), report(folder)
     assert answer["schema"] == "recal.error/1" and "disk is full" in answer["reasons"][0]
     assert document["verdict"] == "proposed"
     assert document["reasons"] == [f"not committed: {answer['reasons'][0]}"]
     assert document["revision"] is None
-    assert (drawn_folder / "out/update.html").stat().st_size > 10_000
+    assert (folder / "out/update.html").stat().st_size > 10_000
 
 
 def test_where_the_report_cannot_be_written_nothing_is_committed(folder):

@@ -32,9 +32,7 @@ ONE = (Park(duration_s=STOP_S), *TURN, *TURN, *TURN)
 
 @dataclass(frozen=True)
 class Found:
-    """One seed: error over sigma and sigma [mrad] of each coupling that was observed, and the
-    redundancy.
-    """
+    """One seed: error over sigma and sigma [mrad] of each coupling seen, and the redundancy."""
 
     z: dict[str, float]
     sigma_mrad: dict[str, float]

@@ -151,9 +151,7 @@ def estimated(
     sigma_deg_h: float = 0.01,
     settings: SessionSettings | None = None,
 ) -> Outcome:
-    """The session of a run (as simulated, or with a stream taken away) against a table of zeros,
-    scored.
-    """
+    """The session of a run against a table of zeros, scored."""
     settings = settings or SessionSettings()
     estimate = estimate_session(
         run,

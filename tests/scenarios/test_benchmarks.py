@@ -34,12 +34,8 @@ def made_up(monkeypatch):
 def test_options_are_the_study_s_own_and_its_records_are_printed(made_up, capsys):
     assert driver.run_study("study", ["--last", "2", "--names", "b", "c", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert [(r["of"], r["square"]) for r in said["records"]] == [
-        ("b", 0),
-        ("b", 1),
-        ("c", 0),
-        ("c", 1),
-    ]
+    found = [(r["of"], r["square"]) for r in said["records"]]
+    assert found == [("b", 0), ("b", 1), ("c", 0), ("c", 1)]
     assert said["options"] == {"last": 2, "names": ["b", "c"], "plain": False}
     assert said["text"].splitlines()[-1] == "| c | 1 |"
 

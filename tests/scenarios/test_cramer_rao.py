@@ -197,9 +197,7 @@ QUICK_ROWS = ("straight_taxi", "taxi_m90_p90_300", "turn_180_park_20min")
     "name", [pytest.param(n, marks=[] if n in QUICK_ROWS else pytest.mark.slow) for n in ROWS]
 )
 def test_rows_of_physics_6_7(name):
-    """With the table's own measurement set, within a tenth: two derivations apart from each
-    other.
-    """
+    """With the table's own measurement set, within a tenth: two derivations."""
     found = bound(
         name, QUIET, replace(CONSTANT, crab_rad=0.001, lever_arm_m=0.01), AS_6_7
     ).sigma_deg_h
@@ -240,9 +238,7 @@ CELLS = [
     [*((*c, 45.0) for c in CELLS), ("parked_only", True, True, 75.0)],
 )
 def test_the_filter_claims_what_the_bound_allows_and_nearly_all_of_it(name, gnss, hold, lat_deg):
-    """Parked with satellites at 75 deg: a parked vehicle's own drift is no motion that would show
-    its heading.
-    """
+    """Parked with satellites at 75 deg: its drift shows no heading."""
     base = ideal(name, lat_deg)
     least = bound(
         name, REFERENCE_TWIN, REFERENCE, Sights(gnss=gnss, hold_heading=hold), lat_deg=lat_deg
@@ -257,9 +253,7 @@ def test_the_filter_claims_what_the_bound_allows_and_nearly_all_of_it(name, gnss
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "gnss", "hold"), CELLS)
 def test_errors_reach_the_bound(name, gnss, hold):
-    """RMS of 200 runs within 1.15 of the bound on the axes that are seen (its own chance spread is
-    5 %).
-    """
+    """RMS of 200 runs within 1.15 of the bound on the axes that are seen (chance: 5 %)."""
     least = bound(name, REFERENCE_TWIN, REFERENCE, Sights(gnss=gnss, hold_heading=hold))
     settings = SessionSettings(hold_heading=hold)
     errors = np.stack(

@@ -109,9 +109,7 @@ def test_r6_verdict_and_sigma_in_every_row_of_6_7(name, runs):
 
 
 def test_r6_unobserved_direction_leaves_the_common_part_alone():
-    """Parked on one heading: the common part of the east gyro's table moves by less than 1e-6
-    deg/h.
-    """
+    """Parked: the common part of the east gyro's table moves by less than 1e-6 deg/h."""
     for seed in range(3):
         o = parked_session(seed)
         before, bins = prior_table(), o.estimate.bins
@@ -151,9 +149,7 @@ def test_r7_realistic_taxi_with_flicker_and_random_walk(runs):
 
 @pytest.mark.parametrize("runs", RUNS)
 def test_r7_trap_straight_taxi_shows_no_heading(runs):
-    """physics.md 6.5: neither sigma shrinks, and the estimate of a 1 mrad error does not pretend to
-    be zero.
-    """
+    """physics.md 6.5: neither sigma shrinks, and the estimate of a 1 mrad error is not zero."""
     taxi, parked = sessions(runs, "straight_taxi"), sessions(runs, "parked_only")
     for t, p in zip(taxi, parked):
         assert t.sigma_deg_h[1] > 0.995 * p.sigma_deg_h[1]

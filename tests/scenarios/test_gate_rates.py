@@ -45,9 +45,7 @@ def test_quiet_data_is_kept(sway_m_s):
 @pytest.mark.parametrize("sway_m_s", SWAYS_M_S)
 @pytest.mark.parametrize("kind", [*KINDS, None])
 def test_rates_of_the_requirement(kind, sway_m_s):
-    """R1: at least 99 % of the events excluded with a 30 s guard, at most 1 % of the quiet data
-    lost.
-    """
+    """R1: at least 99 % of the events excluded, at most 1 % of the quiet data lost."""
     excluded, reopened, lost = rates(kind, sway_m_s, range(1000, 1200))
     assert lost.mean() <= 0.01
     assert excluded >= 0.99 or kind is None

@@ -132,9 +132,7 @@ def matters(fault: str, before: Thermometers, after: Thermometers, name: str) ->
 
 
 def found_rates(fault: str, runs: int) -> tuple[int, int, int]:
-    """Runs in which the fault matters, in which it is found, and in which a healthy gyro is
-    blamed.
-    """
+    """Runs where the fault matters, in which it is found, and in which a healthy gyro is blamed."""
     total = found = blamed = 0
     for seed in range(runs):
         before, rng = healthy(seed, step_degC=1.0 if fault == "steps of 1 degC" else None)

@@ -45,9 +45,7 @@ NODES_DEGC = np.arange(-20.0, 71.0, 10.0)
 
 @lru_cache(maxsize=1)
 def templates() -> tuple[SessionResult, ...]:
-    """One realistic taxi for each start and heading, through the pipeline against a table of
-    zeros.
-    """
+    """A taxi for each start and heading, through the pipeline against a table of zeros."""
     found = []
     for k, (start, heading) in enumerate((s, h) for s in STARTS for h in HEADINGS_DEG):
         rng = np.random.default_rng([k, 151])
@@ -63,9 +61,7 @@ def templates() -> tuple[SessionResult, ...]:
 
 
 def aged_table(*, sigma: float | None = None, values: NDArray | None = None) -> ThermalTable:
-    """A factory table whose covariance says how it aged (or all of one sigma), zeros or the given
-    node values.
-    """
+    """An aged factory table (or all of one sigma), zeros or the given node values."""
     table = default_table(
         imu_serial="SN-0042",
         gyro_technology="rlg",
@@ -138,9 +134,7 @@ def take(
     *,
     day: int = 0,
 ) -> tuple[list[SessionResult], ThermalTable]:
-    """Sessions one after the other, each accepted one merged before the next; (results, table
-    after).
-    """
+    """Sessions one after the other, merged in turn; (results, table after)."""
     found: list[SessionResult] = []
     for k, (template, truth) in enumerate(zip(chosen, truths)):
         session = drawn_session(template, table, truth, rng, day=day + k)

@@ -36,9 +36,7 @@ RIVALS = (
 
 
 def aged(table: dict, **shift_deg_h) -> dict:
-    """The table less a shift of each gyro that grows by half over 60 degC, with the sigma of such
-    an ageing.
-    """
+    """The table less a shift of each gyro that grows by half over 60 degC, of that sigma."""
     axes = {}
     for axis, of_axis in table["axes"].items():
         nodes = np.array(of_axis["temperature_degC"])

@@ -163,9 +163,7 @@ SETTLED_WITHIN_S = 700.0
 
 
 def settled(trial, arcsec: np.ndarray):
-    """The trial's runs on a vehicle that gives way by so much (runs, 2), roll and pitch, after each
-    arrival.
-    """
+    """The trial's runs on a vehicle that gives way by so much (runs, 2), roll and pitch."""
     runs = []
     for run, seen, level in zip(trial.runs, trial.seen, arcsec, strict=True):
         angle = np.outer(1.0 - np.exp(-seen.time_s / SETTLED_WITHIN_S), [*(level * ARCSEC), 0.0])

@@ -36,9 +36,7 @@ def null_evidence(source: str) -> Evidence:
 
 
 def inside(values: np.ndarray, *, spare: float = 0.0) -> bool:
-    """Mean square of n values within its chi-square bounds (two-sided), and a stated modelling
-    error.
-    """
+    """Mean square of n values within its chi-square bounds, and a stated modelling error."""
     n = values.size
     low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], n) / n
     return bool(low - spare <= np.mean(values**2) <= high + spare)
@@ -121,9 +119,7 @@ def test_parked_whitening_is_exact():
 
 
 def test_a_signature_is_what_the_effect_does_to_the_rows():
-    """Whitening is linear: rows of a run with a known bias less those without are the bank's
-    column.
-    """
+    """Rows of a run with a known bias less those without are the bank's column."""
     trial = draw_trial(72, names=["gyro_rate_ramp"], parked_s=1800.0)
     with_effect = Evidence(views(trial), trial.twin)
     table = table_from_dict(trial.table, name="trial")

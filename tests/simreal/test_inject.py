@@ -56,9 +56,7 @@ def effect(key, *coefficients, target="", run_id="", **shape):
 
 
 def added(*effects, rng=1):
-    """Injected less clean: gyro [rad/s], accelerometer [m/s^2] at the rows, and the injected
-    session.
-    """
+    """Less clean: gyro [rad/s], accelerometer [m/s^2] at the rows, and the injected session."""
     simulated, telemetry = session()
     changed = inject_simulated(simulated, telemetry, effects, np.random.default_rng(rng))
     a, b = simulated.run.imu.whole(), changed.run.imu.whole()
@@ -342,9 +340,7 @@ def _cases():
 
 @pytest.mark.parametrize("key", list(_cases()))
 def test_evidence_moves_by_the_signature(key, monkeypatch):
-    """Where the run stands and rolls is kept as found in the clean run: a decision, no part of the
-    identity.
-    """
+    """Where the run stands and rolls is kept as found in the clean run."""
     view, clean = seen()
     found = BY_ID[key]
     target = next((t for t in found.targets if not found.needs([view.telemetry], t)), "")
@@ -375,9 +371,7 @@ def test_evidence_moves_by_the_signature(key, monkeypatch):
     "key", ["gyro_angle_random_walk", "gyro_noise_thermal", "platform_sway", "timestamp_jitter"]
 )
 def test_squares_grow_by_what_the_diagnosis_makes_of_a_noise(key, monkeypatch):
-    """Sums of squares of the injected run against 1 + q a: q by weighted squares, within 5 sigma of
-    chi-square.
-    """
+    """Sums of squares of the injected run against 1 + q a: q by weighted squares, to 5 sigma."""
     view, clean = seen()
     found = BY_ID[key]
     shape = shapes_of(found, view.telemetry)[0]

@@ -50,9 +50,7 @@ def grams(maker, recordings, *contenders, twin=TWIN):
 
 
 def whole_bank_cos2(views, h, k, *, run_h=None, run_k=None):
-    """Largest squared cosine of single shapes of h with the span of k, from one bank over all runs
-    at once.
-    """
+    """Largest squared cosine of single shapes of h with the span of k, from one bank over all."""
     bank = Bank(Evidence(views, TWIN), (h.effect, k.effect), with_generic=False)
 
     def groups(e, run):
@@ -156,9 +154,7 @@ def table(maker, twin):
 
 
 def test_the_table_of_gap_md_comes_out_alike(maker):
-    """With the turn-on bias free, as in the prototype: its order, and its values where the profiles
-    agree.
-    """
+    """With the turn-on bias free, as in the prototype: its order and values."""
     free = table(maker, replace(TWIN, gyro=replace(TWIN.gyro, turn_on_deg_h=1.0)))
     cos = {key: float(t.cos[0]) for key, t in free.items()}
     for pair in ("Tlin/exp1000", "Tquad/exp350", "Tlin/Tquad"):
@@ -327,10 +323,8 @@ def test_the_threshold_is_that_of_the_attribution(maker):
 def test_pairs_are_read_with_their_channels():
     pair = read_pair("gyro_thermal_linear@gyro_y, gyro_warmup_transient")
     assert (pair.a.target, pair.b.target) == ("gyro_y", "gyro_y")
-    assert (
-        read_pair("gyro_misalignment@gyro_z,site_latitude_error").a.effect.id
-        == "gyro_misalignment_z"
-    )
+    found = read_pair("gyro_misalignment@gyro_z,site_latitude_error").a.effect.id
+    assert found == "gyro_misalignment_z"
     assert read_pair("gyro_scale_factor,clock_rate").a.target == "gyro_z", "a taxi turns about z"
     assert len({read_pair(text).label for text in CLASSICAL}) == len(CLASSICAL)
     assert isinstance(pair, Pair)

@@ -91,9 +91,7 @@ def topped(run, rows, *, step_rad_s=0.0):
 
 
 def test_three_equal_rows_are_a_range_where_no_others_are_equal():
-    """A landing drives a sensor to its end in one second; a coarse converter has many rows that are
-    equal.
-    """
+    """A landing drives a sensor to its end in one second; coarse converters repeat rows."""
     run = simulated(segments=FLIGHT, aids=True).run
     assert not topped(run, TIED_ROWS - 1).any()
     seen = topped(run, TIED_ROWS)

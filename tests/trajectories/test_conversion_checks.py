@@ -46,9 +46,7 @@ def test_a_unit_that_changes_within_the_log(tmp_path, names, factor, told, row, 
 
 @pytest.mark.parametrize("gain", [5.0, 57.3, 300.0])
 def test_engines_are_no_change_of_unit(tmp_path, gain):
-    """Both sensors shake more from a moment on; or the gyros alone, by a factor between no two
-    units.
-    """
+    """Both shake more from a moment on; or the gyros alone, by a factor between no two units."""
     rng, columns = np.random.default_rng(4), noisy()
     for name in (*GYROS, *FORCES):
         columns[name][3000:] += (

@@ -129,9 +129,7 @@ def test_a_column_that_appears_twice(tmp_path):
 
 
 def test_a_parquet_of_more_rows_than_its_bytes_can_hold(tmp_path, monkeypatch):
-    """Two million zeros in some kilobytes; the limit is lowered so that no larger file is
-    needed.
-    """
+    """2e6 zeros in some kilobytes; the limit is lowered so that no larger file is needed."""
     run = short_run(tmp_path / "run", "parquet")
     rows = 2_000_000
     pq.write_table(

@@ -57,9 +57,7 @@ def test_random_walk_of_angle_and_velocity(rate_hz):
 
 
 def test_flicker_has_its_spectrum():
-    """Two-sided PSD B^2 / (2 pi f): Welch gives twice that, within 4 % in every octave over 200
-    draws.
-    """
+    """Two-sided PSD B^2 / (2 pi f): Welch twice that, within 4 % in every octave over 200 draws."""
     rate, n, B = 10.0, 8192, 0.002
     rng = np.random.default_rng(2)
     draws = np.stack([flicker(rng, n, instability=B, rate_hz=rate) for _ in range(200)])

@@ -31,9 +31,7 @@ FIELDS = ("time_s", "dt_s", "dtheta_rad", "dv_m_s")
 
 
 def columns_of(kind: str = "increments", *, rows: int = ROWS) -> dict[str, np.ndarray]:
-    """A parked log at 100 Hz with jitter, a late stamp, and dropouts, one of them before the last
-    row.
-    """
+    """A parked log at 100 Hz with jitter, a late stamp and dropouts, one before the last row."""
     log = imu_log(seconds=rows / 100)
     time_s = log.time_s + 2e-4 * np.random.default_rng(3).uniform(-1, 1, rows)
     time_s[200] += 0.006
@@ -182,9 +180,7 @@ def half_rate(columns, row):
 
 @pytest.mark.parametrize("damage", [back, repeat, gap, hole, no_time, half_rate])
 def test_a_fault_at_a_border_is_named_as_in_the_whole(tmp_path, damage):
-    """Row 601 (index 600) begins a piece of 300, ends one of 601, and stands alone in pieces of
-    1.
-    """
+    """Row 601 (index 600) begins one of 300, ends one of 601, and stands alone in pieces of 1."""
     for row in (600, 2, 1199):
         columns = regular_columns()
         damage(columns, row)
@@ -201,7 +197,7 @@ def test_a_rate_change_is_named_at_its_row(tmp_path):
     half_rate(columns, 2000)
     _, _, lines = opened(tmp_path / "imu.parquet", columns, piece_rows=1000)
     assert len(lines) == 1
-    assert lines[0].startswith("row 2001: rate changes")
+    assert "row 2001: rate changes" in lines[0]
 
 
 def test_many_bad_rows_are_counted_over_the_pieces(tmp_path):

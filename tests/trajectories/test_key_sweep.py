@@ -11,6 +11,7 @@ import pytest
 
 from ins.records import InputError
 from ins.twin_file import TWIN_SECTIONS, default_twin, twin_to_dict
+from tests.trajectories.test_scenario import small
 from trajectories.simulator.scenario import SECTIONS, scenario_from_dict, simulate_scenario
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.vehicle import EVENTS
@@ -20,16 +21,9 @@ SMALL = (0, 1e-300, 1e6)
 
 
 def scenario(**changes) -> dict:
-    data = {
-        "schema": "recal.scenario/1",
-        "alignment_s": 3,
-        "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 250.0},
-        "imu": {"rate_hz": 10.0},
-        "streams": {"gnss": True, "odometer": True},
-        "thermal": {"start": "cold"},
-        "motion": [{"segment": "park", "duration_s": 5}, {"segment": "turn", "angle_deg": 90}],
-    }
-    return {**data, **changes}
+    motion = [{"segment": "park", "duration_s": 5}, {"segment": "turn", "angle_deg": 90}]
+    short = {"alignment_s": 3, "imu": {"rate_hz": 10.0}, "motion": motion}
+    return small(**{**short, "streams": {"gnss": True, "odometer": True}, **changes})
 
 
 def filled(kind: type) -> dict:

@@ -219,13 +219,8 @@ def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
     write_run(tmp_path / "run", full_run(), reference=reference_log())
     write_run(tmp_path / "run", full_run(header=header(run_id="R2"), gnss=None), fmt="csv")
     assert read_run(tmp_path / "run").header.run_id == "R2"
-    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == [
-        "imu.csv",
-        "odometer.csv",
-        "phases.csv",
-        "run.json",
-        "temperature.csv",
-    ]
+    found = sorted(p.name for p in (tmp_path / "run").iterdir())
+    assert found == ["imu.csv", "odometer.csv", "phases.csv", "run.json", "temperature.csv"]
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
     (tmp_path / "empty").mkdir()
     write_run(tmp_path / "empty", full_run())
@@ -244,9 +239,7 @@ def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
 
 
 def test_repaired_stretches_are_listed(tmp_path):
-    """Lost rows, missing temperatures, fixes without a position: reading goes on, each is in
-    faults.
-    """
+    """Lost rows, missing temperatures, fixes without a position: each is in faults."""
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1011:])
@@ -264,9 +257,7 @@ def test_repaired_stretches_are_listed(tmp_path):
 
 
 def test_increments_cover_a_dropout(tmp_path):
-    """Ten lost rows would be 1 m/s of lost gravity; a logger that keeps summing must not be counted
-    twice.
-    """
+    """Ten lost rows would be 1 m/s of lost gravity; a sum must not count twice."""
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1011:])

@@ -91,9 +91,7 @@ def test_east_along_the_equator():
 
 
 def test_circle_at_constant_speed():
-    """Steady turn at rate r: f_y = V (r + Coriolis), body yaw rate r less Earth rate's down
-    part.
-    """
+    """A turn at rate r: f_y = V (r + Coriolis), body yaw rate r less Earth rate's down part."""
     truth = truth_at([Turn(angle_deg=3600.0, radius_m=40.0, speed_m_s=8.0)])
     ideal = ideal_sensors(truth, 50.0)
     steady = slice(2500, 5000)

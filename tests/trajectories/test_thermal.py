@@ -13,9 +13,7 @@ T = np.arange(0.0, 20_000.0, 1.0)
 
 @pytest.mark.parametrize("start", STARTS)
 def test_gyros_lag_the_block_by_their_time_constant(start):
-    """tau dT/dt = T_block - T of the gyro less its own heat, by central differences; sun and
-    all.
-    """
+    """tau dT/dt = T_block - T of the gyro less its own heat, by central differences; sun too."""
     history = thermal_history(start)
     at = history.at(T)
     for k in range(3):

@@ -108,9 +108,7 @@ def chi_square_band(n, false_alarm=1e-4):
     ],
 )
 def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
-    """The disturbed increments navigate to the disturbed truth; the bounds are what the module says
-    is left out.
-    """
+    """The disturbed increments navigate to the disturbed truth; bounds: what is left out."""
     moved = disturb(taxi, VehicleNoise(**{**QUIET, **noise}), events, np.random.default_rng(5))
     imu = ImuLog(
         time_s=taxi.time_s,
@@ -200,9 +198,7 @@ def test_sway_has_its_rms_and_the_correlation_of_the_oscillator():
 
 
 def test_sway_does_not_depend_on_the_sample_rate():
-    """Exact discretisation: the variance of the first sample and of late ones agree at 10 and 200
-    Hz.
-    """
+    """Exact discretisation: variances of first and late samples agree at 10 and 200 Hz."""
     for rate in (10.0, 200.0):
         runs = [
             sway_velocity(

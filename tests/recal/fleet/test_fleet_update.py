@@ -151,9 +151,7 @@ def test_a_dry_run_stores_nothing(fleet, inline):
 
 
 def test_a_commit_the_worker_could_not_tell_of_is_found_again(fleet, inline, monkeypatch):
-    """Killed after the commit: no journal line, no report; the next call finds the run in the
-    store.
-    """
+    """Killed after the commit: no line, no report; the next call finds the run in the store."""
     real = work.take_runs
 
     def dies_once(task):

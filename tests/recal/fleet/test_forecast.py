@@ -90,9 +90,7 @@ def test_a_session_puts_the_dates_off(unit):
 
 
 def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch):
-    """Tables without a session: the older one first; MEMS units are named; an empty store is
-    refused.
-    """
+    """Tables without a session: the older one first; MEMS units are named; empty is refused."""
     monkeypatch.chdir(tmp_path)
     with TableStore.open(URL, create=True):
         pass

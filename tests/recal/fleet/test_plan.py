@@ -141,10 +141,8 @@ def test_folders_of_odd_names_stay_inside_and_apart():
     names = [unit_folder(key) for key in odd]
     assert len(set(names)) == len(names)
     assert all("/" not in name and not name.startswith(".") and len(name) < 100 for name in names)
-    assert (
-        unit_folder(UnitKey(imu_serial="SN-1", gyro_technology="fog", gyro_mode="m"))
-        == "SN-1-fog-m"
-    )
+    found = unit_folder(UnitKey(imu_serial="SN-1", gyro_technology="fog", gyro_mode="m"))
+    assert found == "SN-1-fog-m"
     runs = [
         PlannedRun(path=f"/{k}", unit=odd[0], run_id="../r", start_utc=start, signature="")
         for k, start in enumerate(("2026-01-01T01:00:00+02:00", "2026-01-01T00:00:00Z"))

@@ -9,6 +9,7 @@ from ins.earth import ecef_from_geodetic, omega_ie_n, radii_of_curvature
 from ins.records import ImuLog, InputError, NavState, Site
 from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG
+from tests.trajectories.test_scenario import small as minute
 from trajectories.simulator.environments.kinds import Environment, EnvironmentKind, environment_of
 from trajectories.simulator.environments.laying import draw_moves, lay_environments, lay_moves
 from trajectories.simulator.motions import lay
@@ -162,18 +163,10 @@ def test_strength_scales_every_motion(ideal, kind):
 
 
 def small(**changes):
-    """A scenario of two minutes, as a dict."""
-    data = {
-        "schema": "recal.scenario/1",
-        "alignment_s": 60,
-        "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 250},
-        "imu": {"rate_hz": 20},
-        "thermal": {"start": "cold"},
-        "motion": [{"segment": "park", "duration_s": 120}],
-        "streams": {"gnss": True},
-        "lever_arms_m": {"gnss": [5.0, 1.0, -3.0]},
-    }
-    return {**data, **changes}
+    """A scenario of two minutes with a receiver, as a dict."""
+    parked = [{"segment": "park", "duration_s": 120}]
+    aids = {"streams": {"gnss": True}, "lever_arms_m": {"gnss": [5.0, 1.0, -3.0]}}
+    return minute(alignment_s=60, motion=parked, **aids, **changes)
 
 
 def test_same_seed_same_run_and_the_rest_of_the_run_is_as_without():

@@ -201,9 +201,7 @@ def write_text(path: Path, *, rows: int = ROWS) -> Path:
 
 
 def mat_variables(*, rows: int = ROWS, suffix: str = "") -> dict:
-    """The old log's first IMU and GPS as Mission Planner writes them; `suffix` "_0" as of
-    instances.
-    """
+    """The old log's first IMU and GPS as Mission Planner writes them; suffix "_0": instances."""
     ms = FIRST_MS + 20 * np.arange(rows)
     imu = np.column_stack([np.arange(rows), ms, np.tile([*W, *F_B], (rows, 1))])
     fix = np.array([3, 0, WEEK, 9, 1.5, LAT_DEG, LON_DEG, 0.12, HEIGHT_M, 2.0, 90.0, -0.5, 0])

@@ -245,9 +245,7 @@ def _foreign(data: bytearray, rng: np.random.Generator) -> bytes:
 
 
 def _wild(data: bytearray, rng: np.random.Generator) -> bytes:
-    """A length, count or number of four or eight bytes that is as large as it can be, nought, or
-    negative.
-    """
+    """A length, count or number of four or eight bytes: huge, nought or negative."""
     at, size = _place(data, rng), int(rng.choice([2, 4, 8]))
     word = (
         b"\xff" * size,

@@ -45,9 +45,7 @@ class Output:
 
 
 def body_from_ned(roll_deg: float, pitch_deg: float, heading_deg: float) -> np.ndarray:
-    """C_bn: about down by the heading, then about right by the pitch, then about forward by the
-    roll.
-    """
+    """C_bn: about down by the heading, about right by the pitch, then about forward by the roll."""
     r, p, h = np.radians([roll_deg, pitch_deg, heading_deg])
     about_z = np.array([[np.cos(h), np.sin(h), 0], [-np.sin(h), np.cos(h), 0], [0, 0, 1]])
     about_y = np.array([[np.cos(p), 0, -np.sin(p)], [0, 1, 0], [np.sin(p), 0, np.cos(p)]])

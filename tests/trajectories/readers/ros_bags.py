@@ -27,9 +27,7 @@ def f_flu() -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """What a bag holds. stamps (rows,): other header stamps [ns]; flu: specific force (3,) as the
-    IMU says it.
-    """
+    """What a bag holds. stamps (rows,): other header stamps [ns]; flu: specific force (3,)."""
 
     imu_topics: tuple[str, ...] = ("/imu/data",)
     stamps: np.ndarray | None = None

@@ -99,9 +99,7 @@ def test_a_log_compensated_in_flight_is_refused(tmp_path):
 
 
 def test_dataflash_of_new_firmware(tmp_path):
-    """Microseconds, instances, no fix at first, accuracy from GPA (its columns are in
-    hundredths).
-    """
+    """Us, instances, no fix at first, accuracy from GPA (its columns are in hundredths)."""
     made = convert_log(logs.write(tmp_path / "new.bin", logs.new_messages()), {"imu": 2}, {})
     check_parked(made.run, w=2 * logs.W)
     assert made.run.header.imu_serial == "new-imu2"
@@ -207,9 +205,7 @@ def test_cut_off_within_a_message(tmp_path, lost):
 
 @pytest.mark.parametrize("damage", ["bytes lost", "bytes added", "head garbled", "block of zeros"])
 def test_damage_within_is_read_around(tmp_path, damage):
-    """At most three messages of the place are lost, no garbled row passes, and the place is
-    named.
-    """
+    """At most three messages are lost, no garbled row passes, and the place is named."""
     messages = [m for m in logs.old_messages() if m[2] != logs.OLD["GPS"][0]]
     k = len(messages) - 401
     at = sum(map(len, messages[:k]))
@@ -233,9 +229,7 @@ def test_damage_within_is_read_around(tmp_path, damage):
 
 
 def test_garbled_values_and_times_are_dropped_and_named(tmp_path):
-    """Flipped bits leave the frame whole: a time far ahead, an impossible rate, a temperature no
-    sensor has.
-    """
+    """A time far ahead, an impossible rate, a temperature no sensor has."""
     messages = logs.old_messages()
     form = logs.OLD["IMU"]
     rows = [k for k, m in enumerate(messages) if m[2] == form[0]]

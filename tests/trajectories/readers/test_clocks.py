@@ -120,9 +120,7 @@ def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
 
 
 def test_one_garbled_time_costs_one_row(tmp_path):
-    """Ahead by less than a second: the rows behind it are not late, and it does not stay between
-    two others.
-    """
+    """Ahead by less than a second: the rows behind it are not late."""
     columns = noisy()
     columns["t"][1000] += 0.4957
     made = convert(tmp_path, columns)
@@ -156,9 +154,7 @@ def test_stamps_that_are_no_clock(tmp_path, stamps, line):
     [("unix", 0.0, 1970), ("gps", 345_600.0, 1980), ("unix", 1.7e10, 2508)],
 )
 def test_a_clock_without_the_date_gives_none(tmp_path, epoch, start_s, year):
-    """Seconds since boot or of the week under the name of an epoch: the date is asked for, not made
-    up.
-    """
+    """Seconds since boot or of the week under the name of an epoch: the date is asked for."""
     columns = noisy() | {"t": start_s + 0.01 + STEPS}
     keys = {"time": {"column": "t", "epoch": epoch}}
     with pytest.raises(InputError, match=r"start_utc \(--start-utc\)"):

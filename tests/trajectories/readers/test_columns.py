@@ -109,9 +109,7 @@ def test_a_rate_instead_of_times():
 
 
 def test_temperatures_follow_their_gyro():
-    """Raw x points up, so its thermometer belongs to body z; seconds are averaged, kelvin
-    converted.
-    """
+    """Raw x points up, so its thermometer belongs to body z; by seconds, in kelvin."""
     columns = raw_columns() | {
         k: np.full(N, v + 273.15) for k, v in (("Tx", 30.0), ("Ty", 20.0), ("Tz", 10.0))
     }

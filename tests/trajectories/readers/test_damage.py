@@ -176,9 +176,7 @@ def turned(log: ConvertedLog) -> np.ndarray:
 
 @pytest.mark.parametrize("burst", [1, 8, 60])
 def test_a_quarter_of_the_packets_lost(burst):
-    """At random and in bursts: every hole is named, the rate of the row after it held over it, the
-    span kept.
-    """
+    """At random and in bursts: every hole is named, bridged, the span kept."""
     rng = np.random.default_rng(burst)
     columns = noisy_columns()
     whole = convert(columns)

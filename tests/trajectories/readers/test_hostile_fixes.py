@@ -15,9 +15,7 @@ FIRST = SECONDS < 20
 
 
 def test_no_fix_at_the_origin(tmp_path):
-    """A receiver that writes zeros until it knows where it is: the site is that of the first
-    fix.
-    """
+    """A receiver that writes zeros until it has a place: the site is that of the first fix."""
     zeros = {
         name: np.where(FIRST, 0.0, FIXES[name]) for name in ("lat", "lon", "h", "v1", "v2", "v3")
     }

@@ -162,9 +162,7 @@ def test_ardupilot_that_declares_its_units_twice(tmp_path, letters, labels):
 
 
 def test_texts_of_autopilots_and_receivers_as_editors_save_them(tmp_path):
-    """A byte order mark, old line ends, gzip: known by content and read. UTF-16: refused, with what
-    would help.
-    """
+    """A byte order mark, old line ends, gzip are read; UTF-16 is refused."""
     ap.write_text(tmp_path / "a.log", rows=200)
     test_psins.simu_file(tmp_path / "a.imu", parked(seconds=20.0))
     test_novatel.write(
@@ -241,9 +239,7 @@ def fix(time_s: float, lat=LAT_DEG, lon=LON_DEG, sigma="0.01") -> str:
 
 
 def test_kfgins_fixes(tmp_path):
-    """Beginning after the end of the week that the IMU began in; at the origin; in radians; without
-    any sigma.
-    """
+    """In the next week; at the origin; in radians; without any sigma."""
     over = Output((OUT.time_s + 604_800 - 130) % 604_800, OUT.dtheta, OUT.dv)
     made = kfgins(tmp_path, [fix(t) for t in np.arange(5.0, 29.0)], over)
     np.testing.assert_allclose(made.run.gnss.time_s, np.arange(35.0, 59.0), atol=1e-6)

@@ -129,9 +129,7 @@ def test_columns_that_are_not_used_may_hold_anything(tmp_path):
 
 
 def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
-    """A few are rows of missing values, and listed; many are a wrong map, and the first is
-    named.
-    """
+    """Few are rows of missing values, and listed; many are a wrong map, and the first is named."""
     rows = ["# head", *csv_text(rate_table()).splitlines()]
     rows[10], rows[99] = "1,2,what,4,5,6,7", '5000.5,"1,2'
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
@@ -231,9 +229,7 @@ MAT_MAPS = {
 @pytest.mark.parametrize("style", MAT_MAPS)
 @pytest.mark.parametrize("compressed", [False, True], ids=["", "compressed"])
 def test_matlab(tmp_path, style, compressed):
-    """The same unit as vectors, columns of a matrix, fields of a struct, an element of a struct
-    array.
-    """
+    """As vectors, columns of a matrix, fields of a struct, an element of a struct array."""
     columns = rate_table()
     w, f = (np.column_stack([columns[k + a] for a in "xyz"]) for k in "wf")
     unit = {"t": OUT.time_s[:, None], "wb": w, "fb": f}

@@ -55,9 +55,7 @@ def check_sum(text: str) -> int:
 
 
 def line(sign: str, text: str) -> str:
-    """With the check as zlib has it, which `test_the_check_of_documented_lines` holds against the
-    one above.
-    """
+    """With the check as zlib has it, held against the one above."""
     return f"{sign}{text}*{zlib.crc32(text.encode(), 0xFFFFFFFF) ^ 0xFFFFFFFF:08x}"
 
 
@@ -210,9 +208,7 @@ SCALES = {
 
 @pytest.mark.parametrize("name", SCALES)
 def test_types(tmp_path, name):
-    """The same unit in the counts of each type; the mean is right within a count of the whole
-    stretch.
-    """
+    """In the counts of each type; the mean is right within a count of the whole stretch."""
     gyro, accel, dt = SCALES[name]
     output = parked(dt=dt, start_s=SECONDS, seconds=40.0)
     made = convert(
@@ -267,9 +263,7 @@ def test_what_cannot_be_known_is_refused(tmp_path, lines, options, line_of_error
 
 
 def test_a_scale_of_the_map_and_other_axes(tmp_path):
-    """An unknown type, mounted with x backward, y left, z down ... as forward, right, down by the
-    map.
-    """
+    """Mounted with x backward, y left, z down ... as forward, right, down by the map."""
     options = {"imu_scale": {"gyro_rad": LITEF_RAD, "accel_m_s": LITEF_M_S}}
     check_parked_on_average(convert(tmp_path, raw_lines(number=99), options).run)
     turned = convert(tmp_path, raw_lines(), {"axes": {"x": "-y", "y": "-x", "z": "-z"}}).run

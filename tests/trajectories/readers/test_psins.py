@@ -43,9 +43,7 @@ def imu_rows(output: Output = OUT) -> np.ndarray:
 
 
 def avp_rows(output: Output = OUT) -> np.ndarray:
-    """[pitch roll yaw, vE vN vU, lat lon hgt, t] at rest; yaw turns anticlockwise: heading 40 deg
-    is yaw -40.
-    """
+    """[pitch roll yaw, vE vN vU, lat lon hgt, t] at rest; heading 40 deg is yaw -40."""
     row = [
         *np.radians([PITCH_DEG, ROLL_DEG, -HEADING_DEG]),
         0.0,
@@ -71,9 +69,7 @@ def simu_file(
     ending="",
     remark="% 2014-03-21 17:31:51  by somebody\n",
 ):
-    """Counts of 0.001 arcsec and 1 micro-g s with the remainder carried over, as imufile.m
-    rounds.
-    """
+    """Counts of 0.001 arcsec and 1 micro-g s remainder carried over, as imufile.m rounds."""
     scales = np.array([0.001] * 3 + [1.0] * 3)
     units = np.r_[[np.pi / 180 / 3600] * 3, [1e-6 * 9.780327] * 3] * scales
     counts = np.diff(

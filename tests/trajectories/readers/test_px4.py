@@ -248,9 +248,7 @@ def test_the_second_imu(tmp_path, topic, w):
     ],
 )
 def test_other_topics_where_raw_ones_are_missing_or_slow(tmp_path, topics, named):
-    """sensor_gyro at 2 Hz still gives the temperature, and the calibration offsets taken off are
-    told.
-    """
+    """sensor_gyro at 2 Hz still gives the temperature, and the calibration offsets taken off."""
     blocks = ulog(topics=(*topics, "sensor_gyro", "sensor_gps"), gyro_every=50)
     made = convert_log(write(tmp_path / "flight.ulg", blocks), {}, {})
     check_parked(made.run, W)
@@ -325,11 +323,8 @@ def test_nested_topics_and_unknown_flags(tmp_path):
     )
     (tmp_path / "a.ulg").write_bytes(flags + body)
     topic = read_ulog(tmp_path / "a.ulg", ["outer"]).topics["outer", 0]
-    assert {k: v.tolist() for k, v in topic.items()} == {
-        "timestamp": [5.0],
-        "c[0]": [0.5],
-        "c[1]": [0.25],
-    }
+    found = {k: v.tolist() for k, v in topic.items()}
+    assert found == {"timestamp": [5.0], "c[0]": [0.5], "c[1]": [0.25]}
     (tmp_path / "b.ulg").write_bytes(flags + block("B", bytes(8) + b"\3" + bytes(31)) + body)
     with pytest.raises(InputError, match=r"b\.ulg: incompatible flags 03 00"):
         read_ulog(tmp_path / "b.ulg", ["outer"])
