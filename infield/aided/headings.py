@@ -19,6 +19,7 @@ Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from dataclasses import dataclass, field, replace
+from operator import sub
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ from infield.aided.start import (
 )
 from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
-from ins.estimation.choice import Level, Sizes, climb, gain_by
+from ins.estimation.choice import Level, Sizes, climb
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
 from ins.filters.states import AIDED_THETA
@@ -336,7 +337,7 @@ class Bank:
             return _loglik(self._fly(log, turn_rad, WIDTH * 2.0 * np.pi / COARSE, noise))
 
         levels = [Level(name, grid, self.noise[name]) for name, grid in NOISE_STEPS.items()]
-        return climb(loglik(self.noise), levels, loglik, gain_by(float))[1]
+        return climb(loglik(self.noise), levels, loglik, sub)[1]
 
     def _logliks(self, log: ImuLog, turns: NDArray) -> NDArray:
         width = WIDTH * float(turns[1] - turns[0])

@@ -33,7 +33,7 @@ from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.settings import FIT, FlightPriors
-from ins.estimation.choice import SURE_NATS, Level, Sizes, climb, gain_by, powers_of_two
+from ins.estimation.choice import SURE_NATS, Level, Sizes, climb, powers_of_two
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.estimation.tape import Tape
@@ -154,7 +154,9 @@ def _with_vertical(
         return _swept(free.under(replace(usual, **sizes)), last, fixes)
 
     assumed = run({})
-    best, sizes = climb(assumed, levels, run, gain_by(lambda flt: flt.tally.loglik))
+    best, sizes = climb(
+        assumed, levels, run, lambda one, other: one.tally.loglik - other.tally.loglik
+    )
     if best.tally.loglik - assumed.tally.loglik < SURE_NATS:
         return flt, session
     found = replace(usual, **sizes)
