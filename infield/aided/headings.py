@@ -19,6 +19,7 @@ Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from operator import sub
 
 import numpy as np
@@ -333,11 +334,12 @@ class Bank:
     def _noise(self, log: ImuLog, turn_rad: float) -> Sizes:
         """The likeliest noise at a heading, from the present one up and down."""
 
-        def loglik(noise: Sizes, _: float = 0.0) -> float:
+        @cache
+        def loglik(**noise: float) -> float:
             return _loglik(self._fly(log, turn_rad, WIDTH * 2.0 * np.pi / COARSE, noise))
 
         levels = [Level(name, grid, self.noise[name]) for name, grid in NOISE_STEPS.items()]
-        return climb(loglik(self.noise), levels, loglik, sub)[1]
+        return climb(loglik(**self.noise), levels, lambda sizes, _: loglik(**sizes), sub)[1]
 
     def _logliks(self, log: ImuLog, turns: NDArray) -> NDArray:
         width = WIDTH * float(turns[1] - turns[0])

@@ -113,7 +113,7 @@ def climb(
                 turn = (turn + 1) % len(moves)
             else:
                 best, sizes = other, tried
-                vain = {turn ^ 1}  # the way back; the same move once more
+                vain = set()  # with what was refitted, the way back is a new one
     return best, sizes
 
 

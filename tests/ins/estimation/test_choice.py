@@ -36,7 +36,7 @@ def test_a_level_is_climbed_to_within_its_bounds(start, top, found):
     level = Level("x", powers_of_two(2.0, 32.0), start)
     sizes, tried = top_of(lambda x: -abs(np.log((x + 1e-9) / top)), [level])
     assert sizes == {"x": found}
-    assert len(set(tried)) == len(tried)  # each costs a sweep over a session
+    assert len(tried) <= 8  # each costs a sweep over a session
 
 
 def test_sizes_hold_their_bounds():
@@ -84,6 +84,17 @@ def test_a_model_that_cannot_be_fitted_is_passed_by():
 
     level = Level("x", powers_of_two(1.0, 64.0), 1.0)
     assert climb(1.0, [level], fit, sub) == (4.0, {"x": 4.0})
+
+
+def test_the_way_back_leads_elsewhere_with_what_was_refitted():
+    logliks = {(1.0, False): 0.0, (2.0, True): 1.0, (4.0, True): 0.5, (1.0, True): 3.0}
+    best, sizes = climb(
+        (1.0, False),
+        [Level("x", powers_of_two(1.0, 4.0), 1.0)],
+        lambda sizes, _: (sizes["x"], True),
+        lambda one, other: logliks[one] - logliks[other],
+    )
+    assert best == (1.0, True) and sizes == {"x": 1.0}
 
 
 def swept(rng, coefficients, rows=12):
