@@ -22,7 +22,7 @@ from alignment.motion.level import ParkedLevel
 from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
 from alignment.swing import Swing
 from ins.estimation import error_model as em
-from ins.estimation.choice import SURE_NATS, Level, climb, gain_by, powers_of_two
+from ins.estimation.choice import SURE_NATS, Level, climb, powers_of_two
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
 from ins.kalman import nis_band
 
@@ -357,7 +357,7 @@ class _Search:
             scale,
             [Level(name, GRIDS[name], getattr(scale, name)) for name in names],
             lambda sizes, _: scale.sized(**sizes),
-            gain_by(self._value),
+            lambda one, other: self._value(one) - self._value(other),
             least_nats=HIGHER,
             strides=STRIDES,
         )

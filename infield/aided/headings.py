@@ -19,6 +19,8 @@ Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
+from operator import sub
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +40,7 @@ from infield.aided.start import (
 )
 from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
-from ins.estimation.choice import Level, Sizes, climb, gain_by
+from ins.estimation.choice import Level, Sizes, climb
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
 from ins.filters.states import AIDED_THETA
@@ -332,11 +334,12 @@ class Bank:
     def _noise(self, log: ImuLog, turn_rad: float) -> Sizes:
         """The likeliest noise at a heading, from the present one up and down."""
 
-        def loglik(noise: Sizes, _: float = 0.0) -> float:
+        @cache
+        def loglik(**noise: float) -> float:
             return _loglik(self._fly(log, turn_rad, WIDTH * 2.0 * np.pi / COARSE, noise))
 
         levels = [Level(name, grid, self.noise[name]) for name, grid in NOISE_STEPS.items()]
-        return climb(loglik(self.noise), levels, loglik, gain_by(float))[1]
+        return climb(loglik(**self.noise), levels, lambda sizes, _: loglik(**sizes), sub)[1]
 
     def _logliks(self, log: ImuLog, turns: NDArray) -> NDArray:
         width = WIDTH * float(turns[1] - turns[0])

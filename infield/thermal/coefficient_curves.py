@@ -31,7 +31,7 @@ from scipy.sparse import csr_array, hstack
 
 from infield.table.least_squares import LeastSquares, NormalEquations
 from infield.thermal.blocks import AxisBlocks
-from ins.estimation.choice import Level, Sizes, choose, climb, gain_by
+from ins.estimation.choice import Level, Sizes, choose, climb
 
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
 # differences penalised for values, and where the second derivative must be smooth
@@ -200,19 +200,19 @@ def _averaged(
     def steps_of(sizes: Sizes, _: tuple[int, ...] = ()) -> tuple[int, ...]:
         return tuple(sizes.get(str(k), 0) for k in range(count + len(sizes_tried)))
 
+    def gain(one: tuple[int, ...], other: tuple[int, ...]) -> float:
+        return solve(one).log_evidence - solve(other).log_evidence
+
     @cache
     def best_with(rough: tuple[int, ...]) -> tuple[int, ...]:
         levels = smooth + [
             Level(str(count + k), range(1, sizes_tried[k]), ROUGH_START) for k in rough
         ]
         start = steps_of({level.name: level.start for level in levels})
-        return climb(start, levels, steps_of, gain_by(evidence_at))[0]
-
-    def evidence_at(at: tuple[int, ...]) -> float:
-        return solve(at).log_evidence
+        return climb(start, levels, steps_of, gain)[0]
 
     curves = range(len(sizes_tried))
-    rough = choose(curves, lambda rough: evidence_at(best_with(rough)), cost_nats=ROUGH_NATS)
+    rough = choose(curves, lambda rough: solve(best_with(rough)).log_evidence, cost_nats=ROUGH_NATS)
     at = best_with(rough)
     weight, found = _weighed(solve, at, counts)
     theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))

@@ -31,8 +31,17 @@ Sizes = Mapping[str, Any]  # of levels by name: float, as `replace` of a record 
 
 @dataclass(frozen=True)
 class Level:
-    """A number of a model whose size the data are to find: its name, the rising sizes that are
-    tried, and where the climb begins; along: levels that move with it, by as many steps each.
+    """A number of a model whose size the data are to find.
+
+    Parameters
+    ----------
+    name : str
+    grid : sequence of float
+        Rising sizes that are tried. A size that is not among them lies between two steps.
+    start : float
+        Where the climb begins.
+    along : tuple of Level
+        Levels that move with it, by as many steps each.
     """
 
     name: str
@@ -40,25 +49,24 @@ class Level:
     start: float
     along: tuple["Level", ...] = ()
 
-    def moved(self, size: float, steps: int) -> float:
-        """The size so many steps of the grid up or down, to the end of the grid at most; a size
-        that is not on the grid lies between two steps.
-        """
-        if steps > 0:
-            place = min(bisect_right(self.grid, size) - 1 + steps, len(self.grid) - 1)
-            return max(self.grid[place], size)
-        return min(self.grid[max(bisect_left(self.grid, size) + steps, 0)], size)
-
 
 def powers_of_two(least: float, largest: float, *, fineness: int = 1) -> tuple[float, ...]:
-    """Rising sizes from the least to the largest, so many for each doubling."""
+    """Sizes in equal ratios.
+
+    Parameters
+    ----------
+    least, largest : float
+        The first size, and what none is beyond.
+    fineness : int
+        Steps for each doubling.
+
+    Returns
+    -------
+    grid : tuple of float
+        Rising.
+    """
     count = int(fineness * np.log2(largest / least) + 1e-9)
     return tuple(least * 2.0 ** (k / fineness) for k in range(count + 1))
-
-
-def gain_by(log_likelihood: Callable[[Fitted], float]) -> Callable[[Fitted, Fitted], float]:
-    """The gain of one model over another where each has a likelihood of its own [nats]."""
-    return lambda one, other: log_likelihood(one) - log_likelihood(other)
 
 
 def climb(
@@ -105,21 +113,36 @@ def climb(
                 turn = (turn + 1) % len(moves)
             else:
                 best, sizes = other, tried
-                vain = {turn ^ 1}  # the way back; the same move once more
+                vain = set()  # with what was refitted, the way back is a new one
     return best, sizes
 
 
 def _moved(sizes: Sizes, level: Level, steps: int) -> Sizes | None:
     """Sizes after a move; None where one that moves is at the end of its grid."""
-    moved = {x.name: x.moved(sizes[x.name], steps) for x in (level, *level.along)}
+    moved = {x.name: _size(x.grid, sizes[x.name], steps) for x in (level, *level.along)}
     stays = any(moved[name] == sizes[name] for name in moved)
     return None if stays else {**sizes, **moved}
 
 
+def _size(grid: Sequence[float], size: float, steps: int) -> float:
+    """The size so many steps up or down, to the end of the grid at most."""
+    if steps > 0:
+        return max(grid[min(bisect_right(grid, size) - 1 + steps, len(grid) - 1)], size)
+    return min(grid[max(bisect_left(grid, size) + steps, 0)], size)
+
+
 @dataclass(frozen=True)
 class FreeConstants(Generic[Name]):
-    """Constants that one sweep left free: state x (n,) and covariance P (n, n) of the sweep, and
-    where each constant stands in it, with the prior sigma of each of its components.
+    """Constants that one sweep left free, each with a normal prior about zero.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        State of the sweep at its end.
+    P : ndarray, shape (n, n)
+        Its covariance.
+    at : mapping of (ndarray, ndarray)
+        Where each constant stands in the state (m,), and prior sigmas (m,).
     """
 
     x: NDArray
@@ -127,7 +150,17 @@ class FreeConstants(Generic[Name]):
     at: Mapping[Name, tuple[NDArray, NDArray]]
 
     def gain(self, free: Collection[Name]) -> float:
-        """Log evidence of the model with only these free over that with none [nats]."""
+        """Log evidence of a model with some of them over that with none.
+
+        Parameters
+        ----------
+        free : collection of Name
+
+        Returns
+        -------
+        gain : float
+            In nats.
+        """
         held = [name for name in self.at if name not in free]
         return self._log_density_ratio(held) - self._log_density_ratio(self.at)
 
@@ -147,8 +180,20 @@ def choose(
     *,
     cost_nats: float = SURE_NATS,
 ) -> tuple[Name, ...]:
-    """Those of a few candidates that the data want together: of all subsets the one whose log
-    evidence over none, less a cost for each member, is largest, in the order of the candidates.
+    """Those of a few candidates that the data want together, of all subsets.
+
+    Parameters
+    ----------
+    candidates : sequence of Name
+    gain : callable
+        Log evidence of the model with some of them, up to a constant [nats].
+    cost_nats : float
+        What each that is taken has to gain.
+
+    Returns
+    -------
+    taken : tuple of Name
+        In the order of the candidates.
     """
     subsets = chain.from_iterable(combinations(candidates, n) for n in range(len(candidates) + 1))
     return max(subsets, key=lambda taken: gain(taken) - cost_nats * len(taken))

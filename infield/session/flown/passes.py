@@ -4,6 +4,8 @@ errors, correct the start and the biases, and again.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,7 @@ from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.own_errors import OwnErrors
 from infield.session.settings import FIT, FlightPriors
-from ins.estimation.choice import SURE_NATS, Level, Sizes, climb, gain_by, powers_of_two
+from ins.estimation.choice import SURE_NATS, Level, climb, powers_of_two
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.estimation.tape import Tape
@@ -157,11 +159,17 @@ def _with_vertical(
         return flt, session
     free = replace(session, layout=session.layout.freed())
 
-    def run(sizes: Sizes, _: ErrorFilter | None = None) -> ErrorFilter:
+    @cache
+    def run(**sizes: Any) -> ErrorFilter:
         return _swept(free.under(replace(usual, **sizes)), last, fixes)
 
-    assumed = run({})
-    best, sizes = climb(assumed, levels, run, gain_by(lambda flt: flt.tally.loglik))
+    assumed = run()
+    best, sizes = climb(
+        assumed,
+        levels,
+        lambda sizes, _: run(**sizes),
+        lambda one, other: one.tally.loglik - other.tally.loglik,
+    )
     if best.tally.loglik - assumed.tally.loglik < SURE_NATS:
         return flt, session
     found = replace(usual, **sizes)

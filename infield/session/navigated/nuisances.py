@@ -182,7 +182,7 @@ def _levelled(
         flt,
         [choice.Level(name, CRABS_RAD, getattr(assumed, name))],
         lambda sizes, _: bench.run(replace(assumed, **sizes)),
-        choice.gain_by(lambda flt: flt.tally.loglik),
+        lambda one, other: one.tally.loglik - other.tally.loglik,
     )
     return flt, replace(assumed, **sizes)
 

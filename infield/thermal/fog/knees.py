@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from infield.table.least_squares import LEAST_SQUARE, NormalEquations
 from infield.thermal.coefficient_curves import Basis, Reduced
-from ins.estimation.choice import Level, Sizes, climb, gain_by
+from ins.estimation.choice import Level, Sizes, climb
 
 PLACE_STEP_degC = 0.5
 SEARCH_EVERY = 4  # of those places, while they are looked for: every 2 degC
@@ -133,7 +133,13 @@ def _settled(places: Places, at: tuple[int, ...]) -> tuple[int, ...]:
         return tried if places.apart(tried) else None
 
     levels = [Level(str(k), range(places.grid_degC.size), place) for k, place in enumerate(at)]
-    return climb(at, levels, moved, gain_by(lambda at: -places.chi2(at)), strides=MOVED_BY)[0]
+    return climb(
+        at,
+        levels,
+        moved,
+        lambda one, other: places.chi2(other) - places.chi2(one),
+        strides=MOVED_BY,
+    )[0]
 
 
 def walk(places: Places, at: Sequence[int]) -> NDArray:
