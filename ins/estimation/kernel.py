@@ -209,12 +209,13 @@ def spread(M, q, weight, moves, Q):
 
 
 @inner
-def drive(Gamma, moves, state, target, value, driven, G):
+def drive(Gamma, moves, first, last, state, target, value, driven, G):
     """What one unit of each driving state adds to the core errors over a step: columns of G
-    (12, d), their states in driven (d,). Entries of one state stand together. Returns how many.
+    (12, d), their states in driven (d,). The entries are those from first to last - 1; those of one
+    state stand together. Returns how many.
     """
     count = 0
-    for e in range(state.size):
+    for e in range(first, last):
         if count == 0 or driven[count - 1] != state[e]:
             driven[count] = state[e]
             for i in moves:
@@ -226,10 +227,10 @@ def drive(Gamma, moves, state, target, value, driven, G):
 
 
 @inner
-def propagate(x, P, moves, place, Phi, Q, driven, G, walk, density_of, dt, T, block):
+def propagate(x, P, moves, place, Phi, Q, driven, count, G, walk, density_of, dt, T, block):
     """x = F x, P = F P F' + Q, touching only the rows and columns that move or walk.
 
-    driven (d,), G (12, d): as of `drive`; walk, density_of (w,): states that walk at random, which
+    driven, count, G: as of `drive`; walk, density_of (w,): states that walk at random, which
     may drive meanwhile; T (12, n), block (12, 12): scratch.
     """
     n = x.size
@@ -244,7 +245,7 @@ def propagate(x, P, moves, place, Phi, Q, driven, G, walk, density_of, dt, T, bl
                 total += f * x[c]
                 for j in range(n):
                     T[i, j] += f * P[c, j]
-        for d in range(driven.size):
+        for d in range(count):
             f = G[i, d]
             if f != 0.0:
                 c = driven[d]
@@ -261,13 +262,13 @@ def propagate(x, P, moves, place, Phi, Q, driven, G, walk, density_of, dt, T, bl
             total = Q[i, j]
             for k in moves:
                 total += T[i, place[k]] * Phi[j, k]
-            for d in range(driven.size):
+            for d in range(count):
                 total += T[i, driven[d]] * G[j, d]
             block[i, j] = total
     for w in range(walk.size):
         added = density_of[w] * dt
         P[walk[w], walk[w]] += added
-        for d in range(driven.size):
+        for d in range(count):
             if driven[d] == walk[w]:
                 # of a walk from zero: its mean over the step, and the mean's square
                 for i in moves:
@@ -329,14 +330,14 @@ def correct(x, P, v, residual, variance):
 
 
 @inner
-def measure(x, P, index, value, z, R, gate, v, normalised, spread, gains):
-    """Rows (m) with independent noise, one after another; all or none pass the gate.
+def measure(x, P, first, last, index, value, z, R, gate, v, normalised, spread, gains):
+    """Rows first to last - 1 with independent noise, one after another; all or none pass the gate.
 
     Of refused rows, the innovations stand in `normalised` at the gate at most, each as if it were
-    alone. gains (m, n): written where it has rows. Returns what became of them.
+    alone. gains (rows, n): written where it has rows. Returns what became of them.
     """
     refused = False
-    for r in range(z.size):
+    for r in range(first, last):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
         residual = z[r] - hx
         if not (residual - residual == 0.0 and variance - variance == 0.0):
@@ -349,7 +350,7 @@ def measure(x, P, index, value, z, R, gate, v, normalised, spread, gains):
         normalised[r] = min(max(residual / sqrt(variance), -gate), gate)
     if refused:
         return REFUSED
-    for r in range(z.size):
+    for r in range(first, last):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
         if variance < 0.9 * R[r] or variance <= 0.0:
             return LOST
@@ -481,18 +482,19 @@ def sweep(
                         step[V_N + i] -= x[place[i]]
             now_bin = flags[which, BIN]
             transition(step, flags[which], noise, moves, room, Phi, Gamma, Q)
-            entries = slice(drive_first[which], drive_first[which + 1])
             used = drive(
                 Gamma,
                 moves,
-                drive_state[entries],
-                drive_target[entries],
-                drive_value[entries],
+                drive_first[which],
+                drive_first[which + 1],
+                drive_state,
+                drive_target,
+                drive_value,
                 driven,
                 G,
             )
             propagate(
-                x, P, moves, place, Phi, Q, driven[:used], G, walk, density_of, step[DT], T, block
+                x, P, moves, place, Phi, Q, driven, used, G, walk, density_of, step[DT], T, block
             )
             if shifts.shape[0] > 0:
                 for i in moves:
@@ -500,19 +502,20 @@ def sweep(
                         x[place[i]] += shifts[which, i]
         elif kind == MEASURE:
             before = P[watched, watched]
-            rows = slice(first, first + count)
             outcome[m] = measure(
                 x,
                 P,
-                index[rows],
-                value[rows],
-                z[rows],
-                R[rows],
+                first,
+                first + count,
+                index,
+                value,
+                z,
+                R,
                 gate[m],
                 v,
-                normalised[rows],
-                spread[rows],
-                gains[rows],
+                normalised,
+                spread,
+                gains,
             )
             if outcome[m] < 0:
                 return m
@@ -580,13 +583,14 @@ index, value : as of `sweep`
         kind, which, first, count = ops[o, 0], ops[o, 1], ops[o, 2], ops[o, 3]
         if kind == ADVANCE:
             transition(steps[which], flags[which], noise, moves, room, Phi, Gamma, Q)
-            entries = slice(drive_first[which], drive_first[which + 1])
             used = drive(
                 Gamma,
                 moves,
-                drive_state[entries],
-                drive_target[entries],
-                drive_value[entries],
+                drive_first[which],
+                drive_first[which + 1],
+                drive_state,
+                drive_target,
+                drive_value,
                 driven,
                 G,
             )
