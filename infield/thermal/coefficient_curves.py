@@ -198,7 +198,7 @@ def _averaged(
     smooth = [Level(str(k), range(n), n // 2) for k, n in enumerate(counts)]
 
     def steps_of(sizes: Sizes, _: tuple[int, ...] = ()) -> tuple[int, ...]:
-        return tuple(sizes.get(str(k), 0) for k in range(count + len(sizes_tried)))
+        return tuple(int(sizes.get(str(k), 0)) for k in range(count + len(sizes_tried)))
 
     def gain(one: tuple[int, ...], other: tuple[int, ...]) -> float:
         return solve(one).log_evidence - solve(other).log_evidence

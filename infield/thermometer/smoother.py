@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.special import ndtr
 
-from ins.estimation.choice import Level, climb
+from ins.estimation.choice import Level, climb, with_sizes
 from ins.robust import white_sigma
 from ins.thermometer_faults import COARSE_degC
 
@@ -89,7 +89,7 @@ def smooth_readings(
         best, _ = climb(
             best,
             [level],
-            lambda sizes, at: data.fit(replace(at, **sizes)),
+            lambda sizes, at: data.fit(with_sizes(at, sizes)),
             lambda one, other: one.log_evidence - other.log_evidence,
         )
     return best

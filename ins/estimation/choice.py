@@ -16,9 +16,9 @@ Decision: docs/decisions/0093-one-choice.md.
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 SURE_NATS = 3.0  # odds of 20 to 1; under the model without it below 1 in 20
 Fitted = TypeVar("Fitted")  # a model with what came of it
 Name = TypeVar("Name")
-Sizes = Mapping[str, Any]  # of levels by name: float, as `replace` of a record takes them
+Sizes = Mapping[str, float]  # of levels by name
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,22 @@ class Level:
     grid: Sequence[float]
     start: float
     along: tuple["Level", ...] = ()
+
+
+def with_sizes(record: Fitted, sizes: Sizes) -> Fitted:
+    """A record with sizes of levels that are fields of it.
+
+    Parameters
+    ----------
+    record : dataclass
+    sizes : mapping of float
+
+    Returns
+    -------
+    record : dataclass
+    """
+    fields: Any = sizes
+    return replace(cast(Any, record), **fields)
 
 
 def powers_of_two(least: float, largest: float, *, fineness: int = 1) -> tuple[float, ...]:

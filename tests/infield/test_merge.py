@@ -14,16 +14,12 @@ from infield.table.prior import prior_covariance
 from infield.table.thermal_table import EvenNodes, default_table
 from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import GyroNoise, InputError
+from tests.infield.common_part import common_shift
 from tests.infield.point_merge import merge_points
 
 UTC = "2026-03-01T05:00:00Z"
 ARW_deg_sqrt_h, BIN_S = 0.002, 300.0
 SIGMA_POINT_deg_h = ARW_deg_sqrt_h / np.sqrt(BIN_S / 3600.0)
-
-
-def common_shift(table, axis, updated):
-    """How far an update moved the common part of an axis [deg/h]."""
-    return float(table.common_weights(axis) @ (updated.parameters - table.parameters))
 
 
 def table_with(sigma=0.0072, interpolation="linear", **prior):

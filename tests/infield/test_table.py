@@ -9,14 +9,10 @@ from scipy.interpolate import CubicHermiteSpline
 from infield.table.prior import prior_covariance, smooth_kernel
 from infield.table.thermal_table import AgeingModel, EvenNodes, ThermalTable, default_table
 from ins.records import InputError
+from tests.infield.common_part import common_shift
 
 UTC = "2026-03-01T05:00:00Z"
 INTERPOLATIONS = ["linear", "hermite"]
-
-
-def common_shift(table, axis, updated):
-    """How far an update moved the common part of an axis [deg/h]."""
-    return float(table.common_weights(axis) @ (updated.parameters - table.parameters))
 
 
 def random_table(rng, interpolation="linear"):

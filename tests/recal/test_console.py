@@ -42,7 +42,9 @@ HEAVY = {
     "ins.records",
     "trajectories",
     "alignment",
-    "infield",
+    "infield.session",
+    "infield.table",
+    "infield.reports.documents",
 }
 HELPS = """
 import json, os, sys

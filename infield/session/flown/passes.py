@@ -36,7 +36,7 @@ from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.own_errors import OwnErrors
 from infield.session.settings import FIT, FlightPriors
-from ins.estimation.choice import SURE_NATS, Level, climb, powers_of_two
+from ins.estimation.choice import SURE_NATS, Level, climb, powers_of_two, with_sizes
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.estimation.tape import Tape
@@ -172,7 +172,7 @@ def _with_vertical(
     )
     if best.tally.loglik - assumed.tally.loglik < SURE_NATS:
         return flt, session
-    found = replace(usual, **sizes)
+    found = with_sizes(usual, sizes)
     session = session.under(replace(found, deflection_km=min(found.deflection_km, LONGEST_KM)))
     return _swept(session, last, fixes), session
 

@@ -181,10 +181,10 @@ def _levelled(
     flt, sizes = choice.climb(
         flt,
         [choice.Level(name, CRABS_RAD, getattr(assumed, name))],
-        lambda sizes, _: bench.run(replace(assumed, **sizes)),
+        lambda sizes, _: bench.run(choice.with_sizes(assumed, sizes)),
         lambda one, other: one.tally.loglik - other.tally.loglik,
     )
-    return flt, replace(assumed, **sizes)
+    return flt, choice.with_sizes(assumed, sizes)
 
 
 def _constants(bench: Bench, assumed: Assumed) -> dict[Nuisance, float]:

@@ -129,7 +129,7 @@ def _settled(places: Places, at: tuple[int, ...]) -> tuple[int, ...]:
     """The breakpoints moved in turn, until none moves any more."""
 
     def moved(sizes: Sizes, _: tuple[int, ...]) -> tuple[int, ...] | None:
-        tried = tuple(sizes.values())
+        tried = tuple(int(place) for place in sizes.values())
         return tried if places.apart(tried) else None
 
     levels = [Level(str(k), range(places.grid_degC.size), place) for k, place in enumerate(at)]
