@@ -137,15 +137,16 @@ class RowSums:
 
     def _read(self, time_s: NDArray) -> NDArray:
         order = np.argsort(time_s)
-        ordered_s, sums, total = time_s[order], np.zeros((time_s.size, 6)), np.zeros(6)
+        ordered_s, sums, total, done = time_s[order], np.zeros((time_s.size, 6)), np.zeros(6), 0
         for piece in self._imu.pieces():
             t = np.append(piece.time_s[0] - piece.dt_s[0], piece.time_s)
             rows = np.hstack([piece.dtheta_rad, piece.dv_m_s])
             grown = np.cumsum(np.vstack([total, rows]), axis=0)
-            here = order[slice(*np.searchsorted(ordered_s, t[[0, -1]], side="right"))]
+            until = int(np.searchsorted(ordered_s, t[-1], side="right"))
+            here = order[done:until]  # with those that no row holds, since the piece before
             sums[here] = np.column_stack([np.interp(time_s[here], t, column) for column in grown.T])
-            total = grown[-1]
-        sums[time_s > self._imu.end_s] = total
+            total, done = grown[-1], until
+        sums[order[done:]] = total
         return sums
 
 
