@@ -185,7 +185,7 @@ class ErrorFilter:
         ArithmeticError
             Where the covariance loses its digits; names the kind of measurement and the time.
         ValueError
-            Where a value is not finite, likewise, or a bin is beyond those of the filter.
+            Where a value is not finite, likewise, or a bin is not one of the filter.
         """
         self._sweep(tape, keep_gains=False)
 
@@ -219,8 +219,10 @@ class ErrorFilter:
         from ins.estimation import kernel
 
         c = tape if isinstance(tape, Compiled) else tape.compiled()
-        if c.flags.size and c.flags[:, BIN].max() >= max(len(self.filtered), 1):
-            raise ValueError(f"bin {c.flags[:, BIN].max()}, the filter has {len(self.filtered)}")
+        bins = c.flags[:, BIN]
+        wrong = bins[(bins < 0) | (bins >= max(len(self.filtered), 1))]
+        if wrong.size:
+            raise ValueError(f"bin {wrong[0]}, the filter has {len(self.filtered)}")
         use = _in_use(c, self.x, self.P, self.walks)
         own, count = np.flatnonzero(use), len(c.ops)
         x, P = self.x[own], np.ascontiguousarray(self.P[np.ix_(own, own)])
@@ -436,7 +438,7 @@ class Response:
 
     def _check(self, start: NDArray, sensed: NDArray, measured: NDArray) -> None:
         """ValueError where columns do not fit the sweep."""
-        m, states = start.shape[1], len(self.placed.of)
+        m, states = start.shape[-1], len(self.placed.of)
         needed = {
             "start": (start, (states, m)),
             "sensed": (sensed, (len(self.tape.steps), INPUTS, m)),

@@ -232,7 +232,14 @@ class Compiled:
         Returns
         -------
         tape : Compiled
+
+        Raises
+        ------
+        ValueError
+            Of another number of variances than rows.
         """
+        if variance.shape != self.z.shape:
+            raise ValueError(f"variance has shape {variance.shape}, needed {self.z.shape}")
         gate = self.gate.copy()
         for number, name in enumerate(self.names):
             gate[(self.name == number) & (self.ops[:, 0] == MEASURE)] = gates.get(name, np.nan)
@@ -273,7 +280,14 @@ class Tape:
             The input: GYRO, ACCELEROMETER or ACCELERATION and the axis.
         value : array_like, () or (K,)
             Per unit of the state, mean over each step; where it is zero nothing drives.
+
+        Raises
+        ------
+        ValueError
+            There is no such input.
         """
+        if not 0 <= target < INPUTS:
+            raise ValueError(f"input {target}, needed 0 to {INPUTS - 1}")
         count = len(self.steps.end_s)
         values = np.broadcast_to(np.asarray(value, dtype=float), (count,))
         at = np.flatnonzero(values)
@@ -306,6 +320,11 @@ class Tape:
             Of the rows' noise, which is independent.
         gate : float
             Innovations beyond so many sigmas leave the whole measurement out.
+
+        Raises
+        ------
+        ValueError
+            Where z, rows and variance are not as many, or a step or state is below zero.
         """
         if len(at):
             self._blocks.append(_block(MEASURE, at, rows, z, variance, name=name, gate=gate))
@@ -361,13 +380,20 @@ class Tape:
         Returns
         -------
         tape : Compiled
+
+        Raises
+        ------
+        ValueError
+            Where the shift has another shape than `Steps` says.
+        IndexError
+            At a step beyond the last.
         """
         blocks, names = self._blocks, tuple(dict.fromkeys(b.name for b in self._blocks))
         width = max(b.index.shape[2] for b in blocks)
         count = np.concatenate([np.full(len(b.at), b.z.shape[1]) for b in blocks])
         at = np.concatenate([b.at for b in blocks])
         order = np.lexsort((np.repeat(np.arange(len(blocks)), [len(b.at) for b in blocks]), at))
-        first = np.concatenate([[0], np.cumsum(count)[:-1]])
+        first = np.cumsum(count) - count
         target = np.concatenate(
             [b.at if b.operation == ADVANCE else np.full(len(b.at), b.target) for b in blocks]
         )
@@ -375,6 +401,8 @@ class Tape:
         ops = np.column_stack([operation, target, first, count])[order]
         steps, flags = self.steps.table()
         shift = np.zeros((0, SOLUTION)) if self.steps.shift is None else self.steps.shift
+        if self.steps.shift is not None and shift.shape != (len(steps), SOLUTION):
+            raise ValueError(f"shift has shape {shift.shape}, needed {(len(steps), SOLUTION)}")
         return Compiled(
             steps,
             flags,
@@ -415,6 +443,8 @@ def _block(
     **more: Any,
 ) -> _Block:
     """The operation at the steps `at`; more: its name, target and gate, where it has them."""
+    if not len(z) == len(rows) == len(variance):
+        raise ValueError(f"{len(z)} values, {len(rows)} rows and {len(variance)} variances")
     steps = np.atleast_1d(np.asarray(at, dtype=np.int64))
     width = max(max(len(row) for row in rows), 1)
     index = np.zeros((len(steps), len(rows), width), dtype=np.int64)
@@ -423,6 +453,8 @@ def _block(
         for k, (state, coefficient) in enumerate(row.items()):
             index[:, i, k] = state
             value[:, i, k] = coefficient
+    if min(steps.min(initial=0), index.min(initial=0)) < 0:
+        raise ValueError(f"step {steps.min(initial=0)}, state {index.min(initial=0)}: below zero")
     return _Block(
         operation=operation,
         at=steps,

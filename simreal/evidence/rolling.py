@@ -213,9 +213,7 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, Tape]:
 
 def _level(views: StepViews) -> StepViews:
     """The way in body axes by the level velocity alone: the vertical loop's own velocity, seen
-    through the unit's tilt, is
-
-    no way of the wheels (on a slope s of the ground this leaves s^2 of the way).
+    through the unit's tilt, is no way of the wheels (on a slope s this leaves s^2 of the way).
     """
     down = views.C_mean[:, 2, :] * views.displacement_n_m[:, 2:3]
     return replace(views, displacement_b_m=views.displacement_b_m - down)

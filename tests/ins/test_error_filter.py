@@ -2,6 +2,8 @@
 invariants.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from ins.estimation import error_model as em
 from ins.estimation import kernel as fk
 from ins.estimation import states
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
+from ins.estimation.tape import INPUTS, Tape
 from ins.filters import states as aided
 from ins.units import DEG
 from tests.ins.filter_steps import advance, dense, driven, measure, only, steps_of
@@ -199,6 +202,45 @@ def test_a_value_that_is_not_finite_is_an_error_with_its_time():
         measure(new_filter(), "gnss", np.nan, [{em.KAPPA: 1.0}], 1e-6, 7.0)
     with pytest.raises(ValueError, match=r"bin 2.*2"):
         advance(new_filter(bins=2), parked_step(), 2)
+
+
+ONE, ROW = np.array([0]), {em.KAPPA: 1.0}
+
+
+@pytest.mark.parametrize(
+    "lay_down",
+    [
+        lambda tape: tape.measure("two", ONE, [0.0, 0.0], [ROW], [1.0, 1.0]),
+        lambda tape: tape.measure("two", ONE, [0.0, 0.0], [ROW, ROW], [1.0]),
+        lambda tape: tape.measure("before", -1 - ONE, [0.0], [ROW], [1.0]),
+        lambda tape: tape.measure("none", ONE, [0.0], [{-1: 1.0}], [1.0]),
+        lambda tape: tape.drive(em.BASE, INPUTS, 1.0),
+        lambda tape: tape.drive(em.BASE, -1, 1.0),
+        lambda tape: tape.compiled().under(np.ones(7), {}),
+    ],
+)
+def test_what_the_kernel_would_read_beyond_its_arrays_is_refused(lay_down):
+    with pytest.raises(ValueError):
+        lay_down(only())
+
+
+def test_a_step_a_shift_or_a_bin_that_is_none_is_refused():
+    flt, steps = new_filter(), steps_of(parked_step(), 3)
+    beyond = Tape(steps)
+    beyond.measure("beyond", np.array([3]), [0.0], [ROW], [1.0])
+    with pytest.raises(IndexError):
+        flt.run(beyond)
+    with pytest.raises(ValueError):
+        flt.run(Tape(replace(steps, shift=np.zeros((2, 9)))))
+    with pytest.raises(ValueError):
+        flt.run(Tape(replace(steps, bin_index=np.array([0, 0, -1]))))
+
+
+def test_a_tape_without_steps_changes_nothing():
+    flt = new_filter()
+    before = flt.P.copy()
+    flt.run(driven(steps_of(parked_step(), 0)))
+    assert (flt.P == before).all()
 
 
 def test_parked_lateral_velocity_is_a_fresh_draw_at_every_step():

@@ -10,7 +10,8 @@ from ins.attitude import dcm_from_euler, dcm_from_rotation_vector
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.estimation import states
 from ins.estimation.measurements import fix
-from ins.estimation.measurements.antenna import Antenna, AntennaMotion
+from ins.estimation.measurements.antenna import Antenna, AntennaMotion, RowSums
+from ins.records import ImuLog
 from ins.units import DEG
 
 PLACE = np.array([50 * DEG, 7 * DEG, 900.0])
@@ -133,3 +134,13 @@ def test_a_standing_vehicle_shows_no_attitude_in_its_velocity():
     for row in read("velocity", np.zeros(61), moves=False)[1]:
         for state in BLOCKS["attitude"][0]:
             assert not np.any(row.get(state, 0.0))
+
+
+def test_sums_between_two_pieces_of_a_log_are_those_of_the_rows_before(monkeypatch):
+    """1 rad/s and 2 m/s^2 for 4 s, none for 5 s, then 4 s; also before and after the log."""
+    monkeypatch.setattr("ins.records.PIECE_ROWS", 4)
+    ends, rows = np.array([1.0, 2.0, 3.0, 4.0, 10.0, 11.0, 12.0, 13.0]), np.ones((8, 3))
+    log = ImuLog(time_s=ends, dt_s=np.ones(8), dtheta_rad=rows, dv_m_s=2.0 * rows)
+    sums = RowSums(log).at(np.array([12.5, 6.0, -1.0, 2.5, 20.0, 8.9]))
+    seconds = np.array([7.5, 4.0, 0.0, 2.5, 8.0, 4.0])
+    assert sums == pytest.approx(seconds[:, None] * np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]))
