@@ -290,20 +290,20 @@ def propagate(x, P, moves, place, Phi, Q, driven, count, G, walk, density_of, dt
 
 
 @inner
-def expected(x, P, index, value, R, v):
+def expected(x, P, first, last, index, value, R, v):
     """v = P h; returns h x and h P h' + R of a sparse row h."""
     n = x.size
     for j in range(n):
         v[j] = 0.0
     hx = 0.0
-    for k in range(index.size):
+    for k in range(first, last):
         c, a = index[k], value[k]
         if a != 0.0:
             hx += a * x[c]
             for j in range(n):
                 v[j] += a * P[c, j]
     variance = R
-    for k in range(index.size):
+    for k in range(first, last):
         variance += value[k] * v[index[k]]
     return hx, variance
 
@@ -330,7 +330,7 @@ def correct(x, P, v, residual, variance):
 
 
 @inner
-def measure(x, P, first, last, index, value, z, R, gate, v, normalised, spread, gains):
+def measure(x, P, first, last, first_entry, index, value, z, R, gate, v, normalised, spread, gains):
     """Rows first to last - 1 with independent noise, one after another; all or none pass the gate.
 
     Of refused rows, the innovations stand in `normalised` at the gate at most, each as if it were
@@ -338,7 +338,7 @@ def measure(x, P, first, last, index, value, z, R, gate, v, normalised, spread, 
     """
     refused = False
     for r in range(first, last):
-        hx, variance = expected(x, P, index[r], value[r], R[r], v)
+        hx, variance = expected(x, P, first_entry[r], first_entry[r + 1], index, value, R[r], v)
         residual = z[r] - hx
         if not (residual - residual == 0.0 and variance - variance == 0.0):
             return NOT_FINITE
@@ -351,7 +351,7 @@ def measure(x, P, first, last, index, value, z, R, gate, v, normalised, spread, 
     if refused:
         return REFUSED
     for r in range(first, last):
-        hx, variance = expected(x, P, index[r], value[r], R[r], v)
+        hx, variance = expected(x, P, first_entry[r], first_entry[r + 1], index, value, R[r], v)
         if variance < 0.9 * R[r] or variance <= 0.0:
             return LOST
         spread[r] = variance
@@ -367,11 +367,11 @@ system_alone, transition_alone = entry(system), entry(transition)
 
 
 @inner
-def assign(x, P, target, index, value, variance, v):
+def assign(x, P, target, first, last, index, value, variance, v):
     """State `target` becomes a combination of states plus independent noise (no entries: a fresh
     prior).
     """
-    hx, total = expected(x, P, index, value, 0.0, v)
+    hx, total = expected(x, P, first, last, index, value, 0.0, v)
     x[target] = hx
     for j in range(x.size):
         P[target, j] = v[j]
@@ -396,6 +396,7 @@ def sweep(
     drive_target,
     drive_value,
     ops,
+    first_entry,
     index,
     value,
     z,
@@ -435,8 +436,10 @@ def sweep(
         State, input and what one unit of the state makes the input wrong by.
     ops : ndarray of int64, shape (m, 4)
         Kind of operation, step or target, first row, rows.
-    index, value : ndarray, shape (rows, nz)
-        States and coefficients of each row.
+    first_entry : ndarray of int64, shape (rows + 1,)
+        First of the entries of each row.
+    index, value : ndarray, shape (entries,)
+        States and coefficients.
     z, R : ndarray, shape (rows,)
         Measured values, variances.
     gate : ndarray, shape (m,)
@@ -507,6 +510,7 @@ def sweep(
                 P,
                 first,
                 first + count,
+                first_entry,
                 index,
                 value,
                 z,
@@ -524,7 +528,9 @@ def sweep(
         elif kind == ADD:
             P[which, which] += R[first]
         else:
-            assign(x, P, which, index[first], value[first], R[first], v)
+            assign(
+                x, P, which, first_entry[first], first_entry[first + 1], index, value, R[first], v
+            )
         if (kind == ADVANCE or kind == MEASURE) and now_bin < bins.shape[0]:
             for k in range(3):
                 b = bins[now_bin, k]
@@ -546,6 +552,7 @@ def respond(
     drive_target,
     drive_value,
     ops,
+    first_entry,
     index,
     value,
     outcome,
@@ -565,7 +572,7 @@ def respond(
     E : ndarray, shape (n, m)
         The columns at the start; changed in place.
     moves, place, steps, flags, noise, drive_first, drive_state, drive_target, drive_value, ops, \
-index, value : as of `sweep`
+first_entry, index, value : as of `sweep`
     outcome, spread, gains : as `sweep` wrote them
     sensed : ndarray, shape (K, 9, m)
         What the inputs are wrong by over each step.
@@ -613,8 +620,8 @@ index, value : as of `sweep`
                 root = sqrt(spread[r])
                 for j in range(m):
                     nu[j] = measured[r, j]
-                for k in range(index.shape[1]):
-                    add_row(nu, value[r, k], E[index[r, k]])
+                for k in range(first_entry[r], first_entry[r + 1]):
+                    add_row(nu, value[k], E[index[k]])
                 for j in range(m):
                     nu[j] /= root
                     out[r, j] = nu[j]
@@ -623,8 +630,8 @@ index, value : as of `sweep`
         elif kind != ADD:
             for j in range(m):
                 nu[j] = 0.0
-            for k in range(index.shape[1]):
-                add_row(nu, value[first, k], E[index[first, k]])
+            for k in range(first_entry[first], first_entry[first + 1]):
+                add_row(nu, value[k], E[index[k]])
             for j in range(m):
                 E[which, j] = nu[j]
 

@@ -187,8 +187,10 @@ class Compiled:
     drives : Drives
     ops : ndarray of int64, shape (m, 4)
         Kind of operation, step or target state, first row, number of rows.
-    index, value : ndarray, shape (rows, nz)
-        States and coefficients of each row.
+    first_entry : ndarray of int64, shape (rows + 1,)
+        First of the entries of each row.
+    index, value : ndarray, shape (entries,)
+        States and coefficients.
     z, variance : ndarray, shape (rows,)
     gate : ndarray, shape (m,)
         In sigmas.
@@ -205,6 +207,7 @@ class Compiled:
     wheels: bool
     drives: Drives
     ops: NDArray
+    first_entry: NDArray
     index: NDArray
     value: NDArray
     z: NDArray
@@ -389,7 +392,7 @@ class Tape:
             At a step beyond the last.
         """
         blocks, names = self._blocks, tuple(dict.fromkeys(b.name for b in self._blocks))
-        width = max(b.index.shape[2] for b in blocks)
+        rows, width = [b.z.size for b in blocks], [b.index.shape[2] for b in blocks]
         count = np.concatenate([np.full(len(b.at), b.z.shape[1]) for b in blocks])
         at = np.concatenate([b.at for b in blocks])
         order = np.lexsort((np.repeat(np.arange(len(blocks)), [len(b.at) for b in blocks]), at))
@@ -411,8 +414,9 @@ class Tape:
             self.steps.wheels,
             self._driving(),
             np.ascontiguousarray(ops, dtype=np.int64),
-            np.concatenate([_padded(b.index, width) for b in blocks]),
-            np.concatenate([_padded(b.value, width) for b in blocks]),
+            np.concatenate([[0], np.cumsum(np.repeat(width, rows))]),
+            np.concatenate([b.index.ravel() for b in blocks]),
+            np.concatenate([b.value.ravel() for b in blocks]),
             np.concatenate([b.z.ravel() for b in blocks]),
             np.concatenate([b.variance.ravel() for b in blocks]),
             np.concatenate([np.full(len(b.at), b.gate) for b in blocks])[order],
@@ -470,10 +474,3 @@ def _of_each_step(entries: Sequence[ArrayLike] | NDArray, count: int) -> NDArray
     """One entry a row, scalar or one a step, as (count, rows)."""
     columns = [np.broadcast_to(np.asarray(e, dtype=float), (count,)) for e in entries]
     return np.stack(columns, axis=1)
-
-
-def _padded(rows: NDArray, width: int) -> NDArray:
-    """(m, r, nz) as (m r, width), zeros at the end."""
-    out = np.zeros((rows.shape[0] * rows.shape[1], width), dtype=rows.dtype)
-    out[:, : rows.shape[2]] = rows.reshape(-1, rows.shape[2])
-    return out

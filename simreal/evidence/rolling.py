@@ -137,7 +137,7 @@ class RollingBlock:
     def _measured(self, own: NDArray) -> NDArray:
         """What each row's measured value is changed by (rows, m); own (K, 6, m): as of `whiten`."""
         out = np.zeros((len(self._name), own.shape[2]))
-        dt, first_state = self.views.dt_s[self._step], self.tape.index[:, 0]
+        dt, first_state = self.views.dt_s[self._step], self.tape.index[self.tape.first_entry[:-1]]
         for name, state, column, factor in (
             ("lateral", em.S.start + 1, 0, dt),
             ("odometer", em.S.start, 1, -dt),

@@ -111,7 +111,8 @@ def shown(sensed, start, rng=None):
         rows = slice(first, first + count)
         H = np.zeros((count, len(e)))
         for i, row in enumerate(range(first, first + count)):
-            np.add.at(H[i], c.index[row], c.value[row])
+            entries = slice(c.first_entry[row], c.first_entry[row + 1])
+            np.add.at(H[i], c.index[entries], c.value[entries])
         if kind == ADVANCE:
             flags = {"rolling": which >= STANDS, "keep_displacement": 0 < which < STANDS}
             Phi, Gamma, Q = em.discretize(step_of(which), NOISE, **flags)
