@@ -217,7 +217,7 @@ def test_a_trace_that_is_none_is_refused_by_name(drawn, monkeypatch, trace_of, s
 def test_a_prior_without_a_size_is_refused(drawn, monkeypatch, sigma):
     (error,) = effects_named(NAME)
     other = replace(error, priors=(Prior("session", "deg/h per gauss", sigma),))
-    with pytest.raises(InputError, match="prior sigma .* needed above 0"):
+    with pytest.raises(InputError, match=r"prior sigma .* needed above 0"):
         estimate_with(other, drawn, monkeypatch)
 
 
