@@ -34,6 +34,7 @@ from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Span, TableDocument
+from ins.twin_file import TWIN_SECTIONS
 from ins.verdicts import Observability, Outcome
 
 VERDICTS: dict[str, tuple[str, str, str]] = {  # verdict: word, look, symbol
@@ -457,10 +458,12 @@ def _nodes(document: UpdateDocument, axis: str, sources: Sequence[str]) -> list[
 
 
 def _noise(document: UpdateDocument) -> list[tuple[str, str, str]]:
-    """The noise model as rows: group, key with its unit, value."""
+    """The noise model as rows: group, key with its unit, value; how it was fitted is left out."""
     rows = []
     for group, values in (document.noise_model or {}).items():
-        for key, value in values.items() if isinstance(values, Mapping) else ():
+        if group not in TWIN_SECTIONS or not isinstance(values, Mapping):
+            continue
+        for key, value in values.items():
             text = (
                 ", ".join(f"{v:g}" for v in value)
                 if isinstance(value, list | tuple)

@@ -317,6 +317,17 @@ def test_the_bare_document_of_the_contract_is_enough(documents):
         assert bare["imu_serial"] in Page(update_html(bare)).text
 
 
+def test_a_noise_model_that_was_fitted_is_on_the_page(documents):
+    fitted = copy.deepcopy(documents["proposed"])
+    fitted["noise_model"]["gyro"]["arw_deg_sqrt_h"] = 0.0123
+    fitted["noise_model"]["fit"] = {
+        "parameters": ["arw_deg_sqrt_h"],
+        "covariance": [[1e-8]],
+        "not_identified": {"gyro.turn_on_deg_h": "one power-on"},
+    }
+    assert "0.0123" in Page(update_html(fitted)).text
+
+
 def test_no_curve_has_more_points_than_allowed(documents):
     d = copy.deepcopy(documents["proposed"])
     n = 30_000

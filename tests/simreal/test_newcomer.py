@@ -197,6 +197,30 @@ def test_what_is_not_estimated_is_reported(drawn, monkeypatch, changes, state):
     assert all(one.value is None and NAME in sentence(one.reason) for one in found)
 
 
+@pytest.mark.parametrize(
+    ("trace_of", "said"),
+    [
+        (lambda run: Trace(np.full((run.n, 3), np.nan)), "is not finite"),
+        (lambda run: Trace(np.ones((run.n - 5, 3))), "trace of shape"),
+        (lambda run: Trace(np.ones(run.n)), "trace of shape"),
+        (lambda run: Trace(np.ones(3)[run.n]), "its traces raise IndexError"),
+    ],
+)
+def test_a_trace_that_is_none_is_refused_by_name(drawn, monkeypatch, trace_of, said):
+    (error,) = effects_named(NAME)
+    broken = replace(error, formula=lambda run, target, shape: (trace_of(run),))
+    with pytest.raises(InputError, match=f"error {NAME} on gyro_x: .*{said}"):
+        estimate_with(broken, drawn, monkeypatch)
+
+
+@pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan, np.inf])
+def test_a_prior_without_a_size_is_refused(drawn, monkeypatch, sigma):
+    (error,) = effects_named(NAME)
+    other = replace(error, priors=(Prior("session", "deg/h per gauss", sigma),))
+    with pytest.raises(InputError, match=r"prior sigma .* needed above 0"):
+        estimate_with(other, drawn, monkeypatch)
+
+
 def test_a_prior_in_another_unit_is_refused(drawn, monkeypatch):
     (error,) = effects_named(NAME)
     other = replace(error, priors=(Prior("session", "deg/h", 0.03),))

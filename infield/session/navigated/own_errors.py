@@ -28,7 +28,7 @@ from ins.errors.catalogue import estimated_of_users
 from ins.errors.prior import Prior
 from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace
 from ins.estimation.tape import ACCELEROMETER, GYRO, Tape
-from ins.records import Run, TwinModel
+from ins.records import InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
 SESSION = "session"  # recipe of the priors
@@ -47,8 +47,23 @@ class Carried:
     record: OwnError
 
     def trace(self, run: Telemetry) -> Trace:
-        """What one unit of it adds to a run."""
-        return self.source.traces(run, self.record.target, {})[self.number]
+        """What one unit of it adds to a run. InputError where that is not (n, 3), or not finite."""
+        name = f"error {self.source.id} on {self.record.target}"
+        try:
+            trace = self.source.traces(run, self.record.target, {})[self.number]
+            driven = [getattr(trace, channel) for channel in sorted(SHOWN)]
+        except (TypeError, AttributeError):  # of a stream that is not logged
+            raise
+        except Exception as broken:  # code of a user's package
+            raise InputError(f"{name}: its traces raise {broken!r}") from broken
+        for series in driven:
+            if series is None:
+                continue
+            if np.shape(series) != (run.n, 3):
+                raise InputError(f"{name}: trace of shape {np.shape(series)}, needed {(run.n, 3)}")
+            if not np.all(np.isfinite(series)):
+                raise InputError(f"{name}: its trace is not finite")
+        return trace
 
     def one_sigma_deg_h(self, run: Telemetry) -> NDArray:
         """What one sigma of it adds to the gyros (n, 3)."""
@@ -203,13 +218,18 @@ def _every(run: Run) -> Iterator[Carried]:
             prior = source.prior_of(SESSION, coefficient)
             if prior is None:
                 continue
+            sigma = prior.of(run.header.gyro_technology)
+            if not 0.0 < sigma < np.inf:
+                raise InputError(
+                    f"error {source.id}: prior sigma {sigma:g}, needed above 0, finite"
+                )
             for target in source.targets:
                 record = OwnError(
                     error=source.name,
                     target=target,
                     coefficient=coefficient.name,
                     unit=coefficient.unit,
-                    prior_sigma=prior.of(run.header.gyro_technology),
+                    prior_sigma=sigma,
                 )
                 yield Carried(source, number, prior, record)
 
