@@ -1,7 +1,7 @@
 """An error of one's own in one file: a gyro whose bias follows the Earth's magnetic field along its
 axis, so that it changes with the heading.
 
-With the entry point `recal.effects` of a package, as in own_effect.py, it can be simulated from the
+With the entry point `recal.errors` of a package, as in own_effect.py, it can be simulated from the
 `effects` of a twin, found by `recal diagnose`, planned for, and estimated by `recal update`, which
 its prior asks for; one that a twin lists is taken out of the log by `recal update --twin`.
 """

@@ -4,7 +4,7 @@ by the air stream).
 Three things: parameters with units and usual sizes, what the runs must hold, the trace of one unit
 of each coefficient. To have it in every diagnosis, a package declares it in its pyproject.toml::
 
-    [project.entry-points."recal.effects"]
+    [project.entry-points."recal.errors"]
     fan = "my_package.fan:FAN"
 
 Run this file to see it found: `python examples/own_effect.py`. magnetic_axis.py is another one, a

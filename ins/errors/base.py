@@ -3,7 +3,7 @@ words, and what estimators assume of it.
 
 It is declared once, and one implementation serves the simulation, the diagnosis and the plan; its
 priors are those of the estimators. Users register their own under the entry point group
-`recal.effects` (examples/own_effect.py).
+`recal.errors` (examples/own_effect.py).
 
 Decision: docs/decisions/0027-effect-parts.md.
 Decision: docs/decisions/0028-effects-are-formulas.md.

@@ -1,7 +1,8 @@
-"""All errors: the project's own, and users' under the entry point group `recal.effects`."""
+"""All errors: the project's own, and users' under the entry point group `recal.errors`."""
 
+from collections.abc import Iterator
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 from ins.errors.accelerometer import ACCELEROMETER
 from ins.errors.base import SLOW_NAME, Effect, ErrorSource, Words
@@ -20,7 +21,7 @@ from ins.errors.unnamed import FREE_FUNCTIONS
 from ins.errors.wheels import WHEELS
 from ins.records import InputError
 
-GROUP = "recal.effects"
+GROUPS = ("recal.errors", "recal.effects")  # the latter is the older name
 OWN: tuple[ErrorSource, ...] = (
     *GYRO_THERMAL,
     *GYRO_EVENTS,
@@ -56,19 +57,42 @@ def catalogue() -> tuple[Effect, ...]:
     """
     found: list[Effect] = [source for source in OWN if source.diagnosed]
     ids = {source.id for source in OWN}
-    for point in entry_points(group=GROUP):
-        loaded = point.load()
-        for effect in loaded if isinstance(loaded, tuple | list) else (loaded,):
+    for point in _points():
+        for effect in _loaded(point):
             if not isinstance(effect, Effect):
                 raise InputError(
-                    f"entry point {point.name} of {GROUP}: {effect!r} does not follow"
+                    f"entry point {point.name} of {point.group}: {effect!r} does not follow"
                     " simreal.effects.own.Effect"
                 )
             if effect.id in ids:
-                raise InputError(f"entry point {point.name} of {GROUP}: id {effect.id!r} is in use")
+                raise InputError(
+                    f"entry point {point.name} of {point.group}: id {effect.id!r} is in use"
+                )
             found.append(effect)
             ids.add(effect.id)
     return tuple(found)
+
+
+def _points() -> Iterator[EntryPoint]:
+    """Entry points of both groups; one that stands in both, once."""
+    seen: set[tuple[str, str]] = set()
+    for group in GROUPS:
+        for point in entry_points(group=group):
+            if (point.name, point.value) not in seen:
+                seen.add((point.name, point.value))
+                yield point
+
+
+def _loaded(point: EntryPoint) -> tuple[object, ...]:
+    """What an entry point names; InputError where its package cannot be imported."""
+    try:
+        loaded = point.load()
+    except Exception as fault:  # whatever the module of a user raises
+        raise InputError(
+            f"entry point {point.name} of {point.group}: {point.value} cannot be loaded:"
+            f" {type(fault).__name__}: {fault}"
+        ) from fault
+    return tuple(loaded) if isinstance(loaded, tuple | list) else (loaded,)
 
 
 def prior(id: str, recipe: str, part: str = "") -> Prior:

@@ -45,7 +45,7 @@ LOW, HIGH = chi2.ppf([0.005, 0.995], 3 * SEEDS)  # of the means of three gyros i
 
 
 class Point:
-    name = "axial_field"
+    name, group, value = "axial_field", module.GROUPS[0], "magnetic_axis:AXIAL_FIELD"
 
     def load(self):
         spec = importlib.util.spec_from_file_location("magnetic_axis", EXAMPLE)

@@ -27,16 +27,21 @@ def example():
 
 
 class Point:
-    def __init__(self, value, name="fan"):
-        self.value, self.name = value, name
+    name, value = "fan", "fans:FAN"
+
+    def __init__(self, group, loaded):
+        self.group, self.loaded = group, loaded
 
     def load(self):
-        return self.value
+        if isinstance(self.loaded, Exception):
+            raise self.loaded
+        return self.loaded
 
 
-def listed(monkeypatch, value):
+def listed(monkeypatch, value, groups=module.GROUPS[:1]):
+    """The catalogue with an entry point in some groups."""
     monkeypatch.setattr(
-        module, "entry_points", lambda group: [Point(value)] if group == module.GROUP else []
+        module, "entry_points", lambda group: [Point(group, value)] if group in groups else []
     )
     return module.catalogue.__wrapped__()
 
@@ -45,9 +50,16 @@ def test_the_example_gives_its_trace(example):
     assert example.trace_at(8.0) == pytest.approx(8.0)
 
 
-def test_it_is_found_by_its_entry_point(example, monkeypatch):
+@pytest.mark.parametrize("groups", [("recal.errors",), ("recal.effects",), module.GROUPS])
+def test_it_is_found_once_by_its_entry_point(example, monkeypatch, groups):
+    """Either group, or both for an older recal as well."""
     assert isinstance(example.FAN, Effect)
-    assert example.FAN in listed(monkeypatch, example.FAN)
+    assert listed(monkeypatch, example.FAN, groups).count(example.FAN) == 1
+
+
+def test_a_package_that_cannot_be_imported_is_named(monkeypatch):
+    with pytest.raises(InputError, match=r"point fan of recal\.errors: fans:FAN cannot be loaded"):
+        listed(monkeypatch, ImportError("no module named fans"))
 
 
 def test_what_is_no_effect_or_takes_an_id_in_use_is_refused(example, monkeypatch):
