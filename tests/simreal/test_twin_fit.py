@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,15 +12,17 @@ from typer.testing import CliRunner
 
 import recal
 from alignment.motion.kinds import DISTURBED, Disturbance
+from ins.attitude import dcm_from_euler
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
-from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
+from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
 from recal.cli.app import app
 from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.agreement import RunBandPower, swings
-from simreal.twin.fit.constants import spread_between
+from simreal.twin.fit.constants import accel_constants, gyro_constants, spread_between
 from simreal.twin.fit.evidence import needed_s
 from simreal.twin.fit.fit import believed_value
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, flat_above, rocked, without_gear
@@ -378,6 +381,32 @@ def test_a_twin_is_not_written_over_unasked(tmp_path):
 def test_the_command_names_a_missing_run():
     outcome = CliRunner().invoke(app, ["twin", "fit", "nowhere"])
     assert outcome.exit_code != 0 and isinstance(outcome.exception, InputError)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0])
+def test_constants_of_a_run_are_those_of_each_place_that_it_stood_on(turn_deg):
+    """Of the 900 s that are read the vehicle stands turned and leaning for the last 100 s."""
+    lat, up = 0.8, np.array([0.0, 0.0, -1.0])
+    bias = np.array([0.3, 0.0, -0.2]) * DEG_PER_HOUR
+    rows = []
+    for heading, roll, count in ((0.0, 0.0, 800), (turn_deg * DEG, 2e-3, 400)):
+        C_nb = dcm_from_euler(roll, 0.0, heading)
+        earth = EARTH_RATE_RAD_S * np.array([np.cos(lat), 0.0, -np.sin(lat)])
+        mean = np.concatenate([C_nb.T @ earth + bias, C_nb.T @ (gravity_magnitude(lat, 0.0) * up)])
+        rows += [mean] * count
+    stream = SimpleNamespace(
+        run=SimpleNamespace(
+            header=SimpleNamespace(site=SimpleNamespace(lat_rad=lat, height_m=0.0))
+        ),
+        still=np.ones(1200, dtype=bool),
+        place=np.repeat([0, 1], [800, 400]),
+        seconds=SimpleNamespace(mean=np.array(rows)),
+    )
+    vertical, north = gyro_constants(stream, finds_north=True) / DEG_PER_HOUR
+    assert vertical == pytest.approx(-0.2, abs=2e-3)
+    of_second = 0.3 * np.cos(turn_deg * DEG)
+    assert north == pytest.approx((8 * 0.3 + of_second) / 9, abs=6e-3)
+    assert accel_constants(stream)[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_three_power_ons_hardly_tell_a_turn_on():

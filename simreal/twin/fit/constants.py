@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.robust import chi2
 from simreal.twin.fit.streams import ParkedStream
 
+PLACE_S = 10  # shorter ones are left out: noise makes a level rate longer; chosen
 CONSTANT_OVER_S = 900.0  # of rest: the constant of a run is taken here, before it drifts
 # how far a variance may lie from what was believed, in its sigmas: 2e-9 of it is beyond
 REACH_SIGMAS, REACH_POINTS = 6.0, 241
@@ -46,27 +48,50 @@ def gyro_constants(stream: ParkedStream, *, finds_north: bool) -> NDArray:
     A unit that finds north: about the vertical, and along the level Earth rate that it finds (its
     heading took the rest). Another one: all three axes, less the vertical Earth rate.
     """
-    rate = _first_mean(stream)[:3]
-    up = stream.up_b
     lat = stream.run.header.site.lat_rad
-    down_rate = float(-up @ rate)
-    vertical = down_rate + EARTH_RATE_RAD_S * np.sin(lat)
-    level = rate - (up @ rate) * up
-    if finds_north:
-        return np.array([vertical, np.linalg.norm(level) - EARTH_RATE_RAD_S * np.cos(lat)])
-    return np.asarray(level - vertical * up)
+    places, found = _first_means(stream), []
+    for mean in places.mean:
+        rate, up = mean[:3], _up(mean)
+        vertical = EARTH_RATE_RAD_S * np.sin(lat) - float(up @ rate)
+        level = rate - (up @ rate) * up
+        if finds_north:
+            north = np.linalg.norm(level) - EARTH_RATE_RAD_S * np.cos(lat)
+            found.append(np.array([vertical, north]))
+        else:
+            found.append(level - vertical * up)
+    return np.asarray(np.average(found, axis=0, weights=places.seconds))
 
 
 def accel_constants(stream: ParkedStream) -> NDArray:
     """The constant accelerometer bias along gravity of a run (1,) [m/s^2]; level hides the rest."""
-    site = stream.run.header.site
-    force = _first_mean(stream)[3:]
-    return np.array([np.linalg.norm(force) - gravity_magnitude(site.lat_rad, site.height_m)])
+    site, places = stream.run.header.site, _first_means(stream)
+    force = np.average(np.linalg.norm(places.mean[:, 3:], axis=1), weights=places.seconds)
+    return np.array([force - gravity_magnitude(site.lat_rad, site.height_m)])
 
 
-def _first_mean(stream: ParkedStream) -> NDArray:
+class _Places(NamedTuple):
+    """Means (k, 6) of gyros and accelerometers on each place of the vehicle, and seconds there."""
+
+    mean: NDArray
+    seconds: NDArray
+
+
+def _first_means(stream: ParkedStream) -> _Places:
+    """Over the first seconds at rest. Each place has a heading and a tilt of its own: a mean over
+    two headings is no rate of the Earth (0.85 deg/h were missing after a turn by 90 deg).
+    """
     seconds = np.flatnonzero(stream.still)[: int(CONSTANT_OVER_S)]
-    return np.asarray(stream.seconds.mean[seconds].mean(axis=0))
+    of_place = stream.place[seconds]
+    places, count = np.unique(of_place, return_counts=True)
+    long = count >= min(PLACE_S, int(count.max()))
+    places, count = places[long], count[long]
+    means = [stream.seconds.mean[seconds[of_place == place]].mean(axis=0) for place in places]
+    return _Places(np.stack(means), count)
+
+
+def _up(mean: NDArray) -> NDArray:
+    """The vertical in body axes, as the specific force shows it."""
+    return np.asarray(mean[3:] / np.linalg.norm(mean[3:]))
 
 
 def spread_between(values: Sequence[NDArray], noise: NDArray) -> RunToRunVariance | None:
