@@ -31,7 +31,9 @@ ENTRY = re.compile(r"^\| (?:\*\*)?([GAPOFDR]\d+)(?:\*\*)? \|", re.M)
 EQUATION = re.compile(r"\((\d+\.\d+-\d+)[,)]|, (\d+\.\d+-\d+)\)")
 FENCE = re.compile(r"^(`{3,})[^\n]*\n.*?^\1\s*$", re.M | re.S)
 NAME = re.compile(rf"`((?:{'|'.join(PACKAGES)}|benchmarks)(?:\.\w+)+)`")
-NOT_CODE = re.compile(r".*\.(?:json|db|html)|recal\.effects")  # files; the entry points of effects
+NOT_CODE = re.compile(
+    r".*\.(?:json|db|html)|recal\.(?:effects|errors)"
+)  # files; groups of entry points
 SOURCE = re.compile(rf"`((?:{'|'.join(CITING)})/[\w/.*-]+)`")
 
 

@@ -12,7 +12,8 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.robust import chi2
 from simreal.twin.fit.streams import ParkedStream
 
-PLACE_S = 10  # shorter ones are left out: noise makes a level rate longer; chosen
+# shorter places are left out; chosen: with 0.05 deg/sqrt(h) they know the level rate to 1 deg/h
+PLACE_S = 10
 CONSTANT_OVER_S = 900.0  # of rest: the constant of a run is taken here, before it drifts
 # how far a variance may lie from what was believed, in its sigmas: 2e-9 of it is beyond
 REACH_SIGMAS, REACH_POINTS = 6.0, 241
