@@ -145,7 +145,7 @@ def lacks_clipped_rows(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def accel_asymmetry(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """k |f|: the scale of one sense is k larger, that of the other k smaller."""
+    """k times the magnitude of f: the scale of one sense is k larger, of the other k smaller."""
     return on_accel(target, PPM * np.abs(run.force_m_s2[:, AXIS[target]]))
 
 

@@ -68,7 +68,7 @@ def g_sensitivity(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...
 
 
 def g2_sensitivity(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """1 deg/h per g^2 of |f|^2 - 1 g^2: of the means over `dt_s`, so vibration within one is not in
+    """1 deg/h per g^2 of f^2 - 1 g^2: of the means over `dt_s`, so vibration within one is not in
     it.
     """
     return on_gyro(
@@ -90,8 +90,8 @@ def magnetic(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 def lock_in(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """A dead zone as a whole (coefficient 1); dither leaves a small part of it.
 
-    Read less true: -w for |w| < L, else sign(w) sqrt(w^2 - L^2) - w, about -L^2 / (2 w) at high
-    rates. Source: Aronowitz (1971), lock-in of a ring laser's counter-running waves.
+    Read less true: -w where w is within +-L, else sign(w) sqrt(w^2 - L^2) - w, about -L^2 / (2 w)
+    at high rates. Source: Aronowitz (1971), lock-in of a ring laser's counter-running waves.
     """
     w, L = run.rate_rad_s[:, AXIS[target]], shape["threshold_deg_h"] * DEG_PER_HOUR
     return on_gyro(target, np.sign(w) * np.sqrt(np.maximum(w**2 - L**2, 0.0)) - w)
