@@ -24,13 +24,13 @@ from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.agreement import RunBandPower, swings
 from simreal.twin.fit.constants import accel_constants, gyro_constants, spread_between
 from simreal.twin.fit.evidence import needed_s
-from simreal.twin.fit.fit import believed_value
+from simreal.twin.fit.fit import believed_value, lines_of_unit
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, flat_above, rocked, without_gear
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel, climb
 from simreal.twin.fit.other_sensors import resolution
 from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
-from simreal.twin.fit.streams import stream_at_rest, stream_of
+from simreal.twin.fit.streams import DitherLine, stream_at_rest, stream_of
 from simreal.twin.fit.terms import NoiseTerm, Shape, bin_covariance, sampled_psd, sway_folded
 from tests.drawn import unscripted
 
@@ -407,6 +407,15 @@ def test_constants_of_a_run_are_those_of_each_place_that_it_stood_on(turn_deg):
     of_second = 0.3 * np.cos(turn_deg * DEG)
     assert north == pytest.approx((8 * 0.3 + of_second) / 9, abs=6e-3)
     assert accel_constants(stream)[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_lines_of_one_run_are_none_of_the_unit():
+    dither = DitherLine(channel=0, frequency_hz=400.0, amplitude=1e-5, sigma=1e-7, swing=1e-8)
+    again = replace(dither, frequency_hz=400.9, amplitude=2e-5)
+    rocking = replace(dither, channel=1, frequency_hz=1.3)
+    assert lines_of_unit([[dither, rocking], [again], [dither]]) == (again,)
+    assert lines_of_unit([[dither, rocking]]) == (dither, rocking)
+    assert lines_of_unit([[dither], []]) == ()
 
 
 def test_three_power_ons_hardly_tell_a_turn_on():
