@@ -253,7 +253,6 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
 ROTATIONS = frozenset(
     {"platform_settling", "platform_step", "platform_yaw_creep", "platform_mount_sag"}
 )
-YAW_RIVALS = ("gyro_turn_on_bias", "gyro_rate_ramp", "gyro_warmup_transient")
 YAW_WORDS = Words(
     what="The parked heading creeps as tyres and a tow bar unwind.",
     brought_on_by="A tight turn just before parking, a tow bar under load.",

@@ -113,12 +113,6 @@ def mode_hop(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 SQUARE = one("deg/h per degC^2", 1e-5, 1e-4)
-QUADRATIC_RIVALS = (
-    "gyro_thermal_linear",
-    "gyro_warmup_transient",
-    "compensation_misapplied",
-    "temperature_sensor_error",
-)
 QUADRATIC_WORDS = Words(
     what="The gyro's bias bends with temperature: its slope differs between cold and hot.",
     brought_on_by="A wide span of temperature; a narrow one shows its slope only.",
