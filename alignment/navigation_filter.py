@@ -22,7 +22,7 @@ from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL
 from alignment.motion.stillness import Motion
 from alignment.swing import STATES, Swing, lay
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
-from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
+from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, transport_by_speed
 from ins.errors.catalogue import prior
 from ins.estimation import error_model as em
 from ins.estimation import sensors
@@ -243,15 +243,13 @@ def filter_steps(views: StepViews) -> Steps:
     """
     dt, still = views.dt_s, views.kind == STILL
     v_n = np.where(still[:, None], 0.0, views.displacement_n_m / dt[:, None])
-    meridian, transverse = radii_of_curvature(views.lat_rad)
-    east, north = 1.0 / (transverse + views.height_m), 1.0 / (meridian + views.height_m)
     return Steps(
         end_s=views.end_s,
         dt_s=dt,
         C_nb=views.C_mean,
         v_n=v_n,
         omega_ie_n=omega_ie_n(views.lat_rad),
-        transport=np.column_stack([east, north, east * np.tan(views.lat_rad)]),
+        transport=transport_by_speed(views.lat_rad, views.height_m),
         gravity=gravity_magnitude(views.lat_rad, views.height_m),
         radius_m=views.radius_m,
         turn_rad=views.turn_rad,

@@ -180,6 +180,29 @@ def omega_en_n(lat_rad: ArrayLike, height_m: ArrayLike, v_n: ArrayLike) -> NDArr
     )
 
 
+def transport_by_speed(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
+    """Transport rates of the north-pointing frame for each metre a second.
+
+    Parameters
+    ----------
+    lat_rad, height_m : array_like, shape (...)
+        As of `omega_en_n`.
+
+    Returns
+    -------
+    rates : ndarray, shape (..., 3)
+        1/(R_E + h), 1/(R_N + h) and tan L/(R_E + h) [1/m]: omega_en_n is (a v_E, -b v_N, -c v_E).
+
+    Notes
+    -----
+    Source: Groves (2013), eq. (5.44).
+    """
+    meridian, transverse = radii_of_curvature(lat_rad)
+    height = np.asarray(height_m, dtype=float)
+    east, north = 1.0 / (transverse + height), 1.0 / (meridian + height)
+    return np.stack([east, north, east * np.tan(lat_rad)], axis=-1)
+
+
 def dcm_en(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray:
     """Matrix that takes NED components into ECEF components.
 

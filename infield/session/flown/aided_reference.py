@@ -20,7 +20,7 @@ from ins.earth import (
     gravity_n,
     omega_en_n,
     omega_ie_n,
-    radii_of_curvature,
+    transport_by_speed,
 )
 from ins.estimation.measurements.antenna import Epoch, moved_by
 from ins.estimation.sensors import REST_B
@@ -121,9 +121,7 @@ def _over(
     transport_n = omega_en_n(place[:, 0], place[:, 2], v_n)
     gravity = gravity_n(place[:, 0], place[:, 2])
     pull = gravity - np.cross(2.0 * earth + transport_n, v_n)
-    meridian, transverse = radii_of_curvature(place[:, 0])
-    east, north = 1.0 / (transverse + place[:, 2]), 1.0 / (meridian + place[:, 2])
-    transport = np.column_stack([east, north, east * np.tan(place[:, 0])])
+    transport = transport_by_speed(place[:, 0], place[:, 2])
     end, C_mean = _integrated(log, row, (v_n, C_nb), (earth + transport_n, pull))
     reached = Epoch(log.end_s, moved_by(place[row], end.way_n), end.v_n, end.C_nb)
     last = np.flatnonzero(log.closes)
