@@ -8,7 +8,6 @@ odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid dow
 `Tape` first, with numpy over the whole run, and worked through in one go.
 
 Decision: docs/decisions/0007-parked-position.md.
-Decision: docs/decisions/0008-heading-prior-withdrawn.md.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -8,7 +8,7 @@ s). It says next to nothing of a vehicle that cruises (tau is long), or to senso
 less, and bounds a solution that would run away at several times the speed that the log has ever
 shown.
 
-Decision: docs/decisions/0080-outages.md.
+Decision: docs/decisions/0063-leaps.md.
 """
 
 from dataclasses import dataclass, replace

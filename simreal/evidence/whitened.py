@@ -4,7 +4,7 @@ Under the twin every row is N(0, 1) and independent, whatever the channel: ten-s
 parked sensors, parked fixes, innovations of what follows. What happens within ten seconds enters as
 sums of squares over their expected value (`Scatter`), chi-square distributed.
 
-Decision: docs/decisions/0025-scatter-for-quick-effects.md.
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Mapping, Sequence

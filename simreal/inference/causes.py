@@ -1,7 +1,7 @@
 """A found effect in words and numbers: probability, what it cannot be told from, coefficients with
 sigma and usual size.
 
-Decision: docs/decisions/0085-unique-and-plausible.md.
+Decision: docs/decisions/0084-table-error-state.md.
 """
 
 from collections.abc import Mapping, Sequence
