@@ -18,10 +18,10 @@ from infield.session.flown.gates import (
     uncovered,
 )
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
+from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
 from infield.session.flown.without_heading import fly_without_heading
-from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
 from infield.session.reasons import FlightReason
 from ins.verdicts import Reason, because
@@ -106,7 +106,7 @@ def _judged(
     joined = None if against else flown.estimate
     if joined is not None and as_usual is not None and doubt is not None:
         joined = as_usual.averaged(joined, doubt.belief)
-    worth = None if joined is None else worth_of(known.table, ground, joined, flight)
+    worth = None if joined is None else information_gain(known.table, ground, joined, flight)
     return replace(
         left_out,
         reasons=against,

@@ -23,10 +23,10 @@ from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstim
 from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight
 from infield.session.flown.gates import against, carried, doubted, uncovered
+from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
-from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
 from infield.session.parked.never_at_rest import never_at_rest
 from infield.session.parked.stretches import MIN_PARKED_S, Rests
@@ -140,7 +140,7 @@ def _widened(
     if wider.joined is None:
         return wider
     joined = usual.joined.averaged(wider.joined, doubt.belief)
-    worth = worth_of(known.table, ground, joined, wider.flight)
+    worth = information_gain(known.table, ground, joined, wider.flight)
     return replace(wider, joined=joined, worth=worth)
 
 
@@ -191,7 +191,9 @@ def _estimated(
     reasons = against(flt, believed.layout, rested=alone is not None)
     states = carried(flt, believed.layout)
     joined = None if reasons else _joined(ground, bins, is_away, after, flt.bias)
-    worth = None if joined is None else worth_of(known.table, alone, joined, left_out.flight)
+    worth = (
+        None if joined is None else information_gain(known.table, alone, joined, left_out.flight)
+    )
     return replace(left_out, reasons=reasons, joined=joined, carried=states, worth=worth)
 
 
