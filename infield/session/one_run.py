@@ -23,7 +23,7 @@ from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_cla
 from infield.session.navigated.estimator import AlignmentRefused, estimate_session
 from infield.session.navigated.own_errors import not_estimated
 from infield.session.parked.rates import estimate_parked, no_heading
-from infield.session.parked.stretches import Rests, find_rests
+from infield.session.parked.stretches import StationarySegments, stationary_segments
 from infield.session.points import observability, session_points, unseen_axes
 from infield.session.reasons import OwnErrorState, SessionReason
 from infield.session.results import SessionResult
@@ -200,7 +200,7 @@ def _begun(known: RunInputs) -> _Begun:
     run = known.run
     rests = None
     if no_heading(run, known.table, known.temperature, known.twin):
-        rests = find_rests(run)
+        rests = stationary_segments(run)
     rest, why = _first_rest(run, rests)
     if run.header.level_removed:
         removed = because(SessionReason.LEVEL_REMOVED)
@@ -219,7 +219,7 @@ def _begun(known: RunInputs) -> _Begun:
     return _Begun(parked, flight)
 
 
-def _unrested(known: RunInputs, rests: Rests, refused: Verdict) -> _Begun:
+def _unrested(known: RunInputs, rests: StationarySegments, refused: Verdict) -> _Begun:
     """A unit that finds no heading and of which no rest was taken: what it shows under way."""
     imu = known.run.imu
     against = _uncovered(known.temperature, [(imu.start_s, imu.end_s)])
@@ -230,7 +230,9 @@ def _unrested(known: RunInputs, rests: Rests, refused: Verdict) -> _Begun:
     return _Begun(joined, flight)
 
 
-def _estimated(known: RunInputs, rest: Where, rests: Rests | None) -> SessionEstimate | Verdict:
+def _estimated(
+    known: RunInputs, rest: Where, rests: StationarySegments | None
+) -> SessionEstimate | Verdict:
     """The session from its first rest on. rests: of a unit that finds no heading."""
     end_s = session_end(known.run, rest[0])
     spans = [(rest[0], end_s)] if rests is None else rests.stretches
@@ -270,7 +272,7 @@ def _uncovered(temperature: GyroTemperature, spans: Sequence[Where]) -> Verdict 
     return acceptance.refuse(uncovered, *map(fault_reason, temperature.faults))
 
 
-def _first_rest(run: Run, rests: Rests | None) -> tuple[Where | None, Reason | None]:
+def _first_rest(run: Run, rests: StationarySegments | None) -> tuple[Where | None, Reason | None]:
     """The first rest of the log, or why there is none; rests: of a unit without a heading."""
     if rests is not None:
         return (rests.stretches[0] if rests.stretches else None), rests.why

@@ -14,7 +14,7 @@ from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.session.parked.rates import no_heading
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.pipeline import UnitHistory
 from infield.session.settings import SessionSettings
@@ -221,7 +221,7 @@ def test_an_unknown_unit_gets_the_sigma_that_it_shows():
 
 def test_the_rest_is_looked_for_in_the_named_phases():
     run = first()[0].run
-    rests = find_rests(run)
+    rests = stationary_segments(run)
     assert rests.why is None and rests.stretches[0][0] < 5.0 and rests.stretches[0][1] > 2390.0
     assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
     # of navigated sessions; a parked one has bins of a minute
