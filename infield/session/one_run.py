@@ -116,7 +116,7 @@ def take_run(
     )
     points = session_points(run, estimate)
     against = speed_disagreement(run, estimate.motion)
-    verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
+    verdict = acceptance.refuse(*against) if against else acceptance.assess_estimate(estimate, seen)
     off = force_off_gravity(run, twin, estimate)
     declared = doubtful_compensation(estimate, on_record.stored, on_record.applied)
     against_it = [
@@ -144,7 +144,7 @@ def take_run(
         return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
     held = unseen_axes(seen)
     merged = estimate.merged_into(table, held)
-    verdict = acceptance.judge_merge(merged, estimate, suspicions(estimate))
+    verdict = acceptance.assess_merge(merged, estimate, suspicions(estimate))
     if not verdict.accepted:
         return replace(told, verdict=verdict, merged=merged)
     wider = estimate if declared is None else widened_by(estimate, declared.pattern)
@@ -153,7 +153,7 @@ def take_run(
     wider, doubted = with_doubt(wider)
     if wider is not estimate:
         merged = wider.merged_into(table, held)
-        verdict = acceptance.judge_merge(merged, wider, suspicions(wider))
+        verdict = acceptance.assess_merge(merged, wider, suspicions(wider))
     return replace(
         told,
         verdict=verdict,
