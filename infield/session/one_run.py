@@ -35,7 +35,7 @@ from infield.session.wrong_facts import (
     widened_by,
     widened_for_own_errors,
     widened_for_place,
-    with_doubt,
+    with_suspicions,
 )
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
@@ -150,7 +150,7 @@ def take_run(
     wider = estimate if declared is None else widened_by(estimate, declared.pattern)
     wider = widened_for_place(wider, run.header.site, on_record.of_place)
     wider = widened_for_own_errors(wider, on_record.of_update)
-    wider, doubted = with_doubt(wider)
+    wider, doubted = with_suspicions(wider)
     if wider is not estimate:
         merged = wider.merged_into(table, held)
         verdict = acceptance.assess_merge(merged, wider, suspicions(wider))

@@ -22,7 +22,7 @@ from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
 from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight
-from infield.session.flown.gates import against, carried, doubted, uncovered
+from infield.session.flown.gates import against, carried, suspected_shift, uncovered
 from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.run_inputs import RunInputs
@@ -135,7 +135,7 @@ def _widened(
     """The flight once more with a wider prior where its gyros hardly read as at rest; of two
     estimates their mean, each as it is believed.
     """
-    doubt = None if usual.joined is None else doubted(usual.carried)
+    doubt = None if usual.joined is None else suspected_shift(usual.carried)
     if usual.joined is None or doubt is None:
         return usual
     wider = replace(
