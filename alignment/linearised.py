@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from alignment import level_fit
 from alignment.inertial_start import start_attitude
+from alignment.mooring_motion import MooringMotion
 from alignment.motion import imu_faults, level, stillness
 from alignment.motion.inertial import Where
 from alignment.motion.kinds import ROLLING
@@ -25,7 +26,6 @@ from alignment.navigation_filter import (
 )
 from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior, Solution
-from alignment.swing import Swing
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n_by_lat
 from ins.estimation import error_model as em
@@ -247,12 +247,12 @@ def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> 
     rolls = np.flatnonzero(last.plan.kind >= ROLLING)
     until = int(rolls[0]) if rolls.size else len(last.plan.kind)
     first = replace(last, plan=last.plan.until(until)) if until else last
-    laid: dict[tuple[bool, Swing | None], LaidDown] = {}
+    laid: dict[tuple[bool, MooringMotion | None], LaidDown] = {}
 
     def run(parked: ParkedConstraint, unit: float, *, first_stand: bool = False) -> ErrorFilter:
         part = first if first_stand else last
         held = parked.until(len(part.plan.kind))
-        key = (part is first, parked.swing)
+        key = (part is first, parked.mooring)
         if key not in laid:
             laid[key] = replace(part, parked=held).lay_down(aids)
         under = replace(part, parked=held, twin=scaled_noise(last.twin, unit))
