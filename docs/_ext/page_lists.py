@@ -6,8 +6,8 @@ from pathlib import Path
 
 OF_INDEX = (  # named in index.md itself
     "index",
+    "python",
     "quickstart",
-    "tutorial",
     "concepts",
     "theory",
     "which_command",
