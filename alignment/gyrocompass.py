@@ -1,7 +1,6 @@
 """Fine alignment: the navigation-mode filter on the parked stretch, and what it is worth.
 
 Decision: docs/decisions/0013-latitude-alarm.md.
-Decision: docs/decisions/0069-raw-bias.md.
 """
 
 from collections.abc import Mapping, Sequence

@@ -8,7 +8,6 @@ odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid dow
 `Tape` first, with numpy over the whole run, and worked through in one go.
 
 Decision: docs/decisions/0007-parked-position.md.
-Decision: docs/decisions/0008-heading-prior-withdrawn.md.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +41,7 @@ PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that
 LATERAL_TIME_S = prior("lateral_motion", "session").scale
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 # a sudden turn beyond this is a new parked heading: loading turns by up to 200 arcsec
-# (docs/rates_gate.md), 0.97 mrad
+# (docs/reliability.md), 0.97 mrad
 NEW_HEADING_RAD = 1e-3
 # wide beside a coarse heading, and at least 20 times what the gyro prior allows
 DIFFUSE_HEADING_RAD = 0.05

@@ -17,7 +17,7 @@ cov(e1, e2) = [[q11, q12], [q12, q22]] and c = q12 / q11::
 Source: oscillator under white noise, Crandall and Mark, "Random Vibration in Mechanical Systems"
 (1963), section 2.2. Pinned by: tests/alignment/test_swing.py
 
-Decision: docs/decisions/0059-mooring-or-roll.md.
+Decision: docs/decisions/0007-parked-position.md.
 """
 
 from collections.abc import Iterator

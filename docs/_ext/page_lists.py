@@ -1,4 +1,4 @@
-"""Lists of the pages that lie in docs/ itself: guides by name, all others are studies and notes;
+"""Lists of the pages that lie in docs/ itself: evidence and guides by name, all others are notes;
 none must be there.
 """
 
@@ -14,15 +14,13 @@ OF_INDEX = (  # named in index.md itself
     "troubleshooting",
     "glossary",
     "faq",
-    "figures_of_merit",
 )
+EVIDENCE = ("accuracy", "flights", "gap", "real_logs", "reliability", "speed")
 GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve", "environments")
 TEXTS = {
+    "evidence": ("Evidence", "What the program reaches, with intervals, and what it misses."),
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),
-    "studies": (
-        "Studies and notes",
-        "What the program reaches, with the numbers, and what was found on the way.",
-    ),
+    "studies": ("Notes", "Single models and services."),
 }
 
 
@@ -30,8 +28,9 @@ def page_lists(docs: Path) -> dict[str, str]:
     """Markdown by page name; a list of no pages is left out."""
     there = sorted(p.stem for p in docs.glob("*.md") if p.stem not in OF_INDEX)
     lists = {
+        "evidence": [e for e in EVIDENCE if e in there],
         "guides": [g for g in GUIDES if g in there],
-        "studies": [p for p in there if p not in GUIDES],
+        "studies": [p for p in there if p not in (*GUIDES, *EVIDENCE)],
     }
     return {name: _list(*TEXTS[name], pages) for name, pages in lists.items() if pages}
 

@@ -1,7 +1,7 @@
 """Sessions kept in a store, as the likelihood takes them: what each measured of the biases at its
 temperatures, with its covariance, prior excluded.
 
-Decision: docs/decisions/0066-stored-sessions.md.
+Decision: docs/decisions/0067-drawn-posterior.md.
 """
 
 from collections.abc import Sequence

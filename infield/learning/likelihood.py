@@ -11,7 +11,7 @@ random amount. Which sessions are is summed over the histories that are likely; 
 its own, because an early outlier is often found by later sessions only. Units: deg/h, years.
 Source: physics.md 6.8.
 
-Decision: docs/decisions/0072-fleet-outliers.md.
+Decision: docs/decisions/0067-drawn-posterior.md.
 """
 
 from collections.abc import Sequence

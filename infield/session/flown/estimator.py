@@ -6,7 +6,7 @@ linear errors goes over it: parked and taxi as there, fixes throughout, rests af
 errors hold no specific force (`ins.estimation.error_model`), so that they stay linear for hours:
 after the second pass the solution is off by hundreds of metres and 0.1 mrad.
 
-Decision: docs/decisions/0053-flight-in-linear-filter.md.
+Decision: docs/decisions/0006-error-state-w.md.
 """
 
 from collections.abc import Mapping, Sequence

@@ -4,7 +4,7 @@ half hour, smoothed.
 Only the place of linearisation is taken from it. The filter of the session begins there with wide
 priors, that of the heading withdrawn at its end, so that no fix counts twice.
 
-Decision: docs/decisions/0079-start-in-motion.md.
+Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from dataclasses import dataclass, replace
