@@ -85,8 +85,8 @@ class CoSensors:
 
     def may_lie(self, axis: str) -> bool:
         """Whether a unit with this axis vertical, and not z down, may be meant to stand so: on its
-        side, with no fix or wheel that is navigated by vehicle axes; upside down only where run.json
-        says so, for a sign of the accelerometers looks the same.
+        side, with no fix or wheel that is navigated by vehicle axes; upside down only where
+        run.json says so, for a wrong sign of the accelerometers looks the same.
         """
         alone = self.gnss is None and self.odometer is None
         return self.any_attitude or (alone and axis != "z")
@@ -188,7 +188,10 @@ def check_physics(
     axis_off = _force_axis(means, site, technology, beside.axes)
     lies = bool(axis_off) and beside.may_lie(_vertical(means)[0])
     if lies:
-        findings.warn(f"{label}: {_lying(means)}; if it does not: {axis_off}")
+        otherwise = "" if beside.any_attitude else f"; if it does not: {axis_off}"
+        findings.warn(f"{label}: {_lying(means)}{otherwise}")
+    elif axis_off:
+        axis_off += LIES
     f_wrong = "" if accepted else off
     f_wrong = f_wrong or ("" if lies else axis_off)
     if f_wrong:
@@ -278,7 +281,7 @@ def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, 
     )
     fix = f"axes {_in_raw(AXIS_MAPS[axis, sign], raw)} would put it there"
     if (axis, sign) != ("z", 1):
-        return f"{seen}: {fix}, up to a turn about the vertical{LIES}"
+        return f"{seen}: {fix}, up to a turn about the vertical"
     other = _in_raw(RIGHT_FORWARD_UP, raw)
     fix += f" if x points forward and y left, {other} if x points right and y forward"
     upward = float(means.w_rad_s[2] / (EARTH_RATE_RAD_S * np.sin(site.lat_rad) or np.inf))
@@ -289,8 +292,8 @@ def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, 
             if upward > 0
             else "Earth rate says z points down: accelerometer sign"
         )
-        return f"{seen}: {cause}{LIES}"
-    return f"{seen}: accelerometer sign or axes? If z points up, {fix}{LIES}"
+        return f"{seen}: {cause}"
+    return f"{seen}: accelerometer sign or axes? If z points up, {fix}"
 
 
 def _earth_rate(means: QuietMeans, site: Site, imu: ImuSource) -> tuple[str, str]:

@@ -116,11 +116,7 @@ def _temperature(run: Run) -> GyroTemperature | None:
 
 
 def _of_timeline(
-    run: Run,
-    imu: ImuSource,
-    seconds: Seconds,
-    temperature: GyroTemperature | None,
-    twin: TwinModel,
+    run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None, twin: TwinModel
 ) -> ParkedStream | None:
     """Rest of a unit that finds north: navigated from its first rest, every witness asked."""
     rest = find_rest(run)

@@ -40,7 +40,7 @@ def evened(time_s: NDArray) -> NDArray | None:
     """
     steps = np.diff(time_s)
     mean = float(time_s[-1] - time_s[0]) / max(steps.size, 1)
-    half = int(round(0.5 * EVEN_OVER_S / mean)) if mean > 0 else 0
+    half = round(0.5 * EVEN_OVER_S / mean) if mean > 0 else 0
     if half < 2 or steps.size < 8 * half or np.median(steps) > BURST_INTERVAL * mean:
         return None
     sums = time_s[2 * half :] - time_s[: -2 * half]
