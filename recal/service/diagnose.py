@@ -20,10 +20,10 @@ from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core
 from simreal.inference.causes import Cause
 from simreal.inference.diagnosis import Diagnosis, NotLookedAt
-from simreal.inference.user_level import user_level
 from simreal.plan.record_next import record_next, settling
 from simreal.predict.document import PredictedUpdates
-from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
+from simreal.predict.sessions import sessions_of
+from simreal.report.diagnosis_curves import overlays
 from simreal.report.diagnosis_document import (
     DiagnosisRequest,
     GapReport,
@@ -209,16 +209,14 @@ def _results(
     predicted: PredictedUpdates | None,
 ) -> Diagnosed:
     """The diagnosis, and all files by name."""
-    users = [
-        user_level(v, fitted_trace(found, k), beside.table, found.twin, known=known_trace(found, k))
-        for k, v in enumerate(found.views)
-    ]
+    drift, users = sessions_of(found)
     settled_by = settling(found, beside.table)
     record = diagnosis_document(
         found,
         runs,
         asked,
-        users=[u for u in users if u is not None],
+        drift=drift,
+        users=users,
         record_next=record_next(found, settled_by),
         settled_by=settled_by,
     )

@@ -15,7 +15,7 @@ from ins.errors.catalogue import effects_named, rivals_of, words_of
 from ins.errors.platform import ARCMIN
 from ins.units import MILLIRADIAN
 from simreal.inference.causes import Cause
-from simreal.inference.verdict import GapVerdict, KeptOut, Looks
+from simreal.inference.verdict import GapVerdict, KeptOut
 from simreal.inference.wrong_site import WRONG_LATITUDE
 from simreal.predict.document import NIS, PredictedRun, interval_text, share_text
 from simreal.report.diagnosis_curves import Overlay
@@ -23,10 +23,26 @@ from simreal.report.diagnosis_document import GapReport, p_text
 from simreal.report.diagnosis_figures import (
     band_panels,
     gap_maps,
-    nats_scale,
     overlay_panels,
     posterior_bars,
+    shade,
+    shrink_bars,
 )
+from simreal.report.diagnosis_words import (
+    LOOK_WORDS,
+    drift_words,
+    expected,
+    gathered,
+    listed,
+    percent,
+    place_words,
+    plain,
+    rivals_words,
+    shrink_words,
+)
+
+SHADES_SHOWN = (-8, -6, -4, -2, 0, 2, 4, 6, 8)  # sigmas, in the map's key
+
 
 VEHICLE_NAME = "vehicle"  # as a target the vehicle itself, as a channel its side slip
 
@@ -46,14 +62,6 @@ GAP_WORDS = {
     GapVerdict.UNEXPLAINED: "Unexplained",
     GapVerdict.REFUSED: "Not looked at",
 }
-LOOK_WORDS = {
-    Looks.CELLS: "the mean square of a channel's band",
-    Looks.TEMPERATURE_BANDS: "means over bands of temperature",
-    Looks.TIME_WINDOWS: "means over ten-minute windows",
-    Looks.BURST: "single large residuals",
-    Looks.KURTOSIS: "tails that are not normal",
-    Looks.CROSS_CHANNEL: "cross-channel correlation",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +71,6 @@ class CauseShown:
     """
 
     cause: Cause
-    bars: Panel
     panels: list[Panel]
     overlay: Overlay | None
     usual_rivals: tuple[str, ...]
@@ -76,10 +83,13 @@ class CauseShown:
 
 def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ()) -> str:
     """The page of a document made by `diagnosis_document`; overlays: one for each cause."""
+    longest_s = max((r.parked_s[1] - r.parked_s[0] for r in document.runs if r.parked_s), default=0)
     causes = [
-        _shown(document, cause, overlay)
+        _shown(document, cause, overlay, longest_s)
         for cause, overlay in zip(document.causes, overlays, strict=True)
     ]
+    found = gathered(document.causes)
+    judged = [c for c in document.causes if c.shrink is not None]
     return render_page(
         "diagnosis.html.j2",
         "simreal.report",
@@ -88,11 +98,23 @@ def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ())
         word=GAP_WORDS[document.verdict],
         banner=BANNERS[document.verdict],
         causes=causes,
-        maps=[*gap_maps(document.cells), nats_scale()] if document.cells else [],
+        found=found,
+        maps=gap_maps(document.cells, longest_s) if document.cells else (),
+        shades=[(s, shade(s)) for s in SHADES_SHOWN],
+        bars=posterior_bars(found) if found else None,
+        shrinks=shrink_bars(judged) if judged else None,
+        effect_words=words_of,
         value=value_text,
         p=p_text,
         title=_title(document),
         percent=percent,
+        plain=plain,
+        listed=listed,
+        rivals_words=rivals_words,
+        shrink_words=shrink_words,
+        drift_words=drift_words,
+        expected=expected,
+        place_words=lambda place: place_words(place, longest_s),
         looks=LOOK_WORDS,
         mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
         actions=_actions(document),
@@ -189,23 +211,20 @@ def value_text(value: float | None, sigma: float | None = None) -> str:
     return f"{number(value, decimals_for([sigma]))} ± {number(sigma, decimals_for([sigma]))}"
 
 
-def percent(fraction: float) -> str:
-    return f"{100 * fraction:.0f} %".replace("-", "−")
-
-
 def _title(document: GapReport) -> str:
     unit = document.imu_serial or f"a {document.gyro_technology} unit"
     return f"Simulator against logs of {unit}"
 
 
-def _shown(document: GapReport, cause: Cause, overlay: Overlay | None) -> CauseShown:
+def _shown(
+    document: GapReport, cause: Cause, overlay: Overlay | None, longest_s: float
+) -> CauseShown:
     if overlay is not None:
         panels = overlay_panels(overlay)
     else:
-        panels = band_panels(document.cells, _channels_of(document, cause))
+        panels = band_panels(document.cells, _channels_of(document, cause), longest_s)
     return CauseShown(
         cause=cause,
-        bars=posterior_bars(cause),
         panels=panels,
         overlay=overlay,
         usual_rivals=_usual_rivals(cause),
