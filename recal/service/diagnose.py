@@ -119,7 +119,7 @@ def diagnose(
         Of the random generator.
     simulator : bool
         Also predict the update of each run by a twin fitted to the others: drift, heading and NIS
-        with what was found and without. Takes a diagnosis more for each run; with --hold-out, only
+        with what was found and without. Takes two updates more for each run; with --hold-out, only
         those runs are predicted.
     told : callable
         Told what is being done.
@@ -178,27 +178,26 @@ def diagnose(
             reasons, loaded, believed, version=program_version(), alpha=alpha, seed=seed
         )
         return _made(record, diagnosis_html(record), {})
-    predicted = _predicted(loaded, believed, beside, settings, found) if simulator else None
+    predicted = _predicted(loaded, beside, found, held, told) if simulator else None
     told("writing the report")
     return _results(found, loaded, beside, asked, predicted)
 
 
 def _predicted(
     runs: list[Run],
-    twin: TwinModel,
     beside: TwinTable,
-    settings: core.DiagnosisSettings,
     found: Diagnosis,
+    held: Sequence[str],
+    told: Callable[[str], None],
 ) -> PredictedUpdates:
     """What the twin predicts of updates of runs that it was not fitted to."""
     # with the store and the updates' estimators behind them: half a second of CPU
     from recal.service.inputs.unit_inputs import table_of_unknown_unit
     from simreal.predict.document import simulator_record
-    from simreal.predict.held_out import GivenTwin, predict_runs
+    from simreal.predict.held_out import predict_runs
 
-    table = beside.table or table_of_unknown_unit(runs[0], twin)
-    believed = GivenTwin(twin, beside.table, beside.sha256)
-    return simulator_record(predict_runs(runs, believed, table, settings, found))
+    table = beside.table or table_of_unknown_unit(runs[0], found.twin)
+    return simulator_record(predict_runs(runs, found, table, held, told))
 
 
 def _results(

@@ -13,18 +13,21 @@ from numpy.typing import NDArray
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
-from simreal.inference.attribute import Attribution
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.verdict import Judging
-from simreal.predict.traces import fitted, known_trace, summed, unit_traces
+from simreal.predict.traces import (
+    LEAST_ELSEWHERE,
+    fitted,
+    fitted_without,
+    known_trace,
+    summed,
+    unit_traces,
+)
 
 MINUTE_BINS = 6
 # of its RMS: an effect whose scatter within a run is larger is no constant of that run; chosen:
 # below the 0.5 of a ramp that begins at zero
 VARIES = 0.2
-# share of an effect's information: below, it is not in those runs; of 12 sigma, the size of the
-# blind trials, 0.4 sigma is left
-LEAST_ELSEWHERE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -61,26 +64,6 @@ def overlays(diagnosis: Diagnosis) -> tuple[Overlay | None, ...]:
     return tuple(_overlay(diagnosis, k, by_run=own) for k, own in zip(diagnosis.order, by_run))
 
 
-def coefficients_without(attribution: Attribution, run: int) -> NDArray:
-    """Coefficients of all slots' columns fitted on the other runs; as fitted on all where only this
-    run has them.
-    """
-    bank, columns, evidence = attribution.bank, attribution.columns, attribution.evidence
-    own = bank.matrix(columns)[evidence.rows_of(run)]
-    gram = bank.gram[np.ix_(columns, columns)]
-    rest = gram - own.T @ own
-    score = bank.score[columns] - own.T @ evidence.z[evidence.rows_of(run)]
-    seen = np.diag(rest) > LEAST_ELSEWHERE * np.diag(gram)
-    beta = fitted(attribution)[0].copy()
-    score = score - rest[:, ~seen] @ beta[~seen]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(rest)[seen], 1e-300))
-    scaled = rest[np.ix_(seen, seen)] * np.outer(scale, scale)
-    beta[seen] = scale * (
-        np.linalg.pinv(scaled, rcond=1e-8, hermitian=True) @ (scale * score[seen])
-    )
-    return beta
-
-
 def _overlay(diagnosis: Diagnosis, number: int, *, by_run: bool) -> Overlay | None:
     attribution = diagnosis.attribution
     slot, evidence = attribution.slots[number], attribution.evidence
@@ -98,9 +81,7 @@ def _overlay(diagnosis: Diagnosis, number: int, *, by_run: bool) -> Overlay | No
         apart = r >= len(evidence.views)
         if not apart and float(u[evidence.rows_of(r)].sum()) < LEAST_ELSEWHERE * float(u.sum()):
             continue
-        beta = (
-            coefficients_without(attribution, r) if by_run and not apart else fitted(attribution)[0]
-        )
+        beta = fitted_without(attribution, r)[0] if by_run and not apart else fitted(attribution)[0]
         curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or by_run))
     unit = ("deg/h" if channel < 3 else "ug") if on_sensors else ""
     return Overlay(CHANNELS[channel], unit, tuple(sorted(curves, key=lambda c: not c.held_out)))

@@ -41,7 +41,8 @@ SHADES = tuple(  # the scheme PuOr of ColorBrewer, from purple to orange: red, g
     )
 )
 SQUARE_GAP = 0.025  # between squares, in parts of one
-LEAST_SHOWN = 0.001  # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000
+# probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000; of several causes
+LEAST_SHOWN, LEAST_LIKELY = 0.001, 0.05
 LEAST_SHARE = 100.0  # of a share in %, for the drawing
 Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
 
@@ -148,34 +149,33 @@ def _band_name(band: Band, longest_s: float) -> str:
 
 def posterior_bars(causes: Sequence[Found]) -> Panel:
     """Probabilities of the answers, those of one cause below one another: the answer taken, the
-    rest of the set that is open, the others.
+    rest of the set that is open, the others; of several causes the last only where it is likely.
     """
     items: list[Item] = []
     said: list[tuple[float, float, str, str, bool]] = []
     labels: list[str] = []
+    least = LEAST_SHOWN if len(causes) == 1 else LEAST_LIKELY
     for found in causes:
         cause = found.first
         own = cause.effect, cause.target
         held = {own} | {(r.effect, r.target) for r in cause.rivals}
-        answers = [*cause.posterior, *cause.rivals]
-        rows = {(a.effect, a.target): a for a in reversed(answers)}
-        shown = sorted(rows.values(), key=lambda a: -a.probability)
-        for answer in shown:
-            key = answer.effect, answer.target
-            if answer.probability < LEAST_SHOWN and key not in held:
+        rows = {(a.effect, a.target): a for a in (*cause.rivals, *cause.posterior)}
+        for key, answer in sorted(rows.items(), key=lambda row: -row[1].probability):
+            p = answer.probability
+            if p < least and key not in held:
                 continue
             y = len(labels)
             colour = VERMILLION if key == own else BLUE if key in held else PALE
-            p = answer.probability
             items.append(Boxes([(0.0, p, y - 0.35, y + 0.35)], colour))
             said.append((p + 0.008, y, _percent(p), BLACK, False))
-            labels.append(answer_words(answer))
+            labels.append(answer_words(answer, "" if len(causes) > 1 else cause.target))
     return Panel(
         items=[*items, Texts(said, middle=False)],
         label="Posterior probabilities of the answers",
         x_label="probability",
-        x_limits=(0.0, 1.18),  # the words beside a bar fit on a phone
+        x_limits=(0.0, 1.45),  # the words beside a bar fit into a third of the page
         y_limits=(len(labels) - 0.4, -0.6),
+        x_ticks=[(0.0, "0"), (0.5, "0.5"), (1.0, "1")],
         y_ticks=list(enumerate(labels)),
         grid_y=False,
         height=rows_height(len(labels)),
@@ -197,7 +197,8 @@ def shrink_bars(causes: Sequence[Cause]) -> Panel:
         items=[Boxes(bars, BLUE), *whiskers],
         label="Share of the excess that goes with each cause, and its 95 % interval",
         x_label="gone [%]",
-        x_limits=(max(min(low.min(), 0.0), -LEAST_SHARE), 105.0),
+        x_limits=(max(min(float(low.min()), 0.0), -LEAST_SHARE) - 5.0, 105.0),
+        x_ticks=[(-100.0, "−100"), (0.0, "0"), (100.0, "100")],
         y_limits=(len(judged) - 0.4, -0.6),
         y_ticks=list(enumerate(labels)),
         grid_y=False,

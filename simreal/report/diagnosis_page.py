@@ -10,7 +10,7 @@ import numpy as np
 
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
-from ins.errors.base import SLOW_NAME, Words
+from ins.errors.base import Words
 from ins.errors.catalogue import effects_named, rivals_of, words_of
 from ins.errors.platform import ARCMIN
 from ins.units import MILLIRADIAN
@@ -21,6 +21,7 @@ from simreal.predict.document import NIS, PredictedRun, interval_text, share_tex
 from simreal.report.diagnosis_curves import Overlay
 from simreal.report.diagnosis_document import GapReport, p_text
 from simreal.report.diagnosis_figures import (
+    MOST_PANELS,
     band_panels,
     gap_maps,
     overlay_panels,
@@ -30,6 +31,7 @@ from simreal.report.diagnosis_figures import (
 )
 from simreal.report.diagnosis_words import (
     LOOK_WORDS,
+    Found,
     drift_words,
     expected,
     gathered,
@@ -66,29 +68,24 @@ GAP_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class CauseShown:
-    """A cause with its figures. slow: tied to no logged quantity. usual_rivals: what the catalogue
-    says it is often confused with, beyond the set found here.
+    """Causes of one name and target with their figures. drift_nm_h: of them alone. usual_rivals:
+    what the catalogue says they are often confused with, beyond the set found here.
     """
 
-    cause: Cause
+    found: Found
     panels: list[Panel]
     overlay: Overlay | None
+    drift_nm_h: float | None
     usual_rivals: tuple[str, ...]
     words: Words | None
-
-    @property
-    def slow(self) -> bool:
-        return self.cause.effect == SLOW_NAME
 
 
 def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ()) -> str:
     """The page of a document made by `diagnosis_document`; overlays: one for each cause."""
     longest_s = max((r.parked_s[1] - r.parked_s[0] for r in document.runs if r.parked_s), default=0)
-    causes = [
-        _shown(document, cause, overlay, longest_s)
-        for cause, overlay in zip(document.causes, overlays, strict=True)
-    ]
     found = gathered(document.causes)
+    overlay_of = dict(zip((id(c) for c in document.causes), overlays, strict=True))
+    causes = [_shown(document, f, [overlay_of[id(c)] for c in f.causes], longest_s) for f in found]
     judged = [c for c in document.causes if c.shrink is not None]
     return render_page(
         "diagnosis.html.j2",
@@ -103,7 +100,6 @@ def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ())
         shades=[(s, shade(s)) for s in SHADES_SHOWN],
         bars=posterior_bars(found) if found else None,
         shrinks=shrink_bars(judged) if judged else None,
-        effect_words=words_of,
         value=value_text,
         p=p_text,
         title=_title(document),
@@ -217,16 +213,21 @@ def _title(document: GapReport) -> str:
 
 
 def _shown(
-    document: GapReport, cause: Cause, overlay: Overlay | None, longest_s: float
+    document: GapReport, found: Found, overlays: Sequence[Overlay | None], longest_s: float
 ) -> CauseShown:
-    if overlay is not None:
-        panels = overlay_panels(overlay)
+    cause, drawn = found.first, [o for o in overlays if o is not None]
+    if drawn:
+        panels = [panel for overlay in drawn for panel in overlay_panels(overlay)][:MOST_PANELS]
     else:
         panels = band_panels(document.cells, _channels_of(document, cause), longest_s)
+    drift = document.expected_drift
+    own = () if drift is None else zip(document.causes, drift.by_cause)
+    squares = [nm_h**2 for c, nm_h in own if c in found.causes]
     return CauseShown(
-        cause=cause,
+        found=found,
         panels=panels,
-        overlay=overlay,
+        overlay=drawn[0] if drawn else None,
+        drift_nm_h=float(np.sqrt(sum(squares))) if squares else None,
         usual_rivals=_usual_rivals(cause),
         words=words_of(cause.effect),
     )
