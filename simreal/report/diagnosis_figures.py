@@ -192,7 +192,7 @@ def shrink_bars(causes: Sequence[Cause]) -> Panel:
     whiskers = [
         Line(np.array([a, b]), np.array([k, k]), BLACK, width=2.0) for a, b, k in zip(low, high, y)
     ]
-    labels = [_called(c) for c, _ in judged]
+    labels = [_called(c) if len(judged) > 1 else plain(c.effect) for c, _ in judged]
     return Panel(
         items=[Boxes(bars, BLUE), *whiskers],
         label="Share of the excess that goes with each cause, and its 95 % interval",
