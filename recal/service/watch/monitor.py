@@ -54,7 +54,7 @@ class Monitor:
     def take(self, batch: Sequence[Rows]) -> None:
         """Rows of any stream."""
         for rows in batch:
-            if not len(rows.text):
+            if not len(rows):
                 continue
             if rows.stream == "imu":
                 self._imu(rows)
@@ -75,7 +75,7 @@ class Monitor:
         time_s = rows.time_s
         if time_s[0] < self.time_s:  # another part
             self._rest, self._seconds = [], None
-        self.rows += len(rows.text)
+        self.rows += len(rows)
         self.time_s = float(time_s[-1])
         self._rest.append(rows.values[:, :7])
         values = np.concatenate(self._rest)
@@ -91,8 +91,8 @@ class Monitor:
 
     def _add(self, new: LogSeconds) -> None:
         held = new if self._seconds is None else _joined(self._seconds, new)
+        steady = steady_seconds(held)[-new.end_s.size :]
         self._seconds = held.where(slice(-WINDOW_S, None))
-        steady = steady_seconds(self._seconds)[-new.end_s.size :]
         for k in range(new.end_s.size):
             self._step(new, k, is_steady=bool(steady[k]))
 
@@ -125,7 +125,7 @@ class Monitor:
         """What is wrong with the last minutes; silent_s: since the last row came."""
         found = []
         if silent_s > SILENT_S and self.rows:
-            found.append(f"no row for {silent_s:.0f} s: is the source still there?")
+            found.append(f"no row for more than {SILENT_S:.0f} s: is the source still there?")
         quiet = None if self._seconds is None else judged(self._seconds)
         if quiet is None:
             return found

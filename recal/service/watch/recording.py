@@ -13,7 +13,7 @@ import numpy as np
 
 from infield.session.disagreement import utc
 from ins.records import InputError, RunHeader
-from trajectories.readers.live.rows import Dropped, Order, Rows, Source, rows_of
+from trajectories.readers.live.rows import Dropped, Order, Rows, Source
 from trajectories.runs.checks import MAX_GAP_S
 from trajectories.runs.recorder import Recorder, run_text
 
@@ -75,7 +75,7 @@ class Recording:
         """
         header = self._source.header()
         imu = [rows for rows in self._first if rows.stream == "imu"]
-        if header is None or sum(len(rows.text) for rows in imu) < FIRST_ROWS:
+        if header is None or sum(len(rows) for rows in imu) < FIRST_ROWS:
             return []
         self._header = header
         text = self._source.run_json()
@@ -132,14 +132,12 @@ class Recording:
             if is_new:
                 self._next(part)
             assert self._recorder is not None
-            if self._recorder.shift_s:
-                values = part.values.copy()
-                values[:, 0] -= self._recorder.shift_s
-                part = rows_of(part.stream, part.columns, values)
-                early = values[:, 0] < 0
+            part = part.shifted(self._recorder.shift_s)
+            early = part.time_s < 0
+            if self._recorder.shift_s and early.any():
                 order.dropped[Dropped.STAMP] += int(np.count_nonzero(early))
                 part = part.where(~early)
-            self._recorder.append(part.stream, part.text, part.columns)
+            self._recorder.append(part.stream, part.lines(), part.columns)
             found.append(part)
         return found
 

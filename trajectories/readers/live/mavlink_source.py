@@ -7,10 +7,10 @@ RAW_IMU, which is read in the units that ArduPilot sends: mg, mrad/s, hundredths
 Source: MAVLink common message set, mavlink.io/en/messages/common.html.
 """
 
-import select
 import socket
-from collections import Counter
-from collections.abc import Callable, Sequence
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
@@ -20,14 +20,16 @@ from ins.columns import FIX_SIGMA_COLUMNS, GYRO_DEGC, POSITION, RATE_COLUMNS, VE
 from ins.records import InputError, RunHeader
 from ins.units import DEG, MILLIRADIAN, STANDARD_GRAVITY
 from trajectories.readers.columns.imu_columns import second_means
-from trajectories.readers.live.rows import Dropped, Rows, rows_of
+from trajectories.readers.live.rows import Dropped, Rows
 from trajectories.readers.rows.row_cleaning import MAX_LATE_S
 
 RANK = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU")
 KIND_S = 2.0  # of messages, after which it is settled which kind of them is recorded
 DATAGRAM_BYTES = 1 << 16
-BUFFER_BYTES = 1 << 22  # of the socket: 3 min of 200 Hz while the machine is busy
-MOST_DATAGRAMS = 20_000  # read at once
+BUFFER_BYTES = 1 << 22  # of the socket, where the system allows it
+MOST_HELD = 1_000_000  # packets that wait to be read: an hour of 200 Hz
+SILENCE_S = 0.5  # after which a thread looks whether it is to end
+MOST_EARLY = 20_000  # messages in which it has to be settled what is recorded
 LEAST_FIX = 3  # GPS_FIX_TYPE_3D_FIX
 UNKNOWN_U16 = 65_535
 TEMPERATURE_BIT = 1 << 12  # of HIGHRES_IMU.fields_updated
@@ -54,12 +56,12 @@ class MavlinkSource:
     ) -> None:
         if not all(map(find_spec, ("pymavlink", "serial"))):
             raise InputError(NEEDS_EXTRA)
-        from pymavlink.dialects.v20 import common
+        from pymavlink.dialects.v20 import ardupilotmega as dialect  # it holds the common ones
 
         self.dropped = Counter[str]()
-        self._receive, self._let_go = opened(address)
+        self._link = opened(address)
         self._in_packets = address.startswith("udp:")
-        self._parser = common.MAVLink(None)
+        self._parser = dialect.MAVLink(None)
         self._parser.robust_parsing = True
         self._made = header
         self._kind: tuple[str, int, int, int] | None = None
@@ -67,7 +69,7 @@ class MavlinkSource:
         self._counts: dict[tuple[int, int], int] = {}
         self._first_fix: Fix | None = None
         self._warm = np.zeros((0, 4))
-        self._imu_s = np.nan
+        self._imu_s, self._astray = np.nan, False
 
     def header(self) -> RunHeader | None:
         """Of the options and the first fix, which is waited for where nobody gave a place."""
@@ -79,7 +81,7 @@ class MavlinkSource:
 
     def read(self, wait_s: float) -> list[Rows] | None:
         """What has come since, a second's mean of the temperatures."""
-        data = self._receive(wait_s)
+        data = self._link.read(wait_s)
         if data is None:
             return None
         messages = [message for part in data for message in self._parsed(part)]
@@ -92,32 +94,33 @@ class MavlinkSource:
         if imu:
             values = np.array(imu)
             self._imu_s = float(values[-1, 0])
-            found.append(rows_of("imu", ("time_s", *RATE_COLUMNS), values[:, :7]))
+            found.append(Rows("imu", ("time_s", *RATE_COLUMNS), values[:, :7]))
             found += self._temperatures(values)
         if fixes:
             columns = ("time_s", *POSITION, *VELOCITY, *FIX_SIGMA_COLUMNS)
-            found.append(rows_of("gnss", columns, np.array(fixes)))
+            found.append(Rows("gnss", columns, np.array(fixes)))
         return found
 
     def close(self) -> None:
         """Let go of socket or line."""
-        self._let_go()
+        self._link.close()
 
     def _parsed(self, data: bytes) -> list[Any]:
         """The messages in some bytes; what is none, and what was lost on the way, is counted."""
-        try:
-            messages = self._parser.parse_buffer(data) or []
-        except Exception:  # of the library, on what robust_parsing does not catch
-            self.dropped[Dropped.GARBAGE] += 1
-            messages = []
-            self._parser.buf_index = len(self._parser.buf)
-        # a packet holds whole messages; of a line, what is parsed is let go of
-        begun = b"" if self._in_packets else self._parser.buf[self._parser.buf_index :]
-        self._parser.buf, self._parser.buf_index = bytearray(begun), 0
         good = []
-        for message in messages:
-            if message.get_type() == "BAD_DATA" or message.get_type().startswith("UNKNOWN"):
-                self.dropped[Dropped.GARBAGE] += 1
+        self._parser.buf.extend(data)
+        while (message := self._next()) is not None:
+            if message.get_type() == "BAD_DATA":
+                self.dropped[Dropped.GARBAGE] += not self._astray
+                self._astray = True
+                # a length may be wrong: what it took along may hold messages
+                rest = self._parser.buf[self._parser.buf_index :]
+                self._parser.buf = bytearray(message.get_msgbuf()[1:]) + rest
+                self._parser.buf_index = 0
+                continue
+            self._astray = False
+            if message.get_type().startswith("UNKNOWN"):
+                self.dropped[Dropped.UNKNOWN] += 1
                 continue
             good.append(message)
             sender = message.get_srcSystem(), message.get_srcComponent()
@@ -125,13 +128,26 @@ class MavlinkSource:
             # more is a message that came late, or again
             self.dropped[Dropped.LOST] += gap if gap < 128 else 0
             self._counts[sender] = message.get_seq()
+        rest = self._parser.buf[self._parser.buf_index :]
+        if self._in_packets:  # a packet holds whole messages
+            self.dropped[Dropped.GARBAGE] += bool(rest) and not self._astray
+            rest, self._astray = bytearray(), False
+        self._parser.buf, self._parser.buf_index = bytearray(rest), 0
         return good
+
+    def _next(self) -> Any:
+        """The next message in what has come, None where it holds no whole one."""
+        try:
+            return self._parser.parse_char(b"")
+        except Exception:  # of the library, on what robust_parsing does not catch
+            self.dropped[Dropped.GARBAGE] += 1
+            return None
 
     def _settle(self) -> list[Any]:
         """The messages so far, once it is known which kind of them is recorded."""
         kinds = [key for m in self._early if (key := _kind(m)) is not None]
         times = [time_s for m in self._early if _kind(m) and np.isfinite(time_s := _time_s(m))]
-        if not times or (abs(times[-1] - times[0]) < KIND_S and len(times) < MOST_DATAGRAMS):
+        if not times or (abs(times[-1] - times[0]) < KIND_S and len(times) < MOST_EARLY):
             return []
         often = Counter(kinds)
         self._kind = min(often, key=lambda key: (RANK.index(key[0]), -often[key]))
@@ -167,7 +183,7 @@ class MavlinkSource:
         if means is None:
             return []
         rows = np.column_stack([means.time_s, means.gyro_degC])
-        return [rows_of("temperature", ("time_s", *GYRO_DEGC), rows)]
+        return [Rows("temperature", ("time_s", *GYRO_DEGC), rows)]
 
     def _fix_row(self, m: Any) -> Fix | None:
         """A fix in three dimensions, by the height above the ellipsoid where that is sent."""
@@ -204,64 +220,83 @@ def _time_s(m: Any) -> float:
     return 1e-6 * m.time_usec if hasattr(m, "time_usec") else 1e-3 * m.time_boot_ms
 
 
-Receive = Callable[[float], Sequence[bytes] | None]
+class Link:
+    """Bytes of a socket or a line, taken by a thread as they come: what the system holds of a
+    socket is a second of 200 Hz.
 
-
-def opened(address: str) -> tuple[Receive, Callable[[], None]]:
-    """What gives the bytes that have come (None: the other end has closed), and what closes it.
-    InputError where the address is none, or cannot be had.
+    receive: gives some bytes, b"" where nothing came for a while, None where the other end closed.
     """
+
+    def __init__(self, receive: Callable[[], bytes | None], close: Callable[[], None]) -> None:
+        self._receive, self._close = receive, close
+        self._held: deque[bytes | None] = deque(maxlen=MOST_HELD)
+        self._came, self._ends = threading.Event(), False
+        self._thread = threading.Thread(target=self._take, daemon=True)
+        self._thread.start()
+
+    def _take(self) -> None:
+        while not self._ends:
+            try:
+                data = self._receive()
+            except OSError:
+                data = None
+            if data != b"":
+                self._held.append(data)
+                self._came.set()
+            if data is None:
+                return
+
+    def read(self, wait_s: float) -> list[bytes] | None:
+        """What has come, after at most so long; None where nothing more will."""
+        self._came.wait(wait_s)
+        self._came.clear()
+        found: list[bytes] = []
+        while self._held and self._held[0] is not None:
+            found.append(self._held.popleft() or b"")
+        return None if self._held and not found else found
+
+    def close(self) -> None:
+        """Let go of socket or line."""
+        self._ends = True
+        self._thread.join(timeout=2.0 * SILENCE_S)
+        self._close()
+
+
+def opened(address: str) -> Link:
+    """The bytes of an address. InputError where it is none, or cannot be had."""
     kind, _, rest = address.partition(":")
     place, _, number = rest.rpartition(":")
     if not place or not number.isdecimal():
         raise InputError(f"{address}: needed udp:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
     try:
-        if kind == "serial":
-            return _serial(place, int(number))
-        return _socket(kind, place, int(number))
+        return _serial(place, int(number)) if kind == "serial" else _socket(kind, place, number)
     except (OSError, OverflowError) as error:
         raise InputError(f"{address}: {getattr(error, 'strerror', None) or error}") from None
 
 
-def _socket(kind: str, host: str, port: int) -> tuple[Receive, Callable[[], None]]:
+def _socket(kind: str, host: str, port: str) -> Link:
     is_udp = kind == "udp"
     if is_udp:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]
+        family = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0][0]
         link = socket.socket(family, socket.SOCK_DGRAM)
         link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        link.bind((host, port))
+        link.bind((host, int(port)))
     else:
-        link = socket.create_connection((host, port), timeout=10.0)
-    link.setblocking(False)
+        link = socket.create_connection((host, int(port)), timeout=10.0)
+    link.settimeout(SILENCE_S)
 
-    def receive(wait_s: float) -> Sequence[bytes] | None:
-        select.select([link], [], [], wait_s)
-        found: list[bytes] = []
-        while len(found) < MOST_DATAGRAMS:
-            try:
-                data = link.recv(DATAGRAM_BYTES)
-            except BlockingIOError:
-                break
-            except ConnectionError:
-                return found or None
-            if not data and not is_udp:
-                return found or None
-            found.append(data)
-        return found
+    def receive() -> bytes | None:
+        try:
+            data = link.recv(DATAGRAM_BYTES)
+        except TimeoutError:
+            return b""
+        return data if data or is_udp else None
 
-    return receive, link.close
+    return Link(receive, link.close)
 
 
-def _serial(device: str, baud: int) -> tuple[Receive, Callable[[], None]]:
+def _serial(device: str, baud: int) -> Link:
     import serial
 
-    line = serial.Serial(device, baud, timeout=0)
-
-    def receive(wait_s: float) -> Sequence[bytes] | None:
-        try:
-            select.select([line], [], [], wait_s)
-            return [line.read(max(line.in_waiting, 1))]
-        except OSError:  # unplugged
-            return None
-
-    return receive, line.close
+    line = serial.Serial(device, baud, timeout=SILENCE_S)
+    return Link(lambda: line.read(max(line.in_waiting, 1)), line.close)

@@ -24,6 +24,7 @@ class Dropped(StrEnum):
     """Why a row is not recorded."""
 
     GARBAGE = "garbage"  # no row, or no message
+    UNKNOWN = "unknown message"  # of another dialect
     VALUE = "value"  # not finite, or beyond any sensor
     DUPLICATE = "duplicate"
     LATE = "late"  # older than a row that was taken
@@ -34,12 +35,19 @@ class Dropped(StrEnum):
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows of a stream: columns' names, values (n, k) with time_s first, the rows as text."""
+    """Some rows of a stream.
+
+    columns: their names; values (n, k), time_s first; text: the rows as they came, None where
+    nothing but their numbers is kept.
+    """
 
     stream: str
     columns: Sequence[str]
     values: NDArray
-    text: Sequence[str]
+    text: Sequence[str] | None = None
+
+    def __len__(self) -> int:
+        return len(self.values)
 
     @property
     def time_s(self) -> NDArray:
@@ -48,14 +56,32 @@ class Rows:
 
     def where(self, chosen: NDArray | slice) -> "Rows":
         """Some of the rows."""
-        index = np.arange(len(self.text))[chosen]
+        if self.text is None:
+            return replace(self, values=self.values[chosen])
+        index = np.arange(len(self))[chosen]
         return replace(self, values=self.values[index], text=[self.text[k] for k in index])
 
+    def shifted(self, shift_s: float) -> "Rows":
+        """The rows with so much taken off their times; as they are where that is nothing."""
+        if not shift_s:
+            return self
+        values = self.values.copy()
+        values[:, 0] -= shift_s
+        return replace(self, values=values, text=None)
 
-def rows_of(stream: str, columns: Sequence[str], values: NDArray) -> Rows:
-    """Rows of numbers; each float64 comes back bit by bit from its text."""
-    text = [",".join(map(repr, row)) for row in values.tolist()]
-    return Rows(stream, columns, values, text)
+    def lines(self) -> Sequence[str]:
+        """The rows as text; each float64 comes back bit by bit from it."""
+        if self.text is not None:
+            return self.text
+        return [",".join(map(repr, row)) for row in self.values.tolist()]
+
+    def behind(self, before: "Rows") -> "Rows":
+        """Other rows of the stream, then these."""
+        values = np.concatenate([before.values, self.values])
+        text = None
+        if self.text is not None and before.text is not None:
+            text = [*before.text, *self.text]
+        return replace(self, values=values, text=text)
 
 
 class Source(Protocol):
@@ -107,7 +133,7 @@ class Order:
         self.dropped[Dropped.VALUE] += int(np.count_nonzero(~good))
         rows = rows.where(good)
         rows = rows.where(~(rows.time_s <= self._recorded_s + ROUNDING_S))
-        while len(rows.text):
+        while len(rows):
             t = rows.time_s
             steps = np.diff(t, prepend=self.last_s if np.isfinite(self.last_s) else t[0] - 1e-3)
             wrong = np.flatnonzero((steps <= 0) | (steps > self._longest_s))
@@ -128,20 +154,19 @@ class Order:
             return
         held = self._held
         if held is not None and 0 < float(row.time_s[0] - held.time_s[-1]) <= self._longest_s:
-            values = np.concatenate([held.values, row.values])
-            held = replace(held, values=values, text=[*held.text, *row.text])
+            held = row.behind(held)
         else:
             self._forget()
             held = row
         self._held = held
-        if len(held.text) >= AGREEING:
+        if len(held) >= AGREEING:
             self._held = None
             self.last_s, self._recorded_s = float(held.time_s[-1]), -np.inf
             yield held, True
 
     def _forget(self) -> None:
         if self._held is not None:
-            self.dropped[Dropped.STAMP] += len(self._held.text)
+            self.dropped[Dropped.STAMP] += len(self._held)
             self._held = None
 
 

@@ -17,7 +17,7 @@ from ins.json_file import read_json_object
 from ins.records import InputError, RunHeader
 from trajectories.readers.columns.imu_columns import body_temperatures, second_means, sensor_vectors
 from trajectories.readers.formats.mapped import own_map
-from trajectories.readers.live.rows import Dropped, Rows, rows_of
+from trajectories.readers.live.rows import Dropped, Rows
 from trajectories.readers.rows.column_map import (
     TIME_UNITS,
     ColumnMap,
@@ -133,7 +133,7 @@ class RunSource:
         if not len(values):
             return None
         if len(good) != len(values):  # one of them is no row of numbers
-            return rows_of(stream, names, values)
+            return Rows(stream, names, values)
         return Rows(stream, names, values, [line.decode() for line in good])
 
     def close(self) -> None:
@@ -241,7 +241,7 @@ class TableSource:
         if kind != other:
             raise InputError("map: gyro and accel, needed both as rates or both as increments")
         time_s = self._times(keys, columns, len(values))
-        imu = rows_of("imu", table.columns, np.column_stack([time_s, w, f]))
+        imu = Rows("imu", table.columns, np.column_stack([time_s, w, f]))
         if keys.temperature is None:
             return [imu]
         degC = body_temperatures(columns, keys.temperature, keys.axes)
@@ -252,7 +252,7 @@ class TableSource:
         if means is None:
             return [imu]
         warm = np.column_stack([means.time_s, means.gyro_degC])
-        return [imu, rows_of("temperature", ("time_s", *GYRO_DEGC), warm)]
+        return [imu, Rows("temperature", ("time_s", *GYRO_DEGC), warm)]
 
     def _times(self, keys: ColumnMap, columns: Mapping[str, NDArray], n: int) -> NDArray:
         if keys.time is not None:
