@@ -9,8 +9,8 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.disturbed_epochs import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Disturbance
-from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 from ins.robust import white_sigma
 
 GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later

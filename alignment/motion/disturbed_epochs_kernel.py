@@ -1,6 +1,4 @@
-"""The one pass over the raw rows behind `alignment.motion.shake`. Import lazily: this module loads
-numba.
-"""
+"""The one pass over the raw rows behind `alignment.motion.disturbed_epochs`. Import lazily: numba."""
 
 from math import sqrt
 

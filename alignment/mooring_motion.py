@@ -15,7 +15,7 @@ cov(e1, e2) = [[q11, q12], [q12, q22]] and c = q12 / q11::
     velocity = (a21 - c a11) old + (a22 - c a12) velocity + c new + e2',   var(e2') = q22 - q12 c
 
 Source: oscillator under white noise, Crandall and Mark, "Random Vibration in Mechanical Systems"
-(1963), section 2.2. Pinned by: tests/alignment/test_swing.py
+(1963), section 2.2. Pinned by: tests/alignment/test_mooring_motion.py
 
 Decision: docs/decisions/0007-parked-position.md.
 """
@@ -34,7 +34,7 @@ STATES = 6  # three for each level axis
 
 
 @dataclass(frozen=True)
-class Swing:
+class MooringMotion:
     """Natural period [s] and damping ratio of a place that comes back."""
 
     period_s: float
@@ -50,16 +50,16 @@ class Swing:
 
 
 @lru_cache(maxsize=4096)
-def _over(swing: Swing, dt_s: float) -> tuple[NDArray, NDArray]:
-    w = swing.natural_rad_s
-    a = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * swing.damping * w]]) * dt_s)
+def _over(mooring: MooringMotion, dt_s: float) -> tuple[NDArray, NDArray]:
+    w = mooring.natural_rad_s
+    a = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * mooring.damping * w]]) * dt_s)
     settled = np.diag([1.0, w**2])
     return a, settled - a @ settled @ a.T
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Rows that a swing laid down: of which steps (m,), and their variance for an RMS of 1 m."""
+    """Rows that a mooring laid down: of which steps (m,), and their variance for an RMS of 1 m."""
 
     first_row: int
     steps: NDArray
@@ -68,7 +68,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Laid:
-    """A swing in a tape: its noise, and its place in the rows of a measurement at chosen
+    """A mooring in a tape: its noise, and its place in the rows of a measurement at chosen
     steps.
     """
 
@@ -84,12 +84,16 @@ class Laid:
 
 
 def lay(
-    tape: Tape, swing: Swing, still: NDArray, displacement: tuple[int, int], first_state: int
+    tape: Tape,
+    mooring: MooringMotion,
+    still: NDArray,
+    displacement: tuple[int, int],
+    first_state: int,
 ) -> Laid:
-    """Add the swing of a vehicle that stands in the steps `still` (K,).
+    """Add the mooring of a vehicle that stands in the steps `still` (K,).
 
-    Where a stretch of rest begins the swing is anywhere, and what the displacement states count
-    begins from there. first_state: of the swing's own.
+    Where a stretch of rest begins the mooring is anywhere, and what the displacement states count
+    begins from there. first_state: of the mooring's own.
     """
     at = np.flatnonzero(still)
     begins = np.flatnonzero(still & ~np.append(False, still[:-1]))
@@ -100,32 +104,32 @@ def lay(
     noise: list[Noise] = []
     for axis, counted in enumerate(displacement):
         states = tuple(first_state + 3 * axis + k for k in range(3))
-        noise += _begin(tape, swing, begins, states, counted)
+        noise += _begin(tape, mooring, begins, states, counted)
         for odd in (True, False):
-            noise += _move_on(tape, swing, at[after[at] == odd], states, odd)
+            noise += _move_on(tape, mooring, at[after[at] == odd], states, odd)
     return Laid(tuple(noise), after, first_state)
 
 
 def _begin(
-    tape: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], counted: int
+    tape: Tape, mooring: MooringMotion, at: NDArray, states: tuple[int, ...], counted: int
 ) -> Iterator[Noise]:
-    """The swing anywhere at the start of a stretch, from where its displacement is counted."""
+    """The mooring anywhere at the start of a stretch, from where its displacement is counted."""
     place, _, velocity = states
-    for state, variance in ((place, 1.0), (velocity, swing.natural_rad_s**2)):
+    for state, variance in ((place, 1.0), (velocity, mooring.natural_rad_s**2)):
         yield Noise(tape.rows, at, np.full(at.size, variance))
         tape.assign(at, state, {}, variance)
     tape.assign(at, counted, {counted: 1.0, place: -1.0}, 0.0)
 
 
 def _move_on(
-    tape: Tape, swing: Swing, at: NDArray, states: tuple[int, ...], odd: bool
+    tape: Tape, mooring: MooringMotion, at: NDArray, states: tuple[int, ...], odd: bool
 ) -> Iterator[Noise]:
-    """The swing over the steps `at`, into the second place state where `odd`."""
+    """The mooring over the steps `at`, into the second place state where `odd`."""
     if not at.size:
         return
     old, new = states[:2] if odd else states[1::-1]
     velocity = states[2]
-    over = [swing.over(float(dt)) for dt in tape.steps.dt_s[at]]
+    over = [mooring.over(float(dt)) for dt in tape.steps.dt_s[at]]
     a, q = (np.stack(part) for part in zip(*over))
     c = q[:, 0, 1] / q[:, 0, 0]
     yield Noise(tape.rows, at, q[:, 0, 0])

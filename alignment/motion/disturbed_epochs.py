@@ -32,7 +32,7 @@ GUST_FLOOR_M_S = 0.005
 
 
 @dataclass(frozen=True)
-class Shaking:
+class DisturbedEpochs:
     """Epochs (k,) of a history in which the parked vehicle was bumped (velocity), loaded (turn) or
     rocked (energy).
     """
@@ -42,9 +42,9 @@ class Shaking:
     gust: NDArray
 
 
-def find_shaking(
+def find_disturbed_epochs(
     imu: ImuSource, history: NavHistory, *, quiet: NDArray, parked: NDArray
-) -> Shaking:
+) -> DisturbedEpochs:
     """Judge the epochs `parked` (k,) by their raw rows; `quiet` (k,) are those that the quiet level
     is learnt from.
 
@@ -52,7 +52,7 @@ def find_shaking(
     """
     if not quiet[1:].any():
         nothing = np.zeros(len(quiet), bool)
-        return Shaking(nothing, nothing, nothing)
+        return DisturbedEpochs(nothing, nothing, nothing)
     largest, energy = _extremes(imu, history, quiet, int(np.flatnonzero(parked)[-1]))
     level = _quiet_mean(energy[1:][quiet[1:]])
     level[:, :2] = level[:, :2].mean(axis=1, keepdims=True)  # the level pair is judged together
@@ -64,7 +64,7 @@ def find_shaking(
     turn = np.maximum(beyond[:, 3:], JOLT_RAD)
     second = max(len(sigma) - 2, 0)
     ratio = (energy[:, second, :2] / np.maximum(level[second, :2], GUST_FLOOR_M_S**2)).mean(axis=1)
-    return Shaking(
+    return DisturbedEpochs(
         bump=(largest[:, :, :3] > step).any(axis=(1, 2)) & parked,
         loading=(largest[:, :, 3:] > turn).any(axis=(1, 2)) & parked,
         gust=_rocked(ratio, parked) & parked,
@@ -75,9 +75,9 @@ def _extremes(
     imu: ImuSource, history: NavHistory, quiet: NDArray, last: int
 ) -> tuple[NDArray, NDArray]:
     """Largest |sum| and mean square (k, lags, 6) of each epoch up to `last`, as
-    `alignment.motion.shake_kernel` fills them.
+    `alignment.motion.disturbed_epochs_kernel` fills them.
     """
-    from alignment.motion.shake_kernel import add_rows
+    from alignment.motion.disturbed_epochs_kernel import add_rows
 
     t = history.time_s
     lat, height = float(history.lat_rad[0]), float(history.height_m[0])

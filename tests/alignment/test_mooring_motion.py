@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from alignment import gyrocompass, swing
+from alignment import gyrocompass, mooring_motion
 from ins.estimation import error_model as em
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.tape import Tape
@@ -17,7 +17,7 @@ from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.segments import Straight
 
-SWING = swing.Swing(period_s=80.0, damping=0.2)
+SWING = mooring_motion.MooringMotion(period_s=80.0, damping=0.2)
 FIRST = em.BASE + 3
 
 
@@ -25,13 +25,13 @@ def swung(dt_s, still):
     """A filter of nothing but a swing of 1 m, over steps of given lengths, and the swing laid."""
     steps = replace(steps_of(parked_step(), count=len(dt_s)), dt_s=np.array(dt_s))
     tape = Tape(steps)
-    laid = swing.lay(tape, SWING, np.array(still), (em.S.start, em.S.start + 1), FIRST)
+    laid = mooring_motion.lay(tape, SWING, np.array(still), (em.S.start, em.S.start + 1), FIRST)
     flt = ErrorFilter(
         sigma0={},
         noise=NOISE,
         bias_mean=np.zeros(3),
         bias_covariance=np.zeros((3, 3)),
-        further_sigma=(0.0,) * swing.STATES,
+        further_sigma=(0.0,) * mooring_motion.STATES,
     )
     flt.run(tape)
     return flt, laid

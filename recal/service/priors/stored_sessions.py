@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from infield.learning.kept import KeptSession, KeptUnit, ordered
+from infield.learning.stored_sessions import StoredSession, StoredUnit, ordered
 from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import PointDocument, UpdateDocument, update_of
 from infield.reports.update_page import estimated_of
@@ -43,9 +43,9 @@ def year_of(utc_text: str) -> float:
     return (utc(utc_text) - EPOCH).total_seconds() / 86400.0 / DAYS_PER_YEAR
 
 
-def kept_units(store: TableStore) -> tuple[list[KeptUnit], list[SessionLeftOut]]:
+def stored_units(store: TableStore) -> tuple[list[StoredUnit], list[SessionLeftOut]]:
     """Every unit's sessions, a unit twice where its table came from outside in between."""
-    units: list[KeptUnit] = []
+    units: list[StoredUnit] = []
     left_out: list[SessionLeftOut] = []
     for record in store.units():
         of_unit = _Unit(record, left_out)
@@ -62,8 +62,8 @@ class _Unit:
 
     def __init__(self, record: UnitRecord, left_out: list[SessionLeftOut]) -> None:
         self._record, self._left_out = record, left_out
-        self._begun: list[KeptUnit] = []
-        self._sessions: list[KeptSession] = []
+        self._begun: list[StoredUnit] = []
+        self._sessions: list[StoredSession] = []
         self._first: Revision | None = None
         self._last: Revision | None = None
 
@@ -81,7 +81,7 @@ class _Unit:
         """Sessions that contradicted the table, as one point a gyro."""
         self._sessions += [_of_contradiction(e) for e in evidence]
 
-    def ended(self) -> list[KeptUnit]:
+    def ended(self) -> list[StoredUnit]:
         """Everything that was told."""
         self._end()
         return self._begun
@@ -91,7 +91,7 @@ class _Unit:
             table, key = self._first.table, self._record.unit
             since = year_of(table.created_utc)
             self._begun.append(
-                KeptUnit(
+                StoredUnit(
                     imu_serial=key.imu_serial,
                     gyro_technology=key.gyro_technology,
                     gyro_mode=key.gyro_mode,
@@ -124,7 +124,7 @@ def _steps(revision: Revision) -> int:
     return len(revision.table_dict.get("provenance", {}).get("accepted_steps", []))
 
 
-def _of_document(document: UpdateDocument, session: EstimatedDocument) -> KeptSession:
+def _of_document(document: UpdateDocument, session: EstimatedDocument) -> StoredSession:
     """A session as its report tells it; InputError where the report lacks the covariance."""
     points = [p for p in document.points if p.run_sha256 == session.sha256]
     covariance = session.points_covariance_deg_h2
@@ -134,7 +134,7 @@ def _of_document(document: UpdateDocument, session: EstimatedDocument) -> KeptSe
     vehicle = noise.get("vehicle", {})
     creep = vehicle.get("yaw_creep_arcsec_sqrt_h", 0.0)
     source = session.heading_error.source if session.heading_error else None
-    return KeptSession(
+    return StoredSession(
         run_id=session.run_id,
         run_sha256=session.sha256,
         year=year_of(session.start_utc),
@@ -168,8 +168,8 @@ def _crab(session: EstimatedDocument) -> tuple[float, float] | None:
     return None
 
 
-def _of_contradiction(e: SessionEvidence) -> KeptSession:
-    return KeptSession(
+def _of_contradiction(e: SessionEvidence) -> StoredSession:
+    return StoredSession(
         run_id=e.run_id,
         run_sha256=e.run_sha256,
         year=year_of(e.start_utc),

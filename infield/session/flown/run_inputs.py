@@ -1,4 +1,4 @@
-"""What the update of a run that flies takes for known."""
+"""Inputs of the update of a run that flies."""
 
 from dataclasses import dataclass, replace
 
@@ -16,8 +16,8 @@ from ins.records import Run, TwinModel
 
 
 @dataclass(frozen=True)
-class KnownRun:
-    """A run, its temperatures, and what its update takes for known."""
+class RunInputs:
+    """A run with its temperatures, table, twin and settings."""
 
     run: Run
     table: ThermalTable
@@ -25,7 +25,7 @@ class KnownRun:
     twin: TwinModel
     settings: SessionSettings
 
-    def with_shift(self, size_deg_h: float) -> "KnownRun":
+    def with_shift(self, size_deg_h: float) -> "RunInputs":
         """The same with gyros that may read so much more in flight than at rest (1 sigma)."""
         return replace(
             self, settings=self.settings.with_shift(self.run.header.gyro_technology, size_deg_h)

@@ -1,4 +1,4 @@
-"""What a session's flight was worth: its evidence, and what it does to the table."""
+"""What a flight adds to a session: its evidence, and the sigma of the table without and with it."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from ins.verdicts import Reason
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlightWorth:
+class InformationGain:
     """Sigma of a gyro's table, RMS over the flight's temperatures: before the session, after its
     ground part alone, after all of it.
     """
@@ -27,7 +27,7 @@ class FlightWorth:
 
 @dataclass(frozen=True)
 class FlightEvidence:
-    """What a session's flight was worth.
+    """Evidence of the flight of a session.
 
     joined: estimate of the session with its flight, None where it was left out, for these reasons.
     repeated: fixes that were left out as repetitions; carried: the flight's nuisances, empty where
@@ -42,7 +42,7 @@ class FlightEvidence:
     reasons: tuple[Reason, ...] = ()
     joined: SessionEstimate | None = None
     carried: tuple[Carried, ...] = ()
-    worth: tuple[FlightWorth, ...] | None = None
+    worth: tuple[InformationGain, ...] | None = None
     notes: tuple[Reason, ...] = ()
     as_usual: SessionEstimate | None = None
 
@@ -61,9 +61,9 @@ class FlightTerm:
     found: bool
 
 
-def worth_of(
+def information_gain(
     table: ThermalTable, ground: SessionEstimate | None, joined: SessionEstimate, flight: Flight
-) -> tuple[FlightWorth, ...]:
+) -> tuple[InformationGain, ...]:
     """What ground and flight do to the table at the temperatures of the flight. ground: None of a
     session that has no part without the flight.
     """
@@ -80,7 +80,7 @@ def worth_of(
     before, ground_alone = sigma(table.covariance), sigma(alone)
     after = sigma(joined.merged_into(table).candidate.covariance)
     return tuple(
-        FlightWorth(
+        InformationGain(
             axis=axis,
             before_deg_h=float(before[k]),
             ground_alone_deg_h=float(ground_alone[k]),

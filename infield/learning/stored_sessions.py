@@ -22,7 +22,7 @@ LEAST_VARIANCE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KeptSession:
+class StoredSession:
     """Bias points of one session.
 
     axis_index, temperature_degC, time_s, duration_s, bias_deg_h: shape (m,), times from the run's
@@ -79,7 +79,7 @@ class KeptSession:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KeptUnit:
+class StoredUnit:
     """One unit: the table that it began with at `year`, and its sessions since, oldest first."""
 
     imu_serial: str
@@ -87,7 +87,7 @@ class KeptUnit:
     gyro_mode: str
     table: ThermalTable
     year: float
-    sessions: tuple[KeptSession, ...]
+    sessions: tuple[StoredSession, ...]
 
     @property
     def name(self) -> str:
@@ -100,13 +100,13 @@ class KeptUnit:
         return " ".join(filter(None, (self.gyro_technology, self.gyro_mode)))
 
 
-def ordered(sessions: Sequence[KeptSession]) -> tuple[KeptSession, ...]:
+def ordered(sessions: Sequence[StoredSession]) -> tuple[StoredSession, ...]:
     """Oldest first, each run once."""
     once = {session.run_sha256: session for session in sessions}
     return tuple(sorted(once.values(), key=lambda s: (s.year, s.run_id)))
 
 
-def covering(unit: KeptUnit) -> ThermalTable:
+def covering(unit: StoredUnit) -> ThermalTable:
     """The unit's table with nodes over all temperatures of its sessions."""
     if not unit.sessions:
         return unit.table
