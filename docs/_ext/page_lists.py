@@ -13,15 +13,7 @@ OF_INDEX = (  # named in index.md itself
     "troubleshooting",
     "glossary",
 )
-EVIDENCE = (
-    "accuracy",
-    "flights",
-    "gap",
-    "real_logs",
-    "real_evidence",
-    "reliability",
-    "speed",
-)
+EVIDENCE = ("accuracy", "flights", "gap", "real_logs", "real_evidence", "reliability", "speed")
 GUIDES = (
     "at_the_aircraft",
     "log_formats",
@@ -35,7 +27,7 @@ GUIDES = (
 )
 TEXTS = {
     "evidence": ("Evidence", "What the program reaches, with intervals, and what it misses."),
-    "guides": ("Single parts", "Logs, noise models, flights, replay, MEMS units, store, environments."),
+    "guides": ("Single parts", "Logs, noise models, flights, replay, MEMS units, store."),
     "studies": ("Notes", "Other pages."),
 }
 
