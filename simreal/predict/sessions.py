@@ -88,8 +88,8 @@ class Expected:
 class SessionDrift:
     """Radial drift expected of sessions like those recorded, on any heading.
 
-    noise_nm_h : of the twin's own noise. gained : as it is less without. by_cause_nm_h : of each cause
-    alone, without noise, in the order of the causes; 0 where it touches no parked sensor.
+    noise_nm_h : of the twin's own noise. gained : as it is less without. by_cause_nm_h : of each
+    cause alone, without noise, in the order of the causes; 0 where it touches no parked sensor.
     """
 
     sessions: int
