@@ -44,7 +44,7 @@ SQUARE_GAP = 0.025  # between squares, in parts of one
 # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000; of several causes
 LEAST_SHOWN, LEAST_LIKELY = 0.001, 0.05
 MOST_BARRED = 4  # causes whose answers have bars
-LEAST_SHARE = 100.0  # of a share in %, for the drawing
+
 Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
 
 
@@ -199,7 +199,7 @@ def shrink_bars(causes: Sequence[Cause]) -> Panel:
         items=[Boxes(bars, BLUE), *whiskers],
         label="Share of the excess that goes with each cause, and its 95 % interval",
         x_label="gone [%]",
-        x_limits=(max(min(float(low.min()), 0.0), -LEAST_SHARE) - 5.0, 115.0),
+        x_limits=(max(min(float(low.min()), 0.0), -100.0) - 5.0, 115.0),
         x_ticks=[(-100.0, "−100"), (0.0, "0"), (100.0, "100")],
         y_limits=(len(judged) - 0.4, -0.6),
         y_ticks=list(enumerate(labels)),
