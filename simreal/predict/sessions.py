@@ -88,8 +88,8 @@ class Expected:
 class SessionDrift:
     """Radial drift expected of sessions like those recorded, on any heading.
 
-    noise_nm_h : of the twin's own noise. gained : as it is less without. by_cause : of each cause
-    alone, without noise, in the order of the causes; 0 where it touches no parked sensor.
+    noise_nm_h : of the twin's own noise. gained : as it is less without. by_cause_nm_h : of each
+    cause alone, without noise, in the order of the causes; 0 where it touches no parked sensor.
     """
 
     sessions: int
@@ -98,7 +98,7 @@ class SessionDrift:
     as_it_is: Expected
     without: Expected
     gained: Expected
-    by_cause: tuple[float, ...]
+    by_cause_nm_h: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ def _expected(
         as_it_is=Expected(as_it_is, _interval(before)),
         without=Expected(without, _interval(after)),
         gained=Expected(as_it_is - without, _interval(before - after)),
-        by_cause=tuple(own),
+        by_cause_nm_h=tuple(own),
     )
 
 

@@ -43,7 +43,8 @@ SHADES = tuple(  # the scheme PuOr of ColorBrewer, from purple to orange: red, g
 SQUARE_GAP = 0.025  # between squares, in parts of one
 # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000; of several causes
 LEAST_SHOWN, LEAST_LIKELY = 0.001, 0.05
-LEAST_SHARE = 100.0  # of a share in %, for the drawing
+MOST_BARRED = 4  # causes whose answers have bars
+
 Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
 
 
@@ -149,26 +150,27 @@ def _band_name(band: Band, longest_s: float) -> str:
 
 def posterior_bars(causes: Sequence[Found]) -> Panel:
     """Probabilities of the answers, those of one cause below one another: the answer taken, the
-    rest of the set that is open, the others; of several causes the last only where it is likely.
+    rest of the set that is open, the others; of several causes those only where they are likely.
     """
     items: list[Item] = []
     said: list[tuple[float, float, str, str, bool]] = []
     labels: list[str] = []
-    least = LEAST_SHOWN if len(causes) == 1 else LEAST_LIKELY
-    for found in causes:
+    alone = len(causes) == 1
+    least = LEAST_SHOWN if alone else LEAST_LIKELY
+    for found in causes[:MOST_BARRED]:
         cause = found.first
         own = cause.effect, cause.target
         held = {own} | {(r.effect, r.target) for r in cause.rivals}
         rows = {(a.effect, a.target): a for a in (*cause.rivals, *cause.posterior)}
         for key, answer in sorted(rows.items(), key=lambda row: -row[1].probability):
             p = answer.probability
-            if p < least and key not in held:
+            if key not in held and (p < least or not (answer.target or alone)):
                 continue
             y = len(labels)
             colour = VERMILLION if key == own else BLUE if key in held else PALE
             items.append(Boxes([(0.0, p, y - 0.35, y + 0.35)], colour))
             said.append((p + 0.008, y, _percent(p), BLACK, False))
-            labels.append(answer_words(answer, "" if len(causes) > 1 else cause.target))
+            labels.append(answer_words(answer, cause.target if alone else ""))
     return Panel(
         items=[*items, Texts(said, middle=False)],
         label="Posterior probabilities of the answers",
@@ -197,7 +199,7 @@ def shrink_bars(causes: Sequence[Cause]) -> Panel:
         items=[Boxes(bars, BLUE), *whiskers],
         label="Share of the excess that goes with each cause, and its 95 % interval",
         x_label="gone [%]",
-        x_limits=(max(min(float(low.min()), 0.0), -LEAST_SHARE) - 5.0, 105.0),
+        x_limits=(max(min(float(low.min()), 0.0), -100.0) - 5.0, 115.0),
         x_ticks=[(-100.0, "−100"), (0.0, "0"), (100.0, "100")],
         y_limits=(len(judged) - 0.4, -0.6),
         y_ticks=list(enumerate(labels)),

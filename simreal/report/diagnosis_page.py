@@ -221,7 +221,7 @@ def _shown(
     else:
         panels = band_panels(document.cells, _channels_of(document, cause), longest_s)
     drift = document.expected_drift
-    own = () if drift is None else zip(document.causes, drift.by_cause)
+    own = () if drift is None else zip(document.causes, drift.by_cause_nm_h)
     squares = [nm_h**2 for c, nm_h in own if c in found.causes]
     return CauseShown(
         found=found,

@@ -62,7 +62,7 @@ def test_a_session_is_never_expected_to_drift_less_with_the_effects(found):
     assert drift.sessions == len(levels) == len(found.views)
     assert drift.noise_nm_h < drift.without.rms_nm_h < drift.as_it_is.rms_nm_h
     assert drift.as_it_is.interval_95[0] < drift.as_it_is.rms_nm_h < drift.as_it_is.interval_95[1]
-    assert drift.by_cause[0] > 0.0
+    assert drift.by_cause_nm_h[0] > 0.0
 
 
 def made_session(found, rate, noise):
