@@ -16,7 +16,17 @@ OF_INDEX = (  # named in index.md itself
     "faq",
     "figures_of_merit",
 )
-GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve", "environments")
+GUIDES = (
+    "log_formats",
+    "at_the_aircraft",
+    "mems",
+    "replay",
+    "bridges",
+    "store",
+    "fleet",
+    "serve",
+    "environments",
+)
 TEXTS = {
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),
     "studies": (
