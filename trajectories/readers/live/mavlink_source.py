@@ -28,6 +28,7 @@ KIND_S = 2.0  # of messages, after which it is settled which kind of them is rec
 DATAGRAM_BYTES = 1 << 16
 BUFFER_BYTES = 1 << 22  # of the socket, where the system allows it
 MOST_HELD = 1_000_000  # packets that wait to be read: an hour of 200 Hz
+MOST_READ = 5_000  # packets at once, so that what is shown keeps up
 SILENCE_S = 0.5  # after which a thread looks whether it is to end
 MOST_EARLY = 20_000  # messages in which it has to be settled what is recorded
 LEAST_FIX = 3  # GPS_FIX_TYPE_3D_FIX
@@ -249,9 +250,10 @@ class Link:
     def read(self, wait_s: float) -> list[bytes] | None:
         """What has come, after at most so long; None where nothing more will."""
         self._came.wait(wait_s)
-        self._came.clear()
+        if not self._held:
+            self._came.clear()
         found: list[bytes] = []
-        while self._held and self._held[0] is not None:
+        while self._held and self._held[0] is not None and len(found) < MOST_READ:
             found.append(self._held.popleft() or b"")
         return None if self._held and not found else found
 
