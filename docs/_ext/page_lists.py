@@ -6,21 +6,29 @@ from pathlib import Path
 
 OF_INDEX = (  # named in index.md itself
     "index",
+    "python",
     "quickstart",
-    "tutorial",
     "concepts",
     "theory",
-    "which_command",
     "troubleshooting",
     "glossary",
-    "faq",
 )
-EVIDENCE = ("accuracy", "flights", "gap", "real_logs", "reliability", "speed")
-GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve", "environments")
+EVIDENCE = ("accuracy", "flights", "gap", "real_logs", "real_evidence", "reliability", "speed")
+GUIDES = (
+    "at_the_aircraft",
+    "log_formats",
+    "twin_fit",
+    "flight_update",
+    "replay",
+    "mems",
+    "store",
+    "serve",
+    "environments",
+)
 TEXTS = {
     "evidence": ("Evidence", "What the program reaches, with intervals, and what it misses."),
-    "guides": ("Formats, stores and services", "Pages of single parts of the program."),
-    "studies": ("Notes", "Single models and services."),
+    "guides": ("Single parts", "Logs, noise models, flights, replay, MEMS units, store."),
+    "studies": ("Notes", "Other pages."),
 }
 
 

@@ -40,7 +40,7 @@ from simreal.inference.tails import tail_quantile
 
 MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap.md) plant up to 2
 # chosen: a unit of another grade than its twin's needs a white and a slow noise on each of six
-# sensors (Calgary needs nine, docs/examples/calgary.md)
+# sensors (the Calgary log needs nine)
 MOST_NOISES = 12
 REPLICATES = 300
 SWEEPS = 3

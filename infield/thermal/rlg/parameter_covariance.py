@@ -25,13 +25,13 @@ from infield.thermal.rlg.lag import Lag, LaggedNormal, LONGEST_LAG_s, USUAL_LAG_
 from infield.thermal.rlg.terms import TERMS
 
 # what a term may be, 1 sigma in its own unit: K4, K5 and lines as large as the units of
-# docs/rlg_gradient.md have them; K1 and K2, which the level and the curve show, ten times that
+# R19 have them; K1 and K2, which the level and the curve show, ten times that
 USUAL_SIZE = {"K1": 1.0, "K2": 0.01, "K3": 4e-5, "K4": 0.05, "K5": 8e-4, "own": 0.04, "other": 0.02}
 # of thermometers that are later than a bead in grease (USUAL_LAG_s): three in ten, up to 1800 s
 RARELY_LATE = 0.3
 # thermometers of one unit are of one kind: four units in five have lags within 20 % and 20 s of
 # each other; without it one gyro of 120 was 7 sigma off, whose lines were found late and whose
-# thermometer the runs do not tell (docs/rlg_gradient.md)
+# thermometer the runs do not tell
 ALIKE_UNITS, ALIKE_SHARE, ALIKE_s = 0.8, 0.2, 20.0
 # a cell of lags with a larger share of the evidence is split; 3 %: the moments then move by less
 # than 1 % when it is 1 %
@@ -39,7 +39,7 @@ SPLIT_SHARE = 0.03
 MOST_SPLITS = 14  # of splitting: from 130 s down to 0.01 s
 CELLS_A_SIDE = 8
 # the middle of a cell wider than this may lie so much below a maximum within it: lags are known to
-# 10 to 80 s where they are late (docs/rlg_gradient.md)
+# 10 to 80 s where they are late
 BLIND_s, BLIND_NATS = 40.0, 15.0
 
 
