@@ -33,6 +33,7 @@ STUDIES = {
     "gap_study": "gap_study",
     "gates": "gate_rates",
     "misalignment": "misalignment_rates",
+    "outlook": "outlook",
     "peers": "peers",
     "pictures": "pictures",
     "real_drives": "real_drives",

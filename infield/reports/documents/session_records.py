@@ -256,6 +256,8 @@ class ZeroRateDocument:
     angle_random_walk_deg_sqrt_h: Sequence[float]
     noise_over_model: float
     earth_rate_sigma_deg_h: Sequence[float]
+    roll_deg: float
+    pitch_deg: float
     heading_known: bool
     bin_s: float
     bins: int

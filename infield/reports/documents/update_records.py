@@ -21,7 +21,7 @@ from ins.documents import OMIT_NONE, Null, from_json
 from ins.json_file import JsonObject
 from ins.records import Span, TableDocument
 from ins.twin_file import TwinDocument
-from ins.verdicts import Observability, Outcome
+from ins.verdicts import Observability, Outcome, differs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +123,11 @@ class PredictedEffect:
     heading_removed_mrad: float
     heading_left_sigma_mrad: float
     temperature_degC: tuple[float, float]
+
+    @property
+    def significant(self) -> bool:
+        """Whether the drift that is removed is more than chance makes it in 19 of 20 cases."""
+        return differs(self.drift_removed_nm_h, self.drift_left_sigma_nm_h)
 
 
 @dataclass(frozen=True, kw_only=True)
