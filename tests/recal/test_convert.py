@@ -21,7 +21,6 @@ from recal.service.convert import convert
 from tests.recal.verbs import check
 from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run
 from trajectories.readers.conversion import convert_log
-from trajectories.readers.registry import UnknownLog
 from trajectories.runs.directory import read_reference, read_run
 
 ROOT = Path(__file__).parents[2]
