@@ -55,7 +55,7 @@ from recal.service.results.overwrite import free_update_folder
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.update_summary import Points, summary
-from recal.service.twin.judged import noise_fit, update_agreement
+from recal.service.twin.noise_agreement import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
 UPDATE_STEPS = 3  # that `step` is told of

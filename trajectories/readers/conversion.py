@@ -127,6 +127,7 @@ def conversion_of(
             axes=_axes((keys or {}).get("axes")),
             units=_units(keys or {}, log.imu.rate_hz),
             accepted_scale=header.accepted_accel_scale,
+            any_attitude=header.any_attitude,
         ),
     )
     check_streams(log.gnss, log.odometer, label=label, findings=findings)

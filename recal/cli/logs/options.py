@@ -50,6 +50,7 @@ def of_log(
     run_id: str | None = None,
     accepted_accelerometer_scale: float | None = None,
     accepted_constant_temperature: bool | None = None,
+    any_attitude: bool | None = None,
 ) -> dict[str, Any]:
     """What the command line says of a log, as the verbs take it: files beside it, keys of run.json,
     options of its reader.
@@ -93,6 +94,8 @@ def of_log(
         where 8 m/s2 is read at rest: it becomes their sigma. Default: none is accepted.
     accepted_constant_temperature
         Accept thermometers that never change as a constant temperature.
+    any_attitude
+        The unit may stand in any attitude, also upside down.
     """
     header = {
         "imu_serial": serial,
@@ -106,6 +109,7 @@ def of_log(
         "run_id": run_id,
         "accepted_accelerometer_scale": accepted_accelerometer_scale,
         "accepted_constant_temperature": accepted_constant_temperature,
+        "any_attitude": any_attitude,
     }
     options = {"imu": imu, "format": format_, "from_s": from_s, "to_s": to_s}
     return {"map_file": map_, "gnss": gnss, "header": header, "options": options}

@@ -40,6 +40,7 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
     "run_id": "--run-id",
     "accepted_accelerometer_scale": "--accepted-accelerometer-scale",
     "accepted_constant_temperature": "--accepted-constant-temperature",
+    "any_attitude": "--any-attitude",
     "imu": "--imu",
     "format": "--format",
     "from_s": "--from-s",

@@ -164,7 +164,10 @@ def assumptions(
 def reads_earth_rate(imu: ImuLog, means: QuietMeans) -> bool:
     """Whether the gyros read the Earth's rate at rest, to the tolerance of a fibre-optic unit."""
     rows = imu.between(means.start_s, means.end_s)
-    sigma = np.std(rows.dtheta_rad / rows.dt_s[:, None], axis=0) / np.sqrt(rows.rows)
+    # of seconds: dither and counts of angle, hundreds of deg/h a row, average out within one
+    second = np.searchsorted(rows.time_s, np.arange(rows.time_s[0], rows.time_s[-1], 1.0))
+    dtheta, dt_s = (np.add.reduceat(v, second, axis=0) for v in (rows.dtheta_rad, rows.dt_s))
+    sigma = np.std(dtheta / dt_s[:, None], axis=0) / np.sqrt(second.size)
     if RATE_SIGMAS * float(np.max(sigma)) > EARTH_RATE_RAD_S:
         return False
     apart = abs(float(np.linalg.norm(means.w_rad_s)) - EARTH_RATE_RAD_S)
