@@ -13,7 +13,13 @@ from ins.user_input import open_regular
 from trajectories.readers.conversion_checks import check_rows
 from trajectories.readers.conversion_streams import check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
-from trajectories.readers.rows.column_map import LogOptions
+from trajectories.readers.rows.column_map import (
+    ACCEL_INCREMENTS,
+    ACCEL_RATES,
+    GYRO_INCREMENTS,
+    GYRO_RATES,
+    LogOptions,
+)
 from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
@@ -66,12 +72,26 @@ def convert_log(
     """
     path = Path(path)
     name, log = read_log(path, LogOptions(options))
-    return conversion_of(path, name, log, given, axes=_axes(options.get("axes")))
+    return conversion_of(path, name, log, given, keys=options)
 
 
 def _axes(given: Mapping[str, str] | None) -> tuple[str, ...]:
     """Body axes as the raw axes of the log, by the map."""
     return tuple(str(given.get(axis, axis)) if given else axis for axis in AXES)
+
+
+def _units(keys: Mapping[str, Any], rate_hz: float) -> dict[str, tuple[str, dict[str, float]]]:
+    """As of `CoSensors.units`, of a map with units; an increment counts by the rows a second."""
+    found = {}
+    for name, rates, increments in (
+        ("gyro", GYRO_RATES, GYRO_INCREMENTS),
+        ("accel", ACCEL_RATES, ACCEL_INCREMENTS),
+    ):
+        part = keys.get(name)
+        if isinstance(part, Mapping) and "unit" in part:
+            per_second = {unit: factor * rate_hz for unit, factor in increments.items()}
+            found[name] = (str(part["unit"]), rates | per_second)
+    return found
 
 
 def conversion_of(
@@ -80,10 +100,10 @@ def conversion_of(
     log: ConvertedLog,
     given: Mapping[str, str | float | None],
     *,
-    axes: tuple[str, ...] = AXES,
+    keys: Mapping[str, Any] | None = None,
 ) -> Conversion:
-    """The run in a log that is read already; name: of its format, given: as of `convert_log`; axes:
-    body axes as its raw ones, where a map turned them.
+    """The run in a log that is read already; name: of its format, given: as of `convert_log`; keys:
+    of the map that it was read by.
     """
     findings, label = Findings(), path.name
     header, errors, unknown = header_from_json(
@@ -104,7 +124,8 @@ def conversion_of(
         beside=CoSensors(
             gnss=log.gnss,
             odometer=log.odometer,
-            axes=axes,
+            axes=_axes((keys or {}).get("axes")),
+            units=_units(keys or {}, log.imu.rate_hz),
             accepted_scale=header.accepted_accel_scale,
             any_attitude=header.any_attitude,
         ),
