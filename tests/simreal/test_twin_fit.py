@@ -172,20 +172,19 @@ def test_a_run_that_never_rests_is_refused(tmp_path):
 
 
 def test_a_vehicle_that_is_never_still_shows_the_noise_of_its_rows(tmp_path):
-    """People work about it for ten minutes, and no minute is still: rows above the gear tell what
-    is true.
+    """Ten minutes of a storm, and none is still; navigated from its first rest the vehicle seems to
+    roll. The rows above the gear tell the white noise.
     """
     scenario = tmp_path / "short.toml"
     packaged = resources.files("trajectories.simulator") / "scenarios" / "parked_only.toml"
     text = packaged.read_text("utf-8")
     scenario.write_text(text.replace("duration_s = 4200", "duration_s = 600"), "utf-8")
-    simulated = recal.simulate(scenario, seed=5, rate_hz=50, environments=["maintenance:3"])
+    simulated = recal.simulate(scenario, seed=5, rate_hz=100, environments=["gusty:5"])
     found = recal.fit_twin(simulated.run).record.found
     assert found is not None and found.parked_s > 500.0
-    for name in ("gyro.arw_deg_sqrt_h", "accel.vrw_ug_sqrt_hz"):
-        told = found.of(name)
-        assert told.identified
-        assert abs(told.value - believed_value(simulated.twin, name)) < 4.0 * told.sigma
+    told = found.of("gyro.arw_deg_sqrt_h")
+    assert told.identified
+    assert abs(told.value - simulated.twin.gyro.arw_deg_sqrt_h) < 4.0 * told.sigma
 
 
 def test_runs_that_tell_nothing_of_the_sensors_make_no_twin(tmp_path, monkeypatch):
