@@ -1,7 +1,6 @@
 """Fine alignment: the navigation-mode filter on the parked stretch, and what it is worth.
 
 Decision: docs/decisions/0013-latitude-alarm.md.
-Decision: docs/decisions/0069-raw-bias.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,7 @@ from ins.records import ImuSource, Phase, Site, Span, TwinModel
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
-MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice (requirements.md section 1, R2): none above
+MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice (requirements.md, R2): none above
 # the angle random walk of a ring-laser unit (0.002 deg/sqrt(h)) leaves 1.5 mrad of heading over
 # it at 45 deg
 MIN_REST_S = 60.0

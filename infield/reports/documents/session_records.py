@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.alignment import FilterNis, LevelDocument
 from infield.session.estimate import BegunInMotion
-from infield.session.flown.worth import FlightWorth
+from infield.session.flown.information_gain import InformationGain
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
 from infield.session.points import AxisObservability
@@ -187,7 +187,7 @@ class FlightDocument:
     notes: Sequence[str] = ()
     note_codes: Sequence[str | None] = ()
     nuisances: Sequence[CarriedNuisance]
-    worth: Sequence[FlightWorth] | None = field(default=None, metadata=OMIT_NONE)
+    worth: Sequence[InformationGain] | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)

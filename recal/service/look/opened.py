@@ -19,14 +19,13 @@ from ins.json_file import Json, read_toml
 from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR
 from recal.service.convert import map_errors, with_gnss_file
-from recal.service.inputs.records import read_run
 from recal.service.look.records import Assumption
 from recal.service.results.paths import AnyPath
 from trajectories.readers.conversion import RUN_OPTIONS, conversion_of, missing_keys
 from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.readers.rows.column_map import LogOptions
 from trajectories.readers.rows.row_cleaning import LogGapError
-from trajectories.runs.directory import write_run
+from trajectories.runs.directory import read_run, write_run
 from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, CoSensors, QuietMeans, quiet_means
 
 RUN_DIRECTORY = "run directory"

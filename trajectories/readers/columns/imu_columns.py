@@ -59,8 +59,8 @@ def converted(
     """
     refuse_missing(used_columns(keys), list(columns), label)
     M = axis_matrix(keys.axes)
-    w, gyro_kind = _vector(columns, keys.gyro, M)
-    f, accel_kind = _vector(columns, keys.accel, M)
+    w, gyro_kind = sensor_vectors(columns, keys.gyro, M)
+    f, accel_kind = sensor_vectors(columns, keys.accel, M)
     time_s = _times(columns, keys, len(w))
     for name in {*keys.gyro.columns, *keys.accel.columns} - set(other_columns(keys)):
         del columns[name]
@@ -123,7 +123,9 @@ def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str],
     return dated(shift_s if keys.time.epoch == "unix" else float(unix_seconds(shift_s)), label)
 
 
-def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> tuple[NDArray, str]:
+def sensor_vectors(
+    columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray
+) -> tuple[NDArray, str]:
     """SI values in body axes, shape (n, 3), and whether they are "rates" or "increments"."""
     rates = GYRO_RATES | ACCEL_RATES  # the unit's own dimension was checked with the map
     kind = "rates" if sensor.unit in rates else "increments"
