@@ -418,3 +418,12 @@ def test_what_is_accepted_by_name_is_said_and_kept(tmp_path):
     given = {"gyro_technology": "rlg", "accepted_accelerometer_scale": 0.2}
     with pytest.raises(InputError, match="of mems units only"):
         convert_log(asked[0], read_toml(asked[2]), given)
+
+
+@pytest.mark.parametrize(("name", "head"), [("imu.rda", b"\xfd7zXZ\x00\x00"), ("imu", b"RDX3\n")])
+def test_r_data_is_named(tmp_path, name, head):
+    """Unpacked it is still no log: what to do is said for both."""
+    path = tmp_path / name
+    path.write_bytes(head + bytes(64))
+    with pytest.raises(InputError, match="R data"):
+        convert(path, tmp_path / "run")

@@ -41,6 +41,8 @@ RUN_OPTIONS = {
     "lon_deg": "--lon-deg",
     "height_m": "--height-m",
 }
+# of a site: gravity and Earth rate do not depend on its longitude, 1000 m change gravity by 0.03 %
+NEXT_TO_NOTHING = ("lon_deg", "height_m")
 OF_LATITUDE = ("sigma_lat_deg", "lat_source")
 SITE_KEYS = ("lat_deg", "lon_deg", "height_m", *OF_LATITUDE)
 MANY_LOST = 0.01  # of all rows; chosen: a dropout now and then costs less than 1 %
@@ -148,7 +150,7 @@ def conversion_of(
         source_sha256=file_sha256(path),
         format=name,
         time_shift_s=log.time_shift_s,
-        notes=log.notes,
+        notes=(*log.notes, *_taken_as_zero(log, given, label)),
         repaired=log.faults,
         other_sources=tuple(others),
     )
@@ -202,6 +204,8 @@ def _header(
         # who says where it stood says how well
         less = OF_LATITUDE if "lat_deg" in position else ()
         site = {**{k: v for k, v in site.items() if k not in less}, **position}
+        if "lat_deg" in site:
+            site = dict.fromkeys(NEXT_TO_NOTHING, 0.0) | site
     header["site"] = site
     if isinstance(header["site"], dict):
         missing = _missing(header, header["site"])
@@ -216,6 +220,15 @@ def _header(
                 f"{path.name}: needed from the options or [run] in the map: {told}{why}"
             )
     return header
+
+
+def _taken_as_zero(
+    log: ConvertedLog, given: Mapping[str, str | float | None], label: str
+) -> list[str]:
+    """A note on what is not known of the site and counts for next to nothing."""
+    taken = [key for key in missing_keys(log, given) if key in NEXT_TO_NOTHING]
+    words = ", ".join(f"{key} ({RUN_OPTIONS[key]})" for key in taken)
+    return [f"{label}: {words} is not given and taken as 0"] if taken else []
 
 
 def missing_keys(log: ConvertedLog, given: Mapping[str, str | float | None]) -> tuple[str, ...]:

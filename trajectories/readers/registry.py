@@ -34,6 +34,8 @@ MODULES = (
 
 
 GZIP = b"\x1f\x8b\x08"
+# of R's save(), binary and text, which gzip, bzip2 or xz pack as a rule
+R_DATA, R_NAMES = (b"RDX", b"RDA"), (".rda", ".rdata", ".rds")
 PACKED = {
     b"PK\x03\x04": "zip",
     b"BZh": "bzip2",
@@ -122,6 +124,11 @@ def _refuse_no_log(path: Path) -> None:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     if not head:
         raise InputError(f"{path}: the file is empty (0 bytes)")
+    if head.startswith(R_DATA) or path.suffix.lower() in R_NAMES:
+        raise InputError(
+            f"{path}: R data: write it as a table in R, write.csv(get(load(FILE)), NAME), and give"
+            " that with --map"
+        )
     for magic, what in PACKED.items():
         if head.startswith(magic):
             raise InputError(f"{path}: a {what} file: unpack it first and give the log in it")

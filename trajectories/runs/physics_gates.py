@@ -97,13 +97,13 @@ class CoSensors:
         ]
         return f'{sensor}.unit = "{fits[0]}" in the map, not "{unit}"?' if fits else ""
 
-    def may_lie(self, axis: str) -> bool:
-        """Whether a unit with this axis vertical, and not z down, may be meant to stand so: on its
-        side, with no fix or wheel that is navigated by vehicle axes; upside down only where
-        run.json says so, for a wrong sign of the accelerometers looks the same.
+    def may_lie(self, axis: str, technology: str) -> bool:
+        """Whether a unit with this axis vertical, and not z down, may be meant to stand so: a MEMS
+        unit on its side, with no fix or wheel that is navigated by vehicle axes; another, or upside
+        down, only where run.json says so, for a wrong sign of the accelerometers looks the same.
         """
         alone = self.gnss is None and self.odometer is None
-        return self.any_attitude or (alone and axis != "z")
+        return self.any_attitude or (alone and axis != "z" and technology == "mems")
 
     def speed_m_s(self, start_s: float, end_s: float) -> float | None:
         """Median speed of a stretch beyond the scatter of a receiver; None where none tells any."""
@@ -200,7 +200,7 @@ def check_physics(
     if accepted:
         findings.warn(f"{label}: {_accepted_size(means, beside.accepted_scale)}")
     axis_off = _force_axis(means, site, technology, beside.axes)
-    lies = bool(axis_off) and beside.may_lie(_vertical(means)[0])
+    lies = bool(axis_off) and beside.may_lie(_vertical(means)[0], technology)
     if lies:
         otherwise = "" if beside.any_attitude else f"; if it does not: {axis_off}"
         findings.warn(f"{label}: {_lying(means)}{otherwise}")
