@@ -201,10 +201,12 @@ def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | N
     excluded: Counter[str] = Counter()
     for span in document.excluded:
         excluded[span.reason] += span.end_s - span.start_s
-    ahead = outlook(result.estimate, [*map(stay, STAYS_MIN), TURN, TAXI])
     heading, sigma = _heading(estimate)
     targets = [_target(result, session.temperature, k, target_deg_h) for k in range(3)]
     now = tuple(axis.sigma_after_deg_h for axis in session.seen)
+    ahead: list[Outlook] = []
+    if any(one > target for one, target in zip(now, targets)):
+        ahead = outlook(result.estimate, [*map(stay, STAYS_MIN), TURN, TAXI])
     advice = advised(now, targets, ahead)
     bias = mean_rows(estimate) @ (estimate.bins.table_deg_h + estimate.mean_deg_h)
     gyros = {

@@ -7,6 +7,7 @@ last WINDOW_S are held.
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,5 +147,7 @@ class Monitor:
 
 def _joined(one: LogSeconds, other: LogSeconds) -> LogSeconds:
     names = [f.name for f in fields(one) if f.name != "rate_hz"]
-    columns = {n: np.concatenate([getattr(one, n), getattr(other, n)]) for n in names}
+    columns: dict[str, Any] = {
+        n: np.concatenate([getattr(one, n), getattr(other, n)]) for n in names
+    }
     return replace(other, **columns)
