@@ -40,7 +40,7 @@ from trajectories.runs.schema import header_from_json
 from trajectories.runs.stream_files import StreamFile
 
 RATE_HZ = MIN_RATE_HZ
-LEAST_S = 90.0  # of a part that is estimated: a minute of rest, and its start
+LEAST_S = 90.0  # of a part that is estimated: 60 s of rest, and its start
 NICE = 10
 
 
@@ -127,7 +127,9 @@ class PartRows:
                 accepted_scale=header.accepted_accel_scale,
             ),
         )
-        if held["gnss"] is not None and "sigma_lat_deg" not in _mapping(data.get("site")):
+        site = data["site"]
+        by_digits = isinstance(site, dict) and "sigma_lat_deg" not in site
+        if held["gnss"] is not None and by_digits:
             header = streams.with_receiver(header, held["gnss"])
         run = Run(header=header, imu=imu, **held)
         return replace(run, sha256=run_sha256(run))
@@ -167,10 +169,6 @@ class PartRows:
             return streams.LOADERS[name](StreamFile(path), findings)[0]
         except InputError:  # not a row of it yet
             return None
-
-
-def _mapping(value: object) -> dict:
-    return value if isinstance(value, dict) else {}
 
 
 def _said(findings: Findings) -> list[str]:
