@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ins.records import InputError, TemperatureLog
 from trajectories.readers.columns.text_columns import refuse_missing
 from trajectories.readers.registry import ConvertedLog
+from trajectories.readers.rows.clocks import evened
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -78,6 +79,10 @@ def converted(
     kept, time_s, notes = clean.rows, clean.time_s, notes + clean.notes
     if not are_all(kept, len(w)):
         w, f = w[kept], f[kept]
+    even = evened(time_s)
+    if even is not None:
+        notes = [*notes, _bursts_note(time_s, even, label)]
+        time_s = even
     nominal = _nominal(time_s, label)
     shift = float(time_s[0]) - nominal
     if "rates" in (gyro_kind, accel_kind) and gyro_kind != accel_kind:
@@ -98,6 +103,16 @@ def converted(
         log
         if keys.temperature is None or keys.temperature.file is not None
         else _with_own(log, columns, keys, clean, label)
+    )
+
+
+def _bursts_note(time_s: NDArray, even: NDArray, label: str) -> str:
+    off = time_s - even
+    return (
+        f"{label}: the host stamped the rows in bursts (median interval"
+        f" {1e3 * np.median(np.diff(time_s)):.2g} ms): spread evenly at"
+        f" {1.0 / np.median(np.diff(even)):.4g} Hz, the stamps jitter by {1e3 * np.std(off):.2g} ms"
+        f" about that (RMS), {1e3 * np.abs(off).max():.2g} ms at most"
     )
 
 
