@@ -684,6 +684,8 @@ class RunHeader:
         What the accelerometers' scales may be off by, where whoever made the log accepts that.
     accepted_constant_temperature : bool
         Thermometers that never change are accepted as such.
+    any_attitude : bool
+        The unit may stand in any attitude, also upside down.
 
     Raises
     ------
@@ -706,6 +708,7 @@ class RunHeader:
     level_removed: bool = False
     accepted_accel_scale: float = 0.0
     accepted_constant_temperature: bool = False
+    any_attitude: bool = False
 
     def __post_init__(self) -> None:
         if self.gyro_technology not in GYRO_TECHNOLOGIES:

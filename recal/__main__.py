@@ -1,7 +1,7 @@
 """`recal` and `python -m recal`: runs the command line, turns bad input into one line and exit code
 3.
 
-Decision: docs/decisions/0023-one-blas-thread.md.
+Decision: docs/decisions/0083-compiled-kernels.md.
 """
 
 import gc

@@ -7,7 +7,7 @@ straight lines through 20 s of the integrated rows on either side, and taken out
 the same lines laid across the quiet rest of the log. Only up to the first real motion: a taxi
 begins with a velocity that stays, and takes longer than a shock.
 
-Decision: docs/decisions/0012-parked-transients.md.
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 from collections.abc import Sequence

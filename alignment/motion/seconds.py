@@ -4,7 +4,7 @@ rest and motion.
 `read_seconds` goes over the rows; all that follows works on seconds. `judged` says which seconds of
 a stretch hold something beyond the stretch's own quiet level.
 
-Decision: docs/decisions/0054-log-by-seconds.md.
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 import weakref

@@ -4,7 +4,7 @@ A steady roll, a slow circle and a smooth hover look like rest to inertial senso
 rest to a receiver, a dead wheel encoder like parking: a vehicle stands where none that sees it says
 otherwise.
 
-Decision: docs/decisions/0055-one-rule-for-receivers.md.
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 from dataclasses import dataclass, replace

@@ -31,7 +31,7 @@ from infield.reports.page import decimals_for, number, render_page
 from infield.reports.table_known import TableKnown, table_known
 from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource, VarianceSource
-from infield.table.file import table_from_dict
+from infield.table.file import export_command, table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import TWIN_SECTIONS
@@ -265,7 +265,7 @@ def _next_step(document: UpdateDocument) -> tuple[str, str]:
     commands = _commands(document)
     match document.verdict:
         case Outcome.COMMITTED:
-            return "Next, look at what is in use now:", commands.history
+            return "Next, write it to a file for the unit:", commands.export
         case Outcome.PROPOSED if document.proposal is not None:
             return "Next, where this page convinces you:", commands.approve
         case Outcome.PROPOSED:
@@ -293,8 +293,8 @@ def _statement_of_change(document: UpdateDocument) -> Statement:
     return Statement(
         why=f"{passed} and changed the table.{limits}",
         use=(
-            f"In use: the new table is stored{revision}. The command that takes it back ends this"
-            " page."
+            f"The new table is stored{revision}; it counts once the unit has loaded it. The command"
+            " that takes it back ends this page."
         ),
     )
 
@@ -489,7 +489,7 @@ def _commands(document: UpdateDocument) -> Commands:
         history=f"recal table list{store}{serial}",
         approve=f"recal table approve {document.proposal}{store}{serial} --reason WHY",
         reproduce=f"recal update {runs}{store}{model}{commit}",
-        export=f"recal table export{store}{serial} -o table.json",
+        export=export_command(document.store, document.imu_serial),
         diagnose=f"recal diagnose {runs} --twin twin.json",
         look="recal look RUN",
     )

@@ -1,7 +1,6 @@
 """Gates: may a session change the table? A verdict with reasons, never a bare yes or no.
 
-Decision: docs/decisions/0019-nis-below-band.md.
-Decision: docs/decisions/0065-gate-per-source.md.
+Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 
 from collections import Counter
@@ -25,7 +24,7 @@ from ins.verdicts import Observability, Outcome, Reason, because
 # has 0.01
 MIN_MERGED_REST_S = 300.0
 # of all measurements, and of each source beside the unit: a reversed wheel loses 98 % of its own
-# ways, 17 % of all (docs/decisions/0065-gate-per-source.md)
+# ways, 17 % of all (docs/decisions/0016-contradicting-sessions.md)
 MAX_REJECTED_SHARE = 0.25
 SOURCES_BESIDE_UNIT = ("lateral", "odometer", "gnss", "centre line")
 # A stop after the first roll is judged by itself too: with a latitude entered 1 deg wrong and a

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from infield.session.acceptance import judge_merge
 from infield.session.bins import rebinned
 from infield.session.disagreement import BiasStep, utc, widened_for
-from infield.session.flown.worth import FlightTerm
+from infield.session.flown.information_gain import FlightTerm
 from infield.session.hysteresis import (
     FOUND_SIGMAS,
     VAGUE_TERM,

@@ -13,9 +13,9 @@ from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.evidence import fly, fly_in_motion
-from infield.session.flown.known import KnownRun
+from infield.session.flown.information_gain import FlightEvidence
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.without_heading import fly_never_at_rest
-from infield.session.flown.worth import FlightEvidence
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
@@ -94,7 +94,7 @@ def take_run(
         temperature.temperature_degC.max(axis=0).max(),
     )
     table, end_s = table.extended_to(float(low), float(high)), session_end(run)
-    begun = _begun(KnownRun(run, table, temperature, twin, settings))
+    begun = _begun(RunInputs(run, table, temperature, twin, settings))
     if isinstance(begun.estimate, Verdict):
         return SessionResult(run, begun.estimate, temperature, flight=begun.flight)
     estimate, flight = begun.estimate, begun.flight
@@ -104,7 +104,7 @@ def take_run(
     marks = unit_marks(run, twin, estimate)
     alike = likeness(marks, on_record.marks) if settings.check_unit else None
     if flight is None:
-        flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
+        flight = fly(RunInputs(run, table, temperature, twin, settings), estimate)
     joined = None if flight is None else flight.joined
     estimate = joined or estimate
     if estimate.own is None:
@@ -195,7 +195,7 @@ class _Begun:
     flight: FlightEvidence | None = None
 
 
-def _begun(known: KnownRun) -> _Begun:
+def _begun(known: RunInputs) -> _Begun:
     """The session's biases: through navigation, or for gyros that find no heading from the parked
     rates themselves; with the flight that a log begins with.
     """
@@ -221,7 +221,7 @@ def _begun(known: KnownRun) -> _Begun:
     return _Begun(parked, flight)
 
 
-def _unrested(known: KnownRun, rests: Rests, refused: Verdict) -> _Begun:
+def _unrested(known: RunInputs, rests: Rests, refused: Verdict) -> _Begun:
     """A unit that finds no heading and of which no rest was taken: what it shows under way."""
     imu = known.run.imu
     against = _uncovered(known.temperature, [(imu.start_s, imu.end_s)])
@@ -232,7 +232,7 @@ def _unrested(known: KnownRun, rests: Rests, refused: Verdict) -> _Begun:
     return _Begun(joined, flight)
 
 
-def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEstimate | Verdict:
+def _estimated(known: RunInputs, rest: Where, rests: Rests | None) -> SessionEstimate | Verdict:
     """The session from its first rest on. rests: of a unit that finds no heading."""
     end_s = session_end(known.run, rest[0])
     spans = [(rest[0], end_s)] if rests is None else rests.stretches

@@ -14,7 +14,7 @@ from recal.service.inputs.twin_table import TwinTable, twin_and_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.twin.judged import noise_fit
+from recal.service.twin.noise_agreement import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core

@@ -432,7 +432,7 @@ SIMULATED = (
     Named("constant speed, inertial alone", lambda: simulated(19, STEADY)),
     Named("dead wheel encoder", dead_wheels),
     Named("phases that are wrong", wrongly_named, quick=True),
-    Named("five stands", lambda: simulated(22, FIVE_STANDS, with_gnss=True), quick=True),
+    Named("five stands", lambda: simulated(22, FIVE_STANDS, with_gnss=True)),
     Named("two headings", lambda: simulated(23, TWO_HEADINGS)),
     Named("slow tow", lambda: simulated(24, SLOW_TOW), quick=True),
     Named("turning on the spot", lambda: simulated(25, PIVOTS)),

@@ -415,6 +415,8 @@ def test_lines_of_one_run_are_none_of_the_unit():
     rocking = replace(dither, channel=1, frequency_hz=1.3)
     assert lines_of_unit([[dither, rocking], [again], [dither]]) == (again,)
     assert lines_of_unit([[dither, rocking]]) == (dither, rocking)
+    on_its_gear = frozenset({(0, rocking.channel), (0, dither.channel)})
+    assert lines_of_unit([[dither, rocking]], on_its_gear) == (dither,)
     assert lines_of_unit([[dither], []]) == ()
 
 

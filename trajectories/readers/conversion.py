@@ -106,6 +106,7 @@ def conversion_of(
             odometer=log.odometer,
             axes=axes,
             accepted_scale=header.accepted_accel_scale,
+            any_attitude=header.any_attitude,
         ),
     )
     check_streams(log.gnss, log.odometer, label=label, findings=findings)

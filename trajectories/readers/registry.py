@@ -1,7 +1,7 @@
 """The known log formats, and choosing one: by the map's `format`, else by the content of the
 file.
 
-Decision: docs/decisions/0042-logged-solution.md.
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 import importlib

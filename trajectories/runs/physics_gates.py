@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.attitude import level_angles
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import AXES, GnssLog, ImuSource, OdometerLog, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
@@ -60,6 +61,7 @@ AXIS_MAPS = {
     ("y", -1): ("x", "-z", "y"),
     ("z", 1): ("x", "-y", "-z"),
 }
+LIES = "; where the unit does stand so: --any-attitude (any_attitude in run.json)"
 # the other usual set with z up
 RIGHT_FORWARD_UP = ("y", "x", "-z")
 # of a vehicle that moves: 5 sigmas of a receiver of 0.1 m/s
@@ -79,6 +81,15 @@ class CoSensors:
     odometer: OdometerLog | None = None
     axes: tuple[str, ...] = AXES
     accepted_scale: float = 0.0
+    any_attitude: bool = False
+
+    def may_lie(self, axis: str) -> bool:
+        """Whether a unit with this axis vertical, and not z down, may be meant to stand so: on its
+        side, with no fix or wheel that is navigated by vehicle axes; upside down only where
+        run.json says so, for a wrong sign of the accelerometers looks the same.
+        """
+        alone = self.gnss is None and self.odometer is None
+        return self.any_attitude or (alone and axis != "z")
 
     def speed_m_s(self, start_s: float, end_s: float) -> float | None:
         """Median speed of a stretch beyond the scatter of a receiver; None where none tells any."""
@@ -174,8 +185,15 @@ def check_physics(
     accepted = off and abs(_size_off(means)) <= beside.accepted_scale
     if accepted:
         findings.warn(f"{label}: {_accepted_size(means, beside.accepted_scale)}")
+    axis_off = _force_axis(means, site, technology, beside.axes)
+    lies = bool(axis_off) and beside.may_lie(_vertical(means)[0])
+    if lies:
+        otherwise = "" if beside.any_attitude else f"; if it does not: {axis_off}"
+        findings.warn(f"{label}: {_lying(means)}{otherwise}")
+    elif axis_off:
+        axis_off += LIES
     f_wrong = "" if accepted else off
-    f_wrong = f_wrong or _force_axis(means, site, technology, beside.axes)
+    f_wrong = f_wrong or ("" if lies else axis_off)
     if f_wrong:
         findings.error(f"{label}: {f_wrong}")
     elif means.speed_m_s is None:
@@ -236,11 +254,27 @@ def _in_raw(axes: tuple[str, ...], raw: tuple[str, ...]) -> str:
     return ", ".join(told)
 
 
-def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, ...]) -> str:
+def _vertical(means: QuietMeans) -> tuple[str, int]:
+    """The axis nearest to the vertical, and the sign of the specific force on it."""
     k = int(np.argmax(np.abs(means.f_m_s2)))
-    axis, sign = AXES[k], int(np.sign(means.f_m_s2[k]))
+    return AXES[k], int(np.sign(means.f_m_s2[k]))
+
+
+def _lying(means: QuietMeans) -> str:
+    axis, sign = _vertical(means)
+    roll, pitch = np.degrees(level_angles(means.f_m_s2))
+    return (
+        f"the unit stands with {axis} {'up' if sign > 0 else 'down'}, roll {roll:.0f}, pitch"
+        f" {pitch:.0f} deg by gravity: biases are those of its own axes, and the accelerometers'"
+        " sign is taken as right"
+    )
+
+
+def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, ...]) -> str:
+    axis, sign = _vertical(means)
     if (axis, sign) == ("z", -1):
         return ""
+    k = AXES.index(axis)
     seen = (
         f"mean f {means.where} is {means.f_m_s2[k]:+.3f} m/s2 on {axis}, needed about -9.8 on z"
         " (z must point down)"

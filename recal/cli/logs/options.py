@@ -47,6 +47,7 @@ def of_log(
     to_s: float | None = None,
     accepted_accelerometer_scale: float | None = None,
     accepted_constant_temperature: bool | None = None,
+    any_attitude: bool | None = None,
 ) -> dict[str, Any]:
     """What the command line says of a log, as the verbs take it: files beside it, keys of run.json,
     options of its reader.
@@ -84,6 +85,8 @@ def of_log(
         where 8 m/s2 is read at rest: it becomes their sigma. Default: none is accepted.
     accepted_constant_temperature
         Accept thermometers that never change as a constant temperature.
+    any_attitude
+        The unit may stand in any attitude, also upside down.
     """
     header = {
         "imu_serial": serial,
@@ -94,6 +97,7 @@ def of_log(
         "height_m": height_m,
         "accepted_accelerometer_scale": accepted_accelerometer_scale,
         "accepted_constant_temperature": accepted_constant_temperature,
+        "any_attitude": any_attitude,
     }
     options = {"imu": imu, "format": format_, "from_s": from_s, "to_s": to_s}
     return {"map_file": map_, "gnss": gnss, "header": header, "options": options}

@@ -38,6 +38,7 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
     "start_utc": "--start-utc",
     "accepted_accelerometer_scale": "--accepted-accelerometer-scale",
     "accepted_constant_temperature": "--accepted-constant-temperature",
+    "any_attitude": "--any-attitude",
     "imu": "--imu",
     "format": "--format",
     "from_s": "--from-s",

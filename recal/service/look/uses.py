@@ -39,6 +39,11 @@ class UseReason(ReasonCode):
         "{rest_min:.1f} min at rest show {told} of the {of} numbers of the noise model.",
     )
     NO_REST = "no_rest", "The unit never rests for a minute, so its own noise cannot be seen."
+    NO_TWIN = (
+        "no_twin",
+        "A log is compared with a noise model, and none can be made of this one; a twin of the unit"
+        " from another log will do.",
+    )
     NEVER_PARKED = (
         "never_parked",
         "The unit never stands parked for a minute, so no bias can be read against temperature.",
@@ -157,8 +162,10 @@ def _noise(judged: LookFindings) -> LogUse:
     why = because(
         UseReason.NOISE_TOLD, told=told, of=len(parameters), rest_min=judged.rest_s / 60.0
     )
+    if not told:
+        return _use(Use.NOISE, Fit.NO, why)
     words = ("recal", "twin", "fit", judged.run_path, "-o", "twin.json")
-    return _use(Use.NOISE, Fit.YES if told else Fit.PARTLY, why, words)
+    return _use(Use.NOISE, Fit.YES, why, words)
 
 
 def _table(judged: LookFindings) -> LogUse:
@@ -207,6 +214,8 @@ def _replay(judged: LookFindings) -> LogUse:
 def _diagnosis(judged: LookFindings) -> LogUse:
     if judged.fitted is None:
         return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_REST))
+    if not any(p.identified for p in judged.fitted.parameters):
+        return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_TWIN))
     run = judged.run_path
     fit = ("recal", "twin", "fit", run, "-o", "twin.json")
     diagnose = ("recal", "diagnose", run, "--twin", "twin.json")

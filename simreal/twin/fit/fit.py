@@ -35,7 +35,7 @@ from simreal.twin.fit.evidence import (
     TriadFit,
     fit_triad,
 )
-from simreal.twin.fit.gear import GEAR_BELOW_HZ
+from simreal.twin.fit.gear import GEAR_BELOW_HZ, SWINGS_BELOW_HZ, Gear
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
 from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit
@@ -128,7 +128,7 @@ def fit_twin(
         names=names,
         covariance=covariance,
         channels=tuple(replace(c, white=white.get(c.channel)) for c in curves),
-        lines=tuple(_line(line) for line in lines),
+        lines=tuple(_line(line) for line in lines_of_unit(lines, gyro.gear | accel.gear)),
         runs=tuple(used),
         axes_alike_p={"gyro": gyro.differ_p, "accel": accel.differ_p},
         axis_white=white,
@@ -179,7 +179,7 @@ def one_unit(runs: Sequence[Run]) -> RunHeader:
 
 def _evidence(
     streams: Sequence[ParkedStream],
-) -> tuple[TriadEvidence, tuple[DitherLine, ...], dict[str, float], NDArray]:
+) -> tuple[TriadEvidence, list[tuple[DitherLine, ...]], dict[str, float], NDArray]:
     bands, slow, share = [], [], []
     lines: list[tuple[DitherLine, ...]] = []
     left_out: dict[str, float] = {}
@@ -195,15 +195,22 @@ def _evidence(
         for name, part in found.left_out.items():
             left_out[name] = max(part, left_out.get(name, 0.0))
     evidence = TriadEvidence(tuple(bands), tuple(slow), tuple(share))
-    return evidence, lines_of_unit(lines), left_out, shared
+    return evidence, lines, left_out, shared
 
 
-def lines_of_unit(lines: Sequence[Sequence[DitherLine]]) -> tuple[DitherLine, ...]:
+def lines_of_unit(
+    lines: Sequence[Sequence[DitherLine]], gear: Gear = frozenset()
+) -> tuple[DitherLine, ...]:
     """Lines that most runs have, as one where they are of one channel and within 0.5 %.
 
     What one run of three has is of its vehicle: people on board rock it at 1.3 Hz, and a twin with
-    that line declares thirteen times the white noise of a quiet hour.
+    that line declares thirteen times the white noise of a quiet hour. So is what lies within the
+    frequencies of a gear that moves.
     """
+    lines = [
+        [one for one in own if one.frequency_hz > SWINGS_BELOW_HZ or (k, one.channel) not in gear]
+        for k, own in enumerate(lines)
+    ]
     groups: list[list[DitherLine]] = []
     for line in sorted(chain(*lines), key=lambda one: (one.channel, one.frequency_hz)):
         last = groups[-1][-1] if groups else None

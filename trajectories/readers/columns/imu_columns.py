@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ins.records import InputError, TemperatureLog
 from trajectories.readers.columns.text_columns import refuse_missing
 from trajectories.readers.registry import ConvertedLog
+from trajectories.readers.rows.clocks import evened
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -58,8 +59,8 @@ def converted(
     """
     refuse_missing(used_columns(keys), list(columns), label)
     M = axis_matrix(keys.axes)
-    w, gyro_kind = _vector(columns, keys.gyro, M)
-    f, accel_kind = _vector(columns, keys.accel, M)
+    w, gyro_kind = sensor_vectors(columns, keys.gyro, M)
+    f, accel_kind = sensor_vectors(columns, keys.accel, M)
     time_s = _times(columns, keys, len(w))
     for name in {*keys.gyro.columns, *keys.accel.columns} - set(other_columns(keys)):
         del columns[name]
@@ -78,6 +79,10 @@ def converted(
     kept, time_s, notes = clean.rows, clean.time_s, notes + clean.notes
     if not are_all(kept, len(w)):
         w, f = w[kept], f[kept]
+    even = evened(time_s)
+    if even is not None:
+        notes = [*notes, _bursts_note(time_s, even, label)]
+        time_s = even
     nominal = _nominal(time_s, label)
     shift = float(time_s[0]) - nominal
     if "rates" in (gyro_kind, accel_kind) and gyro_kind != accel_kind:
@@ -101,6 +106,16 @@ def converted(
     )
 
 
+def _bursts_note(time_s: NDArray, even: NDArray, label: str) -> str:
+    off = time_s - even
+    return (
+        f"{label}: the host stamped the rows in bursts (median interval"
+        f" {1e3 * np.median(np.diff(time_s)):.2g} ms): spread evenly at"
+        f" {1.0 / np.median(np.diff(even)):.4g} Hz, the stamps jitter by {1e3 * np.std(off):.2g} ms"
+        f" about that (RMS), {1e3 * np.abs(off).max():.2g} ms at most"
+    )
+
+
 def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str], list[str]]:
     """start_utc of a clock that counts from a known date, and a note where it cannot be that."""
     if keys.time is None or keys.time.epoch is None:
@@ -108,7 +123,9 @@ def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str],
     return dated(shift_s if keys.time.epoch == "unix" else float(unix_seconds(shift_s)), label)
 
 
-def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> tuple[NDArray, str]:
+def sensor_vectors(
+    columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray
+) -> tuple[NDArray, str]:
     """SI values in body axes, shape (n, 3), and whether they are "rates" or "increments"."""
     rates = GYRO_RATES | ACCEL_RATES  # the unit's own dimension was checked with the map
     kind = "rates" if sensor.unit in rates else "increments"
