@@ -98,7 +98,9 @@ def take_run(
     if isinstance(begun.estimate, Verdict):
         return SessionResult(run, begun.estimate, temperature, flight=begun.flight)
     estimate, flight = begun.estimate, begun.flight
-    chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    chain = None
+    if settings.claim_chain:
+        chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     marks = unit_marks(run, twin, estimate)
     alike = likeness(marks, on_record.marks) if settings.check_unit else None
     if flight is None:
