@@ -168,6 +168,8 @@ class RunEvidence:
         data = self.parked.residual(view)[:, :, None]
         z_parked, handoff = self.parked.whiten(data)
         self.handoff = handoff
+        if view.motion is not None:
+            twin = _swaying(twin, view.motion.sway_m_s**2)
         self.rolling = (
             None if view.history is None else RollingBlock(view, twin, handoff, self.fixes)
         )
@@ -226,7 +228,7 @@ class RunEvidence:
             [np.repeat(np.arange(SENSORS), p.bins), np.full(f.rows, CHANNELS.index("gnss"))]
         )
         kind = np.full(time_s.size, PARKED)
-        steady = np.concatenate([np.repeat(p.live, p.bins), np.ones(f.rows, bool)])
+        steady = np.concatenate([np.repeat(p.steady, p.bins), np.ones(f.rows, bool)])
         variance = np.ones(time_s.size)
         if self.rolling is not None:
             r = self.rolling.labels
@@ -355,7 +357,7 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
     shares = (rows.reshape(blocks, PER_BLOCK, 1) == counts).sum(axis=1)
     whole = shares.sum(axis=1) == PER_BLOCK
     for c, noise in enumerate(parked.noise):
-        if not parked.live[c]:
+        if not parked.steady[c]:
             continue
         expected = block_spectrum(noise)
         for b, (low, high) in enumerate(BANDS):

@@ -14,13 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.inertial import steady_seconds
-from alignment.motion.seconds import seconds_of
+from alignment.motion.kinds import ROLLING
 from infield.session.pipeline import update_calibration
 from infield.session.results import SessionResult, UpdateResult
 from ins.attitude import euler_from_dcm
 from ins.records import ImuLog, Run, TemperatureLog
-from ins.robust import runs_of_true
 from ins.units import MINUTE
 from trajectories.runs.checks import MIN_RATE_HZ
 from trajectories.simulator.motions import lay
@@ -28,7 +26,8 @@ from trajectories.simulator.segments import Park, Pivot, Segment, Stop, Straight
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.truth import build_truth
 
-LONGEST_REST_S = 600.0  # of rest that is repeated: it holds the slowest sway many times
+# of rest that is repeated, with what people and wind do now and then in it
+LONGEST_REST_S = 3600.0
 # of rest that shows what the unit reads; chosen: a minute, as a gyrocompass needs
 SHORTEST_REST_S = 60.0
 # over which the temperature's slope is taken, twice one after the other
@@ -130,9 +129,11 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     estimated.
     """
     run, estimate = session.run, session.estimate
+    if estimate is None or run.temperature is None:
+        return None
     rows = run.imu.whole()
-    rest = _last_rest(rows)
-    if rest is None or estimate is None or run.temperature is None:
+    rest = _last_rest(session, rows)
+    if rest is None:
         return None
     still = ImuLog(
         time_s=rows.time_s[rest],
@@ -163,13 +164,17 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     return replace(run, header=header, imu=imu, temperature=warmer, sha256="")
 
 
-def _last_rest(rows: ImuLog) -> slice | None:
-    """The rows of the rest that a log ends with, its last LONGEST_REST_S."""
-    seconds = seconds_of(rows)
-    spans = runs_of_true(steady_seconds(seconds))
-    if not spans or spans[-1][1] < seconds.end_s.size - 1:
+def _last_rest(session: SessionResult, rows: ImuLog) -> slice | None:
+    """The rows since the vehicle last moved, bumps and gusts among them; None where it moves, or
+    moved a moment ago.
+    """
+    assert session.estimate is not None
+    motion = session.estimate.motion
+    if motion is None or motion.kind[-1] >= ROLLING:
         return None
-    start_s = max(seconds.start_s[spans[-1][0]], rows.end_s - LONGEST_REST_S)
+    moves = np.flatnonzero(motion.kind >= ROLLING)
+    stands_s = float(motion.time_s[moves[-1] if moves.size else 0])
+    start_s = max(stands_s, rows.end_s - LONGEST_REST_S)
     if rows.end_s - start_s < SHORTEST_REST_S:
         return None
     return slice(int(np.searchsorted(rows.time_s, start_s, side="right")), None)

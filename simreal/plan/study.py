@@ -20,7 +20,7 @@ from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank, Group
 from simreal.inference.scoring import Scorer
 from simreal.plan.gram import Contender, RunGrams
-from simreal.plan.pairs import Pair, PairAssessment, judge, special_case
+from simreal.plan.pairs import Pair, PairAssessment, assess, special_case
 from simreal.plan.recordings import Recording, RecordingMaker, candidates, tried_first
 
 # log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four
@@ -143,7 +143,7 @@ class Planner:
         return Plan(
             title,
             tuple(recordings),
-            tuple(judge(runs, p, self.special.get(p.label, "")) for p in self.pairs),
+            tuple(assess(runs, p, self.special.get(p.label, "")) for p in self.pairs),
         )
 
     def best_next(self, before: Plan, among: Sequence[Recording]) -> list[Plan]:

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 DATA = ROOT.parent / "shared" / "data"
-FILES = ("x_LN100_up.ins", "apm_fixedwing_TestLog2.mat", "groves_Profile_1.csv")
+FILES = ("x_LN100_up.ins", "apm_fixedwing_TestLog2.mat")
 
 
 @pytest.fixture(scope="module")

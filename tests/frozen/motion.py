@@ -155,7 +155,7 @@ def chamber_ramps(case: Case) -> Any:
 
 def parked_rests(case: Case) -> Any:
     """The rests of a unit that finds no north, and the places that each of them falls into."""
-    rests = stretches.find_rests(case.run)
+    rests = stretches.stationary_segments(case.run)
     places = []
     for stretch in rests.stretches:
         for place in parked_seconds.parked_places(compensated_seconds(case), *stretch):
