@@ -5,7 +5,7 @@
   var dark = matchMedia("(prefers-color-scheme: dark)"), onPaper = matchMedia("print");
   var INKS = { "#000000": "--ink", "#d55e00": "--old", "#0072b2": "--new", "#56b4e9": "--sky", "#59636e": "--soft", "#c9d1d9": "--pale",
     "#ffffff": "--page", "#e3e8ed": "--shade" };
-  var PAPER_PX = { wide: 680, panel: 330, card: 200 }, PAPER_SHARE = 0.8; // A4 less its margins, parts of it; of a panel's height
+  var PAPER_PX = { wide: 680, panel: 330, card: 300 }, PAPER_SHARE = 0.8; // A4 less its margins, parts of it; of a panel's height
   var PNG_PX = [720, 420]; // at least
   var shown = [], busy = false, printing = false;
 
