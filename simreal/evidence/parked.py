@@ -109,6 +109,10 @@ class ParkedBlock:
             solve_triangular(self._factors[c], columns, lower=True, check_finite=False)
         )
 
+    def log_sigma(self, channels: NDArray) -> float:
+        """Log of the root of the determinant of some channels' covariances."""
+        return float(sum(np.log(np.diag(self._factors[c])).sum() for c in channels))
+
     def _prepare(self) -> None:
         of_phi = self._with_turns(np.repeat(self.A[:, None, :], self.bins, axis=1))
         tilde = np.zeros((6, self.bins, 3))

@@ -168,8 +168,6 @@ class RunEvidence:
         data = self.parked.residual(view)[:, :, None]
         z_parked, handoff = self.parked.whiten(data)
         self.handoff = handoff
-        if view.motion is not None:
-            twin = _swaying(twin, view.motion.sway_m_s**2)
         self.rolling = (
             None if view.history is None else RollingBlock(view, twin, handoff, self.fixes)
         )

@@ -172,21 +172,14 @@ def diagnose(
     how = settings or DiagnosisSettings()
     look = _Look(runs, twin, table, table_sha256, how)
     seen = look.at(0.0)
-    attribution = look.attributed(seen, enough=_needs_another_look)
-    wrong_rad, moved = entered_wrong_rad(attribution), tilting(attribution)
+    attribution = look.attributed(seen, enough=look.needs_another)
+    wrong_rad, moved = entered_wrong_rad(attribution), tilting(attribution, look.turned_back)
     if wrong_rad or moved:
         seen = look.at(wrong_rad, seen.moved | moved)
         attribution = look.attributed(seen)
     every = [*seen.views, *seen.held]
     apart = HeldOut(attribution, every, len(seen.views), seen.known) if seen.held else None
     return _diagnosed(attribution, every, seen.unused, how, apart)
-
-
-def _needs_another_look(found: Attributor) -> bool:
-    """Whether what is left needs other views: from another latitude, or of a vehicle that moves."""
-    if entered_wrong_rad(found) != 0.0:
-        return True
-    return len(found.slots) >= NAMED_FIRST and bool(tilting(found))
 
 
 @dataclass(frozen=True)
@@ -230,6 +223,25 @@ class _Look:
         ]
         return _Seen(views, held, known, unused, moved)
 
+    def turned_back(self, run: RunEvidence) -> RunEvidence:
+        """The parked stretch of a run as that of a vehicle that moves."""
+        view = self._view(run.view.run, run.view.telemetry.run_index, moved=True)
+        assert isinstance(view, RunView)
+        return RunEvidence(replace(view, history=None), self.twin)
+
+    def needs_another(self, found: Attributor) -> bool:
+        """Whether what is left needs other views: from another latitude, or of a vehicle that
+        moves.
+        """
+        if entered_wrong_rad(found) != 0.0:
+            return True
+        named = sum(not s.of_table for s in found.slots)
+        return named == NAMED_FIRST and bool(tilting(found, self.turned_back))
+
+    def _view(self, run: Run, index: int, *, moved: bool) -> RunView | str:
+        sha256 = self.table_sha256
+        return view_run(run, index, self.table, self.twin, table_sha256=sha256, moved=moved)
+
     def _views(
         self, runs: Sequence[Run], moved: frozenset[str]
     ) -> tuple[list[RunView], list[NotLookedAt]]:
@@ -242,14 +254,7 @@ class _Look:
                 own, of_twin = getattr(header, key), getattr(self.twin, key)
                 if of_twin and own != of_twin:
                     raise InputError(f"run {header.run_id}: {key} {own}, the twin is of {of_twin}")
-            view = view_run(
-                run,
-                len(views),
-                self.table,
-                self.twin,
-                table_sha256=self.table_sha256,
-                moved=header.run_id in moved,
-            )
+            view = self._view(run, len(views), moved=header.run_id in moved)
             if isinstance(view, str):
                 unused.append(NotLookedAt(header.run_id, view))
             else:

@@ -3,16 +3,15 @@ sensor (`simreal.evidence.vehicle_motion`).
 
 A vehicle rocks on its gear: what it turns back in a second shows in the quick rows far more than in
 the slow ones, which no noise of a gyro does, and the vertical accelerometer heaves with it. Or it
-tilts: what a level gyro reads, the specific force shows to have been a turn.
+tilts: what the specific force shows is what the gyros read.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.errors.telemetry import total
-from simreal.evidence.parked import PARKED_MEAN_S
+from ins.estimation.choice import SURE_NATS
 from simreal.evidence.vehicle_motion import CHI2_MEDIAN, level_axes
 from simreal.evidence.whitened import SENSORS, RunEvidence
 from simreal.inference.attribute import Attribution, Attributor, columns_of
@@ -22,7 +21,7 @@ from simreal.inference.scoring import fit
 # vehicle's are within 1.1, a ground cart's 12 (docs/environments.md)
 ROCKS, QUICKER = 1.5, 1.3
 SHIP = 100.0  # of the squares of slow rows: a swell is as slow as they are
-SHOWN_SIGMA = 5.0  # of a correlation that is none: 3e-7 lie beyond
+LOUD_SIGMA = 5.0  # of a sum of squares: 1e-6 of quiet ones lie beyond
 NAMED_FIRST = 2  # effects that may explain a tilt; what people do takes more
 
 
@@ -44,35 +43,35 @@ def _rocks(run: RunEvidence) -> bool:
     return bool(rocks[:3].any() and rocks[up])
 
 
-def tilting(found: Attribution | Attributor) -> frozenset[str]:
-    """Names of the runs that show turns of the vehicle beyond those that were found."""
-    columns = found.columns
-    beta, _ = fit(found.bank, columns)
-    turns = np.isin(columns, columns_of(s for s in found.slots if s.hypothesis.target == "vehicle"))
+def tilting(
+    found: Attribution | Attributor, turned_back: Callable[[RunEvidence], RunEvidence]
+) -> frozenset[str]:
+    """Names of the runs whose vehicles turn beyond what was found of them: what is loud in their
+    level accelerometers is far likelier once the turns that the gyros read are taken out.
+    """
+    columns = columns_of(s for s in found.slots if s.hypothesis.target == "vehicle")
+    every = found.columns
+    beta, _ = fit(found.bank, every)
+    left = found.evidence.z - found.bank.signature(columns, beta[np.isin(every, columns)])
     out = set()
     for r, run in enumerate(found.evidence.runs):
         level = level_axes(run.view.C_nb)
         if level is None or not run.parked.steady.all():
             continue
-        left = run.parked.residual(run.view)
-        traces = [
-            (found.bank.traces_of(int(c), r), float(b)) for c, b in zip(columns[turns], beta[turns])
-        ]
-        explained = total([t.scaled(b) for t, b in traces if t is not None])
-        left = left - run.parked.of_traces([explained])[:, :, 0]
-        if any(_shown(run, left, int(axis)) for axis in np.flatnonzero(level)):
-            out.add(run.view.name)
+        channels = 3 + np.flatnonzero(level)
+        own = left[found.evidence.rows_of(r)]
+        square = _square(run, own, channels)
+        rows = channels.size * run.parked.bins
+        if square < rows + LOUD_SIGMA * np.sqrt(2.0 * rows):
+            continue
+        other = turned_back(run)
+        if not other.parked.steady.any():
+            gain = 0.5 * (square - _square(other, other.z, channels))
+            gain += run.parked.log_sigma(channels) - other.parked.log_sigma(channels)
+            if gain > SURE_NATS:
+                out.add(run.view.name)
     return frozenset(out)
 
 
-def _shown(run: RunEvidence, left: NDArray, axis: int) -> bool:
-    """Whether the specific force shows a gyro's reading to be a turn."""
-    of_turn = np.cross(run.parked.expected[3:], np.eye(3)[axis])
-    feels = int(np.argmax(np.abs(of_turn)))
-    force = left[3 + feels] / of_turn[feels]
-    by_force = (force[2:] - force[:-2]) / (2.0 * PARKED_MEAN_S)
-    by_gyro = 0.25 * (left[axis, :-2] + 2.0 * left[axis, 1:-1] + left[axis, 2:])
-    by_force, by_gyro = by_force - by_force.mean(), by_gyro - by_gyro.mean()
-    size = float(np.linalg.norm(by_force) * np.linalg.norm(by_gyro))
-    # neighbours share a reading
-    return bool(by_force @ by_gyro > SHOWN_SIGMA * size / np.sqrt(0.5 * by_force.size))
+def _square(run: RunEvidence, z: NDArray, channels: NDArray) -> float:
+    return float(np.sum(z[: run.parked.rows].reshape(SENSORS, -1)[channels] ** 2))
