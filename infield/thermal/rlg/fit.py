@@ -106,7 +106,7 @@ class AxisModel:
     nodes; covariance of all.
 
     The covariance is that of all terms that may be there and of all lags of the thermometers
-    (`thermal.rlg.unsure`): it covers what leaving some out does to the others. lag: taken out
+    (`thermal.rlg.parameter_covariance`): it covers what leaving some out does to the others. lag: taken out
     of the columns where it was believed. orders: the best choice of each number of terms;
     temperature_only (8 + m,): the best fit without rates and lines.
     held_out: stretches; by_run: whole runs, None where there is one. scatter: as in
