@@ -204,6 +204,22 @@ def fit(
     return fitted
 
 
+def under_given(level: LevelFound, run: FilterRun, stretch: SearchInputs) -> LevelFit:
+    """The filter under a level that another stretch of the session showed, nothing searched for."""
+    parked = stretch.constraint(QUIET)
+    dt = stretch.time_s[stretch.plan.last] - stretch.time_s[stretch.plan.first]
+    tenth = np.sqrt(dt / 10.0)
+    held = replace(
+        parked,
+        displacement_sigma_m=np.full(dt.size, level.place_m),
+        yaw_jitter_rad=np.full(dt.size, level.yaw_rad),
+        place_walk_m=level.place_walk_m * tenth,
+        yaw_walk_rad=level.yaw_walk_rad * tenth,
+    )
+    scale = QUIET._replace(unit=level.unit_noise)
+    return LevelFit(run(held, level.unit_noise), held, scale)
+
+
 def found(fitted: LevelFit, run: FilterRun, stretch: SearchInputs) -> LevelFound:
     """The level that a filter ran under, in numbers."""
     calm = run(stretch.calm(), 1.0)

@@ -61,6 +61,7 @@ class Course:
     until_s: end of the filter; parked_only: it ends where the vehicle first rolls. clone_at_s: when
     the attitude error is kept for later. hold_heading: the parked vehicle keeps its heading.
     noise_scales: of the unit's own noise, tried in turn where the residuals exceed the model.
+    level: how the parked vehicle moves, where that is not to be searched for.
     """
 
     until_s: float = np.inf
@@ -69,6 +70,7 @@ class Course:
     hold_heading: bool = True
     noise_scales: tuple[float, ...] = (1.0,)
     vertical: VerticalChannel = PARKED_HEIGHT
+    level: level_fit.LevelFound | None = None
 
 
 TO_THE_END = Course()
@@ -144,7 +146,10 @@ def solve(
         last, stretch = _laid_out(log, twin, prior, course, (history, judged), start)
         last = replace(last, further_sigma=further_sigma)
         run = _runner(last, sigma0 or {}, aids)
-        fitted = level_fit.fit(run, stretch, course.noise_scales, rough=number == 0, near=near)
+        if course.level is None:
+            fitted = level_fit.fit(run, stretch, course.noise_scales, rough=number == 0, near=near)
+        else:
+            fitted = level_fit.under_given(course.level, run, stretch)
         small = np.linalg.norm(fitted.filter.x[em.THETA_START]) < CONVERGED_RAD
         if final or (small and judged.settled):
             break

@@ -37,6 +37,7 @@ STUDIES = {
     "peers": "peers",
     "pictures": "pictures",
     "real_drives": "real_drives",
+    "real_evidence": "real_evidence",
     "recalibration": "recalibration_study",
     "replay": "replay",
     "rests": "rests",

@@ -5,7 +5,7 @@ Times are seconds from the run's start; SI units and radians unless the name say
 Decision: docs/decisions/0005-imu-source.md.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timedelta
 from enum import IntEnum, StrEnum
@@ -56,7 +56,17 @@ class InputError(ValueError):
     """Bad input, said in one line (exit code 3).
 
     The line names file, row or key, what was got and what was needed.
+
+    Parameters
+    ----------
+    line : str
+    more : sequence of str
+        Lines that follow it on a terminal, such as what there is to choose from.
     """
+
+    def __init__(self, line: str = "", more: Sequence[str] = ()) -> None:
+        super().__init__(line)
+        self.more = tuple(more)
 
 
 def check_name(key: str, text: str) -> None:

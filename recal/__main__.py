@@ -54,7 +54,8 @@ def _run() -> int:
             line = f"{error.filename or 'standard output'}: {error.strerror}"
         elif not isinstance(error, InputError):
             raise
-        print(one_line(f"recal: {line}"), file=sys.stderr)
+        for said in (f"recal: {line}", *getattr(error, "more", ())):
+            print(one_line(said), file=sys.stderr)
         return 3
     return 0
 

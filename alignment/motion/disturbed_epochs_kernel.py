@@ -1,4 +1,4 @@
-"""The one pass over raw rows behind `alignment.motion.disturbed_epochs`. Import lazily: numba."""
+"""The one pass over raw rows behind `alignment.motion.disturbed_epochs`; import lazily (numba)."""
 
 from math import sqrt
 

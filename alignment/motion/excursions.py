@@ -41,7 +41,8 @@ DRIFT_M_S2 = 5e-3
 DRIFT_EPOCHS = 10  # over which a slope is seen
 # gates off that line: one epoch beyond the gate at the end of quiet ones is 0.65 of it off theirs
 DRIFT_OFF = 0.5
-STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
+# baseline uncertainty after rolling: 0.25 mg of an accelerometer, turned with the body, in 100 s
+STOP_SPEED_M_S = 0.25
 STOP_DRIFT_M_S2 = 5e-4
 
 

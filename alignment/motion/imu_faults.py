@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.excursions import ROLLED_M
 from alignment.motion.kinds import Disturbance
-from alignment.motion.seconds import LogSeconds, QuietSeconds, judged
+from alignment.motion.seconds import LogSeconds, QuietSeconds, quiet_seconds
 from ins.records import ImuLog, ImuSource
 from ins.robust import robust_sigma, robust_sigmas, runs_of_true
 from ins.strapdown.compensation import corrected
@@ -96,7 +96,7 @@ def repair(
     log: its seconds, looked at from start_s, where the vehicle rests, to end_s. The log itself
     where nothing is found.
     """
-    seconds = judged(log.between(start_s, end_s))
+    seconds = quiet_seconds(log.between(start_s, end_s))
     quiet = _quiet_jumps(seconds) if seconds is not None else None
     if seconds is None or quiet is None:
         return imu, ()

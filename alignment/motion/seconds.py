@@ -279,7 +279,7 @@ class QuietSeconds:
         return np.asarray((sudden & self.channels).any(axis=1) | self.lost | self.stuck)
 
 
-def judged(part: LogSeconds) -> QuietSeconds | None:
+def quiet_seconds(part: LogSeconds) -> QuietSeconds | None:
     """A stretch against its own quiet level; None where it is shorter than a minute."""
     if part.end_s.size < SHORTEST_JUDGED:
         return None

@@ -52,7 +52,7 @@ PIVOT_EDGE_SIGMAS = 5.0
 # jolt of a vehicle that was pushed: twice NEW_HEADING_RAD of the filter (1e-3), beyond what the
 # parked heading survives; tests/alignment/test_stillness.py asks for more than that
 NEW_PLACE_RAD = 2e-3
-ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
+ALIGNMENT_S = 600.0  # first alignment where the log does not say: 10 min of requirements.md
 
 
 @dataclass(frozen=True)

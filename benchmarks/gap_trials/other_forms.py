@@ -138,6 +138,62 @@ def jittered(streams: Streams, seen: Seen, target: str, p: Parameters, size: flo
     )
 
 
+def fuel_burn(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """Fuel burns while the vehicle is parked: it tilts steadily, about another axis once the next
+    tank is drawn from, and the struts follow with friction.
+    """
+    second = np.maximum(seen.time_s - p["next_tank_s"], 0.0)
+    burnt_h = np.stack([seen.time_s - second, second], axis=1) / 3600.0
+    way = burnt_h @ np.array(p["arcsec_h"])
+    grip = 0.5 * np.sin(2.0 * np.pi * seen.time_s / p["slip_s"])[:, None]
+    parked = np.clip((seen.taxi_s - 30.0 - seen.time_s) / 20.0, 0.0, 1.0)[:, None]
+    return tilted(streams, seen, size * ARCSEC * (way + grip * parked))
+
+
+def dead_zone(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+    """The mean output of a dithered laser: its beat vanishes while the rate is within the dead
+    zone, w sqrt(1 - (lock / w)^2) elsewhere, averaged over a sinusoidal dither (Aronowitz 1971).
+    """
+    axis = axis_of(target)
+    rate = seen.dtheta_rad[:, axis] / seen.dt_s
+    lock, dither = p["lock_deg_h"] * DEG / 3600.0, p["dither_deg_h"] * DEG / 3600.0
+    grid = np.linspace(-4.0 * dither, 4.0 * dither, 401)
+    phase = np.linspace(0.0, 2.0 * np.pi, 257)[:-1]
+    swung = grid[:, None] + dither * np.sin(phase)
+    beat = np.sign(swung) * np.sqrt(np.maximum(swung**2 - lock**2, 0.0))
+    error = (beat - swung).mean(axis=1)
+    return streams.turning(target, size * np.interp(rate, grid, error))
+
+
+def fixes_by_heading(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
+    """A wing reflects: fixes are off along a direction of the body, their velocities are not."""
+    log = streams.gnss
+    bearing = seen.heading_rad[seen.nearest(log.time_s)] + p["bearing_rad"]
+    off_m = size * p["metres"] * np.cos(bearing), size * p["metres"] * np.sin(bearing)
+    radius_m = 6.371e6
+    gnss = replace(
+        log,
+        lat_rad=log.lat_rad + off_m[0] / radius_m,
+        lon_rad=log.lon_rad + off_m[1] / (radius_m * np.cos(log.lat_rad)),
+    )
+    return replace(streams, gnss=gnss)
+
+
+def white_vibration(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
+    """A machine shakes the vehicle in one run, at no frequency of its own: white force on all."""
+    if seen.number != p["run"]:
+        return streams
+    rng = seen.rng(p["seed"])
+    for axis, share in zip("xyz", p["shares"]):
+        force = share * p["ug_sqrt_hz"] / np.sqrt(seen.dt_s) * rng.standard_normal(seen.rows)
+        streams = streams.accel(f"accel_{axis}", size * force)
+    return streams
+
+
 def _event_arcsec(rng: np.random.Generator, runs: int) -> Parameters:
     way = rng.uniform(0, 2 * np.pi)
     level = [80.0 * float(np.cos(way)), 80.0 * float(np.sin(way)), 0.0]
@@ -223,5 +279,48 @@ OTHER_FORMS = (
         confounded=("accel_noise", "platform_sway", "gyro_quantization"),
         linear=False,
         draw=lambda rng, _: {"jitter_s": 0.01, "seed": seed(rng)},
+    ),
+    Effect(
+        name="fuel_burn",
+        targets=("vehicle",),
+        lay=fuel_burn,
+        answers=("platform_settling", "platform_step", "platform_mount_sag"),
+        draw=lambda rng, _: {
+            "arcsec_h": (60.0 * rng.standard_normal((2, 3)) * [1.0, 1.0, 0.05]).tolist(),
+            "next_tank_s": float(rng.uniform(900.0, 2400.0)),
+            "slip_s": log_uniform(rng, 60.0, 200.0),
+        },
+    ),
+    Effect(
+        name="dead_zone",
+        targets=GYROS,
+        lay=dead_zone,
+        answers=("gyro_lock_in",),
+        confounded=("gyro_scale_factor", "gyro_scale_asymmetry"),
+        draw=lambda rng, _: {
+            "lock_deg_h": log_uniform(rng, 2.0, 6.0),
+            "dither_deg_h": log_uniform(rng, 40.0, 100.0),
+        },
+    ),
+    Effect(
+        name="fixes_by_heading",
+        targets=("gnss",),
+        lay=fixes_by_heading,
+        needs=frozenset({"gnss"}),
+        answers=("gnss_lever_arm_or_latency", "unknown_function_of_motion"),
+        draw=lambda rng, _: {"metres": 3.0, "bearing_rad": float(rng.uniform(0.0, 2.0 * np.pi))},
+    ),
+    Effect(
+        name="white_vibration",
+        targets=("vehicle",),
+        lay=white_vibration,
+        answers=("engine_start", "accel_noise"),
+        linear=False,
+        draw=lambda rng, seen: {
+            "run": int(rng.integers(len(seen))),
+            "shares": [0.3, 0.5, 1.0],
+            "ug_sqrt_hz": 20.0,
+            "seed": seed(rng),
+        },
     ),
 )

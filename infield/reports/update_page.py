@@ -28,7 +28,7 @@ from infield.reports.documents.update_records import (
 )
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
-from infield.reports.table_known import TableKnown, table_known
+from infield.reports.table_uncertainty import TableUncertainty, table_uncertainty
 from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import export_command, table_from_dict
@@ -95,7 +95,7 @@ class AxisView:
     look: str
     help: str
     largest: ChangeDocument | None
-    table: TableKnown | None
+    table: TableUncertainty | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +175,7 @@ def update_html(document: UpdateDocument) -> str:
     """
     before = _table(document.table_before, "table_before")
     after = _table(document.table_after, "table_after")
-    known = table_known(document) if document.table_before else {}
+    known = table_uncertainty(document) if document.table_before else {}
     sessions = [_session(document, k) for k in range(len(document.sessions))]
     estimated = estimated_of(document)
     return render_page(
@@ -312,7 +312,7 @@ def _use_of_proposal(document: UpdateDocument) -> str:
     )
 
 
-def _axis(document: UpdateDocument, axis: str, known: Mapping[str, TableKnown]) -> AxisView:
+def _axis(document: UpdateDocument, axis: str, known: Mapping[str, TableUncertainty]) -> AxisView:
     seen = document.observability.get(axis)
     word, look = "not estimated", "none"
     if seen is not None:

@@ -54,7 +54,7 @@ def contradict(*reasons: Reason) -> Verdict:
     return Verdict(Outcome.INCONSISTENT, reasons)
 
 
-def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:
+def assess_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:
     """Is the session sound and does it say anything?"""
     if estimate.parked is not None:
         return _judge_parked(estimate, seen)
@@ -160,7 +160,7 @@ def _judge_gain(seen: tuple[AxisObservability, ...]) -> Verdict:
     return Verdict(Outcome.ACCEPTED)
 
 
-def judge_merge(
+def assess_merge(
     merged: MergeResult,
     estimate: SessionEstimate | None = None,
     suspected: Sequence[Suspicion] = (),

@@ -204,7 +204,7 @@ def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> R
     )
 
 
-def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspicion, ...]]:
+def with_suspicions(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspicion, ...]]:
     """The estimate with what it resembles, but not beyond doubt, among its own uncertainties; and
     what that is.
 

@@ -118,7 +118,7 @@ class LivePage:
     async def _events(self) -> AsyncIterator[str]:
         while not self._server.should_exit:
             if self._last is not None:
-                yield f"data: {json.dumps(said(self._last))}\n\n"
+                yield f"data: {told(self._last)}\n\n"
             await asyncio.sleep(EVENT_S)
 
 
@@ -130,10 +130,10 @@ def _answer(text: str, kind: str) -> Any:
     return lambda: Response(text, media_type=kind, headers=_closed())
 
 
-def said(state: WatchState) -> dict[str, Any]:
-    """The state as the page's script writes it: texts alone."""
+def told(state: WatchState) -> str:
+    """The state as the page's script writes it, in JSON: texts alone."""
     estimate = state.estimate
-    return {
+    said = {
         "rows": rows(state),
         "head": GYRO_HEAD,
         "gyros": gyro_rows(estimate) if estimate is not None else [],
@@ -141,6 +141,7 @@ def said(state: WatchState) -> dict[str, Any]:
         "advice": list(estimate.advice) if estimate is not None else [],
         "report": estimate.until_s if estimate is not None else None,
     }
+    return json.dumps(said)
 
 
 def drawn(state: WatchState | None) -> str:

@@ -5,7 +5,7 @@ twin's own noise::
 
 phi: error of the nominal attitude, which the run itself gave and nobody else knows, so it is wide:
 what a heading or a level can absorb never counts as a gap. Everything is linear: the same operator
-whitens the data and every signature.
+whitens the data and every signature. A vehicle that moves on its gear is `vehicle_motion`'s.
 """
 
 from dataclasses import dataclass, replace
@@ -20,6 +20,7 @@ from ins.estimation.measurements.gravity import rest_readings
 from ins.records import TwinModel
 from simreal.evidence.noise_model import ChannelNoise, channel_noises
 from simreal.evidence.run_view import RunView
+from simreal.evidence.vehicle_motion import to_the_end
 
 PARKED_MEAN_S = 10.0
 WIDE_TILT_RAD, WIDE_HEADING_RAD = 0.1, 1.0
@@ -57,6 +58,11 @@ class ParkedBlock:
         self.start_s = round(view.start_s - view.run.imu.start_s)
         self.noise = channel_noises(twin, view.run_s, view.C_nb) if noise is None else noise
         self.live = ~view.seconds.dead
+        self.motion = view.motion
+        # sensors whose rows are evidence, and those whose rows are of the twin's noise alone
+        self.shown, self.steady = self.live.copy(), self.live & (view.motion is None)
+        if view.motion is not None:
+            self.shown[:3] &= ~view.motion.level
         site = view.run.header.site
         nominal = rest_readings(view.C_nb, lat_rad=site.lat_rad, height_m=site.height_m)
         # measured less nominal: what phi makes the nominal ones less
@@ -64,41 +70,80 @@ class ParkedBlock:
         self.expected = np.concatenate([nominal.rate, nominal.force])
         heading = min(view.sigma_heading_rad, WIDE_HEADING_RAD)
         self._sigma0 = np.array([WIDE_TILT_RAD, WIDE_TILT_RAD, heading])
-        self._factors = [cholesky_of(n, self.bins, self.start_s) for n in self.noise]
+        self._factors = [self._factor(c) for c in range(6)]
         self._prepare()
 
     @property
     def rows(self) -> int:
         return 6 * self.bins
 
+    def _factor(self, c: int) -> NDArray:
+        """Lower Cholesky factor of a channel's means."""
+        if self.motion is None:
+            return cholesky_of(self.noise[c], self.bins, self.start_s)
+        C = self.noise[c].covariance(self.bins, PARKED_MEAN_S, self.start_s)
+        C += self.motion.covariance(c)
+        for turn in np.flatnonzero(self._integrates(c)):
+            of_gyro = replace(self.noise[turn], bounded=0.0, lines=())
+            B = self.motion.force_of_turn[c - 3, turn] * to_the_end(self.bins)
+            C += B @ of_gyro.covariance(self.bins, PARKED_MEAN_S, self.start_s) @ B.T
+        return np.linalg.cholesky(C)
+
+    def _integrates(self, c: int) -> NDArray:
+        """Which gyros' errors a channel holds the integral of (3,)."""
+        if self.motion is None or c < 3:
+            return np.zeros(3, bool)
+        return self.live[:3] & (self.motion.force_of_turn[c - 3] != 0.0)
+
+    def _with_turns(self, means: NDArray) -> NDArray:
+        """Means (6, bins, m) with what the turning back of the vehicle makes of the gyros' ones."""
+        if self.motion is None:
+            return means
+        turns = np.tensordot(to_the_end(self.bins), means[:3], axes=(1, 1)).transpose(1, 0, 2)
+        out = means.copy()
+        out[3:] += np.tensordot(self.motion.force_of_turn, turns, axes=(1, 0))
+        return out * self.shown[:, None, None]
+
+    def _solved(self, c: int, columns: NDArray) -> NDArray:
+        return np.asarray(
+            solve_triangular(self._factors[c], columns, lower=True, check_finite=False)
+        )
+
+    def log_sigma(self, channels: NDArray) -> float:
+        """Log of the root of the determinant of some channels' covariances."""
+        return float(sum(np.log(np.diag(self._factors[c])).sum() for c in channels))
+
     def _prepare(self) -> None:
-        ones = np.ones(self.bins)
+        of_phi = self._with_turns(np.repeat(self.A[:, None, :], self.bins, axis=1))
         tilde = np.zeros((6, self.bins, 3))
-        for c in range(6):
-            if self.live[c]:
-                tilde[c] = np.outer(
-                    solve_triangular(self._factors[c], ones, lower=True), self.A[c] * self._sigma0
-                )
+        gains = np.zeros((6, 6, self.bins))  # of the bias of a sensor at the end, by channel
+        prior = np.zeros(6)
+        for c in np.flatnonzero(self.live):
+            to_end = _covariance_with_end(self.noise[c], self.bins, self.start_s)
+            prior[c] = to_end[-1]
+            if self.shown[c]:
+                tilde[c] = self._solved(c, of_phi[c] * self._sigma0)
+                gains[c, c] = self._solved(c, to_end[:-1])
+            for other in range(3, 6):
+                if c < 3 and self.shown[other] and self._integrates(other)[c]:
+                    assert self.motion is not None
+                    turned = to_the_end(self.bins) @ to_end[:-1]
+                    gains[c, other] = self._solved(
+                        other, self.motion.force_of_turn[other - 3, c] * turned
+                    )
         self._tilde = tilde.reshape(-1, 3)  # per sigma of phi
         U, s, _ = np.linalg.svd(self._tilde, full_matrices=False)
         self._U, self._shrink = U, 1.0 - 1.0 / np.sqrt(1.0 + s**2)
         self._posterior = np.linalg.inv(self._tilde.T @ self._tilde + np.eye(3))
-        self._gains = np.zeros((6, self.bins))
-        prior = np.zeros(6)
-        for c, noise in enumerate(self.noise):
-            to_end = _covariance_with_end(noise, self.bins, self.start_s)
-            self._gains[c] = (
-                solve_triangular(self._factors[c], to_end[:-1], lower=True) if self.live[c] else 0.0
-            )
-            prior[c] = to_end[-1]
-        self._end_variance = prior - np.sum(self._gains**2, axis=1)
+        self._gains = gains.reshape(6, self.rows)
+        self._end_variance = np.diag(prior) - self._gains @ self._gains.T
 
     def residual(self, view: RunView) -> NDArray:
         """Ten-second means less expectation (6, bins)."""
         mean = (
             view.seconds.mean[self.seconds].reshape(self.bins, int(PARKED_MEAN_S), 6).mean(axis=1)
         )
-        return ((mean - self.expected) * self.live).T
+        return ((mean - self.expected) * self.shown).T
 
     def of_traces(self, traces: list[Trace]) -> NDArray:
         """Ten-second means (6, bins, m) of what effects add."""
@@ -107,7 +152,7 @@ class ParkedBlock:
             for held, series in stacked(traces, name, self.seconds):
                 means = series.reshape(self.bins, int(PARKED_MEAN_S), 3, -1).mean(axis=1)
                 out[offset : offset + 3, :, held] = means.transpose(1, 0, 2)
-        return out * self.live[:, None, None]
+        return self._with_turns(out * self.live[:, None, None])
 
     def whiten(self, residual: NDArray) -> tuple[NDArray, Handoff]:
         """Whitened columns (6 * bins, m) of residuals (6, bins, m), and what they say of the state
@@ -117,15 +162,11 @@ class ParkedBlock:
         z = np.zeros_like(residual)
         for c in range(6):
             used = np.flatnonzero(np.any(residual[c] != 0.0, axis=0))
-            if used.size and self.live[c]:
-                z[c][:, used] = solve_triangular(
-                    self._factors[c], residual[c][:, used], lower=True, check_finite=False
-                )
+            if used.size and self.shown[c]:
+                z[c][:, used] = self._solved(c, residual[c][:, used])
         flat = z.reshape(self.rows, m)
         phi = self._posterior @ (self._tilde.T @ flat)
-        bias = np.einsum(
-            "cb,cbm->cm", self._gains, (flat - self._tilde @ phi).reshape(6, self.bins, m)
-        )
+        bias = self._gains @ (flat - self._tilde @ phi)
         white = flat - self._U @ (self._shrink[:, None] * (self._U.T @ flat))
         return white, Handoff(
             np.vstack([self._sigma0[:, None] * phi, bias]), self._end_covariance()
@@ -134,11 +175,11 @@ class ParkedBlock:
     def _end_covariance(self) -> NDArray:
         P = np.zeros((9, 9))
         # of phi's error
-        carried = -np.einsum("cb,cbk->ck", self._gains, self._tilde.reshape(6, self.bins, 3))
+        carried = -self._gains @ self._tilde
         P[:3, :3] = np.outer(self._sigma0, self._sigma0) * self._posterior
         P[3:, :3] = carried @ self._posterior * self._sigma0
         P[:3, 3:] = P[3:, :3].T
-        P[3:, 3:] = np.diag(self._end_variance) + carried @ self._posterior @ carried.T
+        P[3:, 3:] = self._end_variance + carried @ self._posterior @ carried.T
         return P
 
 

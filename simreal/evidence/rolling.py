@@ -202,7 +202,11 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, Tape]:
     tape = Tape(steps)
     bin_biases(tape, GYRO_STATES.start)
     accelerometer_biases(tape, ACCEL_STATES)
-    parked = ParkedConstraint(displacement_sigma_m=sway, yaw_jitter_rad=YAW_JITTER_RAD)
+    place_m, yaw_rad = sway, YAW_JITTER_RAD
+    if view.motion is not None:
+        place_m = float(np.hypot(sway, view.motion.sway_m_s / (2.0 * np.pi * twin.vehicle.sway_hz)))
+        yaw_rad = max(yaw_rad, view.motion.yaw_rad)
+    parked = ParkedConstraint(displacement_sigma_m=place_m, yaw_jitter_rad=yaw_rad)
     hold_position(tape, views, parked)
     hold_heading(tape, views, parked)
     on_wheels = replace(views, kind=np.where(flying, AIR, views.kind), jitter_m=_sway_way(twin))

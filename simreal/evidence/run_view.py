@@ -26,7 +26,7 @@ from infield.session.log import (
     with_applied_table_undone,
 )
 from infield.session.navigated.run_telemetry import standing, thermal
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
@@ -43,7 +43,9 @@ from ins.units import DEG_PER_HOUR
 from ins.verdicts import sentence
 from simreal.evidence.at_range import share_at_range
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled
+from simreal.evidence.noise_model import channel_noises
 from simreal.evidence.seconds import Seconds, seconds_of
+from simreal.evidence.vehicle_motion import VehicleMotion, level_axes, motion_of, turned_back
 
 # beside movement: the vehicle may be on its way already; chosen: twice the longest sum of the
 # rows in which a start shows (3 s)
@@ -56,6 +58,10 @@ SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
 MEAN_S, MOVING_M_S2 = 10, 0.15
 # turn-on bias over the level Earth rate beyond this: no heading, no navigation; 6 deg
 UNKNOWN_HEADING_RAD = 0.1
+MOVED = (
+    "people, wind or loads moved the parked vehicle: its turns are taken out as an update takes"
+    " them out, and the noise of this stretch is not judged"
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,8 @@ class RunView:
     judged through navigation (`history`, from end_s on, None where nothing follows or no heading is
     known). seconds : of the log less what the twin expects of the unit (table, scale factors,
     misalignment, biases). C_nb (3, 3) : nominal parked attitude. sigma_heading_rad : what is known
-    of its heading (survey), else wide. notes : what had to be left out, in words.
+    of its heading (survey), else wide. notes : what had to be left out, in words. motion : of a
+    vehicle that moves on its gear; its turns are taken out of `seconds` then.
     """
 
     run: Run
@@ -79,6 +86,7 @@ class RunView:
     history: NavHistory | None
     temperature: GyroTemperature | None
     notes: tuple[str, ...] = field(default=())
+    motion: VehicleMotion | None = None
 
     @property
     def name(self) -> str:
@@ -91,13 +99,19 @@ class RunView:
 
 
 def view_run(
-    run: Run, index: int, table: ThermalTable | None, twin: TwinModel, *, table_sha256: str = ""
+    run: Run,
+    index: int,
+    table: ThermalTable | None,
+    twin: TwinModel,
+    *,
+    table_sha256: str = "",
+    moved: bool = False,
 ) -> RunView | str:
     """The run as the diagnosis sees it; words where it cannot be used at all.
 
     table None: the twin has none, or the run no gyro temperature to enter it with. A log from which
     the twin's own table was subtracted already (`applied_table_sha256`) has it added back first;
-    InputError for another one.
+    InputError for another one. moved: the vehicle moves on its gear while it is parked.
     """
     notes: list[str] = []
     temperature = _temperature(run, table, notes)
@@ -144,6 +158,22 @@ def view_run(
             " needed"
         )
     C_nb, sigma_heading = _best_attitude(imu, run, seconds, (start_s, end_s))
+    motion = None
+    if moved and knows_north and not dead.any() and level_axes(C_nb) is not None:
+        seconds, C_nb = turned_back(
+            seconds,
+            (start_s, end_s),
+            C_nb,
+            run.header.site,
+            finds_north=not np.isfinite(sigma_heading),
+        )
+        motion = motion_of(
+            _ten_second_means(seconds, start_s, end_s),
+            C_nb,
+            run.header.site,
+            channel_noises(twin, float(run.imu.end_s - run.imu.start_s), C_nb),
+        )
+        notes.append(MOVED)
     history = None
     if moves.size and knows_north and not dead.any():
         history = _navigation(imu, run, end_s, C_nb)
@@ -167,7 +197,16 @@ def view_run(
         history,
         temperature,
         tuple(notes),
+        motion,
     )
+
+
+def _ten_second_means(seconds: Seconds, start_s: float, end_s: float) -> NDArray:
+    """Of the parked stretch (6, bins)."""
+    first = int(np.searchsorted(seconds.end_s, start_s + 1e-6))
+    bins = int((end_s - start_s + 1e-6) // MEAN_S)
+    means = seconds.mean[first : first + bins * MEAN_S].reshape(bins, MEAN_S, 6)
+    return np.asarray(means.mean(axis=1).T)
 
 
 def _edge_s(dead: NDArray, knows_north: bool) -> float:
@@ -302,7 +341,7 @@ def _longest_rest(run: Run, log: LogSeconds) -> tuple[float, float] | None:
     told from its rates.
     """
     spans = []
-    for stretch in find_rests(run, shortest_s=SHORTEST_LEVEL_S).stretches:
+    for stretch in stationary_segments(run, shortest_s=SHORTEST_LEVEL_S).stretches:
         places = parked_places(log, *stretch)
         spans += [(float(p.start_s[0]), float(p.end_s[-1])) for p in places] or [stretch]
     return max(spans, key=lambda rest: rest[1] - rest[0], default=None)

@@ -43,7 +43,7 @@ NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3  # of Gaussian blocks 4e-8 lie beyond
 BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05  # of Gaussian blocks 2e-23 lie beyond
 # below, the side motion of the twin fades: at 1 to 2 m/s the RMS of the vehicle's rows was 1.35
-# to 1.6, above 1.00 to 1.07 (docs/gap.md)
+# to 1.6, above 1.00 to 1.07 (4 blind trials)
 SIDE_STEADY_M_S = 2.0
 
 
@@ -226,7 +226,7 @@ class RunEvidence:
             [np.repeat(np.arange(SENSORS), p.bins), np.full(f.rows, CHANNELS.index("gnss"))]
         )
         kind = np.full(time_s.size, PARKED)
-        steady = np.concatenate([np.repeat(p.live, p.bins), np.ones(f.rows, bool)])
+        steady = np.concatenate([np.repeat(p.steady, p.bins), np.ones(f.rows, bool)])
         variance = np.ones(time_s.size)
         if self.rolling is not None:
             r = self.rolling.labels
@@ -355,7 +355,7 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
     shares = (rows.reshape(blocks, PER_BLOCK, 1) == counts).sum(axis=1)
     whole = shares.sum(axis=1) == PER_BLOCK
     for c, noise in enumerate(parked.noise):
-        if not parked.live[c]:
+        if not parked.steady[c]:
             continue
         expected = block_spectrum(noise)
         for b, (low, high) in enumerate(BANDS):

@@ -32,6 +32,8 @@ REACH = 100.0
 # deg/h and ug of the units the catalogue's usual sizes are for
 NAVIGATION_TURN_ON = {"gyro": 0.003, "accel": 30.0}
 OUTLIER_OFFSETS_S = (-4.0, -1.0, 2.0)
+# turns of a vehicle that are taken out of a run in which it moves
+TURNS = frozenset({"platform_settling", "platform_step"})
 
 
 @dataclass(frozen=True)
@@ -175,8 +177,7 @@ class Bank:
             self.telemetry[0], target, shapes_of(effect, self.telemetry[0])[0]
         ):
             return
-        runs = range(len(self.telemetry)) if effect.repeats == "E" else (None,)
-        for run in runs:
+        for run in self._runs_of(effect):
             prior = getattr(effect, "log_prior", 0.0) - (
                 np.log(len(self.telemetry)) if run is not None else 0.0
             )
@@ -202,6 +203,13 @@ class Bank:
                 hypothesis.groups.append(self.new_group(effect, target, shape, run))
             hypothesis.weigh()
             self.hypotheses.append(hypothesis)
+
+    def _runs_of(self, effect: Effect) -> Sequence[int | None]:
+        """The runs that an event may be in; None: all together."""
+        if effect.repeats != "E":
+            return (None,)
+        views = self.evidence.views
+        return [k for k, v in enumerate(views) if v.motion is None or effect.name not in TURNS]
 
     def _silent(self, target: str) -> str:
         """What is missing where a sensor has no values in any run."""

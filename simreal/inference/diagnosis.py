@@ -22,7 +22,7 @@ from ins.records import InputError, Run, TwinModel
 from simreal.declared.generic import Generic, table_errors
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
 from simreal.evidence.run_view import RunView, view_run
-from simreal.evidence.whitened import ExtraNoise
+from simreal.evidence.whitened import ExtraNoise, RunEvidence
 from simreal.inference.addback import Gone, HeldOut, shrink_of
 from simreal.inference.attribute import REPLICATES, Attribution, Attributor, Listed
 from simreal.inference.bank import silent
@@ -37,6 +37,7 @@ from simreal.inference.locate import (
     locate,
     measure_cells,
 )
+from simreal.inference.moved_vehicles import NAMED_FIRST, rocking, tilting
 from simreal.inference.places import Place, places
 from simreal.inference.tails import tail_probability
 from simreal.inference.verdict import GapVerdict, Looks
@@ -171,9 +172,10 @@ def diagnose(
     how = settings or DiagnosisSettings()
     look = _Look(runs, twin, table, table_sha256, how)
     seen = look.at(0.0)
-    attribution = look.attributed(seen, enough=lambda so_far: entered_wrong_rad(so_far) != 0.0)
-    if wrong_rad := entered_wrong_rad(attribution):
-        seen = look.at(wrong_rad)
+    attribution = look.attributed(seen, enough=look.needs_another)
+    wrong_rad, moved = entered_wrong_rad(attribution), tilting(attribution, look.turned_back)
+    if wrong_rad or moved:
+        seen = look.at(wrong_rad, seen.moved | moved)
         attribution = look.attributed(seen)
     every = [*seen.views, *seen.held]
     apart = HeldOut(attribution, every, len(seen.views), seen.known) if seen.held else None
@@ -182,14 +184,15 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Seen:
-    """Runs to attribute on, runs held out, what the twin makes of both in their order, and the runs
-    that cannot be looked at.
+    """Runs to attribute on, runs held out, what the twin makes of both in their order, the runs
+    that cannot be looked at, and the names of those whose parked vehicles move.
     """
 
     views: list[RunView]
     held: list[RunView]
     known: list[Trace | None]
     unused: list[NotLookedAt]
+    moved: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -202,18 +205,63 @@ class _Look:
     table_sha256: str
     how: DiagnosisSettings
 
-    def at(self, wrong_rad: float) -> _Seen:
-        """The runs from a latitude this much less than the entered one."""
+    def at(self, wrong_rad: float, moved: frozenset[str] | None = None) -> _Seen:
+        """The runs from a latitude this much less than the entered one. moved: those whose parked
+        vehicles move, None: those that rock.
+        """
         self.how.told("cutting the runs at their phases")
         runs = with_latitude_less(self.runs, wrong_rad) if wrong_rad else self.runs
-        found, unused = _views(runs, self.twin, self.table, self.table_sha256)
+        found, unused = self._views(runs, moved or frozenset())
+        if moved is None:
+            moved = rocking([RunEvidence(replace(v, history=None), self.twin) for v in found])
+            found, unused = self._views(runs, moved) if moved else (found, unused)
         views, held = _split(found, self.how.hold_out)
         listed = parse_effects(self.twin)
         known = [
             with_entered(twin_traces(listed, v.telemetry, v.name) if listed else None, v, wrong_rad)
             for v in [*views, *held]
         ]
-        return _Seen(views, held, known, unused)
+        return _Seen(views, held, known, unused, moved)
+
+    def turned_back(self, run: RunEvidence) -> RunEvidence:
+        """The parked stretch of a run as that of a vehicle that moves."""
+        view = self._view(run.view.run, run.view.telemetry.run_index, moved=True)
+        assert isinstance(view, RunView)
+        return RunEvidence(replace(view, history=None), self.twin)
+
+    def needs_another(self, found: Attributor) -> bool:
+        """Whether what is left needs other views: from another latitude, or of a vehicle that
+        moves.
+        """
+        if entered_wrong_rad(found) != 0.0:
+            return True
+        named = sum(not s.of_table for s in found.slots)
+        return named == NAMED_FIRST and bool(tilting(found, self.turned_back))
+
+    def _view(self, run: Run, index: int, *, moved: bool) -> RunView | str:
+        sha256 = self.table_sha256
+        return view_run(run, index, self.table, self.twin, table_sha256=sha256, moved=moved)
+
+    def _views(
+        self, runs: Sequence[Run], moved: frozenset[str]
+    ) -> tuple[list[RunView], list[NotLookedAt]]:
+        """Views of the runs that can be looked at, and the others."""
+        views: list[RunView] = []
+        unused: list[NotLookedAt] = []
+        for run in runs:
+            header = run.header
+            for key in ("imu_serial", "gyro_technology"):
+                own, of_twin = getattr(header, key), getattr(self.twin, key)
+                if of_twin and own != of_twin:
+                    raise InputError(f"run {header.run_id}: {key} {own}, the twin is of {of_twin}")
+            view = self._view(run, len(views), moved=header.run_id in moved)
+            if isinstance(view, str):
+                unused.append(NotLookedAt(header.run_id, view))
+            else:
+                views.append(view)
+        if not views:
+            raise InputError("; ".join(f"run {one.run_id}: {one.why}" for one in unused))
+        return views, unused
 
     def attributed(
         self, seen: _Seen, enough: Callable[[Attributor], bool] = lambda _: False
@@ -271,33 +319,6 @@ def _split(
         replace(v, telemetry=replace(v.telemetry, run_index=k)) for k, v in enumerate(ordered)
     ]
     return numbered[: len(kept)], numbered[len(kept) :]
-
-
-def _views(
-    runs: Sequence[Run], twin: TwinModel, table: ThermalTable | None, table_sha256: str
-) -> tuple[list[RunView], list[NotLookedAt]]:
-    views: list[RunView] = []
-    unused: list[NotLookedAt] = []
-    for run in runs:
-        header = run.header
-        if twin.imu_serial and header.imu_serial != twin.imu_serial:
-            raise InputError(
-                f"run {header.run_id}: imu_serial {header.imu_serial}, the twin is of"
-                f" {twin.imu_serial}"
-            )
-        if header.gyro_technology != twin.gyro_technology:
-            raise InputError(
-                f"run {header.run_id}: gyro_technology {header.gyro_technology}, the twin is"
-                f" {twin.gyro_technology}"
-            )
-        view = view_run(run, len(views), table, twin, table_sha256=table_sha256)
-        if isinstance(view, str):
-            unused.append(NotLookedAt(header.run_id, view))
-        else:
-            views.append(view)
-    if not views:
-        raise InputError("; ".join(f"run {one.run_id}: {one.why}" for one in unused))
-    return views, unused
 
 
 def _diagnosed(

@@ -63,7 +63,7 @@ def excesses(evidence: Evidence, after: NDArray, fitted: int) -> tuple[Excess, .
     found = [_excess("", spectrum, np.ones(spectrum.weight.size, bool), fitted)]
     for number, name in enumerate(CHANNELS):
         mine = spectrum.channel == number
-        if mine.any():
+        if spectrum.weight[mine].any():
             found.append(_excess(name, spectrum, mine, fitted * float(mine.mean())))
     return tuple(found)
 
@@ -78,7 +78,8 @@ def _spectrum(evidence: Evidence, after: NDArray) -> _Spectrum:
             at = at[np.argsort(rows.time_s[at], kind="stable")]
             made.before[at] = dct(z[at], norm="ortho") ** 2
             made.after[at] = dct(after[at], norm="ortho") ** 2
-            made.weight[at] = 1.0 / (1.0 + np.arange(at.size) / HALF_INDEX)
+            shown = float(np.any(z[at]))  # not of a sensor that says nothing
+            made.weight[at] = shown / (1.0 + np.arange(at.size) / HALF_INDEX)
     return made
 
 

@@ -173,7 +173,10 @@ class Leftover:
                 ]
         for c in range(SENSORS):
             at = np.flatnonzero(
-                (rows.channel == c) & (rows.kind == PARKED) & np.isfinite(rows.temperature_degC)
+                (rows.channel == c)
+                & (rows.kind == PARKED)
+                & rows.steady
+                & np.isfinite(rows.temperature_degC)
             )
             if at.size:
                 T = rows.temperature_degC[at]
@@ -218,6 +221,8 @@ class Leftover:
         pairs = [(a, b) for a in range(SENSORS) for b in range(a)]
         total, count = np.zeros((len(pairs), z.shape[1])), 0
         for r, run in enumerate(self.evidence.runs):
+            if not run.parked.steady.any():
+                continue
             first, bins = int(self.evidence.offsets[r]), run.parked.bins
             block = z[first : first + SENSORS * bins].reshape(SENSORS, bins, -1)
             total += np.array([np.einsum("br,br->r", block[a], block[b]) for a, b in pairs])

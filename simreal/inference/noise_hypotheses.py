@@ -122,7 +122,7 @@ class Squares:
         for r, run in enumerate(evidence.runs):
             bins = run.parked.bins
             for c in range(SENSORS):
-                if run.parked.live[c]:
+                if run.parked.steady[c]:
                     self.slow[r, c] = at + np.arange(bins)
                     dof.append(np.ones(bins))
                     at += bins

@@ -3,9 +3,10 @@ continuation, by the estimator itself.
 
 A session is continued as a perfect unit would record the candidate, on the attitude that the
 estimate found, with the unit's own rest: the mean that it reads beyond the perfect one, and what
-its rows scatter about that mean. Its temperatures go on as they went. The covariance of the filter
-does not depend on the values that it is given, but on what is measured when and how quiet that is,
-so that the estimate of the continued session is the prediction.
+its rows scatter about that mean. Its temperatures go on as they went, and the parked vehicle moves
+as the session found. The covariance of the filter does not depend on the values that it is given,
+but on what is measured when and how well, so that the estimate of the continued session is the
+prediction.
 """
 
 from collections.abc import Sequence
@@ -14,13 +15,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.inertial import steady_seconds
-from alignment.motion.seconds import seconds_of
+from alignment.motion.kinds import ROLLING
+from infield.session.joint_update import Walk
+from infield.session.log import find_rest
+from infield.session.navigated.estimator import estimate_under
+from infield.session.navigated.own_errors import LoggedRun
 from infield.session.pipeline import update_calibration
+from infield.session.points import AxisObservability, observability
 from infield.session.results import SessionResult, UpdateResult
+from infield.thermometer.gyro_temperature import gyro_temperature, plausible_range
 from ins.attitude import euler_from_dcm
 from ins.records import ImuLog, Run, TemperatureLog
-from ins.robust import runs_of_true
 from ins.units import MINUTE
 from trajectories.runs.checks import MIN_RATE_HZ
 from trajectories.simulator.motions import lay
@@ -28,7 +33,8 @@ from trajectories.simulator.segments import Park, Pivot, Segment, Stop, Straight
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.truth import build_truth
 
-LONGEST_REST_S = 600.0  # of rest that is repeated: it holds the slowest sway many times
+# of rest that is repeated, with what people and wind do now and then in it
+LONGEST_REST_S = 3600.0
 # of rest that shows what the unit reads; chosen: a minute, as a gyrocompass needs
 SHORTEST_REST_S = 60.0
 # over which the temperature's slope is taken, twice one after the other
@@ -97,22 +103,14 @@ def outlook(result: UpdateResult, candidates: Sequence[Candidate]) -> list[Outlo
     is right within 10 %: docs/at_the_aircraft.md.
     """
     found = []
-    *before, session = result.sessions
     for candidate in candidates:
+        session = result.sessions[-1]
         longer = continued(session, candidate)
-        if longer is None:
+        if longer is None or longer.temperature is None:
             break
-        more = update_calibration(
-            [*(one.run for one in before), longer],
-            result.before,
-            result.twin,
-            settings=result.settings,
-            ageing=result.ageing,
-        )
-        seen = more.sessions[-1].seen
-        if seen:
+        seen = _seen(longer, session, result)
+        if len(seen) == 3:
             sx, sy, sz = (axis.sigma_after_deg_h for axis in seen)
-            assert longer.temperature is not None
             tx, ty, tz = longer.temperature.gyro_degC[-1].tolist()
             found.append(
                 Outlook(
@@ -125,14 +123,41 @@ def outlook(result: UpdateResult, candidates: Sequence[Candidate]) -> list[Outlo
     return found
 
 
+def _seen(longer: Run, session: SessionResult, result: UpdateResult) -> Sequence[AxisObservability]:
+    """What the continued session shows of each gyro, the parked vehicle moving as it did before."""
+    estimate, temperature = session.estimate, longer.temperature
+    assert estimate is not None and temperature is not None
+    table, twin, settings = result.before, result.twin, result.settings
+    rest = find_rest(longer)
+    solution = estimate.solution
+    if solution is None or rest is None or solution.level.swing_m:
+        more = update_calibration([longer], table, twin, settings=settings, ageing=result.ageing)
+        return more.sessions[0].seen
+    gyros = gyro_temperature(temperature, plausible_degC=plausible_range(table))
+    low, high = gyros.temperature_degC.min(), gyros.temperature_degC.max()
+    known = Walk(ageing=result.ageing).until(table, longer, None)
+    known = known.extended_to(float(low), float(high))
+    more_estimate = estimate_under(
+        LoggedRun(longer, known, gyros),
+        twin,
+        settings,
+        rest=rest,
+        end_s=longer.imu.end_s,
+        level=solution.level,
+    )
+    return observability(more_estimate, hold_heading=settings.hold_heading)
+
+
 def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     """The run with the candidate behind it; None where it does not end at rest, or was not
     estimated.
     """
     run, estimate = session.run, session.estimate
+    if estimate is None or run.temperature is None:
+        return None
     rows = run.imu.whole()
-    rest = _last_rest(rows)
-    if rest is None or estimate is None or run.temperature is None:
+    rest = _last_rest(session, rows)
+    if rest is None:
         return None
     still = ImuLog(
         time_s=rows.time_s[rest],
@@ -163,13 +188,17 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     return replace(run, header=header, imu=imu, temperature=warmer, sha256="")
 
 
-def _last_rest(rows: ImuLog) -> slice | None:
-    """The rows of the rest that a log ends with, its last LONGEST_REST_S."""
-    seconds = seconds_of(rows)
-    spans = runs_of_true(steady_seconds(seconds))
-    if not spans or spans[-1][1] < seconds.end_s.size - 1:
+def _last_rest(session: SessionResult, rows: ImuLog) -> slice | None:
+    """The rows since the vehicle last moved, bumps and gusts among them; None where it moves, or
+    moved a moment ago.
+    """
+    assert session.estimate is not None
+    motion = session.estimate.motion
+    if motion is None or motion.kind[-1] >= ROLLING:
         return None
-    start_s = max(seconds.start_s[spans[-1][0]], rows.end_s - LONGEST_REST_S)
+    moves = np.flatnonzero(motion.kind >= ROLLING)
+    stands_s = float(motion.time_s[moves[-1] if moves.size else 0])
+    start_s = max(stands_s, rows.end_s - LONGEST_REST_S)
     if rows.end_s - start_s < SHORTEST_REST_S:
         return None
     return slice(int(np.searchsorted(rows.time_s, start_s, side="right")), None)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from infield.replay.drift_prediction import NM_H_PER_DEG_H
 from infield.session.pipeline import update_calibration
 from infield.session.results import SessionResult
+from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect, with_effect_sigma, without_effects
 from ins.errors.table import TABLE_AGED
@@ -43,6 +44,7 @@ LEVEL_AXES = (0, 1)
 # infield.reports.documents.session (UNSEEN_SIGMA)
 HEADING_SEEN = 0.19
 NO_UPDATE = "an update refuses the run"
+UPDATED = SessionSettings(claim_chain=False)  # a side path that no figure here needs
 NOT_BORNE = (KeptOut.NOT_SHOWN, KeptOut.MADE_WORSE, KeptOut.OF_MOTION)
 
 Key = tuple[str, str]  # name and target of an effect
@@ -254,7 +256,8 @@ class _Update:
         effects = [*known, *added]
         twin = replace(with_noise_of(self.twin, [*listed, *noise]), effects=(), table=None)
         twin = with_effect_sigma(twin, [effects])
-        result = update_calibration([without_effects(self.run, effects)], self.table, twin)
+        run = without_effects(self.run, effects)
+        result = update_calibration([run], self.table, twin, settings=UPDATED)
         return _deviations(result.sessions[0], self.table) if result.sessions else None
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.evidence.parked import PARKED_MEAN_S
-from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
+from simreal.evidence.whitened import CHANNELS, RunEvidence
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.verdict import Judging
 from simreal.predict.traces import (
@@ -28,6 +28,9 @@ MINUTE_BINS = 6
 # of its RMS: an effect whose scatter within a run is larger is no constant of that run; chosen:
 # below the 0.5 of a ramp that begins at zero
 VARIES = 0.2
+# squared sigmas of an effect in a parked channel: a smaller one is not seen in its drawing; chosen:
+# 3 sigma
+LEAST_DRAWN = 9.0
 
 
 @dataclass(frozen=True)
@@ -45,12 +48,8 @@ class RunCurve:
 
 @dataclass(frozen=True)
 class Overlay:
-    """A cause along the runs. unit "deg/h" or "ug": one-minute means of a parked channel, less the
-    attitude, the constant
-
-    of the run (not where the effect is one itself) and the other effects. unit "": evidence summed
-    along the run, what the matched filter gives (measured) and what it gives if the effect is as
-    fitted (effect).
+    """A cause along the runs: one-minute means of a parked channel, less the attitude, the constant
+    of the run (not where the effect is one itself) and the other effects.
     """
 
     channel: str
@@ -59,7 +58,7 @@ class Overlay:
 
 
 def overlays(diagnosis: Diagnosis) -> tuple[Overlay | None, ...]:
-    """One for each cause, None for noise."""
+    """One for each cause, None for noise and for what hardly touches a parked sensor."""
     by_run = [c.shrink is not None and c.shrink.how is Judging.BY_RUN for c in diagnosis.causes]
     return tuple(_overlay(diagnosis, k, by_run=own) for k, own in zip(diagnosis.order, by_run))
 
@@ -70,36 +69,22 @@ def _overlay(diagnosis: Diagnosis, number: int, *, by_run: bool) -> Overlay | No
     if slot.group is None:
         return None
     mine = np.isin(attribution.columns, slot.columns)
-    u = (
-        attribution.bank.signature(attribution.columns, np.where(mine, fitted(attribution)[0], 0.0))
-        ** 2
-    )
-    on_sensors, channel = _main_channel(evidence, u)
-    make = _parked_curve if on_sensors else _evidence_curve
+    every = fitted(attribution)[0]
+    u = attribution.bank.signature(attribution.columns, np.where(mine, every, 0.0)) ** 2
+    parked = np.concatenate([np.arange(run.z.size) < run.parked.rows for run in evidence.runs])
+    of_channel = np.bincount(evidence.rows.channel[parked], u[parked], minlength=len(CHANNELS))
+    if of_channel.max() < LEAST_DRAWN:
+        return None
+    channel = int(of_channel.argmax())
     curves = []
     for r in range(len(diagnosis.views)):
         apart = r >= len(evidence.views)
         if not apart and float(u[evidence.rows_of(r)].sum()) < LEAST_ELSEWHERE * float(u.sum()):
             continue
-        beta = fitted_without(attribution, r)[0] if by_run and not apart else fitted(attribution)[0]
-        curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or by_run))
-    unit = ("deg/h" if channel < 3 else "ug") if on_sensors else ""
+        beta = fitted_without(attribution, r)[0] if by_run and not apart else every
+        curves.append(_parked_curve(diagnosis, r, mine, beta, channel, held_out=apart or by_run))
+    unit = "deg/h" if channel < 3 else "ug"
     return Overlay(CHANNELS[channel], unit, tuple(sorted(curves, key=lambda c: not c.held_out)))
-
-
-def _main_channel(evidence: Evidence, energy: NDArray) -> tuple[bool, int]:
-    """Whether most of an effect's whitened energy is in the parked sensors, and the channel with
-    most of it there.
-    """
-    parked = np.zeros(energy.size, bool)
-    for r, run in enumerate(evidence.runs):
-        first = int(evidence.offsets[r])
-        parked[first : first + run.parked.rows] = True
-    on_sensors = float(energy[parked].sum()) > 0.5 * float(energy.sum())
-    rows = parked if on_sensors else ~parked
-    return on_sensors, int(
-        np.bincount(evidence.rows.channel[rows], energy[rows], minlength=len(CHANNELS)).argmax()
-    )
 
 
 def _evidence_of(diagnosis: Diagnosis, run: int) -> RunEvidence:
@@ -139,19 +124,3 @@ def _means(values: NDArray) -> NDArray:
     """Over a minute; all of it where there is less."""
     n = values.size // MINUTE_BINS * MINUTE_BINS
     return values[:n].reshape(-1, MINUTE_BINS).mean(axis=1) if n else np.array([values.mean()])
-
-
-def _evidence_curve(
-    diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
-) -> RunCurve:
-    evidence = _evidence_of(diagnosis, run)
-    units = unit_traces(diagnosis, run)
-    traces = [summed(units, np.where(mine, beta, 0.0)), summed(units, np.where(mine, 0.0, beta))]
-    d, others = evidence.whiten(traces).T
-    time_s = evidence.rows(run).time_s
-    order = np.argsort(time_s, kind="stable")
-    measured, effect = np.cumsum((d * (evidence.z - others))[order]), np.cumsum((d**2)[order])
-    # nothing to see before the effect begins
-    first = int(np.searchsorted(effect, 1e-4 * effect[-1]))
-    t = time_s[order][first:] / 60.0
-    return RunCurve(diagnosis.views[run].name, t, measured[first:], effect[first:], held_out)

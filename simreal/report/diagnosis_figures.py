@@ -18,7 +18,6 @@ from infield.reports.drawing import (
     Texts,
     rows_height,
 )
-from infield.reports.drawing import Band as Area
 from infield.reports.figures import BLACK, BLUE, GREY, PALE, SKY, VERMILLION, robust_limits, thinned
 from simreal.inference.causes import Cause
 from simreal.inference.locate import GapCell
@@ -223,42 +222,26 @@ def overlay_panels(overlay: Overlay) -> list[Panel]:
     where there is no run to show.
     """
     curves = overlay.curves[:MOST_PANELS]
-    limits = None
-    if overlay.unit and curves:
-        both = [np.concatenate([c.measured, c.effect]) for c in curves]
-        limits = robust_limits(np.concatenate(both))
+    both = [np.concatenate([c.measured, c.effect]) for c in curves]
+    limits = robust_limits(np.concatenate(both)) if both else None
     return [_overlay(curve, overlay, limits) for curve in curves]
 
 
 def _overlay(curve: RunCurve, overlay: Overlay, limits: tuple[float, float] | None) -> Panel:
     held = ", fitted on the other runs" if curve.held_out else ""
-    unit = overlay.unit
+    t, measured, effect = thinned(curve.time_min, curve.measured, curve.effect)
     return Panel(
-        items=_curve_items(curve, unit),
+        items=[
+            Line(t[[0, -1]], np.zeros(2), GREY, width=0.8),
+            Marks(t, measured, "o", SKY, name="measured less the twin, minutes", size=3.6),
+            Line(t, effect, VERMILLION, name="the effect", width=1.8),
+        ],
         title=f"{_plain(curve.run_id)}{held}",
         label=f"Residual of {overlay.channel} and the fitted effect, {_plain(curve.run_id)}",
         x_label="time since power-on [min]",
-        y_label=f"{overlay.channel} [{unit}]" if unit else "evidence, summed",
+        y_label=f"{overlay.channel} [{overlay.unit}]",
         y_limits=limits,
     )
-
-
-def _curve_items(curve: RunCurve, unit: str) -> list[Item]:
-    t, measured, effect = thinned(curve.time_min, curve.measured, curve.effect)
-    zero = Line(t[[0, -1]], np.zeros(2), GREY, width=0.8)
-    if unit:
-        return [
-            zero,
-            Marks(t, measured, "o", SKY, name="measured less the twin, minutes", size=3.6),
-            Line(t, effect, VERMILLION, name="the effect", width=1.8),
-        ]
-    band = 2.0 * np.sqrt(np.maximum(effect, 0.0))
-    return [
-        zero,
-        Area(t, effect - band, effect + band, VERMILLION, 0.15, name="2 sigma"),
-        Line(t, effect, VERMILLION, name="if the effect is as fitted", width=1.8),
-        Line(t, measured, BLUE, name="what the data give", width=1.2),
-    ]
 
 
 def band_panels(cells: Sequence[GapCell], channels: Sequence[str], longest_s: float) -> list[Panel]:

@@ -165,7 +165,9 @@ def fitted_twin(found: TwinFit) -> TwinModel:
         "seconds": [p.seconds for p in known],
         "needed_s": [_needed(p, Needs.PARKED_SECONDS) for p in known],
         "needed_runs": [_needed(p, Needs.RUNS) for p in known],
-        "not_identified": {p.name: why_not_told(p) for p in found.parameters if not p.identified},
+        "not_identified": {
+            p.name: why_not_estimated(p) for p in found.parameters if not p.identified
+        },
         "lines": [
             {
                 "channel": line.channel,
@@ -223,7 +225,7 @@ def _parameter(p: Parameter) -> TwinParameter:
         seconds=p.seconds,
         nats=p.nats,
         why=p.why,
-        text=why_not_told(p),
+        text=why_not_estimated(p),
         needs=p.needs,
         needed_s=_needed(p, Needs.PARKED_SECONDS),
         needed_runs=_needed(p, Needs.RUNS),
@@ -292,7 +294,7 @@ def _lines_note(found: TwinFit) -> Reason:
     )
 
 
-def why_not_told(p: Parameter) -> str:
+def why_not_estimated(p: Parameter) -> str:
     """Why a parameter cannot be told, and what would; empty where it is told."""
     if p.why is None:
         return ""

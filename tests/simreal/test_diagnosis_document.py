@@ -369,7 +369,7 @@ def test_advice_only_for_what_is_open(found):
 def test_the_page_draws_each_cause_in_every_run(found):
     document = document_of(found)
     page = diagnosis_html(document, overlays(found))
-    assert len(specifications(page)) == 9  # first screen: map, bars, shrink; two maps; four runs
+    assert len(specifications(page)) == 8  # first screen: map, bars, shrink; map after; four runs
     assert all(v.name in page for v in found.views)
     titles = [spec["layout"].get("title", {}).get("text", "") for spec in specifications(page)]
     assert sum("fitted on the other runs" in title for title in titles) == 4
@@ -418,8 +418,8 @@ def test_a_noise_below_the_declared_is_said_to_be(found):
     )
     document = document_of(replace(found, causes=(quiet,)))
     page = diagnosis_html(document, (None,))
-    # map and bars; two maps, bands
-    assert "that much less than the twin declares" in page and len(specifications(page)) == 5
+    # map and bars; map after, bands
+    assert "that much less than the twin declares" in page and len(specifications(page)) == 4
     assert any("less than declared" in line for line in summary(document))
 
 

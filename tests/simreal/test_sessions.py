@@ -22,7 +22,7 @@ DRAWN = 0.03  # of an RMS over 4000 draws: 1/sqrt(2 x 4000) is 0.011
 
 @pytest.fixture(scope="module")
 def found():
-    return diagnosed(size=20.0)
+    return diagnosed()
 
 
 def end_of(view, trace):
@@ -88,6 +88,6 @@ def test_the_expectation_is_that_of_draws(found):
         assert said.rms_nm_h == pytest.approx(rms, rel=DRAWN)
 
 
-def test_nothing_found_costs_nothing():
-    quiet = diagnosed(name="", size=0.0, effects=0)
-    assert quiet.causes == () and sessions_of(quiet) == (None, ())
+def test_nothing_found_costs_nothing(found):
+    bare = replace(found.attribution, slots=[], tables=[])
+    assert sessions_of(replace(found, attribution=bare, causes=(), order=())) == (None, ())

@@ -175,7 +175,7 @@ def _aids(known: RunInputs, rolling: RollingEvidence | None, clone_s: float) -> 
     return aids
 
 
-def told_motion(motion: Motion, flight: Flight) -> Motion:
+def reported_motion(motion: Motion, flight: Flight) -> Motion:
     """The motion as a report names it: what flies is airborne."""
     t, kind = motion.time_s, motion.kind.copy()
     kind[(t > flight.start_s) & (t <= flight.end_s)] = AIRBORNE
@@ -191,7 +191,7 @@ def _flown(
     solution = replace(
         before,
         history=done.history,
-        motion=told_motion(motion, session.flight),
+        motion=reported_motion(motion, session.flight),
         plan=done.last.plan,
         prior=session.prior,
         applied_bias_rad_s=done.start.gyro_rad_s,

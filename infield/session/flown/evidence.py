@@ -9,12 +9,12 @@ from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
 from infield.session.flown.flight import find_flight
 from infield.session.flown.gates import (
-    Doubt,
+    SuspectedShift,
     against_joining,
     carried,
     deflected,
-    doubted,
     rested,
+    suspected_shift,
     uncovered,
 )
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
@@ -89,13 +89,13 @@ def _judged(
     flight = left_out.flight
     if against := uncovered(flight):
         return replace(left_out, reasons=against)
-    doubt: Doubt | None = None
+    doubt: SuspectedShift | None = None
     as_usual: SessionEstimate | None = None
     try:
         flown = estimated(known)
         states = carried(flown.estimate.navigated.filter, flown.layout)
         sound = rested(flown) and not against_joining(flown, flight)
-        doubt = doubted(states) if sound else None
+        doubt = suspected_shift(states) if sound else None
         if doubt is not None:
             as_usual = flown.estimate
             flown = estimated(known.with_shift(doubt.size_deg_h))

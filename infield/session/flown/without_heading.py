@@ -22,14 +22,14 @@ from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
 from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight
-from infield.session.flown.gates import against, carried, doubted, uncovered
+from infield.session.flown.gates import against, carried, suspected_shift, uncovered
 from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
 from infield.session.log import compensated_imu
 from infield.session.parked.never_at_rest import never_at_rest
-from infield.session.parked.stretches import MIN_PARKED_S, Rests
+from infield.session.parked.stretches import MIN_PARKED_S, StationarySegments
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.estimation import error_model as em
@@ -71,7 +71,7 @@ def fly_without_heading(known: RunInputs, ground: SessionEstimate) -> FlightEvid
     return _flown(known, rests, ground)
 
 
-def fly_never_at_rest(known: RunInputs, rests: Rests) -> FlightEvidence | None:
+def fly_never_at_rest(known: RunInputs, rests: StationarySegments) -> FlightEvidence | None:
     """A log that never stands for a minute, as one way; None where nothing moves with a receiver.
     rests: that are too short, or no rests.
     """
@@ -79,7 +79,7 @@ def fly_never_at_rest(known: RunInputs, rests: Rests) -> FlightEvidence | None:
 
 
 def _flown(
-    known: RunInputs, rests: tuple[Where, ...], ground: SessionEstimate | Rests
+    known: RunInputs, rests: tuple[Where, ...], ground: SessionEstimate | StationarySegments
 ) -> FlightEvidence | None:
     """What lies between rests, before the first and after the last."""
     run, twin = known.run, known.twin
@@ -119,7 +119,11 @@ def _flown(
         return _estimated(known, ground, imu, result, stretches, left_out)
 
     usual = estimated(known)
-    return usual if isinstance(ground, Rests) else _widened(known, ground, usual, estimated)
+    return (
+        usual
+        if isinstance(ground, StationarySegments)
+        else _widened(known, ground, usual, estimated)
+    )
 
 
 def _widened(
@@ -131,7 +135,7 @@ def _widened(
     """The flight once more with a wider prior where its gyros hardly read as at rest; of two
     estimates their mean, each as it is believed.
     """
-    doubt = None if usual.joined is None else doubted(usual.carried)
+    doubt = None if usual.joined is None else suspected_shift(usual.carried)
     if usual.joined is None or doubt is None:
         return usual
     wider = replace(
@@ -171,7 +175,7 @@ def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
 
 def _estimated(
     known: RunInputs,
-    ground: SessionEstimate | Rests,
+    ground: SessionEstimate | StationarySegments,
     imu: ImuSource,
     result: AidedResult,
     stretches: list[slice],
@@ -181,9 +185,9 @@ def _estimated(
     history, given = result.history, result.given
     assert history is not None and given is not None
     spans = [(float(history.time_s[s][0]), float(history.time_s[s][-1])) for s in stretches]
-    alone = None if isinstance(ground, Rests) else ground
+    alone = None if isinstance(ground, StationarySegments) else ground
     bins, is_away = _all_bins(known, None if alone is None else alone.bins, spans)
-    if isinstance(ground, Rests):
+    if isinstance(ground, StationarySegments):
         ground = never_at_rest(bins, _begun(result), ground.left_out)
     after = _after_rests(ground, bins, ~is_away)
     believed = _believed(known, result, bins, after, is_away)

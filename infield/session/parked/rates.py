@@ -33,7 +33,7 @@ from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, ParkedStretch, SessionEstimate
 from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.earth import session_earth
-from infield.session.parked.stretches import MIN_PARKED_S, Rests
+from infield.session.parked.stretches import MIN_PARKED_S, StationarySegments
 from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
@@ -84,7 +84,7 @@ def estimate_parked(
     twin: TwinModel,
     settings: SessionSettings,
     *,
-    rests: Rests,
+    rests: StationarySegments,
 ) -> SessionEstimate | Reason:
     """The session's biases from its parked seconds, or why there is nothing to take."""
     imu = compensated_imu(run, table, temperature, twin)
@@ -196,7 +196,9 @@ def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
     return np.concatenate(own), np.concatenate(stretch)[:-1]
 
 
-def surveyed_first(run: Run, rests: Rests, first: ParkedSeconds) -> tuple[float, float] | None:
+def surveyed_first(
+    run: Run, rests: StationarySegments, first: ParkedSeconds
+) -> tuple[float, float] | None:
     """The surveyed heading and its sigma [rad], where the first stretch is the first rest of the
     log.
     """

@@ -45,6 +45,9 @@ def of_log(
     height_m: float | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
+    tail: str | None = None,
+    start_utc: str | None = None,
+    run_id: str | None = None,
     accepted_accelerometer_scale: float | None = None,
     accepted_constant_temperature: bool | None = None,
     any_attitude: bool | None = None,
@@ -80,6 +83,12 @@ def of_log(
         Where to begin, by the log's own clock [s]. Default: its start.
     to_s
         Where to end, by the log's own clock [s]. Default: its end.
+    tail
+        Tail number of the aircraft.
+    start_utc
+        When the run starts, such as 2026-03-01T05:00:00Z. Default: the log's.
+    run_id
+        Name of the run. Default: the name of the log.
     accepted_accelerometer_scale
         Accept accelerometers of a mems unit whose scales are off by up to this share, such as 0.2
         where 8 m/s2 is read at rest: it becomes their sigma. Default: none is accepted.
@@ -95,6 +104,9 @@ def of_log(
         "sigma_lat_deg": sigma_lat_deg,
         "lon_deg": lon_deg,
         "height_m": height_m,
+        "tail": tail,
+        "start_utc": start_utc,
+        "run_id": run_id,
         "accepted_accelerometer_scale": accepted_accelerometer_scale,
         "accepted_constant_temperature": accepted_constant_temperature,
         "any_attitude": any_attitude,

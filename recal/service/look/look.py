@@ -36,6 +36,8 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
     "lon_deg": "--lon-deg",
     "height_m": "--height-m",
     "start_utc": "--start-utc",
+    "tail": "--tail",
+    "run_id": "--run-id",
     "accepted_accelerometer_scale": "--accepted-accelerometer-scale",
     "accepted_constant_temperature": "--accepted-constant-temperature",
     "any_attitude": "--any-attitude",

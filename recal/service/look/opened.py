@@ -15,10 +15,10 @@ import numpy as np
 
 from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.table import RAW_BIAS_DEG_H
-from ins.json_file import Json, read_toml
+from ins.json_file import Json
 from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR
-from recal.service.convert import map_errors, with_gnss_file
+from recal.service.convert import map_errors, map_keys
 from recal.service.look.records import Assumption
 from recal.service.results.paths import AnyPath
 from trajectories.readers.conversion import RUN_OPTIONS, conversion_of, missing_keys
@@ -72,10 +72,7 @@ def opened_log(
     if (log / "run.json").exists():
         yield Opened(run=read_run(log), folder=log, format=RUN_DIRECTORY)
         return
-    given = {} if map_file is None else read_toml(Path(map_file))
-    given |= {key: value for key, value in options.items() if value is not None}
-    if gnss is not None:
-        given = with_gnss_file(given, Path(gnss))
+    given = map_keys(map_file, gnss, header, options)
     with tempfile.TemporaryDirectory(prefix="recal-look-") as made:
         folder = Path(made) / "run"
         with map_errors(map_file):
@@ -93,7 +90,7 @@ def _taken(
     for one in assumed:
         if one.sigma is not None:
             values |= {f"sigma_{one.key}": one.sigma, "lat_source": LatitudeSource.GUESS.value}
-    conversion = conversion_of(log, name, read, {**header, **values})
+    conversion = conversion_of(log, name, read, {**header, **values}, keys=given)
     write_run(folder, conversion.run, reference=conversion.reference, conversion=conversion.record)
     return partial(
         Opened,

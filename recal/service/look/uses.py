@@ -10,7 +10,7 @@ from alignment.reasons import AlignmentVerdict
 from infield.aided.flight import FEWEST_FIXES
 from infield.reports.documents.alignment import AlignmentDocument
 from infield.session.acceptance import MIN_MERGED_REST_S
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
 from ins.verdicts import Reason, ReasonCode, because, sentence
@@ -173,7 +173,7 @@ def _table(judged: LookFindings) -> LogUse:
     if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
         return _use(Use.TABLE, Fit.NO, because(UseReason.NO_TEMPERATURE))
     mems = run.header.gyro_technology == "mems"
-    if mems and not find_rests(run).stretches:
+    if mems and not stationary_segments(run).stretches:
         return _use(Use.TABLE, Fit.NO, because(UseReason.NEVER_PARKED))
     if not mems and judged.aligned.verdict is not AlignmentVerdict.ALIGNED:
         why = because(UseReason.NOT_ALIGNED, why=_first_reason(judged.aligned))

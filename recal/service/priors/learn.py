@@ -198,7 +198,7 @@ def _technology_lines(priors: TechnologyPriors) -> list[str]:
 def parameter_lines(scope: PriorScope) -> list[str]:
     """Each parameter with its interval and its default."""
     return [
-        f"{name:28s} {v.value:.3g} ({v.interval_95[0]:.3g} to {v.interval_95[1]:.3g})"
+        f"{name:28s} {v.value:.2g} ({v.interval_95[0]:.2g} to {v.interval_95[1]:.2g})"
         f" {UNITS[PriorName(name)]}, default {v.default:.3g}{'' if v.shown else ', not shown'}"
         for name, v in scope.parameters.items()
     ]

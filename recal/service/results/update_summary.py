@@ -13,7 +13,7 @@ from infield.reports.documents.update_records import (
     ZeroRateEffect,
     update_of,
 )
-from infield.reports.table_known import table_known
+from infield.reports.table_uncertainty import table_uncertainty
 from infield.session.hysteresis import ACTED_ON
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction
@@ -104,7 +104,7 @@ def _axis_lines(document: UpdateDocument, *, verbose: bool) -> list[str]:
     """Gyro by gyro both sigmas by their names: that of a run's mean bias, and U(k=2) of the
     table.
     """
-    known = table_known(document) if document.table_before else {}
+    known = table_uncertainty(document) if document.table_before else {}
     lines = []
     for axis, seen in document.observability.items():
         line = (

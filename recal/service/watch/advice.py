@@ -16,7 +16,8 @@ GRID_MIN = np.arange(1.0, STAYS_MIN[-1] + 1.0)
 # "weak" (10 %)
 NOTHING_SHARE = 0.05
 NOTHING_MIN = 10
-MOVES_SHARE = 0.9  # of the sigma after as long a stay: less, and a motion shows what rest does not
+# of the sigma after as long a stay: below, a motion shows what rest does not; chosen: 10 %
+MOVES_SHARE = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,11 +54,12 @@ def advised(
     if not stays:
         return Advice(lines=("at rest, what more would bring is predicted",), enough=False)
     along = _along(now, stays)
-    minutes, lines = _stay(now, target, along)
+    minutes, row, lines = _stay(now, target, along)
     for found in ahead:
-        if found.name != "stay":
-            lines += _motion(found, now, along)
-    row = along[int(minutes) - 1]
+        told = [] if found.name == "stay" else _motion(found, now, along)
+        lines += told
+        if told and minutes is None:
+            minutes, row = found.duration_s / MINUTE, np.array(found.sigma_deg_h)
     return Advice(
         lines=tuple(lines), enough=False, plan_min=minutes, plan_deg_h=tuple(row.tolist())
     )
@@ -71,25 +73,30 @@ def _along(now: NDArray, stays: Sequence[Outlook]) -> NDArray:
     return np.asarray(np.stack(columns, axis=1) ** -0.5)
 
 
-def _stay(now: NDArray, target: NDArray, along: NDArray) -> tuple[float, list[str]]:
-    """The stay to plan, and what it brings."""
-    reach = (now > target) & (along[-1] <= target)
+def _stay(now: NDArray, target: NDArray, along: NDArray) -> tuple[float | None, NDArray, list[str]]:
+    """The stay to plan, None where none brings a gyro nearer to its target, sigmas after it, and
+    what it brings.
+    """
+    is_open = now > target
+    reach = is_open & (along[-1] <= target)
     if reach.any():
         k = int(np.argmax((along[:, reach] <= target[reach]).all(axis=1)))
-        names = " and ".join(axis for axis, on in zip(AXES, reach) if on)
-        more = f": {names} below the target"
+        more = f": {_named(reach)} below the target"
     else:
         later = np.minimum(np.arange(len(along)) + NOTHING_MIN, len(along) - 1)
-        gains = (along[later] < (1.0 - NOTHING_SHARE) * along).any(axis=1)
+        gains = (along[later] < (1.0 - NOTHING_SHARE) * along)[:, is_open].any(axis=1)
         gains[len(along) - NOTHING_MIN :] = gains[len(along) - NOTHING_MIN - 1]
-        k = int(np.argmin(gains)) if not gains.all() else len(along) - 1
-        more = "; after that, 10 min bring less than 5 %" if not gains.all() else ""
-    gained = along[k] < (1.0 - NOTHING_SHARE) * now
+        k = len(along) - 1 if gains.all() else int(np.argmin(gains))
+        more = "" if gains.all() else "; after that, 10 min bring less than 5 %"
+    gained = is_open & (along[k] < (1.0 - NOTHING_SHARE) * now)
     if not gained.any():
-        return GRID_MIN[0], ["more rest on this heading adds nothing"]
-    return GRID_MIN[k], [
-        f"{GRID_MIN[k]:.0f} min more at rest: {_arrows(now, along[k], gained)}{more}"
-    ]
+        return None, now, [f"more rest on this heading adds nothing to {_named(is_open)}"]
+    line = f"{GRID_MIN[k]:.0f} min more at rest: {_arrows(now, along[k], gained)}{more}"
+    return float(GRID_MIN[k]), along[k], [line]
+
+
+def _named(axes: NDArray) -> str:
+    return " and ".join(axis for axis, on in zip(AXES, axes) if on)
 
 
 def _motion(found: Outlook, now: NDArray, along: NDArray) -> list[str]:

@@ -40,7 +40,7 @@ from trajectories.runs.schema import header_from_json
 from trajectories.runs.stream_files import StreamFile
 
 RATE_HZ = MIN_RATE_HZ
-LEAST_S = 90.0  # of a part that is estimated: a minute of rest, and its start
+LEAST_S = 90.0  # of a part that is estimated: 60 s of rest, and its start
 NICE = 10
 
 
@@ -127,7 +127,9 @@ class PartRows:
                 accepted_scale=header.accepted_accel_scale,
             ),
         )
-        if held["gnss"] is not None and "sigma_lat_deg" not in _mapping(data.get("site")):
+        site = data["site"]
+        by_digits = isinstance(site, dict) and "sigma_lat_deg" not in site
+        if held["gnss"] is not None and by_digits:
             header = streams.with_receiver(header, held["gnss"])
         run = Run(header=header, imu=imu, **held)
         return replace(run, sha256=run_sha256(run))
@@ -169,10 +171,6 @@ class PartRows:
             return None
 
 
-def _mapping(value: object) -> dict:
-    return value if isinstance(value, dict) else {}
-
-
 def _said(findings: Findings) -> list[str]:
     return [item.text for item in findings.items if item.level != "warning" or "stuck" in item.text]
 
@@ -201,10 +199,12 @@ def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | N
     excluded: Counter[str] = Counter()
     for span in document.excluded:
         excluded[span.reason] += span.end_s - span.start_s
-    ahead = outlook(result.estimate, [*map(stay, STAYS_MIN), TURN, TAXI])
     heading, sigma = _heading(estimate)
     targets = [_target(result, session.temperature, k, target_deg_h) for k in range(3)]
     now = tuple(axis.sigma_after_deg_h for axis in session.seen)
+    ahead: list[Outlook] = []
+    if any(one > target for one, target in zip(now, targets)):
+        ahead = outlook(result.estimate, [*map(stay, STAYS_MIN), TURN, TAXI])
     advice = advised(now, targets, ahead)
     bias = mean_rows(estimate) @ (estimate.bins.table_deg_h + estimate.mean_deg_h)
     gyros = {

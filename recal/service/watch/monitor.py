@@ -5,7 +5,7 @@ last WINDOW_S are held.
 """
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from enum import StrEnum
 
 import numpy as np
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from alignment.motion.excursions import STOP_SPEED_M_S, STOP_WINDOW_S
 from alignment.motion.inertial import steady_seconds
-from alignment.motion.seconds import LogSeconds, judged, read_seconds
+from alignment.motion.seconds import LogSeconds, quiet_seconds, read_seconds
 from alignment.motion.stillness import ALIGNMENT_S, TAKE_OFF_M_S
 from trajectories.readers.live.rows import Rows
 from trajectories.runs.imu_stream import imu_log
 
-WINDOW_S = 300
-SILENT_S = 2.0  # without a row; chosen: twice the longest gap of a run
+WINDOW_S = 300  # chosen: 5 min, as a time bin of the estimate
+SILENT_S = 2.0  # without a row; chosen: twice the 1 s of a run's longest gap
 
 
 class Phase(StrEnum):
@@ -126,7 +126,7 @@ class Monitor:
         found = []
         if silent_s > SILENT_S and self.rows:
             found.append(f"no row for more than {SILENT_S:.0f} s: is the source still there?")
-        quiet = None if self._seconds is None else judged(self._seconds)
+        quiet = None if self._seconds is None else quiet_seconds(self._seconds)
         if quiet is None:
             return found
         clipped = np.flatnonzero(quiet.stuck)
@@ -147,4 +147,4 @@ class Monitor:
 def _joined(one: LogSeconds, other: LogSeconds) -> LogSeconds:
     names = [f.name for f in fields(one) if f.name != "rate_hz"]
     columns = {n: np.concatenate([getattr(one, n), getattr(other, n)]) for n in names}
-    return replace(other, **columns)
+    return LogSeconds(rate_hz=other.rate_hz, **columns)

@@ -19,7 +19,7 @@ from alignment.motion.seconds import seconds_of as log_seconds
 from alignment.motion.stillness import Motion, classify
 from alignment.motion.timeline import fused
 from infield.session.log import compensated_imu, compensated_seconds, find_rest
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short
 from ins.records import ImuSource, InputError, NavState, Run, TwinModel
@@ -227,7 +227,7 @@ def _of_rests(
     place = np.zeros(still.size, int)
     log = log_seconds(run.imu)
     number = 0
-    for stretch in find_rests(run).stretches:
+    for stretch in stationary_segments(run).stretches:
         for found in parked_places(log, *stretch):
             number += 1
             at = np.rint(found.end_s - seconds.end_s[0]).astype(int)

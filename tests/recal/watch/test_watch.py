@@ -128,6 +128,9 @@ def test_advice_has_the_numbers_of_the_outlook():
     assert not found.enough
     assert any("0.0075 -> 0.0030" in line for line in found.lines)
     assert advised((0.001,) * 3, target, []).enough
+    only_y = advised((0.002, 0.0075, 0.002), target, [*stays, turn])
+    assert only_y.plan_min == 6.0
+    assert only_y.plan_deg_h == turn.sigma_deg_h
 
 
 def test_phases_and_a_gap_are_seen_from_the_rows(simulated, recorded):

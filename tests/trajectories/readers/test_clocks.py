@@ -18,7 +18,7 @@ from tests.trajectories.readers.hostile_rows import (
     noisy,
 )
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.readers.rows.clocks import beside, evened, going_on
+from trajectories.readers.rows.clocks import evened, going_on, unwrapped
 from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
 
 PERIODS = [
@@ -84,9 +84,11 @@ def test_everything_on_the_clock_wraps_with_it(tmp_path):
 
 def test_another_stream_that_begins_after_the_wrap():
     np.testing.assert_allclose(
-        beside(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
+        unwrapped(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
     )
-    np.testing.assert_allclose(beside(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0])
+    np.testing.assert_allclose(
+        unwrapped(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0]
+    )
 
 
 @pytest.mark.parametrize("back_s", [18.0, 59.99, 999.0])

@@ -66,7 +66,7 @@ def converted(
         del columns[name]
     # the others are rows of other streams
     held = np.isfinite(w).any(axis=1) | np.isfinite(f).any(axis=1)
-    nominal = _nominal(time_s[held], label)
+    nominal = _nominal(time_s[held], label, keys)
     stretch = LogSpan(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
         clean = clean_rows(
@@ -83,7 +83,7 @@ def converted(
     if even is not None:
         notes = [*notes, _bursts_note(time_s, even, label)]
         time_s = even
-    nominal = _nominal(time_s, label)
+    nominal = _nominal(time_s, label, keys)
     shift = float(time_s[0]) - nominal
     if "rates" in (gyro_kind, accel_kind) and gyro_kind != accel_kind:
         dt_s = np.concatenate([[nominal], np.diff(time_s)])[:, None]
@@ -147,7 +147,7 @@ def _times(columns: Mapping[str, NDArray], keys: ColumnMap, n: int) -> NDArray:
     return np.arange(1, n + 1) / keys.rate_hz
 
 
-def _nominal(time_s: NDArray, label: str) -> float:
+def _nominal(time_s: NDArray, label: str, keys: ColumnMap) -> float:
     with np.errstate(over="ignore"):
         steps = np.diff(time_s[np.isfinite(time_s)])
     steps = steps[steps > 0]
@@ -157,10 +157,22 @@ def _nominal(time_s: NDArray, label: str) -> float:
     if not LEAST_STEP_S <= nominal_s <= MOST_STEP_S:
         needed = f"{1 / MAX_RATE_HZ:g} to {1 / MIN_RATE_HZ:g}"
         raise InputError(
-            f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s: unit of the time"
-            " stamps?"
+            f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s:"
+            f" {_time_unit(nominal_s, keys)}?"
         )
     return nominal_s
+
+
+def _time_unit(nominal_s: float, keys: ColumnMap) -> str:
+    """Which unit the time stamps may have, in the map's words."""
+    if keys.time is None:
+        return "rate_hz"
+    said = keys.time.unit
+    rates = {u: TIME_UNITS[said] / (nominal_s * factor) for u, factor in TIME_UNITS.items()}
+    fits = [unit for unit, rate in rates.items() if MIN_RATE_HZ <= rate <= MAX_RATE_HZ]
+    if not fits:
+        return "unit of the time stamps"
+    return f'time.unit = "{fits[0]}" in the map, not "{said}"'
 
 
 def _per_second(values: NDArray, kind: str, nominal_s: float) -> NDArray:
@@ -238,7 +250,7 @@ def _other_unit(degC: float, unit: str) -> str:
     raw = (degC - CELSIUS[unit][1]) / CELSIUS[unit][0]
     usual = [
         (degC - 273.15, 'kelvin? unit = "K"'),
-        (degC + 273.15, "degC taken for kelvin?"),
+        (degC + 273.15, 'degC taken for kelvin? unit = "degC"'),
         (0.1 * degC, "tenths? scale = 0.1"),
         (0.01 * degC, "hundredths? scale = 0.01"),
         (1e-3 * degC, "thousandths? scale = 0.001"),

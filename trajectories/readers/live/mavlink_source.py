@@ -90,7 +90,7 @@ class MavlinkSource:
             self._early += messages
             messages = self._settle()
         imu = [row for m in messages if (row := self._imu_row(m)) is not None]
-        fixes = [row for m in messages if (row := self._fix_row(m)) is not None]
+        fixes = [fix for m in messages if (fix := self._fix_row(m)) is not None]
         found = []
         if imu:
             values = np.array(imu)

@@ -90,7 +90,9 @@ def _period(t: NDArray, k: int, periods: dict[float, str]) -> float:
     return 0.0
 
 
-def beside(time_s: NDArray, start_s: float, end_s: float, periods_s: tuple[float, ...]) -> NDArray:
+def unwrapped(
+    time_s: NDArray, start_s: float, end_s: float, periods_s: tuple[float, ...]
+) -> NDArray:
     """Times of another stream on a clock that wrapped: as they are where any lies in start_s to
     end_s, else a period later.
 

@@ -1,16 +1,13 @@
-"""What every part of the product says of when a vehicle stands and moves, frozen on named runs.
+"""What the program says of when a vehicle stands and moves: the answer of each part that asks.
 
-Every caller below is asked of every run and held against answers.json; `python -m
-tests.motion.answers` writes that file anew, or only the runs that are named behind it. Times are
-seconds of the run, rounded to 0.01; a reason is its code. CALLERS is the one place to change where
-an entry point moves.
+Every caller below is asked of a run; times are seconds of the run, a reason is its code. An answer
+holds the times as estimates, with a sigma of which a frozen mean may move by 0.02 s, and its words
+with "#" where a time stood. CALLERS is the one place to change where an entry point moves.
 """
 
 import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,6 @@ from alignment import gyrocompass
 from alignment.motion import imu_faults, inertial, kinds, parked_seconds, stillness
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.speeds import watched_seconds
-from benchmarks.study import commit
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
 from infield.session import log, pipeline
@@ -31,11 +27,10 @@ from ins.records import ImuSource, InputError
 from ins.units import DEG
 from ins.verdicts import Reason
 from simreal.evidence import run_view
-from tests.motion.runs import DATA, LEFT_OUT, RECORDED, SIMULATED, Case, Named
-from trajectories.runs import physics_gates
+from tests.frozen.answers import MEAN_SIGMAS, Answer
+from tests.frozen.motion_runs import Case
 
-ANSWERS = Path(__file__).with_name("answers.json")
-TOLERANCE = 0.02  # s of a time, deg of a turn
+TIME_SIGMA = 0.02 / MEAN_SIGMAS  # s of a time, deg of a turn
 DECIMALS = 2
 KINDS = {
     kinds.STILL: "still",
@@ -51,17 +46,6 @@ VIEW_KINDS = {
 }
 
 # The callers --------------------------------------------------------------------------------------
-
-
-def first_rest(case: Case) -> Any:
-    """The stretch that a gyrocompass starts on, from the whole log."""
-    return span_of(inertial.first_rest(watched_seconds(case.run)))
-
-
-def quiet_start(case: Case) -> Any:
-    """The stretch that `recal check` and `convert` test units and axes on."""
-    found = physics_gates.quiet_means(case.run.imu)
-    return None if found is None else span_of((found.start_s, found.end_s))
 
 
 def repairs(case: Case) -> Any:
@@ -92,14 +76,6 @@ def alignment(case: Case) -> Any:
         "phases": [[*times(p.start_s, p.end_s), p.phase] for p in found.phases],
         "excluded": spans(found.excluded),
     }
-
-
-def session_rest(case: Case) -> Any:
-    """Where a session begins, where its alignment and its ground part end."""
-    rest = log.find_rest(case.run)
-    aligned_s = None if rest is None else rounded(log.alignment_end(case.run, rest[0]))
-    end_s = rounded(log.session_end(case.run))
-    return {"rest": span_of(rest), "alignment_end_s": aligned_s, "end_s": end_s}
 
 
 def update(case: Case) -> Any:
@@ -179,7 +155,7 @@ def chamber_ramps(case: Case) -> Any:
 
 def parked_rests(case: Case) -> Any:
     """The rests of a unit that finds no north, and the places that each of them falls into."""
-    rests = stretches.find_rests(case.run)
+    rests = stretches.stationary_segments(case.run)
     places = []
     for stretch in rests.stretches:
         for place in parked_seconds.parked_places(compensated_seconds(case), *stretch):
@@ -207,11 +183,8 @@ def gap_view(case: Case) -> Any:
 
 
 CALLERS: dict[str, Callable[[Case], Any]] = {
-    "first_rest": first_rest,
-    "quiet_start": quiet_start,
     "repairs": repairs,
     "alignment": alignment,
-    "session_rest": session_rest,
     "update": update,
     "free_replay": free_replay,
     "aided_replay": aided_replay,
@@ -303,74 +276,35 @@ def labelled(ends_s: np.ndarray, kind: np.ndarray, names: list[str], first_s: fl
     return [[*times(starts[a], ends_s[b - 1]), names[a]] for a, b in pairwise(edges)]
 
 
-# Asking, writing, comparing -----------------------------------------------------------------------
+# Answers ------------------------------------------------------------------------------------------
 
 
-def answers_of(case: Case) -> dict[str, Any]:
+def of_motion(case: Case) -> Answer:
     """The answer of every caller; a log that one of them does not take is an answer too."""
-    found: dict[str, Any] = {}
+    words: dict[str, str] = {}
+    estimates: dict[str, list[float]] = {}
     for name, ask in CALLERS.items():
         try:
-            found[name] = ask(case)
+            found = ask(case)
         except InputError as error:
-            found[name] = {"error": type(error).__name__}
-    return found
+            found = {"error": type(error).__name__}
+        seen: list[float] = []
+        words[name] = json.dumps(without_times(found, seen), separators=(",", ":"))
+        estimates |= {f"{name} {k}": [value, TIME_SIGMA] for k, value in enumerate(seen)}
+    return {"words": words, "estimates": estimates}
 
 
-def missing(named: Named) -> str:
-    """Why a run cannot be made here; empty where it can."""
-    if named.needs and not (DATA / named.needs).exists():
-        return f"../shared/data/{named.needs} is not beside the project"
-    return ""
-
-
-def differences(frozen: Any, now: Any, where: str = "") -> Iterator[str]:
-    """A line for each place in which two answers differ by more than the tolerance."""
-    if isinstance(frozen, dict) and isinstance(now, dict):
-        for key in sorted(frozen.keys() | now.keys()):
-            yield from differences(frozen.get(key), now.get(key), f"{where}/{key}")
-    elif isinstance(frozen, list) and isinstance(now, list) and len(frozen) == len(now):
-        for k, (a, b) in enumerate(zip(frozen, now)):
-            yield from differences(a, b, f"{where}[{k}]")
-    elif _number(frozen) and _number(now):
-        if abs(frozen - now) > TOLERANCE + 1e-9:
-            yield f"{where}: {frozen} is now {now}"
-    elif frozen != now:
-        yield f"{where}: {json.dumps(frozen)} is now {json.dumps(now)}"
+def without_times(answer: Any, seen: list[float]) -> Any:
+    """The answer with "#" for every number, which goes to `seen`."""
+    if isinstance(answer, dict):
+        return {key: without_times(value, seen) for key, value in answer.items()}
+    if isinstance(answer, list):
+        return [without_times(value, seen) for value in answer]
+    if not _number(answer):
+        return answer
+    seen.append(float(answer))
+    return "#"
 
 
 def _number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def read_answers(path: Path = ANSWERS) -> dict[str, Any]:
-    """The frozen document: commit, runs by name, logs left out and why."""
-    return json.loads(path.read_text("utf-8"))
-
-
-def write_answers(runs: dict[str, dict[str, Any]], path: Path = ANSWERS) -> None:
-    """One line for each answer, so that a change of it is a line of a diff."""
-    lines = ["{", f'"schema": "recal.motion_answers/1", "commit": "{commit()}",']
-    lines += [f'"left_out": {json.dumps(LEFT_OUT)},', '"runs": {']
-    blocks = []
-    for name, answers in runs.items():
-        rows = [f" {json.dumps(key)}: {_compact(answer)}" for key, answer in answers.items()]
-        blocks.append(f"{json.dumps(name)}: {{\n" + ",\n".join(rows) + "\n}")
-    path.write_text("\n".join(lines) + "\n" + ",\n".join(blocks) + "\n}}\n", "utf-8")
-
-
-def _compact(answer: Any) -> str:
-    return json.dumps(answer, separators=(",", ":"))
-
-
-def main(only: list[str]) -> None:
-    """Write the answers of today; a run whose log is not here keeps its own."""
-    runs = read_answers()["runs"]
-    for named in (*SIMULATED, *RECORDED):
-        if not missing(named) and (not only or named.name in only):
-            runs[named.name] = answers_of(named.make())
-    write_answers({named.name: runs[named.name] for named in (*SIMULATED, *RECORDED)})
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

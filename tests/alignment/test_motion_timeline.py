@@ -23,8 +23,8 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import gnss_evidence, steady_roll, watched_seconds, wheel_evidence
 from alignment.motion.stillness import Motion
 from alignment.motion.timeline import joined_kinds, phase_evidence, without_dead
-from ins.records import GnssLog, OdometerLog, Phase
-from tests.motion import runs
+from ins.records import GnssLog, ImuLog, OdometerLog, Phase
+from tests.frozen import motion_runs as runs
 from trajectories.simulator.vehicle import Gust
 
 T = np.arange(1.0, 201.0)
@@ -209,3 +209,17 @@ def test_rows_lost_on_the_way_are_no_repair_of_a_taxi():
     run = runs.simulated(13, runs.TAXI).run
     lost = runs.without_rows(run, 602.15, 602.85)
     assert repair(lost.imu, seconds_of(lost.imu), 0.0, lost.imu.end_s)[1] == ()
+
+
+@pytest.mark.parametrize("seconds", [1, 9, 15, 49])
+def test_less_than_a_minute_is_no_rest(seconds):
+    """However little there is to take a median of."""
+    rows = 10 * seconds
+    rest = np.tile([0.0, 0.0, -0.981], (rows, 1))
+    log = ImuLog(
+        time_s=0.1 * np.arange(1, rows + 1),
+        dt_s=np.full(rows, 0.1),
+        dtheta_rad=np.zeros((rows, 3)),
+        dv_m_s=rest,
+    )
+    assert first_rest(seconds_of(log)) is None

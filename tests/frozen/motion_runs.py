@@ -1,4 +1,4 @@
-"""The runs whose answers about rest and movement are kept in tests/motion/answers.json.
+"""The runs whose answers about rest and movement are frozen (`motion`).
 
 Forty-six simulated runs at 10 Hz, each with its own seed, and the recorded logs of ../shared/data.
 The simulated ones use the vehicle events, faults and thermal histories that the scenario studies
@@ -411,17 +411,17 @@ def mems_steady_roll() -> Case:
 
 
 SIMULATED = (
-    Named("quiet park", lambda: simulated(1, phases=True), quick=True),
+    Named("quiet park", lambda: simulated(1, phases=True)),
     Named("quiet park, half an hour", lambda: simulated(2, (Park(duration_s=1800.0),))),
-    Named("taxi with two stops", lambda: simulated(3, TAXI), quick=True),
+    Named("taxi with two stops", lambda: simulated(3, TAXI)),
     Named("taxi, all aids", all_aids),
     Named("bumps", bumped, quick=True),
     Named("loading", loaded, quick=True),
-    Named("gusts", gusty, quick=True),
+    Named("gusts", gusty),
     Named("sway and gusts", stormy),
     Named("sway of 20 mm/s", lambda: simulated(9, twin=swaying(0.02))),
     Named("doors and people", lambda: boarding(60.0, 45.0, 10)),
-    Named("boarding in the first 30 s", lambda: boarding(8.0, 130.0, 11), quick=True),
+    Named("boarding in the first 30 s", lambda: boarding(8.0, 130.0, 11)),
     Named("tug push", lambda: pushed(12, 0.0)),
     Named("tug push with a turn", lambda: pushed(16, 1.0), quick=True),
     Named("dropouts", dropped),
@@ -429,17 +429,17 @@ SIMULATED = (
     Named("shocks", shocked),
     Named("straight taxi", lambda: simulated(17, STRAIGHT)),
     Named("constant speed with odometer", steady_with_wheels),
-    Named("constant speed, inertial alone", lambda: simulated(19, STEADY), quick=True),
+    Named("constant speed, inertial alone", lambda: simulated(19, STEADY)),
     Named("dead wheel encoder", dead_wheels),
     Named("phases that are wrong", wrongly_named, quick=True),
-    Named("five stands", lambda: simulated(22, FIVE_STANDS, with_gnss=True), quick=True),
+    Named("five stands", lambda: simulated(22, FIVE_STANDS, with_gnss=True)),
     Named("two headings", lambda: simulated(23, TWO_HEADINGS)),
     Named("slow tow", lambda: simulated(24, SLOW_TOW), quick=True),
-    Named("turning on the spot", lambda: simulated(25, PIVOTS), quick=True),
+    Named("turning on the spot", lambda: simulated(25, PIVOTS)),
     Named("rolling from the first row", lambda: from_the_first_row(26, TAXI, 640.0)),
     Named("never at rest", lambda: from_the_first_row(27, NEVER_AT_REST, 38.0), quick=True),
     Named("four azimuths", lambda: azimuths(400.0, 60.0)),
-    Named("four azimuths, short and bumped", bumped_azimuths, quick=True),
+    Named("four azimuths, short and bumped", bumped_azimuths),
     Named("chamber ramps", lambda: ramps(30, SLOW_RAMPS)),
     Named("chamber ramps, bumped and tilted", ramps_with_events, quick=True),
     Named("chamber ramps on a turntable", lambda: ramps(32, FAST_RAMPS, ON_TURNTABLE)),

@@ -15,7 +15,7 @@ COVERAGE = 2.0  # U(k=2)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableKnown:
+class TableUncertainty:
     """U(k=2) [deg/h] of one gyro's table, RMS over the temperatures of the bias points [degC]."""
 
     U_before_k2_deg_h: float
@@ -24,7 +24,7 @@ class TableKnown:
     high_degC: float
 
 
-def table_known(document: UpdateDocument) -> dict[str, TableKnown]:
+def table_uncertainty(document: UpdateDocument) -> dict[str, TableUncertainty]:
     """Gyro by gyro, for those with bias points."""
     before = table_from_dict(document.table_before, name="table_before")
     after = table_from_dict(document.table_after or document.table_before, name="table_after")
@@ -33,7 +33,7 @@ def table_known(document: UpdateDocument) -> dict[str, TableKnown]:
         T = np.array([p.temperature_degC for p in document.points if p.axis == axis])
         if T.size == 0:
             continue
-        found[axis] = TableKnown(
+        found[axis] = TableUncertainty(
             U_before_k2_deg_h=_rms(COVERAGE * before.sigma_deg_h(axis, T)),
             U_after_k2_deg_h=_rms(COVERAGE * after.sigma_deg_h(axis, T)),
             low_degC=float(T.min()),
