@@ -24,10 +24,11 @@ GUIDES = (
     "store",
     "serve",
     "environments",
+    "claims",
 )
 TEXTS = {
     "evidence": ("Evidence", "What the program reaches, with intervals, and what it misses."),
-    "guides": ("Single parts", "Logs, noise models, flights, replay, MEMS units, store."),
+    "guides": ("Topics", "Logs, noise models, flights, replay, MEMS units, store."),
     "studies": ("Notes", "Other pages."),
 }
 
