@@ -429,7 +429,7 @@ def _sentence(
     if not causes:
         at = f", mostly in {where[0].channel}" if where else ""
         return f"A gap that no known effect explains{at}: it shows in {looks_like}."
-    aged = [c.target for c in causes if c.effect == TABLE_AGED]
+    aged = [_aged_by(c) for c in causes if c.effect == TABLE_AGED]
     head = AGED.format(targets=", ".join(sorted(aged))) if aged else ""
     said = " and ".join(_said(cause) for cause in causes if cause.effect != TABLE_AGED)
     something_left = verdict is GapVerdict.PARTLY_EXPLAINED and looks_like is not Looks.NOTHING
@@ -439,9 +439,18 @@ def _sentence(
     return f"{head} {HEADS[verdict]} {said}{tail}.".strip()
 
 
+def _aged_by(cause: Cause) -> str:
+    """A gyro whose table has aged, by how much, and what it cannot be told from."""
+    shift = cause.parameters["shift"]
+    return _or_rivals(f"{cause.target} by {shift.value:.2g} deg/h", cause)
+
+
 def _said(cause: Cause) -> str:
     """A cause, with what it cannot be told from."""
-    what = _called(cause)
+    return _or_rivals(_called(cause), cause)
+
+
+def _or_rivals(what: str, cause: Cause) -> str:
     if cause.resolved or not cause.rivals:
         return what
     others = {
