@@ -1,7 +1,6 @@
 """Fine alignment: the navigation-mode filter on the parked stretch, and what it is worth.
 
 Decision: docs/decisions/0013-latitude-alarm.md.
-Decision: docs/decisions/0069-raw-bias.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,13 +27,17 @@ from ins.records import ImuSource, Phase, Site, Span, TwinModel
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
-MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice (requirements.md section 1, R2): none above
+MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice (requirements.md, R2): none above
 # the angle random walk of a ring-laser unit (0.002 deg/sqrt(h)) leaves 1.5 mrad of heading over
 # it at 45 deg
 MIN_REST_S = 60.0
+# of the z axis off the vertical, either way: the parked filter holds the place along x and y, which
+# have to be near level. 30 deg: aligned to within its sigma at 45 deg
+MAX_TILT_RAD = 45.0 * DEG
 # of level Earth rate: gyros known worse than this find no heading; 0.3 is 17 deg, up to where the
 # filter is linear to 1.5 %
 LEVEL_SHARE = 0.3
+DOUBTFUL_SIGMAS = 2.0  # remarked: one of 20 sound runs is
 LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 # tried in turn where the residuals exceed the model
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)
@@ -114,6 +117,10 @@ def align(
         return _level_alone(log, twin, level_sigma, turns=turns, doubtful_deg_h=doubtful_deg_h)
     if rest[1] - rest[0] < MIN_REST_S - coarse.COARSE_BLOCK_S:
         return _refused(because(AlignmentReason.NEVER_RESTS))
+    tilt_rad = levelling.tilt_of_z(means)
+    if tilt_rad > MAX_TILT_RAD:
+        values = {"tilt_deg": tilt_rad / DEG, "limit_deg": MAX_TILT_RAD / DEG}
+        return _refused(because(AlignmentReason.ON_ITS_SIDE, **values))
     faults = read.faults
     if faults is None:
         imu, faults = imu_faults.repair(imu, seconds, rest[0], imu.end_s)
@@ -275,9 +282,22 @@ def _latitude_test(
         return _refused(reason) if wrong else result
     result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)
     if not wrong:
-        return result
+        apart = LATITUDE_SIGMAS * abs(found - site.lat_rad) / near
+        if apart < DOUBTFUL_SIGMAS:
+            return result
+        return replace(result, reasons=(*result.reasons, _doubtful(site, found, sigma, apart)))
     reasons = (*result.reasons, _wrong_latitude(site, found, sigma))
     return replace(result, verdict=AlignmentVerdict.INCONSISTENT, reasons=reasons)
+
+
+def _doubtful(site: Site, found_rad: float, sigma_rad: float, apart: float) -> Reason:
+    return because(
+        AlignmentReason.LATITUDE_DOUBTFUL,
+        entered_deg=site.lat_rad / DEG,
+        found_deg=found_rad / DEG,
+        sigma_deg=sigma_rad / DEG,
+        apart=apart,
+    )
 
 
 def _wrong_latitude(site: Site, found_rad: float, sigma_rad: float) -> Reason:

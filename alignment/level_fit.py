@@ -17,10 +17,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.mooring_motion import MooringMotion
 from alignment.motion.kinds import STILL
 from alignment.motion.level import ParkedLevel
 from alignment.navigation_filter import PARKED, ParkedConstraint, StepPlan
-from alignment.swing import Swing
 from ins.estimation import error_model as em
 from ins.estimation.choice import SURE_NATS, Level, climb, powers_of_two
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
@@ -37,11 +37,11 @@ ROLLING_WALK_M = 0.3
 # well; lightly damped (mooring lines), well damped (fenders, a soft quay).
 PERIODS_S, DAMPINGS = (30.0, 60.0, 120.0, 240.0), (0.15, 0.5)
 FIRST_SWING_M = 0.125
-FINER = (2.0**-0.5, 2.0**0.5)  # of period and damping, once the likeliest swing is known
-OF_SWING = 2  # numbers of a swing beside its RMS: period and damping
+FINER = (2.0**-0.5, 2.0**0.5)  # of period and damping, once the likeliest mooring is known
+OF_SWING = 2  # numbers of a mooring beside its RMS: period and damping
 # nats by which a place that swings must be likelier than one that walks off. Both are sketches of
 # what they stand for: straight rolls of 100 to 900 s gained up to 15, a moored ship 40 in ten
-# minutes and 300 in an hour (tests/alignment/test_swing.py)
+# minutes and 300 in an hour (tests/alignment/test_mooring_motion.py)
 COMES_BACK = 20.0
 # a moored ship: PIANC (1995) stops work at 1 m of surge
 LARGEST_PLACE_M = 1.0
@@ -87,7 +87,7 @@ class Scale(NamedTuple):
     yaw: float = 1.0
     yaw_walk: float = 0.0
     unit: float = 1.0
-    swing: Swing | None = None
+    mooring: MooringMotion | None = None
     swing_m: float = 0.0
     free: bool = False
 
@@ -175,7 +175,7 @@ class SearchInputs:
             place_walk_m=walk,
             yaw_walk_rad=turn,
             gate=gate,
-            swing=scale.swing,
+            mooring=scale.mooring,
             swing_m=scale.swing_m,
         )
 
@@ -204,6 +204,22 @@ def fit(
     return fitted
 
 
+def under_given(level: LevelFound, run: FilterRun, stretch: SearchInputs) -> LevelFit:
+    """The filter under a level that another stretch of the session showed, nothing searched for."""
+    parked = stretch.constraint(QUIET)
+    dt = stretch.time_s[stretch.plan.last] - stretch.time_s[stretch.plan.first]
+    tenth = np.sqrt(dt / 10.0)
+    held = replace(
+        parked,
+        displacement_sigma_m=np.full(dt.size, level.place_m),
+        yaw_jitter_rad=np.full(dt.size, level.yaw_rad),
+        place_walk_m=level.place_walk_m * tenth,
+        yaw_walk_rad=level.yaw_walk_rad * tenth,
+    )
+    scale = QUIET._replace(unit=level.unit_noise)
+    return LevelFit(run(held, level.unit_noise), held, scale)
+
+
 def found(fitted: LevelFit, run: FilterRun, stretch: SearchInputs) -> LevelFound:
     """The level that a filter ran under, in numbers."""
     calm = run(stretch.calm(), 1.0)
@@ -218,7 +234,7 @@ def found(fitted: LevelFit, run: FilterRun, stretch: SearchInputs) -> LevelFound
         yaw_walk_rad=_middle(parked.yaw_walk_rad, still),
         unit_noise=fitted.scale.unit,
         swing_m=parked.swing_m,
-        swing_s=None if parked.swing is None else parked.swing.period_s,
+        swing_s=None if parked.mooring is None else parked.mooring.period_s,
         sigma_cost=float(np.sqrt(flt.P[down, down] / calm.P[down, down])),
     )
 
@@ -245,7 +261,7 @@ class _Search:
         slower = _slower(ungated, _strayed(ungated, plan, parked))
         strayed = replace(slower, gate=GATE_SIGMA)
         # what was found to walk off under one noise of the unit may stand under another
-        rolls = self.rolls and scale.swing is None and scale.place_walk > 0.0
+        rolls = self.rolls and scale.mooring is None and scale.place_walk > 0.0
         return LevelFit(self._run(strayed, scale.unit), strayed, scale, rolls)
 
     def plausible(self) -> bool:
@@ -317,16 +333,16 @@ class _Search:
         names = ("swing_m", "place", "place_walk")
         stands = QUIET._replace(unit=walks.unit, yaw=walks.yaw, yaw_walk=walks.yaw_walk)
         swings = [
-            stands._replace(swing=Swing(period_s, damping), swing_m=FIRST_SWING_M)
+            stands._replace(mooring=MooringMotion(period_s, damping), swing_m=FIRST_SWING_M)
             for period_s in PERIODS_S
             for damping in DAMPINGS
         ]
         best = self._climb(max(swings, key=self._value), names)
         for name in ("period_s", "damping"):
             for factor in FINER:
-                assert best.swing is not None
-                finer = replace(best.swing, **{name: factor * getattr(best.swing, name)})
-                best = max(best, best._replace(swing=finer), key=self._value)
+                assert best.mooring is not None
+                finer = replace(best.mooring, **{name: factor * getattr(best.mooring, name)})
+                best = max(best, best._replace(mooring=finer), key=self._value)
         best = self._climb(best, names)
         if self._value(best) - _penalty(best) > self._value(walks) - _penalty(walks) + COMES_BACK:
             return best
@@ -387,7 +403,7 @@ def _moved(scale: Scale) -> tuple[str, ...]:
 
 def _penalty(scale: Scale) -> float:
     """What a level must gain beyond a quiet one [nats]: SURE_NATS for each number."""
-    return SURE_NATS * (len(_moved(scale)) + (0 if scale.swing is None else OF_SWING))
+    return SURE_NATS * (len(_moved(scale)) + (0 if scale.mooring is None else OF_SWING))
 
 
 def _middle(value: NDArray | float, still: NDArray) -> float:

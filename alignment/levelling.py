@@ -25,6 +25,12 @@ from ins.verdicts import Reason, because
 LEVEL_S = 30.0  # the end of the rest, over which the specific force is averaged
 
 
+def tilt_of_z(means: RestMeans) -> float:
+    """Angle [rad] between the z axis and the vertical, up or down."""
+    f_b = means.f_ib_b
+    return float(np.arccos(min(abs(f_b[2]) / np.linalg.norm(f_b), 1.0)))
+
+
 def turns(means: RestMeans) -> Reason | None:
     """What gyros that read far beyond Earth rate at rest may mean; None where they do not."""
     rate = float(np.linalg.norm(means.omega_ib_b))

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from alignment import level_fit
 from alignment.inertial_start import start_attitude
+from alignment.mooring_motion import MooringMotion
 from alignment.motion import imu_faults, level, stillness
+from alignment.motion.disturbed_epochs import DisturbedEpochs
 from alignment.motion.inertial import Where
 from alignment.motion.kinds import ROLLING
-from alignment.motion.shake import Shaking
 from alignment.navigation_filter import (
     Aid,
     FilterPass,
@@ -25,7 +26,6 @@ from alignment.navigation_filter import (
 )
 from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior, Solution
-from alignment.swing import Swing
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n_by_lat
 from ins.estimation import error_model as em
@@ -61,6 +61,7 @@ class Course:
     until_s: end of the filter; parked_only: it ends where the vehicle first rolls. clone_at_s: when
     the attitude error is kept for later. hold_heading: the parked vehicle keeps its heading.
     noise_scales: of the unit's own noise, tried in turn where the residuals exceed the model.
+    level: how the parked vehicle moves, where that is not to be searched for.
     """
 
     until_s: float = np.inf
@@ -69,6 +70,7 @@ class Course:
     hold_heading: bool = True
     noise_scales: tuple[float, ...] = (1.0,)
     vertical: VerticalChannel = PARKED_HEIGHT
+    level: level_fit.LevelFound | None = None
 
 
 TO_THE_END = Course()
@@ -107,13 +109,13 @@ class Start:
 
 @dataclass(frozen=True)
 class _Judged:
-    """What a pass made of the motion; shaking: what the rows showed; settled: the kinds are those
+    """What a pass made of the motion; disturbed: what the rows showed; settled: the kinds are those
     of the pass before.
     """
 
     motion: stillness.Motion
     level: level.ParkedLevel
-    shaking: Shaking | None
+    disturbed: DisturbedEpochs | None
     settled: bool
 
 
@@ -144,7 +146,10 @@ def solve(
         last, stretch = _laid_out(log, twin, prior, course, (history, judged), start)
         last = replace(last, further_sigma=further_sigma)
         run = _runner(last, sigma0 or {}, aids)
-        fitted = level_fit.fit(run, stretch, course.noise_scales, rough=number == 0, near=near)
+        if course.level is None:
+            fitted = level_fit.fit(run, stretch, course.noise_scales, rough=number == 0, near=near)
+        else:
+            fitted = level_fit.under_given(course.level, run, stretch)
         small = np.linalg.norm(fitted.filter.x[em.THETA_START]) < CONVERGED_RAD
         if final or (small and judged.settled):
             break
@@ -201,13 +206,13 @@ def latitude_covariance(history: NavHistory, edges_s: NDArray, sigma_lat_rad: fl
 def _judge(history: NavHistory, log: RestedLog, before: _Judged | None, number: int) -> _Judged:
     """When the vehicle stands, and how much it moves about its place."""
     # from the second pass on the solution is close enough to keep what the rows showed
-    known = before.shaking if before is not None and number > 1 else None
+    known = before.disturbed if before is not None and number > 1 else None
     seen = stillness.classify(history, log.phases, log.imu, log.faults, known)
     motion = level.standing(history, seen)
     if number == 0:  # what a first solution makes of rest is its own drift
         motion = level.believed(motion, log.rest[1])
     settled = before is not None and np.array_equal(before.motion.kind, motion.kind)
-    return _Judged(motion, level.parked_level(history, motion), seen.shaking, settled)
+    return _Judged(motion, level.parked_level(history, motion), seen.disturbed, settled)
 
 
 def _laid_out(
@@ -247,12 +252,12 @@ def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> 
     rolls = np.flatnonzero(last.plan.kind >= ROLLING)
     until = int(rolls[0]) if rolls.size else len(last.plan.kind)
     first = replace(last, plan=last.plan.until(until)) if until else last
-    laid: dict[tuple[bool, Swing | None], LaidDown] = {}
+    laid: dict[tuple[bool, MooringMotion | None], LaidDown] = {}
 
     def run(parked: ParkedConstraint, unit: float, *, first_stand: bool = False) -> ErrorFilter:
         part = first if first_stand else last
         held = parked.until(len(part.plan.kind))
-        key = (part is first, parked.swing)
+        key = (part is first, parked.mooring)
         if key not in laid:
             laid[key] = replace(part, parked=held).lay_down(aids)
         under = replace(part, parked=held, twin=scaled_noise(last.twin, unit))

@@ -8,7 +8,6 @@ odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid dow
 `Tape` first, with numpy over the whole run, and worked through in one go.
 
 Decision: docs/decisions/0007-parked-position.md.
-Decision: docs/decisions/0008-heading-prior-withdrawn.md.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,9 +17,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from alignment.mooring_motion import STATES, MooringMotion, lay
 from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL
 from alignment.motion.stillness import Motion
-from alignment.swing import STATES, Swing, lay
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, transport_by_speed
 from ins.errors.catalogue import prior
@@ -42,7 +41,7 @@ PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that
 LATERAL_TIME_S = prior("lateral_motion", "session").scale
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 # a sudden turn beyond this is a new parked heading: loading turns by up to 200 arcsec
-# (docs/rates_gate.md), 0.97 mrad
+# (docs/reliability.md), 0.97 mrad
 NEW_HEADING_RAD = 1e-3
 # wide beside a coarse heading, and at least 20 times what the gyro prior allows
 DIFFUSE_HEADING_RAD = 0.05
@@ -338,13 +337,13 @@ class ParkedConstraint:
     place_walk_m: NDArray | float = 0.0
     yaw_walk_rad: NDArray | float = 0.0
     gate: float = GATE_SIGMA
-    swing: Swing | None = None
+    mooring: MooringMotion | None = None
     swing_m: float = 0.0
 
     @property
     def swing_states(self) -> int:
         """How many states behind all others hold a place that swings; zero until it is laid."""
-        return STATES if self.swing is not None else 0
+        return STATES if self.mooring is not None else 0
 
     def until(self, count: int) -> "ParkedConstraint":
         """The same of the first steps."""
@@ -503,19 +502,19 @@ def hold_position(
             held.append(_held(tape, at, "place_walk_m"))
             tape.widen(at, index, walk[at])
     swung = None
-    if parked.swing is not None:
-        swung = lay(tape, parked.swing, still, (em.S.start, em.S.start + 1), beside)
+    if parked.mooring is not None:
+        swung = lay(tape, parked.mooring, still, (em.S.start, em.S.start + 1), beside)
         for part in swung.noise:
             rows_of = slice(part.first_row, part.first_row + part.steps.size)
             held.append(ConstrainedRows(rows_of, part.steps, "swing_m", share=part.share))
     moved = standstill.way_since_stop(views.displacement_b_m, still)
     rolled = np.cumsum(views.kind == ROLLING)[at] > 0
     for name, where in (("still", ~rolled), ("stop", rolled)):
-        swing: Sequence[Row] = ({}, {})
+        mooring: Sequence[Row] = ({}, {})
         if swung is not None:
-            swing = [swung.place(axis, at[where]) for axis in range(2)]
+            mooring = [swung.place(axis, at[where]) for axis in range(2)]
         held.append(_held(tape, at[where], "displacement_sigma_m", each=2))
-        measured = standstill.place(moved[where], variance[at[where]], swing)
+        measured = standstill.place(moved[where], variance[at[where]], mooring)
         tape.measure(name, at[where], *measured, gate=parked.gate)
     return tuple(part for part in held if part.steps.size)
 

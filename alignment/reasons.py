@@ -40,6 +40,12 @@ class AlignmentReason(ReasonCode):
         " rate: heading cannot be found at rest",
         "give a heading or turn the unit",
     )
+    ON_ITS_SIDE = (
+        "on_its_side",
+        "the unit stands with its z axis {tilt_deg:.0f} deg off the vertical: a heading is found"
+        " within {limit_deg:.0f} deg of it",
+        "stand it on its base or its head",
+    )
     TURNS = (
         "turns",
         "the gyros read {rate_deg_h:.4g} deg/h at rest, Earth rate is {earth_deg_h:.4g}: the"
@@ -91,6 +97,12 @@ class AlignmentReason(ReasonCode):
         "latitude_is_longitude",
         "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
         " deg, which is the longitude entered: the two are swapped",
+    )
+    LATITUDE_DOUBTFUL = (
+        "latitude_doubtful",
+        "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
+        " deg, {apart:.1f} sigma apart (one of 20 sound runs is 2 or more): a wrong position, a"
+        " gyro bias, or chance",
     )
     EXCESS_RESIDUALS = (
         "excess_residuals",

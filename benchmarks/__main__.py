@@ -1,11 +1,10 @@
 """Studies of the program, by name.
 
     python -m benchmarks list
-    python -m benchmarks run NAME [OPTIONS] [--kept FILE] [--jobs N] [--json] [--write PAGE]
+    python -m benchmarks run NAME [OPTIONS] [--kept FILE] [--jobs N] [--json] [--write]
 
 `run NAME --help` names the options of a study. --kept appends a line a task as it is done, so that
-what was stopped goes on; --write puts the tables between the marks of a page,
-`<!-- figures: NAME -->` and `<!-- end: NAME -->`.
+what was stopped goes on; --write puts the tables into benchmarks/results/NAME.json.
 """
 
 import argparse
@@ -18,10 +17,10 @@ import shlex
 import sys
 import typing
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from benchmarks import results
 from benchmarks.study import ROOT, Work, commit
 
 STUDIES = {
@@ -34,9 +33,11 @@ STUDIES = {
     "gap_study": "gap_study",
     "gates": "gate_rates",
     "misalignment": "misalignment_rates",
+    "outlook": "outlook",
     "peers": "peers",
     "pictures": "pictures",
     "real_drives": "real_drives",
+    "real_evidence": "real_evidence",
     "recalibration": "recalibration_study",
     "replay": "replay",
     "rests": "rests",
@@ -76,16 +77,6 @@ def add_options(parser: argparse.ArgumentParser, run: Callable[..., str]) -> Non
             parser.add_argument(flag, type=kind, default=default, help=f"default: {default}")
 
 
-def written(page: str, name: str, text: str) -> str:
-    """The page with the text between the marks of a study; ValueError where it has none."""
-    begin, end = f"<!-- figures: {name} -->\n", f"<!-- end: {name} -->"
-    before, found, rest = page.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not found or not closed:
-        raise ValueError(f"the page has no {begin.strip()} ... {end}")
-    return f"{before}{begin}{text.strip()}\n{end}{after}"
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """0; 1 where a task of the study failed."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
@@ -120,19 +111,18 @@ def run_study(name: str, arguments: list[str]) -> int:
     own.add_argument("--jobs", type=int, default=1, help="processes")
     own.add_argument("--until", default="", metavar="HH:MM", help="UTC: begin no task later")
     own.add_argument("--json", action="store_true", help="print records and text as JSON")
-    own.add_argument("--write", type=Path, metavar="PAGE", help="put the text into a page")
+    own.add_argument("--write", action="store_true", help="benchmarks/results/NAME.json")
     options = vars(parser.parse_args(arguments))
-    kept, jobs, until, as_json, page = (
+    kept, jobs, until, as_json, write = (
         options.pop(key) for key in ("kept", "jobs", "until", "json", "write")
     )
     for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(threads, "1")  # of the workers, which start afresh
     work = Work(kept, jobs, until)
     text = run(work, **options)
-    if page is not None:
+    if write:
         command = shlex.join(["python", "-m", "benchmarks", "run", name, *asked(run, options)])
-        head = f"`{command}` at {commit()}, {datetime.now(UTC):%Y-%m-%d}.\n\n"
-        page.write_text(written(page.read_text("utf-8"), name, head + text), "utf-8")
+        results.write(name, command, text)
     if as_json:
         document = {"study": name, "commit": commit(), "options": options}
         document |= {"records": work.records, "failed": work.failed, "text": text}

@@ -17,7 +17,7 @@ from benchmarks.accuracy_summary import BELOW, GOAL, WORDS, summarise
 from benchmarks.cramer_rao import Sights, Spread, bias_bound
 from benchmarks.navigation_response import navigation_response
 from benchmarks.study import Record, Work, table
-from infield.session.acceptance import judge_estimate
+from infield.session.acceptance import assess_estimate
 from infield.session.points import observability
 from infield.session.settings import SessionSettings
 from ins.records import Site, Survey, TwinModel
@@ -168,7 +168,7 @@ def _scores(outcome: Outcome, order: list[int], hold: bool) -> Record:
         "error_deg_h": outcome.error_deg_h[order].tolist(),
         "sigma_deg_h": outcome.sigma_deg_h[order].tolist(),
         "verdicts": [outcome.verdicts[k] for k in order],
-        "outcome": judge_estimate(outcome.estimate, seen).outcome,
+        "outcome": assess_estimate(outcome.estimate, seen).outcome,
         "nees": outcome.nees,
         "nis_mean": outcome.nis_mean,
         "dof": outcome.dof,

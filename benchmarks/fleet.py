@@ -23,10 +23,10 @@ from infield.learning.forecast import (
     state_of,
     works_at,
 )
-from infield.learning.kept import covering
 from infield.learning.learn import Learnt, learn
 from infield.learning.likelihood import FleetLikelihood
 from infield.learning.parameters import OF_POINTS, WIDTHS, PriorName, defaults_of, logs_of
+from infield.learning.stored_sessions import covering
 
 SESSIONS = 9
 MEAN_DRIFT = 60.0  # NM/h for each deg/h of a level gyro, over Schuler periods: physics.md 6.3

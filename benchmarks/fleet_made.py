@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from infield.learning.kept import KeptSession, KeptUnit
 from infield.learning.parameters import PriorName, defaults_of
+from infield.learning.stored_sessions import StoredSession, StoredUnit
 from infield.table.thermal_table import ThermalTable
 
 NODES = np.arange(-10.0, 51.0, 10.0)
@@ -99,7 +99,7 @@ def session(unit, year, name):
     R = np.kron(np.outer(east, east), np.full((BINS, BINS), HEADING_SIGMA**2))
     white = np.full(3, ARW**2) + [0.0, 0.0, (DECLARED_CREEP / 3600.0) ** 2]
     R += np.kron(np.diag(white * 3600.0 / BIN_S), np.eye(BINS))
-    seen = KeptSession(
+    seen = StoredSession(
         run_id=name,
         run_sha256=name,
         year=year,
@@ -134,7 +134,7 @@ def factory_table(serial):
 class MadeUnit:
     """A unit as a store would keep it, its truth, and which of its sessions are outliers."""
 
-    kept: KeptUnit
+    kept: StoredUnit
     true: TrueUnit
     outliers: list
 
@@ -150,7 +150,7 @@ def made_unit(rng, value, sessions, years, serial):
         seen.append(found)
         outliers.append(outlier)
         before = year
-    kept = KeptUnit(
+    kept = StoredUnit(
         imu_serial=serial,
         gyro_technology="rlg",
         gyro_mode="",

@@ -22,7 +22,8 @@ from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.twin_file import default_twin
-from recal.service.inputs.records import read_run, read_table
+from recal.service.inputs.records import read_table
+from recal.service.look.own_runs import read_run
 
 WITHIN_SIGMAS = 4.0  # of a committed node: beyond, it is confident and wrong
 SPANS = ("session", "parked", "flight")

@@ -18,6 +18,7 @@ from benchmarks.study import Record, Work, share, table
 from infield.table.file import table_from_dict
 from ins.records import Run, TwinModel
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
+from simreal.report.diagnosis_words import verdict_sentence
 
 RESOLUTION_DEGC = 0.01
 NOISES = (0.1, 0.2, 0.5, 0.7, 1.0, 2.0, 5.0, 10.0)  # in resolutions
@@ -72,7 +73,7 @@ def null(seed: int, minutes: float) -> Record:
         "alarm": found.verdict != "no_gap",
         "thermometer": left or any(c.target == "temperature" for c in found.causes),
         "p_value": found.gap.p_value,
-        "said": found.sentence,
+        "said": verdict_sentence(found),
     }
 
 

@@ -19,6 +19,7 @@ from ins.errors.catalogue import catalogue
 from simreal.evidence.whitened import CHANNELS, Evidence
 from simreal.inference.causes import Cause
 from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, DiagnosisSettings, diagnose
+from simreal.report.diagnosis_words import verdict_sentence
 
 # effects that show on odometer, side slip and GNSS: free functions of the motion compete with them
 MOTION = (
@@ -129,7 +130,7 @@ def said(found: Diagnosis) -> Record:
     """What a diagnosis says."""
     return {
         "verdict": found.verdict,
-        "sentence": found.sentence,
+        "sentence": verdict_sentence(found),
         "p_value": found.gap.p_value,
         "p_left": found.gap_after.p_value,
         "looks_like": found.unexplained.looks_like,

@@ -1,6 +1,6 @@
-"""Pictures of the report pages for docs/gallery.md, and of the review page for docs/serve.md.
+"""Pictures of the report pages for the guides, and of the review page for docs/serve.md.
 
-The commands that stand in the gallery are run and the top of each page is taken in Chromium. The
+The commands that make them are run and the top of each page is taken in Chromium. The
 review page shows a store of the demo unit (its update of the first session approved, that of the
 other two proposed) and of a few units of a fleet with default tables. Pictures are PNG with 128
 colours, each well below 200 kB.

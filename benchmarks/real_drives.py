@@ -1,7 +1,7 @@
 """Aided replay of public logs that nobody here recorded or tuned for: what starts, what it says of
 itself, and how far off it is where fixes are left out.
 
-Nothing of a log is part of the project. The page is docs/real_drives.md.
+Nothing of a log is part of the project. The page is docs/real_logs.md.
 """
 
 import subprocess

@@ -19,7 +19,7 @@ from ins.twin_file import default_twin
 from ins.units import DEG
 from ins.verdicts import sentences
 from tests.cut import cut_run
-from tests.motion.runs import DATA, RECORDED, Case
+from tests.frozen.motion_runs import DATA, RECORDED, Case
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park
 from trajectories.simulator.sensors import ideal_sensors

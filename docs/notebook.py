@@ -1,4 +1,4 @@
-"""Makes docs/tutorial.ipynb of docs/tutorial.md: the session of the tutorial, a step a cell, with
+"""Makes docs/tutorial.ipynb of the script in docs/python.md, a step a cell, with
 what each prints and draws.
 
 Example: python docs/notebook.py
@@ -98,7 +98,7 @@ def _lines(text: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    page = (HERE / "tutorial.md").read_text("utf-8")
+    page = (HERE / "python.md").read_text("utf-8")
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         made = notebook(page)

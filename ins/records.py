@@ -5,7 +5,7 @@ Times are seconds from the run's start; SI units and radians unless the name say
 Decision: docs/decisions/0005-imu-source.md.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timedelta
 from enum import IntEnum, StrEnum
@@ -56,7 +56,17 @@ class InputError(ValueError):
     """Bad input, said in one line (exit code 3).
 
     The line names file, row or key, what was got and what was needed.
+
+    Parameters
+    ----------
+    line : str
+    more : sequence of str
+        Lines that follow it on a terminal, such as what there is to choose from.
     """
+
+    def __init__(self, line: str = "", more: Sequence[str] = ()) -> None:
+        super().__init__(line)
+        self.more = tuple(more)
 
 
 def check_name(key: str, text: str) -> None:
@@ -684,6 +694,8 @@ class RunHeader:
         What the accelerometers' scales may be off by, where whoever made the log accepts that.
     accepted_constant_temperature : bool
         Thermometers that never change are accepted as such.
+    any_attitude : bool
+        The unit may stand in any attitude, also upside down.
 
     Raises
     ------
@@ -706,6 +718,7 @@ class RunHeader:
     level_removed: bool = False
     accepted_accel_scale: float = 0.0
     accepted_constant_temperature: bool = False
+    any_attitude: bool = False
 
     def __post_init__(self) -> None:
         if self.gyro_technology not in GYRO_TECHNOLOGIES:

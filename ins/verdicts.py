@@ -4,7 +4,7 @@ An estimator says why in codes with values, never in words; `sentence` fills the
 code carries, where the reason is shown. A result is a frozen dataclass; `ins.documents` turns it
 into JSON.
 
-Decision: docs/decisions/0092-reason-templates.md.
+Decision: docs/decisions/0091-one-codec.md.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from recal.service.check import check
     from recal.service.convert import convert
     from recal.service.diagnose import diagnose
-    from recal.service.inputs.records import read_run, read_table, read_twin
+    from recal.service.inputs.records import read_table, read_twin
     from recal.service.look.look import look
+    from recal.service.look.own_runs import Run, read_run
     from recal.service.misalignment import misalignment
     from recal.service.plan import PlanRequest, plan
     from recal.service.replay import replay
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "PlanRequest": "plan",
+    "Run": "look.own_runs",
     "align": "align",
     "check": "check",
     "convert": "convert",
@@ -42,7 +44,7 @@ _HOMES = {
     "misalignment": "misalignment",
     "open_store": "store",
     "plan": "plan",
-    "read_run": "inputs.records",
+    "read_run": "look.own_runs",
     "read_table": "inputs.records",
     "read_twin": "inputs.records",
     "replay": "replay",
@@ -52,6 +54,7 @@ _HOMES = {
 
 __all__ = [
     "PlanRequest",
+    "Run",
     "__version__",
     "align",
     "check",

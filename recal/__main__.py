@@ -1,7 +1,7 @@
 """`recal` and `python -m recal`: runs the command line, turns bad input into one line and exit code
 3.
 
-Decision: docs/decisions/0023-one-blas-thread.md.
+Decision: docs/decisions/0083-compiled-kernels.md.
 """
 
 import gc
@@ -54,7 +54,8 @@ def _run() -> int:
             line = f"{error.filename or 'standard output'}: {error.strerror}"
         elif not isinstance(error, InputError):
             raise
-        print(one_line(f"recal: {line}"), file=sys.stderr)
+        for said in (f"recal: {line}", *getattr(error, "more", ())):
+            print(one_line(said), file=sys.stderr)
         return 3
     return 0
 

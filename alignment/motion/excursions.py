@@ -9,8 +9,8 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.disturbed_epochs import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Disturbance
-from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 from ins.robust import white_sigma
 
 GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
@@ -20,10 +20,10 @@ LEAD_S, TAIL_S = 5.0, 5.0
 # centimetres, a moored ship surges by 1 m; at twice of it tests/alignment/test_stillness.py fails
 ROLLED_M = 2.0
 # net way after which the parked heading is a new one: people and gusts sway a vehicle by
-# centimetres, the shortest push of docs/rates_gate.md is 0.5 m (at twice of it
+# centimetres, the shortest push of docs/reliability.md is 0.5 m (at twice of it
 # tests/alignment/test_stillness.py fails)
 PUSHED_M = 0.3
-# a tug's push; what is farther, faster or longer is a taxi: pushes of docs/rates_gate.md go 0.5
+# a tug's push; what is farther, faster or longer is a taxi: pushes of docs/reliability.md go 0.5
 # to 10 m at 0.1 to 0.7 m/s; at half of way and speed, and at twice the way,
 # tests/alignment/test_stillness.py fails
 PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0
@@ -41,7 +41,8 @@ DRIFT_M_S2 = 5e-3
 DRIFT_EPOCHS = 10  # over which a slope is seen
 # gates off that line: one epoch beyond the gate at the end of quiet ones is 0.65 of it off theirs
 DRIFT_OFF = 0.5
-STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
+# baseline uncertainty after rolling: 0.25 mg of an accelerometer, turned with the body, in 100 s
+STOP_SPEED_M_S = 0.25
 STOP_DRIFT_M_S2 = 5e-4
 
 

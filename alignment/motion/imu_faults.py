@@ -7,7 +7,7 @@ straight lines through 20 s of the integrated rows on either side, and taken out
 the same lines laid across the quiet rest of the log. Only up to the first real motion: a taxi
 begins with a velocity that stays, and takes longer than a shock.
 
-Decision: docs/decisions/0012-parked-transients.md.
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.excursions import ROLLED_M
 from alignment.motion.kinds import Disturbance
-from alignment.motion.seconds import LogSeconds, QuietSeconds, judged
+from alignment.motion.seconds import LogSeconds, QuietSeconds, quiet_seconds
 from ins.records import ImuLog, ImuSource
 from ins.robust import robust_sigma, robust_sigmas, runs_of_true
 from ins.strapdown.compensation import corrected
@@ -96,7 +96,7 @@ def repair(
     log: its seconds, looked at from start_s, where the vehicle rests, to end_s. The log itself
     where nothing is found.
     """
-    seconds = judged(log.between(start_s, end_s))
+    seconds = quiet_seconds(log.between(start_s, end_s))
     quiet = _quiet_jumps(seconds) if seconds is not None else None
     if seconds is None or quiet is None:
         return imu, ()

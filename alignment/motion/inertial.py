@@ -15,7 +15,7 @@ from ins.robust import robust_sigmas, runs_of_true
 
 Where = tuple[float, float]
 
-REST_BLOCKS = 6  # of 10 s: less than a minute is no rest (tests/motion/test_short_stretch.py)
+REST_BLOCKS = 6  # of 10 s: less than a minute is no rest (tests/alignment/test_motion_timeline.py)
 # half a minute shows a level, which is all that gyros find which find no heading: scatter of the
 # blocks is judged on three (tests/alignment/test_gyrocompass.py)
 BRIEF_BLOCKS = 3

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.inertial import QUIET_S
 from alignment.motion.kinds import DISTURBED, STILL, Disturbance
-from alignment.motion.seconds import LogSeconds, QuietSeconds, judged
+from alignment.motion.seconds import LogSeconds, QuietSeconds, quiet_seconds
 from alignment.motion.stillness import Motion
 from ins.robust import robust_scatter
 
@@ -98,7 +98,7 @@ def _first_place(
     again (NaN: never).
     """
     part = log.between(start_s, end_s)
-    seconds = judged(part)
+    seconds = quiet_seconds(part)
     if seconds is None:
         return None, float("nan")
     sums, still = part.sums, ~seconds.touched

@@ -4,7 +4,7 @@ rest and motion.
 `read_seconds` goes over the rows; all that follows works on seconds. `judged` says which seconds of
 a stretch hold something beyond the stretch's own quiet level.
 
-Decision: docs/decisions/0054-log-by-seconds.md.
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 import weakref
@@ -279,7 +279,7 @@ class QuietSeconds:
         return np.asarray((sudden & self.channels).any(axis=1) | self.lost | self.stuck)
 
 
-def judged(part: LogSeconds) -> QuietSeconds | None:
+def quiet_seconds(part: LogSeconds) -> QuietSeconds | None:
     """A stretch against its own quiet level; None where it is shorter than a minute."""
     if part.end_s.size < SHORTEST_JUDGED:
         return None

@@ -4,7 +4,7 @@ A steady roll, a slow circle and a smooth hover look like rest to inertial senso
 rest to a receiver, a dead wheel encoder like parking: a vehicle stands where none that sees it says
 otherwise.
 
-Decision: docs/decisions/0055-one-rule-for-receivers.md.
+Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +23,8 @@ from ins.records import GnssLog, OdometerLog, Run
 from ins.robust import runs_of_true
 from ins.verdicts import Reason, because
 
-# of a receiver while the vehicle stands, or four of its sigmas (tests/motion/test_timeline.py has
-# 0.4 m/s at rest)
+# of a receiver while the vehicle stands, or four of its sigmas
+# (tests/alignment/test_motion_timeline.py has 0.4 m/s at rest)
 SLOW_M_S = 0.5
 LOOSE_M_S = 2.0  # a receiver that declares worse cannot say that the unit stands
 CREEP_M_S = 0.05  # mean velocity of a stretch that stands, beyond its noise
@@ -43,7 +43,7 @@ DEAD_M_S = 0.05
 GAP_ROWS, SHORTEST_GAP_S = 5.0, 2.0
 NAMES = {Witness.GNSS: "GNSS", Witness.WHEELS: "the odometer"}  # as reasons name them
 # for so long before two sensors are said to disagree: at half and at twice of it
-# tests/motion/test_timeline.py fails
+# tests/alignment/test_motion_timeline.py fails
 LASTING_S = 20.0
 
 SHORTEST_S = 5.0  # of a stand in a flight: with EDGE_S off at either end 13 s of rest

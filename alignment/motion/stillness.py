@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.disturbed_epochs import JOLT_RAD, DisturbedEpochs, find_disturbed_epochs
 from alignment.motion.excursions import (
     GUARD_S,
     LEAD_S,
@@ -32,7 +33,6 @@ from alignment.motion.kinds import (
     Witness,
     WitnessEvidence,
 )
-from alignment.motion.shake import JOLT_RAD, Shaking, find_shaking
 from ins.records import AIRBORNE_PHASES, ImuSource, NavHistory, Phase, Span
 from ins.robust import robust_sigma, runs_of_true
 
@@ -52,7 +52,7 @@ PIVOT_EDGE_SIGMAS = 5.0
 # jolt of a vehicle that was pushed: twice NEW_HEADING_RAD of the filter (1e-3), beyond what the
 # parked heading survives; tests/alignment/test_stillness.py asks for more than that
 NEW_PLACE_RAD = 2e-3
-ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
+ALIGNMENT_S = 600.0  # first alignment where the log does not say: 10 min of requirements.md
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Motion:
 
     sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an
     epoch is DISTURBED (a Cause); "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what
-    a repaired fault of the log may have left in the solution; None: no faults. shaking: what the
+    a repaired fault of the log may have left in the solution; None: no faults. disturbed: what the
     rows showed, None where they were not asked. turn_rad (k,): rotation about down in each epoch.
     evidence: what each witness said, where they were joined (`alignment.motion.timeline`).
     """
@@ -74,7 +74,7 @@ class Motion:
     cause: NDArray = field(default_factory=lambda: np.zeros(0, dtype=object))
     velocity_jump_m_s: NDArray | None = None
     turn_jump_rad: NDArray | None = None
-    shaking: Shaking | None = None
+    disturbed: DisturbedEpochs | None = None
     turn_rad: NDArray | None = None
     evidence: tuple[WitnessEvidence, ...] = ()
 
@@ -143,14 +143,14 @@ def classify(
     phases: tuple[Phase, ...] = (),
     imu: ImuSource | None = None,
     faults: Sequence[ImuFault] = (),
-    shaking: Shaking | None = None,
+    disturbed: DisturbedEpochs | None = None,
 ) -> Motion:
     """Motion of each epoch of a navigation solution at about 1 Hz.
 
     `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that
     says parked while the solution moves is not believed. `imu`: a log with the rows behind the
     history; without them bumps that are gone within an epoch, loading and gusts below the gate of
-    the velocity are not seen. `faults`: what `imu_faults.repair` found in it. `shaking`: of an
+    the velocity are not seen. `faults`: what `imu_faults.repair` found in it. `disturbed`: of an
     earlier pass over the same epochs, so that the rows need not be gone over again.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
@@ -174,14 +174,16 @@ def classify(
         last = min(at.stop, len(t)) - 1
         velocity_jump[last] = np.hypot(velocity_jump[last], fault.velocity_sigma_m_s)
         turn_jump[last] = np.hypot(turn_jump[last], fault.turn_sigma_rad)
-    if imu is not None and shaking is None:
-        shaking = find_shaking(imu, history, quiet=kind == STILL, parked=kind <= DISTURBED)
-    if shaking is not None:
+    if imu is not None and disturbed is None:
+        disturbed = find_disturbed_epochs(
+            imu, history, quiet=kind == STILL, parked=kind <= DISTURBED
+        )
+    if disturbed is not None:
         apart = ~near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
         for name, seen in (
-            (Disturbance.BUMP, shaking.bump),
-            (Disturbance.LOADING, shaking.loading),
-            (Disturbance.GUST, shaking.gust & ~shaking.bump),
+            (Disturbance.BUMP, disturbed.bump),
+            (Disturbance.LOADING, disturbed.loading),
+            (Disturbance.GUST, disturbed.gust & ~disturbed.bump),
         ):
             standing = seen & (kind <= DISTURBED)
             for a, b in runs_of_true(standing):
@@ -200,7 +202,7 @@ def classify(
         cause=cause,
         velocity_jump_m_s=velocity_jump if faults else None,
         turn_jump_rad=turn_jump if faults else None,
-        shaking=shaking,
+        disturbed=disturbed,
         turn_rad=turn_about_down(history),
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.parked_seconds import ParkedSeconds
-from alignment.motion.seconds import LogSeconds, judged
+from alignment.motion.seconds import LogSeconds, quiet_seconds
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, level_angles, wrap_pi
 from ins.noise import gyro_densities
 from ins.records import GyroNoise, ImuSource
@@ -90,7 +90,7 @@ def _lost(log: LogSeconds, start_s: float, end_s: float) -> float:
     """What dropouts of the log and a sensor at the end of its range may have lost of a turn, 1
     sigma [rad].
     """
-    seconds = judged(log.between(start_s, end_s))
+    seconds = quiet_seconds(log.between(start_s, end_s))
     if seconds is None:
         return 0.0
     return float(

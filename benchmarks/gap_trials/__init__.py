@@ -5,5 +5,5 @@ Nothing here reads or imports `simreal`: the effects are written from physics, a
 any catalogue. Read `trial` (draw_trial), then `runs` (plans, the base simulation), `effects` (what
 can be planted), `outside` (pyins).
 
-Decision: docs/decisions/0029-blind-trials.md.
+Decision: docs/decisions/0014-independent-bound.md.
 """

@@ -77,8 +77,8 @@ def _front_door() -> str:
         "# The front door: import recal",
         "",
         "A verb takes paths or records, one run or several, and gives a frozen result with"
-        " `verdict`, `reasons`, `to_json()`, `to_dict()` and `to_html(path)`. The tutorial shows"
-        " them together. Each entry ends with an example, and a test runs it.",
+        " `verdict`, `reasons`, `to_json()`, `to_dict()` and `to_html(path)`. The page on Python"
+        " shows them together. Each entry ends with an example, and a test runs it.",
         "",
     ]
     for name, path in sorted(front_door().items()):

@@ -15,7 +15,7 @@ from recal.cli.terminal.help import default_of, is_argument, panel_of, takes, te
 
 ROOT = Path(__file__).parents[2]
 # pages whose commands are run and compared (docs/examples/run.py), the plainest first
-SAMPLES = ("docs/guides/tour.md", "README.md", "docs/guides", "docs/examples")
+SAMPLES = ("docs/guides", "README.md", "docs", "docs/examples")
 SAMPLE_LINES = 12
 WORDS = {
     console.DONE_EXIT: "done",

@@ -5,7 +5,7 @@ Bold and bold italic letters are written as the letters that Unicode has for the
 longer read the mathvariant attribute. (docutils' own converter puts an accent over all that follows
 a braced letter, so it is not used.)
 
-Decision: docs/decisions/0048-mathml.md.
+Decision: docs/decisions/0088-plotly-draws.md.
 """
 
 import html

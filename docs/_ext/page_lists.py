@@ -1,4 +1,4 @@
-"""Lists of the pages that lie in docs/ itself: guides by name, all others are studies and notes;
+"""Lists of the pages that lie in docs/ itself: evidence and guides by name, all others are notes;
 none must be there.
 """
 
@@ -6,23 +6,29 @@ from pathlib import Path
 
 OF_INDEX = (  # named in index.md itself
     "index",
+    "python",
     "quickstart",
-    "tutorial",
     "concepts",
     "theory",
-    "which_command",
     "troubleshooting",
     "glossary",
-    "faq",
-    "figures_of_merit",
 )
-GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve", "environments")
+EVIDENCE = ("accuracy", "flights", "gap", "real_logs", "real_evidence", "reliability", "speed")
+GUIDES = (
+    "at_the_aircraft",
+    "log_formats",
+    "twin_fit",
+    "flight_update",
+    "replay",
+    "mems",
+    "store",
+    "serve",
+    "environments",
+)
 TEXTS = {
-    "guides": ("Formats, stores and services", "Pages of single parts of the program."),
-    "studies": (
-        "Studies and notes",
-        "What the program reaches, with the numbers, and what was found on the way.",
-    ),
+    "evidence": ("Evidence", "What the program reaches, with intervals, and what it misses."),
+    "guides": ("Single parts", "Logs, noise models, flights, replay, MEMS units, store."),
+    "studies": ("Notes", "Other pages."),
 }
 
 
@@ -30,8 +36,9 @@ def page_lists(docs: Path) -> dict[str, str]:
     """Markdown by page name; a list of no pages is left out."""
     there = sorted(p.stem for p in docs.glob("*.md") if p.stem not in OF_INDEX)
     lists = {
+        "evidence": [e for e in EVIDENCE if e in there],
         "guides": [g for g in GUIDES if g in there],
-        "studies": [p for p in there if p not in GUIDES],
+        "studies": [p for p in there if p not in (*GUIDES, *EVIDENCE)],
     }
     return {name: _list(*TEXTS[name], pages) for name, pages in lists.items() if pages}
 

@@ -23,13 +23,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
-PAGES = (
-    "README.md",
-    "docs/quickstart.md",
-    "docs/python.md",
-    "docs/guides/*.md",
-    "docs/examples/*.md",
-)
+PAGES = ("README.md", "docs/*.md", "docs/guides/*.md", "docs/examples/*.md")
 BLOCK = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 SESSION = re.compile(r"^```pycon\n(.*?)^```$", re.M | re.S)
 # what a session of Python prints, statement by statement

@@ -9,7 +9,7 @@ off by more than the slow errors of a receiver can make it, ARM_FLOOR of a fix's
 taken enters the last flight as a considered parameter: its sigma widens the solution's and is not
 made smaller by the fixes that it was found from.
 
-Decision: docs/decisions/0039-antenna-considered.md.
+Decision: docs/decisions/0037-receiver-errors-and-noise.md.
 """
 
 from dataclasses import dataclass, replace

@@ -8,7 +8,7 @@ s). It says next to nothing of a vehicle that cruises (tau is long), or to senso
 less, and bounds a solution that would run away at several times the speed that the log has ever
 shown.
 
-Decision: docs/decisions/0080-outages.md.
+Decision: docs/decisions/0063-leaps.md.
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ from ins.records import InputError
 WITHOUT_S = 3.0
 USUAL_EVERY_S = 1.0  # chosen: as wheels are asked; times of 5 s and longer need no more
 # chosen: under way, for a vehicle that stood says nothing; 20 s are 4 of SHORTEST_USUAL_S. With 10
-# a copter's 3rd log (docs/real_drives.md) is off by 2.3 sigmas instead of 0.2
+# a copter's 3rd log (docs/real_logs.md) is off by 2.3 sigmas instead of 0.2
 FEWEST_SECONDS = 20
 MANY_SECONDS = 60.0  # chosen: speeds are taken larger by it over those seen, as few show little
 UNDER_WAY_M_S = 0.5  # 5 sigmas of a receiver of 0.1 m/s

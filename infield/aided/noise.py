@@ -10,7 +10,6 @@ any case, one for each of two types of fixes. NIS is then near one by constructi
 any more; the document says so and keeps the first.
 
 Decision: docs/decisions/0037-receiver-errors-and-noise.md.
-Decision: docs/decisions/0062-two-noise-factors.md.
 """
 
 from collections.abc import Mapping

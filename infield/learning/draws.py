@@ -20,14 +20,22 @@ LogDensity = Callable[[NDArray], NDArray]
 # of the first draws: from the curvature, and along the ridge of each parameter
 FIRST_DRAWS, RIDGE_DRAWS = 150, 30
 TAIL_FREEDOM = 5.0  # degrees of freedom of the first draws: 5 have heavier tails than a normal one
-ROUND_DRAWS = 150  # asked in a round
-UNUSED_ROUNDS, MOST_ROUNDS = 1, 8  # the first of 8 only mends the fit
-ENOUGH_EFFECTIVE = 160.0  # equal draws: four beyond each end of a 95 % interval
+ROUND_DRAWS = 150  # asked in a round that mends the fit
+UNUSED_ROUNDS, MOST_ROUNDS = 1, 8  # the first of 8 is not counted
+GOOD_ROUND = 0.4  # effective draws of those asked: from here on the fit is good enough
+FINAL_DRAWS, MOST_FINAL = 600, 2  # asked in a round on the last fit, and so many rounds
+# equal draws: four beyond each end of a 95 % interval, and so many that a median is known to
+# MEDIAN_SIGMA, of which a normal distribution has 1.25 sigma / sqrt(draws)
+LEAST_EFFECTIVE, MEDIAN_SIGMA, OF_MEDIAN = 160.0, 0.04, 1.2533
 # what the walkers sample is the fit times this: tails a tenth wider than the posterior's, so that
 # no weight grows large where the fit is low
 FLATTENED = 0.8
-# as many as a round asks; 150 steps of 0.3 are ten times what a normal distribution needs
-WALKERS, WALKER_STEPS = 150, 150
+WALKER_STEPS = 150  # of 0.3: ten times what a normal distribution needs
+FINAL_STEPS = 60  # four times that
+# of a logarithm: walkers stand on this grid, for a step doubles their rounding errors and 45 of 150
+# steps are taken, so that 1e-16 of one machine would be another sample
+GRID = 2.0**-10
+DENSITY_DIGITS = 6  # of a log density, likewise: a millionth of a weight
 # from this far below the largest log posterior on (the 99.99 % quantile of chi-square with 8
 # degrees of freedom, halved) a value need not be fitted closely
 DEEP = 16.0
@@ -59,6 +67,13 @@ class Draws:
         """As many equal draws would say as much."""
         return _effective(self.weight)
 
+    @property
+    def are_enough(self) -> bool:
+        """Whether the interval's ends and every median are known as well as is asked."""
+        widest = max(self.sigma(k) for k in range(self.theta.shape[1]))
+        needed = (OF_MEDIAN * widest / MEDIAN_SIGMA) ** 2
+        return self.effective >= max(LEAST_EFFECTIVE, needed)
+
     def quantiles(self, k: int, levels: tuple[float, ...]) -> NDArray:
         """Of a parameter."""
         order = np.argsort(self.theta[:, k])
@@ -81,19 +96,36 @@ def draw(
     """Draws of a density whose largest value is about `centre` (p,), with the covariance (p, p) of
     its curvature there; widths (p,): of the prior, how far a tail can go.
     """
-    theta = _first(centre, covariance, widths, rng)
-    value = log_density(theta)
+    theta = _on_grid(_first(centre, covariance, widths, rng))
+    value = _rounded(log_density(theta))
     held: list[tuple[NDArray, NDArray]] = []
     for number in range(MOST_ROUNDS):
         fit = _Fit(theta, value)
-        more = fit.walked(rng)
-        exact = log_density(more)
-        if number >= UNUSED_ROUNDS:
-            held.append((more, _weights(exact - FLATTENED * fit(more))))
+        more = fit.walked(rng, ROUND_DRAWS, WALKER_STEPS)
+        exact = _rounded(log_density(more))
+        weight = _weights(exact - FLATTENED * fit(more))
         theta, value = np.concatenate([theta, more]), np.concatenate([value, exact])
-        if sum(_effective(weight) for _, weight in held) >= ENOUGH_EFFECTIVE:
+        if number >= UNUSED_ROUNDS:
+            held.append((more, weight))
+            if _effective(weight) >= GOOD_ROUND * ROUND_DRAWS:
+                break
+    fit, found = _Fit(theta, value), _joined(held, len(value))
+    for _ in range(MOST_FINAL):
+        if found.are_enough:
             break
-    return _joined(held, len(value))
+        more = fit.walked(rng, FINAL_DRAWS, FINAL_STEPS)
+        exact = _rounded(log_density(more))
+        held.append((more, _weights(exact - FLATTENED * fit(more))))
+        found = _joined(held, found.asked + FINAL_DRAWS)
+    return found
+
+
+def _on_grid(theta: NDArray) -> NDArray:
+    return np.asarray(np.round(theta / GRID) * GRID)
+
+
+def _rounded(log_density: NDArray) -> NDArray:
+    return np.asarray(np.round(log_density, DENSITY_DIGITS))
 
 
 def _effective(weight: NDArray) -> float:
@@ -162,22 +194,22 @@ class _Fit:
         K = self._kernel(z, self._length, self._size)
         return np.asarray(self._top - self._bowl * np.sum(z**2, axis=1) - K @ self._alpha)
 
-    def walked(self, rng: np.random.Generator) -> NDArray:
-        """Where the walkers end that sample the flattened fit, (ROUND_DRAWS, p)."""
+    def walked(self, rng: np.random.Generator, walkers: int, steps: int) -> NDArray:
+        """Where walkers end that sample the flattened fit, (walkers, p)."""
         p = self._theta.shape[1]
-        x = self._theta[rng.choice(len(self._theta), WALKERS, p=self._weight_of)].copy()
+        x = self._theta[rng.choice(len(self._theta), walkers, p=self._weight_of)].copy()
         at = FLATTENED * self(x)
-        for step in range(WALKER_STEPS):
-            pairs = rng.integers(1, WALKERS, (2, WALKERS))
-            own = np.arange(WALKERS)
-            a, b = ((own + shift) % WALKERS for shift in pairs)
+        for step in range(steps):
+            pairs = rng.integers(1, walkers, (2, walkers))
+            own = np.arange(walkers)
+            a, b = ((own + shift) % walkers for shift in pairs)
             far = 1.0 if step % 10 == 0 else 2.38 / np.sqrt(2.0 * p) * rng.choice([0.5, 1.0])
             small = 0.05 * rng.standard_normal(x.shape) @ self._root.T
-            tried = x + far * (x[a] - x[b]) + small
+            tried = _on_grid(x + far * (x[a] - x[b]) + small)
             there = FLATTENED * self(tried)
-            taken = np.log(rng.random(WALKERS)) < there - at
+            taken = np.log(rng.random(walkers)) < there - at
             x[taken], at[taken] = tried[taken], there[taken]
-        return x[:ROUND_DRAWS]
+        return x
 
     def _whitened(self, theta: NDArray) -> NDArray:
         return np.linalg.solve(self._root, (theta - self._mean).T).T

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.learning.kept import KeptSession, KeptUnit, covering, curve_rows
 from infield.learning.learn import TWO_SIDED_95, Learnt, Parameters
 from infield.learning.parameters import PriorName
+from infield.learning.stored_sessions import StoredSession, StoredUnit, covering, curve_rows
 from infield.table.merge import session_covariance
 from infield.table.prior import smooth_kernel
 from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable
@@ -91,7 +91,7 @@ class UnitState:
         rows[:, start : start + sizes[axis]] = curve_rows(self.first, axis, temperature_degC)
         return rows
 
-    def with_session(self, session: KeptSession, value: Parameters, year: float) -> "UnitState":
+    def with_session(self, session: StoredSession, value: Parameters, year: float) -> "UnitState":
         """After one more session like this one, merged at `year` into the table in use: what is
         expected of the error is taken out, its covariance shrinks.
         """
@@ -138,7 +138,9 @@ class UnitState:
         )
 
 
-def state_of(unit: KeptUnit, mean: NDArray, covariance: NDArray, active: ThermalTable) -> UnitState:
+def state_of(
+    unit: StoredUnit, mean: NDArray, covariance: NDArray, active: ThermalTable
+) -> UnitState:
     """From a row of `Evidence`: the unit's nodes stand first there."""
     first = covering(unit)
     n = sum(t.size for t in first.temperature_degC)
@@ -146,7 +148,7 @@ def state_of(unit: KeptUnit, mean: NDArray, covariance: NDArray, active: Thermal
     return UnitState(first, mean[:n], covariance[:n, :n], active, year)
 
 
-def works_at(unit: KeptUnit) -> tuple[NDArray, NDArray]:
+def works_at(unit: StoredUnit) -> tuple[NDArray, NDArray]:
     """Temperatures of gyros x and y where the unit works: quantiles of what its sessions saw."""
     levels = (np.arange(TEMPERATURES) + 0.5) / TEMPERATURES
     found = []

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from infield.learning.draws import Draws, draw
 from infield.learning.hierarchy import Information, Normal, said_by, solve
-from infield.learning.kept import KeptUnit
 from infield.learning.likelihood import FleetEvidence, FleetLikelihood
 from infield.learning.parameters import (
     OF_POINTS,
@@ -23,6 +22,7 @@ from infield.learning.parameters import (
     hyperprior_of,
     logs_of,
 )
+from infield.learning.stored_sessions import StoredUnit
 
 STEP = 0.1  # of a logarithm, for differences: a tenth of what forty sessions can tell
 LARGEST_MOVE = 1.0  # of a logarithm in one iteration: a factor e
@@ -91,7 +91,7 @@ class LearntFleet:
     """
 
     technology: str
-    units: tuple[KeptUnit, ...]
+    units: tuple[StoredUnit, ...]
     parameters: Parameters
     types: Mapping[str, Parameters]
     of_units: Sequence[Parameters]
@@ -107,7 +107,7 @@ class LearntFleet:
         return sum(len(unit.sessions) for unit in self.units)
 
 
-def learn(units: Sequence[KeptUnit], *, seed: int = 0) -> LearntFleet:
+def learn(units: Sequence[StoredUnit], *, seed: int = 0) -> LearntFleet:
     """Parameters of the technology of some units, which must be one and the same."""
     (technology,) = {unit.gyro_technology for unit in units}
     likelihood, prior = FleetLikelihood(units), hyperprior_of(technology)
@@ -320,7 +320,7 @@ def _learnt(marginals: Sequence[_Marginal], prior: HyperPrior, n: int) -> dict[P
     }
 
 
-def _crab(units: Sequence[KeptUnit], technology: str) -> Learnt | None:
+def _crab(units: Sequence[StoredUnit], technology: str) -> Learnt | None:
     """Sigma of the crab over sessions, from what each taxi measured of it; None where none did."""
     seen = [s.crab_mrad for unit in units for s in unit.sessions if s.crab_mrad is not None]
     if not seen:

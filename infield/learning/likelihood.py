@@ -11,7 +11,7 @@ random amount. Which sessions are is summed over the histories that are likely; 
 its own, because an early outlier is often found by later sessions only. Units: deg/h, years.
 Source: physics.md 6.8.
 
-Decision: docs/decisions/0072-fleet-outliers.md.
+Decision: docs/decisions/0067-drawn-posterior.md.
 """
 
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.learning.kept import KeptSession, KeptUnit, covering, curve_rows
 from infield.learning.parameters import OF_POINTS, OUTLIER_SIZE, PriorName, defaults_of, logs_of
+from infield.learning.stored_sessions import StoredSession, StoredUnit, covering, curve_rows
 from infield.table.merge import bin_edges
 from infield.table.thermal_table import ThermalTable
 from ins.errors.table import DEFAULT_SIGMA_deg_h
@@ -159,7 +159,7 @@ class FleetLikelihood:
     Units must have tables of node values (`linear`); of `hermite` ones the values alone age here.
     """
 
-    def __init__(self, units: Sequence[KeptUnit]) -> None:
+    def __init__(self, units: Sequence[StoredUnit]) -> None:
         self.units = tuple(units)
         self.tables = tuple(covering(unit) for unit in units)
         technology = units[0].gyro_technology
@@ -352,13 +352,13 @@ def _laid_nodes(tables: Sequence[ThermalTable], n: int) -> _Nodes:
 
 
 def _laid_sessions(
-    units: Sequence[KeptUnit], tables: Sequence[ThermalTable], n: int
+    units: Sequence[StoredUnit], tables: Sequence[ThermalTable], n: int
 ) -> list[_Session]:
     most = max((len(unit.sessions) for unit in units), default=0)
     return [_laid_session(units, tables, k, n) for k in range(most)]
 
 
-def _against(session: KeptSession, table: ThermalTable, n: int) -> tuple[NDArray, NDArray]:
+def _against(session: StoredSession, table: ThermalTable, n: int) -> tuple[NDArray, NDArray]:
     """What a session measured of the departure from the first table: rows (m, n) of the values of
     x, y, z in turn, padded, and the points less the table (m,).
     """
@@ -373,7 +373,7 @@ def _against(session: KeptSession, table: ThermalTable, n: int) -> tuple[NDArray
 
 
 def _laid_session(
-    units: Sequence[KeptUnit], tables: Sequence[ThermalTable], k: int, n: int
+    units: Sequence[StoredUnit], tables: Sequence[ThermalTable], k: int, n: int
 ) -> _Session:
     """The k-th session of every unit; a unit that has none gets points that say nothing."""
     count = len(units)

@@ -73,7 +73,7 @@ def predict_parked(
     set to zero, true to the sway).
     """
     start_s, count = alignment[1], len(edges_s) - 1
-    response = _at_alignment(edges_s, site, C_nb, alignment)
+    response = aligned_errors(edges_s, site, C_nb, alignment)
     P = np.zeros((em.BASE, em.BASE))
     level_rate = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
     arw = gyro_densities(twin.gyro).white
@@ -85,7 +85,7 @@ def predict_parked(
     times = np.append(np.arange(start_s, end_s - 1e-3, PREDICTION_STEP_S), end_s)
     variance = np.zeros((times.size, 2))  # of speed and position, both axes
     for k in range(1, times.size):
-        Phi, Gamma, Q = _parked_step(site, C_nb, twin, float(times[k] - times[k - 1]))
+        Phi, Gamma, Q = parked_step(site, C_nb, twin, float(times[k] - times[k - 1]))
         response, P = Phi @ response, Phi @ P @ Phi.T + Q
         j = int(
             np.clip(np.searchsorted(edges_s, 0.5 * (times[k] + times[k - 1])) - 1, 0, count - 1)
@@ -111,7 +111,7 @@ def level_shares(edges_s: NDArray, C_nb: NDArray, span: tuple[float, float]) -> 
     return np.kron(share / share.sum(), C_nb[:2])
 
 
-def _at_alignment(
+def aligned_errors(
     edges_s: NDArray, site: Site, C_nb: NDArray, alignment: tuple[float, float]
 ) -> NDArray:
     """Errors (42, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of
@@ -130,7 +130,7 @@ def _at_alignment(
     return X
 
 
-def _parked_step(
+def parked_step(
     site: Site, C_nb: NDArray, twin: TwinModel, dt_s: float
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Phi, Gamma, Q of a parked step (ins.estimation.error_model)."""

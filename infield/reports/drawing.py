@@ -5,8 +5,6 @@ fetches nothing); `result.plot()` hands the same specification to plotly's Pytho
 Texts are escaped: plotly would obey tags in them.
 
 Decision: docs/decisions/0088-plotly-draws.md.
-Decision: docs/decisions/0052-zoom.md.
-Decision: docs/decisions/0074-charts-as-svg.md.
 """
 
 import json

@@ -28,10 +28,10 @@ from infield.reports.documents.update_records import (
 )
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
-from infield.reports.table_known import TableKnown, table_known
+from infield.reports.table_uncertainty import TableUncertainty, table_uncertainty
 from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource, VarianceSource
-from infield.table.file import table_from_dict
+from infield.table.file import export_command, table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import TWIN_SECTIONS
@@ -95,7 +95,7 @@ class AxisView:
     look: str
     help: str
     largest: ChangeDocument | None
-    table: TableKnown | None
+    table: TableUncertainty | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +175,7 @@ def update_html(document: UpdateDocument) -> str:
     """
     before = _table(document.table_before, "table_before")
     after = _table(document.table_after, "table_after")
-    known = table_known(document) if document.table_before else {}
+    known = table_uncertainty(document) if document.table_before else {}
     sessions = [_session(document, k) for k in range(len(document.sessions))]
     estimated = estimated_of(document)
     return render_page(
@@ -265,7 +265,7 @@ def _next_step(document: UpdateDocument) -> tuple[str, str]:
     commands = _commands(document)
     match document.verdict:
         case Outcome.COMMITTED:
-            return "Next, look at what is in use now:", commands.history
+            return "Next, write it to a file for the unit:", commands.export
         case Outcome.PROPOSED if document.proposal is not None:
             return "Next, where this page convinces you:", commands.approve
         case Outcome.PROPOSED:
@@ -293,8 +293,8 @@ def _statement_of_change(document: UpdateDocument) -> Statement:
     return Statement(
         why=f"{passed} and changed the table.{limits}",
         use=(
-            f"In use: the new table is stored{revision}. The command that takes it back ends this"
-            " page."
+            f"The new table is stored{revision}; it counts once the unit has loaded it. The command"
+            " that takes it back ends this page."
         ),
     )
 
@@ -312,7 +312,7 @@ def _use_of_proposal(document: UpdateDocument) -> str:
     )
 
 
-def _axis(document: UpdateDocument, axis: str, known: Mapping[str, TableKnown]) -> AxisView:
+def _axis(document: UpdateDocument, axis: str, known: Mapping[str, TableUncertainty]) -> AxisView:
     seen = document.observability.get(axis)
     word, look = "not estimated", "none"
     if seen is not None:
@@ -489,7 +489,7 @@ def _commands(document: UpdateDocument) -> Commands:
         history=f"recal table list{store}{serial}",
         approve=f"recal table approve {document.proposal}{store}{serial} --reason WHY",
         reproduce=f"recal update {runs}{store}{model}{commit}",
-        export=f"recal table export{store}{serial} -o table.json",
+        export=export_command(document.store, document.imu_serial),
         diagnose=f"recal diagnose {runs} --twin twin.json",
         look="recal look RUN",
     )

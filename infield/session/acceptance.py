@@ -1,7 +1,6 @@
 """Gates: may a session change the table? A verdict with reasons, never a bare yes or no.
 
-Decision: docs/decisions/0019-nis-below-band.md.
-Decision: docs/decisions/0065-gate-per-source.md.
+Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 
 from collections import Counter
@@ -25,7 +24,7 @@ from ins.verdicts import Observability, Outcome, Reason, because
 # has 0.01
 MIN_MERGED_REST_S = 300.0
 # of all measurements, and of each source beside the unit: a reversed wheel loses 98 % of its own
-# ways, 17 % of all (docs/decisions/0065-gate-per-source.md)
+# ways, 17 % of all (docs/decisions/0016-contradicting-sessions.md)
 MAX_REJECTED_SHARE = 0.25
 SOURCES_BESIDE_UNIT = ("lateral", "odometer", "gnss", "centre line")
 # A stop after the first roll is judged by itself too: with a latitude entered 1 deg wrong and a
@@ -55,7 +54,7 @@ def contradict(*reasons: Reason) -> Verdict:
     return Verdict(Outcome.INCONSISTENT, reasons)
 
 
-def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:
+def assess_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:
     """Is the session sound and does it say anything?"""
     if estimate.parked is not None:
         return _judge_parked(estimate, seen)
@@ -161,7 +160,7 @@ def _judge_gain(seen: tuple[AxisObservability, ...]) -> Verdict:
     return Verdict(Outcome.ACCEPTED)
 
 
-def judge_merge(
+def assess_merge(
     merged: MergeResult,
     estimate: SessionEstimate | None = None,
     suspected: Sequence[Suspicion] = (),

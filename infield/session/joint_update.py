@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.acceptance import judge_merge
+from infield.session.acceptance import assess_merge
 from infield.session.bins import rebinned
 from infield.session.disagreement import BiasStep, utc, widened_for
-from infield.session.flown.worth import FlightTerm
+from infield.session.flown.information_gain import FlightTerm
 from infield.session.hysteresis import (
     FOUND_SIGMAS,
     VAGUE_TERM,
@@ -217,7 +217,7 @@ def _merged_again(
         estimate = session.estimate
         assert estimate is not None
         suspected = suspicions(estimate, SessionInformation(C, m1 - m0, P1))
-        verdict = judge_merge(merged, estimate, suspected)
+        verdict = assess_merge(merged, estimate, suspected)
         again.append(replace(session, merged=merged, verdict=verdict))
         current = merged.table
     fitted = [term.action is ThermalAction.RATE_TERM_FITTED for term in terms]

@@ -13,9 +13,9 @@ from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.evidence import fly, fly_in_motion
-from infield.session.flown.known import KnownRun
+from infield.session.flown.information_gain import FlightEvidence
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.without_heading import fly_never_at_rest
-from infield.session.flown.worth import FlightEvidence
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
@@ -23,7 +23,7 @@ from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_cla
 from infield.session.navigated.estimator import AlignmentRefused, estimate_session
 from infield.session.navigated.own_errors import not_estimated
 from infield.session.parked.rates import estimate_parked, no_heading
-from infield.session.parked.stretches import Rests, find_rests
+from infield.session.parked.stretches import StationarySegments, stationary_segments
 from infield.session.points import observability, session_points, unseen_axes
 from infield.session.reasons import OwnErrorState, SessionReason
 from infield.session.results import SessionResult
@@ -35,7 +35,7 @@ from infield.session.wrong_facts import (
     widened_by,
     widened_for_own_errors,
     widened_for_place,
-    with_doubt,
+    with_suspicions,
 )
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
@@ -94,15 +94,17 @@ def take_run(
         temperature.temperature_degC.max(axis=0).max(),
     )
     table, end_s = table.extended_to(float(low), float(high)), session_end(run)
-    begun = _begun(KnownRun(run, table, temperature, twin, settings))
+    begun = _begun(RunInputs(run, table, temperature, twin, settings))
     if isinstance(begun.estimate, Verdict):
         return SessionResult(run, begun.estimate, temperature, flight=begun.flight)
     estimate, flight = begun.estimate, begun.flight
-    chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    chain = None
+    if settings.claim_chain:
+        chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     marks = unit_marks(run, twin, estimate)
     alike = likeness(marks, on_record.marks) if settings.check_unit else None
     if flight is None:
-        flight = fly(KnownRun(run, table, temperature, twin, settings), estimate)
+        flight = fly(RunInputs(run, table, temperature, twin, settings), estimate)
     joined = None if flight is None else flight.joined
     estimate = joined or estimate
     if estimate.own is None:
@@ -116,7 +118,7 @@ def take_run(
     )
     points = session_points(run, estimate)
     against = speed_disagreement(run, estimate.motion)
-    verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
+    verdict = acceptance.refuse(*against) if against else acceptance.assess_estimate(estimate, seen)
     off = force_off_gravity(run, twin, estimate)
     declared = doubtful_compensation(estimate, on_record.stored, on_record.applied)
     against_it = [
@@ -144,16 +146,16 @@ def take_run(
         return replace(told, verdict=acceptance.with_likeness(verdict, suspicions(estimate)))
     held = unseen_axes(seen)
     merged = estimate.merged_into(table, held)
-    verdict = acceptance.judge_merge(merged, estimate, suspicions(estimate))
+    verdict = acceptance.assess_merge(merged, estimate, suspicions(estimate))
     if not verdict.accepted:
         return replace(told, verdict=verdict, merged=merged)
     wider = estimate if declared is None else widened_by(estimate, declared.pattern)
     wider = widened_for_place(wider, run.header.site, on_record.of_place)
     wider = widened_for_own_errors(wider, on_record.of_update)
-    wider, doubted = with_doubt(wider)
+    wider, doubted = with_suspicions(wider)
     if wider is not estimate:
         merged = wider.merged_into(table, held)
-        verdict = acceptance.judge_merge(merged, wider, suspicions(wider))
+        verdict = acceptance.assess_merge(merged, wider, suspicions(wider))
     return replace(
         told,
         verdict=verdict,
@@ -193,14 +195,14 @@ class _Begun:
     flight: FlightEvidence | None = None
 
 
-def _begun(known: KnownRun) -> _Begun:
+def _begun(known: RunInputs) -> _Begun:
     """The session's biases: through navigation, or for gyros that find no heading from the parked
     rates themselves; with the flight that a log begins with.
     """
     run = known.run
     rests = None
     if no_heading(run, known.table, known.temperature, known.twin):
-        rests = find_rests(run)
+        rests = stationary_segments(run)
     rest, why = _first_rest(run, rests)
     if run.header.level_removed:
         removed = because(SessionReason.LEVEL_REMOVED)
@@ -219,7 +221,7 @@ def _begun(known: KnownRun) -> _Begun:
     return _Begun(parked, flight)
 
 
-def _unrested(known: KnownRun, rests: Rests, refused: Verdict) -> _Begun:
+def _unrested(known: RunInputs, rests: StationarySegments, refused: Verdict) -> _Begun:
     """A unit that finds no heading and of which no rest was taken: what it shows under way."""
     imu = known.run.imu
     against = _uncovered(known.temperature, [(imu.start_s, imu.end_s)])
@@ -230,7 +232,9 @@ def _unrested(known: KnownRun, rests: Rests, refused: Verdict) -> _Begun:
     return _Begun(joined, flight)
 
 
-def _estimated(known: KnownRun, rest: Where, rests: Rests | None) -> SessionEstimate | Verdict:
+def _estimated(
+    known: RunInputs, rest: Where, rests: StationarySegments | None
+) -> SessionEstimate | Verdict:
     """The session from its first rest on. rests: of a unit that finds no heading."""
     end_s = session_end(known.run, rest[0])
     spans = [(rest[0], end_s)] if rests is None else rests.stretches
@@ -270,7 +274,7 @@ def _uncovered(temperature: GyroTemperature, spans: Sequence[Where]) -> Verdict 
     return acceptance.refuse(uncovered, *map(fault_reason, temperature.faults))
 
 
-def _first_rest(run: Run, rests: Rests | None) -> tuple[Where | None, Reason | None]:
+def _first_rest(run: Run, rests: StationarySegments | None) -> tuple[Where | None, Reason | None]:
     """The first rest of the log, or why there is none; rests: of a unit without a heading."""
     if rests is not None:
         return (rests.stretches[0] if rests.stretches else None), rests.why

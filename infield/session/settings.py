@@ -95,6 +95,7 @@ class SessionSettings:
     hold_heading: bool = True
     use_gnss: bool = True
     use_odometer: bool = True
+    claim_chain: bool = True  # the patent's own path as well, for the report
     check_unit: bool = True  # hold accelerometers and thermometers against the unit's history
     flight: FlightPriors = field(default_factory=FlightPriors)
 

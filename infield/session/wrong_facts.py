@@ -12,8 +12,7 @@ posterior N(m, P), the evidence about b -> b + s x is::
 99.9 % bound is not merged. One that resembles it beyond the 98 % bound is merged with that pattern
 as one more uncertainty of its own: the table is taught nothing along it.
 
-Decision: docs/decisions/0057-declared-compensation.md.
-Decision: docs/decisions/0086-suspicion-comes-last.md.
+Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 
 from collections.abc import Sequence
@@ -205,7 +204,7 @@ def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> R
     )
 
 
-def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspicion, ...]]:
+def with_suspicions(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspicion, ...]]:
     """The estimate with what it resembles, but not beyond doubt, among its own uncertainties; and
     what that is.
 

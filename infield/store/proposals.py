@@ -5,7 +5,7 @@ A proposal holds what a commit needs. Approving it commits by the same rules as
 `TableStore.commit_update`: where another table is active by now, the approval is refused and the
 update has to be made again.
 
-Decision: docs/decisions/0044-proposals.md.
+Decision: docs/decisions/0022-sqlite-journal.md.
 """
 
 import json

@@ -3,7 +3,7 @@
 Every function works inside the caller's transaction; InputError where a row is missing or was
 changed.
 
-Decision: docs/decisions/0046-clock-behind.md.
+Decision: docs/decisions/0022-sqlite-journal.md.
 """
 
 import hashlib

@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -222,6 +223,14 @@ def read_table_csv(
     }
     table_from_dict(document, name=str(path))
     return document
+
+
+def export_command(store: str | None, imu_serial: str) -> str:
+    """What writes the table in use to a file, quoted for the shell;
+    a server's password comes from the environment.
+    """
+    named = f" --store {shlex.quote(store.replace(':***@', '@'))}" if store else ""
+    return f"recal table export{named} --serial {shlex.quote(imu_serial)} -o table.json"
 
 
 def utc(text: str, *, name: str) -> datetime:

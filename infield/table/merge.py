@@ -9,7 +9,7 @@ kept in common::
 H' + T; posterior m1, P1) and so may have left directions of b unobserved; the tests hold it against
 the update from y and R. Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o).
 
-Decision: docs/decisions/0011-not-observable-axes.md.
+Decision: docs/decisions/0010-points-exclude-prior.md.
 """
 
 from collections.abc import Sequence

@@ -45,7 +45,7 @@ BUMP_SIGMAS, BUMP_ROWS = 8.0, 61
 RIPPLE_BLOCKS = 11
 # rates over a minute that differ from those over the window by more than this many of their own
 # sigmas (RMS over a ramp: of 100 blocks by less than 1.2) are a ripple of the chamber; a window
-# hides it from the rate and not from the gyro (docs/fog_two_ramps.md: K_delta 16 in squared
+# hides it from the rate and not from the gyro (at 499647c K_delta had 16 in squared
 # error over variance; 5 with 3 sigmas)
 RIPPLE_SIGMAS = 1.5
 SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10  # 10 blocks at 1 degC/min pass 10 degC

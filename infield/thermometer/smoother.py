@@ -10,7 +10,7 @@ on a step and r over the window at an edge. Source: Rauch, Tung, Striebel (1965)
 case, whose smoother this equals; Rasmussen and Williams (2006), sections 3.4 and 3.7.1 for mode and
 evidence.
 
-Decision: docs/decisions/0018-rounded-temperatures.md.
+Decision: docs/decisions/0017-heating-cooling.md.
 """
 
 from dataclasses import dataclass, replace

@@ -5,7 +5,6 @@ It is declared once, and one implementation serves the simulation, the diagnosis
 priors are those of the estimators. Users register their own under the entry point group
 `recal.errors` (examples/own_effect.py).
 
-Decision: docs/decisions/0027-effect-parts.md.
 Decision: docs/decisions/0028-effects-are-formulas.md.
 """
 

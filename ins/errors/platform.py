@@ -286,7 +286,7 @@ YAW_CREEP_EFFECTS = (
                 "arcsec/sqrt(h)",
                 VehicleNoise().yaw_creep_arcsec_sqrt_h,
                 walks=True,
-                source="the twin's `vehicle.yaw_creep_arcsec_sqrt_h`; docs/rests.md",
+                source="the twin's `vehicle.yaw_creep_arcsec_sqrt_h`",
             ),
         ),
         need=needs_standstill,

@@ -12,7 +12,8 @@ class Prior:
     ----------
     recipes : str
         Where it holds, words apart: "session" (parked, taxi and flight), "taxi", "flight",
-        "replay", "azimuths", "learning", "raw" (a unit without a table).
+        "replay", "azimuths", "learning", "raw" (a unit without a table), "attitude" (a unit that
+        stands otherwise than its table was taken).
     unit : str
         Of the sigma.
     sigma : float or mapping

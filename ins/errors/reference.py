@@ -27,9 +27,10 @@ from ins.errors.unnamed import FREE_FUNCTIONS
 
 PAGE = Path("docs/reference/effects.md")
 # a table of the page: the first letters of its numbers, then its rows up to an empty line
-TABLE = re.compile(r"(<!-- (rows|priors) of (\w+), from the list -->\n).*?(?=\n\n|\n\Z)", re.S)
+TABLE = re.compile(r"(<!-- rows of (\w+), from the list -->\n).*?(?=\n\n|\n\Z)", re.S)
 PRIORS = "| no. | error | recipes | one sigma | process | where the number comes from |"
-ROWS = "| no. | error | adds, for one unit | usual size | looks like | |"
+ROWS = "| no. | error | usual size | |"
+ALL = "TGAPOFD"  # the first letters of all numbers
 SECTIONS: Mapping[str, str] = {
     "What they are": "",
     "Answers without a name": (
@@ -51,12 +52,11 @@ def renewed(page: str) -> str:
     -------
     page : str
     """
-    tables = {"rows": _table, "priors": _priors}
-    return TABLE.sub(lambda found: found[1] + tables[found[2]](found[3]), page)
+    return TABLE.sub(lambda found: found[1] + _table(found[2]), page)
 
 
 def words_page() -> str:
-    """Every error and free function with its parameters, in sentences.
+    """Every error and free function with its parameters, in sentences; the priors of estimators.
 
     Returns
     -------
@@ -65,15 +65,13 @@ def words_page() -> str:
     """
     lines = ["# Effects", ""]
     lines += ["The catalogue of `recal diagnose`, `recal plan` and of a twin's `effects`.", ""]
-    lines += [
-        "| effect | id | targets | parameters: usual size | rivals |",
-        "|---|---|---|---|---|",
-    ]
+    lines += ["| effect | id | targets | parameters: usual size | rivals |", "|---" * 5 + "|"]
     for effect in sorted(catalogue(), key=lambda e: (e.name, e.id)):
         lines.append(
             f"| `{effect.name}` | `{effect.id}` | {_names(effect.targets)} |"
             f" {'; '.join(_sizes([effect]))} | {_names(rivals_of(effect))} |"
         )
+    lines += ["", "## What estimators assume", "", _priors(ALL)]
     worded = [e for e in catalogue() if isinstance(e, ErrorSource) and e.words]
     named = {e.name: e.words for e in worded}
     of_estimators = {e.name: e.words for e in OWN if not e.diagnosed}
@@ -87,11 +85,13 @@ def words_page() -> str:
 
 def _sentences(name: str, words: Words | None) -> list[str]:
     assert words is not None
+    adds = dict.fromkeys(line for e in OWN if e.name == name and (line := _adds(e)))
     return [
         f"### {name}",
         "",
         words.what,
         "",
+        *(f"- Adds, for one unit: {line}" for line in adds),
         f"- Brought on by: {words.brought_on_by}",
         f"- Size: {words.size}",
         f"- What to do: {words.remedy}",
@@ -103,7 +103,7 @@ def _table(letters: str) -> str:
     """One row a number that begins with one of the letters."""
 
     rows = [_row(kinds) for kinds in _numbered(letters)]
-    return "\n".join([ROWS, "|---" * 6 + "|", *rows])
+    return "\n".join([ROWS, "|---" * 4 + "|", *rows])
 
 
 def _numbered(letters: str) -> list[list[ErrorSource]]:
@@ -148,17 +148,8 @@ def _name(source: ErrorSource) -> str:
 def _row(kinds: list[ErrorSource]) -> str:
     """The kinds of one number; the first gives the name."""
     first = kinds[0]
-    adds = dict.fromkeys(line for kind in kinds if (line := _adds(kind)))
-    rivals = dict.fromkeys(_number(rival) for kind in kinds for rival in rivals_of(kind))
     repeats = dict.fromkeys(kind.repeats for kind in kinds)
-    cells = (
-        first.number,
-        f"`{_name(first)}`",
-        " ".join(adds),
-        "; ".join(_sizes(kinds)),
-        ", ".join(filter(None, rivals)),
-        ", ".join(repeats),
-    )
+    cells = (first.number, f"`{_name(first)}`", "; ".join(_sizes(kinds)), ", ".join(repeats))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -186,11 +177,6 @@ def _sizes(effects: Iterable[Effect]) -> list[str]:
         size if list(of_size) == [COEFFICIENT] else f"{_names(of_size)} {size}"
         for size, of_size in names.items()
     ]
-
-
-def _number(name: str) -> str:
-    """The number of a row, by the name or the id of an error; empty for a user's own."""
-    return next((e.number for e in OWN if name in (e.name, e.id)), "")
 
 
 def _names(names: Iterable[str]) -> str:

@@ -49,7 +49,7 @@ OUTLIER = error(
             "1",
             0.02,
             part="share",
-            source="of sessions that the gates let pass (docs/rates_gate.md)",
+            source="of sessions that the gates let pass (docs/reliability.md)",
         ),
         Prior(
             "learning",

@@ -6,7 +6,7 @@ axes [rad/s] (bin 0 x, y, z, bin 1 x, ...), then further states of the caller's,
 are static and start with their full joint covariance, so the last posterior of every bin is its
 smoothed estimate; no backward pass is needed.
 
-Decision: docs/decisions/0004-static-bins.md.
+Decision: docs/decisions/0003-filter-tape.md.
 """
 
 from collections.abc import Mapping

@@ -6,8 +6,7 @@ step's own. It is causal: a row holds what was known at its time, and what its s
 (a gyrocompass uses all of its rest). Fed in parts, it gives the same bits however the log is cut.
 
 Decision: docs/decisions/0076-mean-specific-force.md.
-Decision: docs/decisions/0077-scale-states.md.
-Decision: docs/decisions/0081-gate-for-wild-fixes.md.
+Decision: docs/decisions/0063-leaps.md.
 """
 
 from dataclasses import replace

@@ -31,7 +31,7 @@ section 8.2). What an update finds is taken off the solution at once, so the err
 in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
 `ins.filters.aided_filter` does that.
 
-Decision: docs/decisions/0033-aided-error-frame.md.
+Decision: docs/decisions/0006-error-state-w.md.
 Decision: docs/decisions/0063-leaps.md.
 """
 

@@ -11,7 +11,7 @@ itself at most LOOK_ROWS rows or LOOK_AHEAD_S seconds before, and keeps gravity,
 damping as they were then. It is off by less than 1e-6 m (jerk of gravity at 300 m/s, 0.16 s), 2e-12
 m/s^2 of gravity; at rows of 0.1 s and longer by nothing.
 
-Decision: docs/decisions/0002-gravity-look-ahead.md.
+Decision: docs/decisions/0001-ecef-quaternion.md.
 """
 
 import numpy as np

@@ -23,6 +23,7 @@ COMMANDS = (
     "align",
     "replay",
     "update",
+    "watch",
     "misalignment",
     "plan",
     "diagnose",

@@ -109,8 +109,9 @@ class Command(TyperCommand):
                 if isinstance(error, OSError)
                 else str(error)
             )
-            _emit_fault(ctx, "bad_input", line)
-            raise InputError(line) from error
+            more = getattr(error, "more", ())
+            _emit_fault(ctx, "bad_input", line, more)
+            raise InputError(line, more) from error
         except Refusal as refused:
             _emit_fault(ctx, "refused", str(refused))
             say(f"recal: {refused}")
@@ -126,7 +127,7 @@ def _fault(error: Any) -> str:
     return words if first["type"] == "value_error" else f"got {first['input']!r}, needed {words}"
 
 
-def _emit_fault(ctx: Any, verdict: str, line: str) -> None:
+def _emit_fault(ctx: Any, verdict: str, line: str, more: Iterable[str] = ()) -> None:
     """With --json, why a command has no result of its own."""
     if ctx.params.get("as_json"):
         emit_json(
@@ -134,7 +135,7 @@ def _emit_fault(ctx: Any, verdict: str, line: str) -> None:
                 "schema": "recal.error/1",
                 "command": ctx.command_path,
                 "verdict": verdict,
-                "reasons": [line],
+                "reasons": [line, *more],
             }
         )
 

@@ -15,9 +15,6 @@ def command(
     log: Path,
     /,
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
-    tail: str | None = None,
-    start_utc: str | None = None,
-    run_id: str | None = None,
     split: bool = False,
     *,
     force,
@@ -32,12 +29,6 @@ def command(
     ----------
     log
         A flight log.
-    tail
-        Tail number of the aircraft.
-    start_utc
-        When the run starts, such as 2026-03-01T05:00:00Z. Default: the log's.
-    run_id
-        Name of the run. Default: the name of the log.
     split
         Write a run for each stretch between gaps of over 1 s: run-1, run-2, ... in the folder -o.
     """
@@ -52,7 +43,6 @@ def command(
     make = convert.split if split else convert.convert
     steps = None if split else convert.CONVERT_STEPS
     said = of_log(**given)
-    said["header"] |= {"tail": tail, "start_utc": start_utc, "run_id": run_id}
     with shown.progress("converting", steps, compiles=False) as told:
         converted = make(log, output, **said, told=told)
     shown.answer(converted.document, converted.lines())

@@ -41,5 +41,5 @@ def command(
     need_free_report(folder, "plan.json", "recal.plan/1", ("plan.html",), force=force)
     request = PlanRequest(twin=twin, seed=seed, **asked)
     with shown.progress("planning", plan_steps(request)) as told:
-        planned = plan(runs, request, told=told, first_answer=told.say)
+        planned = plan(runs, request, told=told)
     shown.answer(planned.document, planned.lines(), planned.write(output) / "plan.html")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from recal.web.settings import ServeSettings
 
-NEEDS_EXTRA = "serve needs FastAPI and uvicorn: pip install strapdown-recal[web]"
+NEEDS_EXTRA = "{} needs FastAPI and uvicorn: pip install strapdown-recal[web]"
 
 
 @made_from(reports="FOLDER", token_file="FILE")
@@ -55,10 +55,7 @@ def command(
     https
         A proxy adds TLS, so cookies are for https only.
     """
-    if not all(map(find_spec, ("fastapi", "uvicorn"))):
-        from ins.records import InputError
-
-        raise InputError(NEEDS_EXTRA)
+    require_web("serve")
     from recal.web.app import build_app
 
     settings, made, ticket = _settings(store, host, port, reports, token_file, allow_host, https)
@@ -75,6 +72,14 @@ def command(
     sys.stdout.flush()
     _greet(settings, made, f"{url}login?ticket={ticket}", quiet=shown.quiet)
     _run(app, settings, listener, log=shown.verbose)
+
+
+def require_web(what: str) -> None:
+    """InputError where the libraries of a page are not installed."""
+    if not all(map(find_spec, ("fastapi", "uvicorn"))):
+        from ins.records import InputError
+
+        raise InputError(NEEDS_EXTRA.format(what))
 
 
 def _settings(

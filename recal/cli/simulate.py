@@ -29,7 +29,7 @@ def command(
             "-o",
             "--output",
             metavar="FOLDER",
-            help="The run directory to write. Needed, except with --list.",
+            help="The run directory to write. Needed, except with --list and --to.",
         ),
     ] = None,
     listed: Annotated[
@@ -40,6 +40,8 @@ def command(
     truth: Path | None = None,
     table_out: Path | None = None,
     environment: Sequence[str] = (),
+    live: float = 1.0,
+    to: str | None = None,
     *,
     force,
     seed: int | None = None,
@@ -63,6 +65,11 @@ def command(
     environment
         What the parked vehicle goes through, such as boarding:1.5. May be repeated. Default: the
         scenario's.
+    live : float in [0.1, 10000]
+        With --to: so many times as fast as it was.
+    to
+        Send the session as MAVLink, to udp:HOST:PORT or to who connects to tcp:HOST:PORT: a source
+        to try recal watch on. Default: it is only written.
     seed : int in [0, ]
         Seed of the random generator. Default: the scenario's.
     """
@@ -77,11 +84,12 @@ def command(
             [f"{name:{width}}  {words}" for name, words in known.items()],
         )
         return
-    if scenario is None or output is None:
+    if scenario is None or (output is None and to is None):
         raise typer.BadParameter(
             "needed: a scenario and -o FOLDER; recal simulate --list names the packaged scenarios"
         )
-    need_free_run(output, is_simulated, "a simulated run", force=force)
+    if output is not None:
+        need_free_run(output, is_simulated, "a simulated run", force=force)
     for file, schema in ((table_out, "recal.table/1"), (truth, TRUTH)):
         if file is not None:
             need_free_file(file, schema, force=force)
@@ -91,4 +99,8 @@ def command(
         )
         told("writing the run")
         simulated = simulated.write(output, table=table_out, truth=truth)
+    if to is not None:
+        from recal.service.watch.feed import feed
+
+        feed(simulated.run, to, speed=live, told=shown.say)
     shown.answer(simulated.document, simulated.lines())

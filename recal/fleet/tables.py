@@ -8,7 +8,7 @@ import numpy as np
 from recal.fleet.document_records import Criteria, TableFacts
 from recal.service.store import DEFAULT_SIGMA_deg_h, TableStore, UnitRecord, moment
 
-STALE_DAYS = 365.0  # chosen: a year; docs/fleet.md says so
+STALE_DAYS = 365.0  # chosen: 1 year
 STALE_SHARE = 0.5  # of the sigma that tables of the technology come with
 CRITERIA = Criteria(
     stale_after_days=STALE_DAYS,

@@ -11,7 +11,7 @@ from recal.service.results.overwrite import Peeked
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.readers.conversion import Conversion, convert_log, file_sha256
-from trajectories.readers.rows.column_map import MapError
+from trajectories.readers.rows.column_map import MapError, without_placeholders
 from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
@@ -116,10 +116,7 @@ def convert(
         ...
     ins.records.InputError: nothing.bin: no such file
     """
-    given = {} if map_file is None else read_toml(Path(map_file))
-    given |= {key: value for key, value in (options or {}).items() if value is not None}
-    if gnss is not None:
-        given = with_gnss_file(given, Path(gnss))
+    given = map_keys(map_file, gnss, header, options)
     told(f"reading {Path(log).name}")
     with map_errors(map_file):
         conversion = convert_log(Path(log), given, dict(header or {}))
@@ -132,6 +129,20 @@ def convert(
             conversion=conversion.record,
         )
     return Converted(summary(conversion, output), conversion=conversion)
+
+
+def map_keys(
+    map_file: AnyPath | None,
+    gnss: AnyPath | None,
+    header: Mapping[str, str | float | None] | None,
+    options: Mapping[str, str | float | None] | None,
+) -> JsonObject:
+    """The keys of a map file and the options over them; InputError where a placeholder is left."""
+    given = {} if map_file is None else read_toml(Path(map_file))
+    given |= {key: value for key, value in (options or {}).items() if value is not None}
+    with map_errors(map_file):
+        given = without_placeholders(given, header or {})
+    return given if gnss is None else with_gnss_file(given, Path(gnss))
 
 
 @contextmanager

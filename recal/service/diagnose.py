@@ -14,16 +14,16 @@ from recal.service.inputs.twin_table import TwinTable, twin_and_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.twin.judged import noise_fit
+from recal.service.twin.noise_agreement import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core
 from simreal.inference.causes import Cause
 from simreal.inference.diagnosis import Diagnosis, NotLookedAt
-from simreal.inference.user_level import user_level
 from simreal.plan.record_next import record_next, settling
 from simreal.predict.document import PredictedUpdates
-from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
+from simreal.predict.sessions import sessions_of
+from simreal.report.diagnosis_curves import overlays
 from simreal.report.diagnosis_document import (
     DiagnosisRequest,
     GapReport,
@@ -119,7 +119,7 @@ def diagnose(
         Of the random generator.
     simulator : bool
         Also predict the update of each run by a twin fitted to the others: drift, heading and NIS
-        with what was found and without. Takes a diagnosis more for each run; with --hold-out, only
+        with what was found and without. Takes two updates more for each run; with --hold-out, only
         those runs are predicted.
     told : callable
         Told what is being done.
@@ -178,27 +178,26 @@ def diagnose(
             reasons, loaded, believed, version=program_version(), alpha=alpha, seed=seed
         )
         return _made(record, diagnosis_html(record), {})
-    predicted = _predicted(loaded, believed, beside, settings, found) if simulator else None
+    predicted = _predicted(loaded, beside, found, held, told) if simulator else None
     told("writing the report")
     return _results(found, loaded, beside, asked, predicted)
 
 
 def _predicted(
     runs: list[Run],
-    twin: TwinModel,
     beside: TwinTable,
-    settings: core.DiagnosisSettings,
     found: Diagnosis,
+    held: Sequence[str],
+    told: Callable[[str], None],
 ) -> PredictedUpdates:
     """What the twin predicts of updates of runs that it was not fitted to."""
     # with the store and the updates' estimators behind them: half a second of CPU
     from recal.service.inputs.unit_inputs import table_of_unknown_unit
     from simreal.predict.document import simulator_record
-    from simreal.predict.held_out import GivenTwin, predict_runs
+    from simreal.predict.held_out import predict_runs
 
-    table = beside.table or table_of_unknown_unit(runs[0], twin)
-    believed = GivenTwin(twin, beside.table, beside.sha256)
-    return simulator_record(predict_runs(runs, believed, table, settings, found))
+    table = beside.table or table_of_unknown_unit(runs[0], found.twin)
+    return simulator_record(predict_runs(runs, found, table, held, told))
 
 
 def _results(
@@ -209,16 +208,14 @@ def _results(
     predicted: PredictedUpdates | None,
 ) -> Diagnosed:
     """The diagnosis, and all files by name."""
-    users = [
-        user_level(v, fitted_trace(found, k), beside.table, found.twin, known=known_trace(found, k))
-        for k, v in enumerate(found.views)
-    ]
+    drift, users = sessions_of(found)
     settled_by = settling(found, beside.table)
     record = diagnosis_document(
         found,
         runs,
         asked,
-        users=[u for u in users if u is not None],
+        drift=drift,
+        users=users,
         record_next=record_next(found, settled_by),
         settled_by=settled_by,
     )

@@ -19,8 +19,8 @@ from simreal.evidence.run_view import RunView, view_run
 from simreal.plan.flights import check_technology, plan_flights
 from simreal.plan.pairs import CLASSICAL, read_pair
 from simreal.plan.recordings import candidates
-from simreal.plan.study import Listener, PlanSettings, study
-from simreal.report.plan_document import PlanReport, first_words, plan_document, summary
+from simreal.plan.study import PlanSettings, study
+from simreal.report.plan_document import PlanReport, plan_document, summary
 from simreal.report.plan_page import plan_html
 
 DEFAULT_LAT_DEG = 45.0
@@ -79,7 +79,6 @@ def plan(
     request: PlanRequest | None = None,
     *,
     told: Callable[[str], None] = lambda words: None,
-    first_answer: Callable[[Sequence[str]], None] = lambda lines: None,
 ) -> Planned:
     """Which recordings would separate rival effects, and from which size each effect is seen.
 
@@ -91,8 +90,6 @@ def plan(
         What is to be separated, and what there is to do it with.
     told : callable
         Told what is being done.
-    first_answer : callable
-        Given the lines of a first answer, from the few recordings that are tried first.
 
     Returns
     -------
@@ -123,7 +120,6 @@ def plan(
         lat_deg = read[0].header.site.lat_rad / DEG if read else DEFAULT_LAT_DEG
     height_m = read[0].header.site.height_m if read else 0.0
     site = Site(lat_rad=lat_deg * DEG, lon_rad=0.0, height_m=height_m)
-    of = len(candidates(tuple(wanted.without)))
     found = study(
         pairs,
         twin,
@@ -131,9 +127,7 @@ def plan(
         site,
         PlanSettings(seed=wanted.seed, without=tuple(wanted.without), most=wanted.most),
         given=_views(read, twin, beside),
-        listener=Listener(
-            progress=told, first_answer=lambda found: first_answer(first_words(found, of))
-        ),
+        told=told,
     )
     record = plan_document(
         found, lat_deg=lat_deg, without=wanted.without, version=program_version()

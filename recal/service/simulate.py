@@ -104,14 +104,14 @@ class Simulation(Result[SimulateReport]):
         return table_from_dict(self.table_dict, name="table")
 
     def write(
-        self, path: AnyPath, *, table: AnyPath | None = None, truth: AnyPath | None = None
+        self, path: AnyPath | None, *, table: AnyPath | None = None, truth: AnyPath | None = None
     ) -> "Simulation":
         """Write the run with its reference as a run directory.
 
         Parameters
         ----------
-        path : str or path
-            The run directory, made anew.
+        path : str or path, optional
+            The run directory, made anew; None: only table and truth are written.
         table : str or path, optional
             Where to put the factory table (JSON).
         truth : str or path, optional
@@ -123,12 +123,13 @@ class Simulation(Result[SimulateReport]):
             The same, its document naming the run directory.
         """
         made = SimulationRecord(scenario=self.scenario, seed=self.record.seed)
-        write_run(Path(path), self.run, reference=self.reference, simulation=made)
+        if path is not None:
+            write_run(Path(path), self.run, reference=self.reference, simulation=made)
         if table is not None:
             write_text(Path(table), json_text(self.table_dict))
         if truth is not None:
             write_text(Path(truth), truth_csv(self.simulated))
-        return replace(self, record=replace(self.record, run=str(path)))
+        return replace(self, record=replace(self.record, run=None if path is None else str(path)))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """How long it is, and how far it departs from a given truth."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from infield.store.errors import StoreRefused
 from infield.store.policy import Approval, PolicyRecord
 from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
 from infield.store.verify import StoreCheck, StoreVerdict, UnitCheck
+from infield.table.file import export_command
+from infield.table.thermal_table import ThermalTable
 from ins.documents import INLINE, OMIT_NONE, to_json
 from ins.json_file import JsonObject, read_json_object
 from ins.records import InputError, TableDocument
@@ -19,11 +22,13 @@ from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_files
 
 __all__ = [
+    "AxisDifference",
     "Revision",
     "StoreVerdict",
     "change_between",
     "check_document",
     "decide",
+    "export_command",
     "find_revision",
     "key_of",
     "line_of",
@@ -117,7 +122,15 @@ class AxisDifference:
     sigma_after_deg_h: NDArray
 
 
-def change_between(before: Revision, after: Revision | FullProposal, axis: str) -> AxisDifference:
+class HasTable(Protocol):
+    """A revision, a proposal or a file."""
+
+    @property
+    def table(self) -> ThermalTable:
+        """What it holds."""
+
+
+def change_between(before: HasTable, after: HasTable, axis: str) -> AxisDifference:
     """Both tables at the nodes of either, one axis."""
     old, new, k = before.table, after.table, "xyz".index(axis)
     T = np.union1d(old.temperature_degC[k], new.temperature_degC[k])

@@ -51,10 +51,11 @@ from recal.service.inputs.unit_inputs import (
 from recal.service.inputs.unit_marks import known_marks
 from recal.service.priors.use import APPROVED, priors_in_use, settings_of, with_priors
 from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.overwrite import free_update_folder
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.update_summary import Points, summary
-from recal.service.twin.judged import noise_fit, update_agreement
+from recal.service.twin.noise_agreement import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
 UPDATE_STEPS = 3  # that `step` is told of
@@ -71,10 +72,13 @@ class Update(Result[UpdateDocument]):
         What the estimator found, session by session.
     unit : UnitInputs
         Table and noise model that it began with.
+    folder : Path or None
+        Where its report was written.
     """
 
     estimate: UpdateResult
     unit: UnitInputs
+    folder: Path | None = None
 
     @property
     def table_before(self) -> ThermalTable:
@@ -207,6 +211,8 @@ class UpdateRequest:
         Whether to write update.html.
     retry : int in [0, 99]
         How often to estimate again where another writer was faster.
+    force : bool
+        Write over a report of other runs, too.
     told, step : callable
         Told of what happens on the way; told as each of the UPDATE_STEPS begins.
     """
@@ -227,6 +233,7 @@ class UpdateRequest:
     html: bool = True
     retry: int = 0
     any_clock: bool = False
+    force: bool = True
     told: Callable[[str], None] = field(default=lambda line: None)
     step: Callable[[str], None] = field(default=lambda words: None)
 
@@ -248,11 +255,15 @@ def update_in_store(request: UpdateRequest) -> Update:
     )
     request.step(f"reading {_counted(request.runs)}")
     loaded = runs_of(list(request.runs))
-    files = partial(_files, output_directory(request.output, "update"), html=request.html)
+    folder = request.output
+    if not request.force:
+        folder = free_update_folder(folder, [run.sha256 for run in loaded])
+    folder = output_directory(folder, "update")
+    files = partial(_files, folder, html=request.html)
     lost: list[str] = []
     while True:
         try:
-            return _Try(request, job, files, tuple(lost)).run(loaded)
+            return replace(_Try(request, job, files, tuple(lost)).run(loaded), folder=folder)
         except StoreConflict as conflict:
             if len(lost) == request.retry:
                 raise

@@ -73,7 +73,7 @@ class UnitHealth:
         return -1.0 if self.forecast is None else self.forecast.drift_now_nm_h
 
 
-def judged(
+def unit_health(
     units: Sequence[UnitSummary], forecast: ForecastReport | None, now: datetime
 ) -> list[UnitHealth]:
     """The health of each unit."""

@@ -96,7 +96,7 @@ def units(
         forecast = reader.site.forecasts.at_hand(opened)
     wanted = q.casefold().strip()
     listed = [u for u in everything if wanted in f"{u.unit} {u.sha256}".casefold()]
-    found = health.chosen(health.judged(listed, forecast, datetime.now(UTC)), show)
+    found = health.chosen(health.unit_health(listed, forecast, datetime.now(UTC)), show)
     found.sort(key=SORTS["serial"])
     found.sort(key=SORTS[sort], reverse=down)
     last = max(1, -(-len(found) // PAGE_ROWS))
@@ -140,7 +140,7 @@ def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
         history=history[::-1][:MOST_SHOWN],
         proposals=proposals[::-1],
         done=done,
-        state=health.judged(summary, forecast, datetime.now(UTC))[0].words,
+        state=health.unit_health(summary, forecast, datetime.now(UTC))[0].words,
         diagnoses=[
             e for e in reader.site.reports.all() if e.document.get("imu_serial") == asked.serial
         ],

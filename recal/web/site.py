@@ -119,7 +119,7 @@ class Visit:
         """A report that was drawn elsewhere: alone in a sandbox, without forms or an origin; of
         scripts only those of this version's figures run.
         """
-        headers = {"x-frame-options": "SAMEORIGIN", "content-security-policy": _framed_policy()}
+        headers = {"x-frame-options": "SAMEORIGIN", "content-security-policy": framed_policy()}
         return HTMLResponse(text, headers=headers)
 
     def download(self, text: str, name: str) -> Response:
@@ -178,7 +178,8 @@ def _policy(*, drawn: bool) -> str:
 
 
 @lru_cache(maxsize=1)
-def _framed_policy() -> str:
+def framed_policy() -> str:
+    """Of a report in a sandbox: its figures' scripts alone run."""
     scripts = " ".join(map(_source, _digests()))
     return (
         f"sandbox allow-scripts allow-downloads; default-src 'none'; script-src {scripts};"

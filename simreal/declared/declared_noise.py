@@ -3,7 +3,7 @@
 The twin's numbers hold for all three axes, so the number is lowered to what the quietest axis has
 and the others get their part back as an added noise of the same kind.
 
-Decision: docs/decisions/0030-less-noise.md.
+Decision: docs/decisions/0028-effects-are-formulas.md.
 """
 
 from collections import defaultdict

@@ -5,7 +5,7 @@ A channel is a mean rate or specific force: white noise (PSD N^2), flicker (PSD 
 the difference of a bounded process: the quantised angle of a gyro (white), the sway velocity of a
 standing vehicle (damped oscillator). formats.md, section 3.
 
-Decision: docs/decisions/0049-block-freedom.md.
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from dataclasses import dataclass, replace

@@ -26,7 +26,7 @@ from infield.session.log import (
     with_applied_table_undone,
 )
 from infield.session.navigated.run_telemetry import standing, thermal
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
@@ -341,7 +341,7 @@ def _longest_rest(run: Run, log: LogSeconds) -> tuple[float, float] | None:
     told from its rates.
     """
     spans = []
-    for stretch in find_rests(run, shortest_s=SHORTEST_LEVEL_S).stretches:
+    for stretch in stationary_segments(run, shortest_s=SHORTEST_LEVEL_S).stretches:
         places = parked_places(log, *stretch)
         spans += [(float(p.start_s[0]), float(p.end_s[-1])) for p in places] or [stretch]
     return max(spans, key=lambda rest: rest[1] - rest[0], default=None)

@@ -4,7 +4,7 @@ Under the twin every row is N(0, 1) and independent, whatever the channel: ten-s
 parked sensors, parked fixes, innovations of what follows. What happens within ten seconds enters as
 sums of squares over their expected value (`Scatter`), chi-square distributed.
 
-Decision: docs/decisions/0025-scatter-for-quick-effects.md.
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,7 +43,7 @@ NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3  # of Gaussian blocks 4e-8 lie beyond
 BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05  # of Gaussian blocks 2e-23 lie beyond
 # below, the side motion of the twin fades: at 1 to 2 m/s the RMS of the vehicle's rows was 1.35
-# to 1.6, above 1.00 to 1.07 (docs/gap_study_notes.md)
+# to 1.6, above 1.00 to 1.07 (4 blind trials)
 SIDE_STEADY_M_S = 2.0
 
 

@@ -38,9 +38,9 @@ from simreal.inference.phases import phases_contradict
 from simreal.inference.scoring import Scorer, fit
 from simreal.inference.tails import tail_quantile
 
-MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap_study.md) plant up to 2
+MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap.md) plant up to 2
 # chosen: a unit of another grade than its twin's needs a white and a slow noise on each of six
-# sensors (Calgary needs nine, docs/examples/calgary.md)
+# sensors (the Calgary log needs nine)
 MOST_NOISES = 12
 REPLICATES = 300
 SWEEPS = 3

@@ -4,7 +4,7 @@ free functions.
 All that the attribution needs of them is their Gram matrix and their products with the data, so
 both the data and the replicates of the noise are judged by the same few numbers.
 
-Decision: docs/decisions/0050-prior-on-size.md.
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Mapping, Sequence

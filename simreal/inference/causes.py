@@ -1,7 +1,7 @@
 """A found effect in words and numbers: probability, what it cannot be told from, coefficients with
 sigma and usual size.
 
-Decision: docs/decisions/0085-unique-and-plausible.md.
+Decision: docs/decisions/0084-table-error-state.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -183,7 +183,7 @@ def _kept_out(cause: Cause) -> KeptOut | None:
     A named effect has a form that physics gives it. A free function, of a mean or of a noise, has
     the form of the data that it is drawn through, and beyond them it is a guess: it must lessen
     the gap of data that it was not fitted to, at 95 %. On halves of real logs, guesses made the
-    other half's gap as much as 17 times as large (docs/gap_real_noise.md). What an update would
+    other half's gap as much as 17 times as large (docs/gap.md). What an update would
     take out of its log must be of a size that is usual, and no other answer of the set may leave
     another table.
     """
@@ -475,7 +475,7 @@ def shared_with_time(
 
     Within one rest the temperature is a smooth curve of time, and so is a drift that has nothing to
     do with it: a temperature of another log, backwards, was named in 5 of 15 real rests
-    (docs/gap_real_noise.md). Where the fitted signature is one of time as well, both keep half of
+    (docs/gap.md). Where the fitted signature is one of time as well, both keep half of
     the probability; a second start tells them apart. So it is with noise that changes.
     """
     out = dict(shares)

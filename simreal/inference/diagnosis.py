@@ -15,9 +15,8 @@ from infield.learning.parameters import ageing_of, defaults_of
 from infield.session.disagreement import utc
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.documents import OMIT_NONE
-from ins.errors.base import SLOW_NAME, Effect
+from ins.errors.base import Effect
 from ins.errors.catalogue import catalogue
-from ins.errors.table import TABLE_AGED
 from ins.errors.telemetry import Trace
 from ins.records import InputError, Run, TwinModel
 from simreal.declared.generic import Generic, table_errors
@@ -103,7 +102,6 @@ class Diagnosis:
     """
 
     verdict: GapVerdict
-    sentence: str
     gap: GapSize
     gap_after: GapSizeAfter
     shrink: Gone
@@ -360,7 +358,6 @@ def _diagnosed(
     whole, *channels = excesses(evidence, residual, attribution.columns.size)
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, where, looks_like if present else Looks.NOTHING),
         gap=GapSize(
             score=whole.score,
             floor=FLOOR,
@@ -409,62 +406,6 @@ def _verdict(causes: Sequence[Cause], present: bool) -> GapVerdict:
     if present or len(named) < len(causes):
         return GapVerdict.PARTLY_EXPLAINED
     return GapVerdict.EXPLAINED
-
-
-AGED = "The table has aged ({targets}): renew it."
-HEADS = {
-    GapVerdict.EXPLAINED: "Explained by",
-    GapVerdict.PARTLY_EXPLAINED: "Partly explained by",
-    GapVerdict.UNEXPLAINED: "Not explained by a named effect:",
-}
-MOST_RIVALS_SAID = 4  # in a sentence; the document lists all
-
-
-def _sentence(
-    verdict: GapVerdict, causes: Sequence[Cause], where: Sequence[Place], looks_like: Looks
-) -> str:
-    """The verdict in one sentence (words of effects.md section 3.6)."""
-    if verdict is GapVerdict.NO_GAP:
-        return "No gap beyond the noise floor."
-    if not causes:
-        at = f", mostly in {where[0].channel}" if where else ""
-        return f"A gap that no known effect explains{at}: it shows in {looks_like}."
-    aged = [_aged_by(c) for c in causes if c.effect == TABLE_AGED]
-    head = AGED.format(targets=", ".join(sorted(aged))) if aged else ""
-    said = " and ".join(_said(cause) for cause in causes if cause.effect != TABLE_AGED)
-    something_left = verdict is GapVerdict.PARTLY_EXPLAINED and looks_like is not Looks.NOTHING
-    if not said:
-        return f"{head} Something is left." if something_left else head
-    tail = "; something is left" if something_left else ""
-    return f"{head} {HEADS[verdict]} {said}{tail}.".strip()
-
-
-def _aged_by(cause: Cause) -> str:
-    """A gyro whose table has aged, by how much, and what it cannot be told from."""
-    shift = cause.parameters["shift"]
-    return _or_rivals(f"{cause.target} by {shift.value:.2g} deg/h", cause)
-
-
-def _said(cause: Cause) -> str:
-    """A cause, with what it cannot be told from."""
-    return _or_rivals(_called(cause), cause)
-
-
-def _or_rivals(what: str, cause: Cause) -> str:
-    if cause.resolved or not cause.rivals:
-        return what
-    others = {
-        r.effect if r.target == cause.target else f"{r.effect} on {r.target}" for r in cause.rivals
-    }
-    return f"{what} (not unique: or {', '.join(sorted(others)[:MOST_RIVALS_SAID])})"
-
-
-def _called(cause: Cause) -> str:
-    if cause.effect == SLOW_NAME:
-        return f"a slow variation on {cause.target}, not tied to any logged quantity"
-    if not cause.named:
-        return f"an {cause.effect.replace('_', ' ')} on {cause.target}"
-    return f"{cause.effect} on {cause.target}"
 
 
 def _not_testable(attribution: Attribution) -> tuple[NotTestable, ...]:

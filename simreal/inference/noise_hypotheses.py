@@ -4,7 +4,7 @@ Each kind of noise multiplies the expected squares of the whitened data by 1 + q
 twin's own covariance, q the square of the coefficient, unknown, log-uniform over the usual range
 and beyond, or negative where the twin declares more than there is.
 
-Decision: docs/decisions/0026-slow-noise-components.md.
+Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Sequence

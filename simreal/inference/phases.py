@@ -14,7 +14,7 @@ from simreal.inference.scoring import fit
 
 CONTRADICTION = 1e-6  # of one story, such a difference; chosen: 1e-4 of --alpha (0.01)
 # of the effects' own size in the parked rows; chosen: what the form of a warped effect is off by
-# was up to 0.05 (docs/gap_study_notes.md), twice that
+# was up to 0.05, twice that
 LEAST_DIFFERENCE = 0.1
 
 

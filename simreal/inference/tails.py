@@ -7,7 +7,7 @@ known from k values only, not exponentially but with::
     P(start + t) = (k + 1) / (n + 1) (1 + t / (k b))^-k,
 
 the predictive distribution (Lomax), in the mean right for an exponential tail whatever k and n. The
-plain exponential raises false alarms (docs/gap_nulls.md).
+plain exponential raises false alarms (docs/gap.md).
 """
 
 from dataclasses import dataclass

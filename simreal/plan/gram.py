@@ -164,7 +164,7 @@ class PairSeparation:
         return float(np.median(self.delta_high / np.maximum(self.delta_needed, SEEN_DELTA)))
 
 
-def told(runs: Sequence[RunGrams], h: Contender, k: Contender) -> PairSeparation:
+def separation(runs: Sequence[RunGrams], h: Contender, k: Contender) -> PairSeparation:
     """How well the true effect h is told from k in a set of runs; both must leave traces in all of
     them.
     """

@@ -10,7 +10,7 @@ import numpy as np
 
 from ins.errors.catalogue import catalogue, effects_named
 from ins.records import InputError
-from simreal.plan.gram import SAME_COS2, Contender, PairSeparation, RunGrams, told
+from simreal.plan.gram import SAME_COS2, Contender, PairSeparation, RunGrams, separation
 
 CLASSICAL = (  # effects.md, end of section 2: what is confused when the recordings are poor
     "gyro_thermal_linear,gyro_warmup_transient",
@@ -169,7 +169,7 @@ def special_case(runs: Sequence[RunGrams], pair: Pair) -> str:
     """Which of a pair ("a", "b", or neither "") is a special case of the other, as rich runs
     show.
     """
-    judged = judge(runs, pair)
+    judged = assess(runs, pair)
     for name, e, other, t in (("a", pair.a, pair.b, judged.a), ("b", pair.b, pair.a, judged.b)):
         more = (
             len(other.effect.coefficients) > len(e.effect.coefficients)
@@ -180,7 +180,7 @@ def special_case(runs: Sequence[RunGrams], pair: Pair) -> str:
     return ""
 
 
-def judge(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> PairAssessment:
+def assess(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> PairAssessment:
     """A pair in a set of runs. special: as in `PairAssessment`."""
     if not runs:
         return PairAssessment(pair, "a recording")
@@ -190,7 +190,9 @@ def judge(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> PairAssess
             return PairAssessment(pair, lacks)
         if any(e.key not in run.columns for run in runs):
             return PairAssessment(pair, "a temperature that all of the runs log")
-    return PairAssessment(pair, "", told(runs, pair.a, pair.b), told(runs, pair.b, pair.a), special)
+    return PairAssessment(
+        pair, "", separation(runs, pair.a, pair.b), separation(runs, pair.b, pair.a), special
+    )
 
 
 def read_pair(text: str) -> Pair:

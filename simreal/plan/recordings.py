@@ -132,15 +132,6 @@ def short_list(heading_deg: float, without: Sequence[str] = ()) -> tuple[Recordi
     return tuple(out)
 
 
-def tried_first(among: Sequence[Recording]) -> list[Recording]:
-    """A few of the candidates that together answer most pairs: starts of four kinds, and a taxi
-    with whatever aids there are. For an answer long before all have been tried.
-    """
-    starts = [Recording(start=s) for s in ("cold", "ambient", "cooling", "hot_restart")]
-    taxis = sorted((r for r in among if r.taxi and r.start == "cold"), key=lambda r: len(r.aids))
-    return [r for r in [*starts, *taxis[-1:]] if r in among]
-
-
 def _quiet(twin: TwinModel) -> TwinModel:
     """The twin without effects, and without the slow noise and the sway of what it simulates: of a
     recording only its motion and temperatures count, and half of the time to make one went into

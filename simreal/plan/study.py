@@ -20,8 +20,8 @@ from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank, Group
 from simreal.inference.scoring import Scorer
 from simreal.plan.gram import Contender, RunGrams
-from simreal.plan.pairs import Pair, PairAssessment, judge, special_case
-from simreal.plan.recordings import Recording, RecordingMaker, candidates, tried_first
+from simreal.plan.pairs import Pair, PairAssessment, assess, special_case
+from simreal.plan.recordings import Recording, RecordingMaker, candidates
 
 # log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four
 # (simreal.inference.attribute)
@@ -143,7 +143,7 @@ class Planner:
         return Plan(
             title,
             tuple(recordings),
-            tuple(judge(runs, p, self.special.get(p.label, "")) for p in self.pairs),
+            tuple(assess(runs, p, self.special.get(p.label, "")) for p in self.pairs),
         )
 
     def best_next(self, before: Plan, among: Sequence[Recording]) -> list[Plan]:
@@ -174,12 +174,6 @@ class Planner:
             steps.append(now)
         return steps, first or self.best_next(now, among)
 
-    def best_of(self, among: Sequence[Recording], most: int) -> tuple[Plan, list[Plan], list[Plan]]:
-        """The smallest set found among these, the plan after each step, all first choices."""
-        self.learn_special_cases(among)
-        steps, first = self.choose(among, most)
-        return self.thinned(steps[-1]) if steps else self.plan((), "no recording"), steps, first
-
     def thinned(self, plan: Plan) -> Plan:
         """Without recordings that a later choice has made needless."""
         for recording in plan.recordings[:-1]:
@@ -200,16 +194,6 @@ class PlanSettings:
     most: int = 6
 
 
-@dataclass(frozen=True, kw_only=True)
-class Listener:
-    """Who hears of a study while it is made. progress: what is being done; first_answer: the plan
-    from the few recordings that are tried first, long before the others have been.
-    """
-
-    progress: Callable[[str], None] = lambda _: None
-    first_answer: Callable[[Plan], None] = lambda _: None
-
-
 def study(
     pairs: Sequence[Pair],
     twin: TwinModel,
@@ -218,21 +202,20 @@ def study(
     settings: PlanSettings,
     *,
     given: Sequence[RunView] = (),
-    listener: Listener = Listener(),
+    told: Callable[[str], None] = lambda words: None,
 ) -> Study:
-    """Everything a plan says. given: views of runs at hand."""
+    """Everything a plan says. given: views of runs at hand; told: what is being done."""
     maker = RecordingMaker(twin, table, site, settings.seed, settings.without)
     planner = Planner(pairs, maker, given)
     among = candidates(settings.without)
-    few = tried_first(among)
-    for number, recording in enumerate([*few, *(r for r in among if r not in few)], start=1):
-        listener.progress(f"recording {number} of {len(among)}")
+    for number, recording in enumerate(among, start=1):
+        told(f"recording {number} of {len(among)}")
         planner.gram(recording)
-        if number == len(few):
-            listener.first_answer(planner.best_of(few, settings.most)[0])
-    listener.progress("choosing")
-    chosen, steps, first = planner.best_of(among, settings.most)
-    listener.progress("comparing")
+    told("choosing")
+    planner.learn_special_cases(among)
+    steps, first = planner.choose(among, settings.most)
+    chosen = planner.thinned(steps[-1]) if steps else planner.plan((), "no recording")
+    told("comparing")
     compared = (
         ()
         if given

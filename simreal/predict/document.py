@@ -130,16 +130,14 @@ def simulator_record(simulator: "Simulator") -> PredictedUpdates:
 def simulator_lines(record: PredictedUpdates) -> list[str]:
     """What a prediction of updates gains, in a few lines for people."""
     runs = len(record.runs)
-    fits = f"{record.fits} fit{'s' * (record.fits != 1)}"
-    lines = [f"  updates of {runs} run{'s' * (runs != 1)} predicted by {fits} to other runs:"]
+    lines = [f"  updates of {runs} run{'s' * (runs != 1)} predicted by fits to other runs:"]
     lines += [f"    {_quantity_line(q)}" for q in record.quantities]
     for e in record.effects:
         if e.predicted:
             said = ", ".join(
                 f"{NAMES[q.quantity]} {share_text(q.alone_gone)}" for q in e.quantities
             )
-            found = f"in {e.fits} of {record.fits} fits"
-            lines.append(f"    {e.effect} on {e.target} ({found}) alone takes away: {said}")
+            lines.append(f"    {e.effect} on {e.target} alone takes away: {said}")
         else:
             lines.append(f"    {e.effect} on {e.target}: of one run or no part of an update")
     lines += [f"    run {r.run_id} not predicted: {r.why}" for r in record.not_predicted]

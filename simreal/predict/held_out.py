@@ -5,9 +5,13 @@ The table and the noise predict the bias points of a session with their covarian
 less what is predicted is the update's own innovation (`infield.table.merge`). An effect of the
 twin's is taken out of the log first, a noise goes into the twin's numbers: so the prediction is the
 one that the update itself would make.
+
+Which effects there are is what all runs said, as in the shrink (`simreal.inference.addback`): three
+runs of four often cannot tell a linear function of temperature from its rate. How large they are is
+fitted to the other runs alone. Runs held out took no part in either.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,17 +20,23 @@ from numpy.typing import NDArray
 from infield.replay.drift_prediction import NM_H_PER_DEG_H
 from infield.session.pipeline import update_calibration
 from infield.session.results import SessionResult
+from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
-from infield.thermal.found_effects import with_effect_sigma, without_effects
+from infield.thermal.found_effects import FoundEffect, with_effect_sigma, without_effects
+from ins.errors.table import TABLE_AGED
 from ins.records import Run, TwinModel
 from ins.units import MILLIRADIAN
 from simreal.declared.twin_effects import TwinEffect, parse_effects
-from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.run_view import RunView
+from simreal.inference.addback import HeldOut
+from simreal.inference.attribute import Slot
 from simreal.inference.causes import Cause
-from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, NotLookedAt, diagnose
+from simreal.inference.diagnosis import Diagnosis, NotLookedAt
+from simreal.inference.verdict import KeptOut
 from simreal.predict.carried import along, foretells, with_noise_of
 from simreal.predict.measures import Deviation
-from simreal.twin.write_back import effect_items
+from simreal.predict.traces import fitted, fitted_without, unit_traces
+from simreal.twin.write_back import fitted_items
 
 LEVEL_AXES = (0, 1)
 # of the heading's prior variance that the update must take away before its heading error says
@@ -34,6 +44,8 @@ LEVEL_AXES = (0, 1)
 # infield.reports.documents.session (UNSEEN_SIGMA)
 HEADING_SEEN = 0.19
 NO_UPDATE = "an update refuses the run"
+UPDATED = SessionSettings(claim_chain=False)  # a side path that no figure here needs
+NOT_BORNE = (KeptOut.NOT_SHOWN, KeptOut.MADE_WORSE, KeptOut.OF_MOTION)
 
 Key = tuple[str, str]  # name and target of an effect
 
@@ -79,111 +91,148 @@ class Simulator:
 
 
 @dataclass(frozen=True)
-class GivenTwin:
-    """The twin as given, its table, and the hash of the table that runs may have applied."""
+class _Carried:
+    """What was found and holds in other runs: by effect its slots, or the noise that it is."""
 
-    twin: TwinModel
-    table: ThermalTable | None
-    table_sha256: str
+    slots: dict[Key, list[Slot]]
+    noise: dict[Key, list[TwinEffect]]
+    own: tuple[Key, ...]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        return tuple(dict.fromkeys((*self.slots, *self.noise)))
 
 
 def predict_runs(
     runs: Sequence[Run],
-    believed: GivenTwin,
-    table: ThermalTable,
-    settings: DiagnosisSettings,
     found: Diagnosis,
+    table: ThermalTable,
+    hold_out: Sequence[str] = (),
+    told: Callable[[str], None] = lambda words: None,
 ) -> Simulator:
     """Predicts each run from the others, or the runs held out from the rest.
 
     Parameters
     ----------
     runs : of one unit.
-    believed : the twin that is fitted.
+    found : their diagnosis.
     table : that the updates begin with: the twin's, or that of an unknown unit.
-    settings : of the diagnosis; its hold_out are the runs to predict, where there are any.
-    found : the diagnosis of all runs, less those held out.
+    hold_out : run ids that took no part in the attribution; only those are predicted.
+    told : told what is being done.
     """
-    ids = [run.header.run_id for run in runs]
-    names = tuple(settings.hold_out) or tuple(ids)
+    views = {view.name: k for k, view in enumerate(found.views)}
+    why = {one.run_id: one.why for one in found.not_looked_at}
+    carried = _carried(found)
     done: list[HeldOutRun] = []
     undone: list[NotLookedAt] = []
-    looked_at = {view.name for view in found.views}
     for run in runs:
         name = run.header.run_id
-        if name not in names:
+        if hold_out and name not in hold_out:
             continue
-        settings.told(f"predicting {name}")
-        others = [r for r in runs if r.header.run_id != name and r.header.run_id in looked_at]
-        apart = name in settings.hold_out
-        fit = found if apart else _fit(others, believed, settings)
-        predicted = _predict(run, fit, believed, table, settings.hold_out)
-        if isinstance(predicted, str):
-            undone.append(NotLookedAt(name, predicted))
+        told(f"predicting {name}")
+        number = views.get(name)
+        if number is None:
+            undone.append(NotLookedAt(name, why[name]))
+            continue
+        predicted = _predict(run, number, found, carried, table, hold_out)
+        if predicted is None:
+            undone.append(NotLookedAt(name, NO_UPDATE))
         else:
             done.append(predicted)
     return Simulator(tuple(done), tuple(undone))
 
 
-def _fit(runs: Sequence[Run], believed: GivenTwin, settings: DiagnosisSettings) -> Diagnosis:
-    quiet = replace(settings, hold_out=(), told=lambda words: None)
-    return diagnose(runs, believed.twin, believed.table, quiet, table_sha256=believed.table_sha256)
-
-
 def _predict(
-    run: Run, fit: Diagnosis, believed: GivenTwin, table: ThermalTable, hold_out: Sequence[str]
-) -> HeldOutRun | str:
-    """The predictions of a run, or why there are none."""
-    view = view_run(run, 0, believed.table, believed.twin, table_sha256=believed.table_sha256)
-    if isinstance(view, str):
-        return view
-    fitted_to = tuple(v.name for v in fit.views if v.name not in hold_out)
-    items, own = _items(fit, fitted_to)
-    update = _Update(run, view, believed.twin, table, parse_effects(believed.twin))
-    before = update.predicted([])
-    if before is None:
-        return NO_UPDATE
-    every = [item for group in items.values() for item in group]
-    after = update.predicted(every)
-    if after is None:
-        return NO_UPDATE
-    alone, without = {}, {}
-    for key, group in items.items():
-        only = len(items) == 1
-        alone[key] = (after if only else update.predicted(group)) or before
-        others = [item for item in every if item not in group]
-        without[key] = (before if only else update.predicted(others)) or after
+    run: Run,
+    number: int,
+    found: Diagnosis,
+    carried: _Carried,
+    table: ThermalTable,
+    hold_out: Sequence[str],
+) -> HeldOutRun | None:
+    """The predictions of a run; None where an update says nothing of it."""
+    view, twin = found.views[number], found.twin
+    effects = _fitted_effects(found, number, carried, apart=bool(hold_out))
+    update = _Update(run, view, twin, table, parse_effects(twin))
+    keys = frozenset(carried.keys)
+    done: dict[frozenset[Key], Predicted | None] = {}
+
+    def with_effects(chosen: frozenset[Key]) -> Predicted | None:
+        if chosen not in done:
+            added = [effects[key] for key in chosen if key in effects]
+            noise = [item for key in chosen for item in carried.noise.get(key, ())]
+            done[chosen] = update.predicted(added, noise)
+        return done[chosen]
+
+    before, after = with_effects(frozenset()), with_effects(keys)
+    if before is None or after is None:
+        return None
+    names = [v.name for v in found.views if v.name not in hold_out]
     return HeldOutRun(
-        run_id=run.header.run_id,
-        fitted_to=fitted_to,
-        found=tuple(items),
-        own=own,
+        run_id=view.name,
+        fitted_to=tuple(name for name in names if name != view.name),
+        found=carried.keys,
+        own=carried.own,
         before=before,
         after=after,
-        alone=alone,
-        without=without,
+        alone={key: with_effects(frozenset({key})) or before for key in keys},
+        without={key: with_effects(keys - {key}) or after for key in keys},
     )
 
 
-def _items(
-    fit: Diagnosis, run_ids: Sequence[str]
-) -> tuple[dict[Key, list[TwinEffect]], tuple[Key, ...]]:
+def _carried(found: Diagnosis) -> _Carried:
     """What was found and can be predicted elsewhere, by effect; then what cannot."""
-    items: dict[Key, list[TwinEffect]] = {}
+    carried = _Carried({}, {}, ())
     own: list[Key] = []
-    for cause in fit.causes:
-        key = (cause.effect, cause.target)
-        carried = _carried(cause, fit.twin, run_ids)
-        if carried:
-            items.setdefault(key, []).extend(carried)
+    for cause, number in zip(found.causes, found.order):
+        key, slot = (cause.effect, cause.target), found.attribution.slots[number]
+        if cause.kept_out in NOT_BORNE:
+            own.append(key)
+        elif slot.group is None:
+            carried.noise.setdefault(key, []).extend(_noise_of(cause, found))
+        elif cause.effect == TABLE_AGED or HeldOut.judges(slot):
+            carried.slots.setdefault(key, []).append(slot)
         else:
             own.append(key)
-    return items, tuple(dict.fromkeys(own))
+    own += [key for key, items in carried.noise.items() if not items]
+    noise = {key: items for key, items in carried.noise.items() if items}
+    return replace(carried, noise=noise, own=tuple(dict.fromkeys(own)))
 
 
-def _carried(cause: Cause, twin: TwinModel, run_ids: Sequence[str]) -> list[TwinEffect]:
-    listed = tuple(effect_items(cause, run_ids))
-    return [item for item in parse_effects(replace(twin, effects=listed)) if foretells(item)]
+def _noise_of(cause: Cause, found: Diagnosis) -> list[TwinEffect]:
+    listed = tuple(fitted_items(cause, [view.name for view in found.views]))
+    return [item for item in parse_effects(replace(found.twin, effects=listed)) if foretells(item)]
+
+
+def _fitted_effects(
+    found: Diagnosis, run: int, carried: _Carried, *, apart: bool
+) -> dict[Key, FoundEffect]:
+    """What each effect adds to a run by the fit to the others; apart: the run took no part."""
+    attribution = found.attribution
+    beta, covariance = fitted(attribution) if apart else fitted_without(attribution, run)
+    traces = unit_traces(found, run)
+    time_s = found.views[run].telemetry.time_s
+    out = {}
+    for key, slots in carried.slots.items():
+        columns = np.concatenate([slot.columns for slot in slots])
+        at = np.flatnonzero(np.isin(attribution.columns, columns))
+        gyro = _stacked([traces[k].gyro_rad_s for k in at], time_s.size)
+        accel = _stacked([traces[k].accel_m_s2 for k in at], time_s.size)
+        C = covariance[np.ix_(at, at)]
+        out[key] = FoundEffect(
+            effect=key[0],
+            target=key[1],
+            time_s=time_s,
+            gyro_rad_s=gyro @ beta[at],
+            accel_m_s2=accel @ beta[at],
+            gyro_sigma_rad_s=np.sqrt(np.maximum(np.einsum("nip,pq,niq->ni", gyro, C, gyro), 0.0)),
+        )
+    return out
+
+
+def _stacked(series: Sequence[NDArray | None], n: int) -> NDArray:
+    """Columns (n, 3, p), zeros where there is nothing."""
+    return np.stack([np.zeros((n, 3)) if one is None else one for one in series], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -196,15 +245,19 @@ class _Update:
     table: ThermalTable
     listed: Sequence[TwinEffect]
 
-    def predicted(self, items: Sequence[TwinEffect]) -> Predicted | None:
+    def predicted(
+        self, added: Sequence[FoundEffect], noise: Sequence[TwinEffect]
+    ) -> Predicted | None:
         """Measured less predicted with these effects beside those that the twin lists; None where
         the update says nothing of the run.
         """
-        every = [*(item for item in self.listed if item.in_run(self.run.header.run_id)), *items]
-        effects = [along(item, self.view.telemetry) for item in every if not item.is_noise]
-        twin = replace(with_noise_of(self.twin, every), effects=(), table=None)
+        listed = [item for item in self.listed if item.in_run(self.run.header.run_id)]
+        known = [along(item, self.view.telemetry) for item in listed if not item.is_noise]
+        effects = [*known, *added]
+        twin = replace(with_noise_of(self.twin, [*listed, *noise]), effects=(), table=None)
         twin = with_effect_sigma(twin, [effects])
-        result = update_calibration([without_effects(self.run, effects)], self.table, twin)
+        run = without_effects(self.run, effects)
+        result = update_calibration([run], self.table, twin, settings=UPDATED)
         return _deviations(result.sessions[0], self.table) if result.sessions else None
 
 

@@ -5,31 +5,32 @@ Where the effect repeats and there are several runs, the curve of a run has the 
 *other* runs, so what is seen is a forecast.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.errors.telemetry import Telemetry, Trace, total
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.twin_effects import parse_effects, twin_traces
 from simreal.evidence.parked import PARKED_MEAN_S
-from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
-from simreal.inference.addback import HeldOut
-from simreal.inference.attribute import Attribution, Slot, columns_of
-from simreal.inference.bank import Hypothesis
+from simreal.evidence.whitened import CHANNELS, RunEvidence
 from simreal.inference.diagnosis import Diagnosis
-from simreal.inference.scoring import fit
 from simreal.inference.verdict import Judging
+from simreal.predict.traces import (
+    LEAST_ELSEWHERE,
+    fitted,
+    fitted_without,
+    known_trace,
+    summed,
+    unit_traces,
+)
 
 MINUTE_BINS = 6
 # of its RMS: an effect whose scatter within a run is larger is no constant of that run; chosen:
 # below the 0.5 of a ramp that begins at zero
 VARIES = 0.2
-# share of an effect's information: below, it is not in those runs; of 12 sigma, the size of the
-# blind trials, 0.4 sigma is left
-LEAST_ELSEWHERE = 1e-3
+# squared sigmas of an effect in a parked channel: a smaller one is not seen in its drawing; chosen:
+# 3 sigma
+LEAST_DRAWN = 9.0
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,8 @@ class RunCurve:
 
 @dataclass(frozen=True)
 class Overlay:
-    """A cause along the runs. unit "deg/h" or "ug": one-minute means of a parked channel, less the
-    attitude, the constant
-
-    of the run (not where the effect is one itself) and the other effects. unit "": evidence summed
-    along the run, what the matched filter gives (measured) and what it gives if the effect is as
-    fitted (effect).
+    """A cause along the runs: one-minute means of a parked channel, less the attitude, the constant
+    of the run (not where the effect is one itself) and the other effects.
     """
 
     channel: str
@@ -61,87 +58,9 @@ class Overlay:
 
 
 def overlays(diagnosis: Diagnosis) -> tuple[Overlay | None, ...]:
-    """One for each cause, None for noise."""
+    """One for each cause, None for noise and for what hardly touches a parked sensor."""
     by_run = [c.shrink is not None and c.shrink.how is Judging.BY_RUN for c in diagnosis.causes]
     return tuple(_overlay(diagnosis, k, by_run=own) for k, own in zip(diagnosis.order, by_run))
-
-
-def fitted_trace(diagnosis: Diagnosis, run: int) -> Trace:
-    """What all found effects together add to the seconds of a run (a number among
-    `diagnosis.views`).
-    """
-    attribution = diagnosis.attribution
-    found = np.isin(attribution.columns, columns_of(attribution.slots))
-    return _traced(diagnosis, run, found, _fit(attribution))
-
-
-def known_trace(diagnosis: Diagnosis, run: int) -> Trace:
-    """What the twin itself expects of the effects that it lists, where the diagnosis took it off
-    the data.
-    """
-    known = diagnosis.attribution.evidence.known
-    if run < len(known):
-        return known[run] or Trace()
-    if not any(k is not None for k in known):
-        return Trace()
-    view = diagnosis.views[run]
-    return twin_traces(parse_effects(diagnosis.twin), view.telemetry, view.name)
-
-
-def _traced(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray) -> Trace:
-    """The trace of some of the found columns in any of the runs; a run held out has no part in
-    events of others.
-    """
-    attribution, bank = diagnosis.attribution, diagnosis.attribution.bank
-    columns, parts = attribution.columns, []
-    if run < len(attribution.evidence.views):
-        parts = [(b, bank.traces_of(int(c), run)) for c, b in zip(columns[mine], beta[mine])]
-    else:
-        for slot in attribution.every:
-            for c, trace in zip(
-                slot.columns, _unit_traces(attribution, slot, diagnosis.views[run].telemetry)
-            ):
-                at = int(np.flatnonzero(columns == c)[0])
-                parts.append((beta[at] if mine[at] else 0.0, trace))
-    return total(trace.scaled(float(b)) for b, trace in parts if trace is not None)
-
-
-def _unit_traces(attribution: Attribution, slot: Slot, run: Telemetry) -> Sequence[Trace]:
-    """Of a slot in a run that took no part: its columns' traces, none for what belongs to one
-    run.
-    """
-    h = slot.hypothesis
-    if slot.group is None or not isinstance(h, Hypothesis) or not HeldOut.judges(slot):
-        return ()
-    if h.effect is not None:
-        return h.effect.traces(run, h.target, slot.group.shape)
-    key = h.name, h.target, int(slot.group.shape["nodes"])
-    return next(g for g in attribution.bank.generics if g.key == key).traces(run)
-
-
-def coefficients_without(attribution: Attribution, run: int) -> NDArray:
-    """Coefficients of all slots' columns fitted on the other runs; as fitted on all where only this
-    run has them.
-    """
-    bank, columns, evidence = attribution.bank, attribution.columns, attribution.evidence
-    own = bank.matrix(columns)[evidence.rows_of(run)]
-    gram = bank.gram[np.ix_(columns, columns)]
-    rest = gram - own.T @ own
-    score = bank.score[columns] - own.T @ evidence.z[evidence.rows_of(run)]
-    seen = np.diag(rest) > LEAST_ELSEWHERE * np.diag(gram)
-    beta = _fit(attribution).copy()
-    score = score - rest[:, ~seen] @ beta[~seen]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(rest)[seen], 1e-300))
-    scaled = rest[np.ix_(seen, seen)] * np.outer(scale, scale)
-    beta[seen] = scale * (
-        np.linalg.pinv(scaled, rcond=1e-8, hermitian=True) @ (scale * score[seen])
-    )
-    return beta
-
-
-def _fit(attribution: Attribution) -> NDArray:
-    columns = attribution.columns
-    return np.asarray(fit(attribution.bank, columns)[0]) if columns.size else np.zeros(0)
 
 
 def _overlay(diagnosis: Diagnosis, number: int, *, by_run: bool) -> Overlay | None:
@@ -150,33 +69,22 @@ def _overlay(diagnosis: Diagnosis, number: int, *, by_run: bool) -> Overlay | No
     if slot.group is None:
         return None
     mine = np.isin(attribution.columns, slot.columns)
-    u = attribution.bank.signature(attribution.columns, np.where(mine, _fit(attribution), 0.0)) ** 2
-    on_sensors, channel = _main_channel(evidence, u)
-    make = _parked_curve if on_sensors else _evidence_curve
+    every = fitted(attribution)[0]
+    u = attribution.bank.signature(attribution.columns, np.where(mine, every, 0.0)) ** 2
+    parked = np.concatenate([np.arange(run.z.size) < run.parked.rows for run in evidence.runs])
+    of_channel = np.bincount(evidence.rows.channel[parked], u[parked], minlength=len(CHANNELS))
+    if of_channel.max() < LEAST_DRAWN:
+        return None
+    channel = int(of_channel.argmax())
     curves = []
     for r in range(len(diagnosis.views)):
         apart = r >= len(evidence.views)
         if not apart and float(u[evidence.rows_of(r)].sum()) < LEAST_ELSEWHERE * float(u.sum()):
             continue
-        beta = coefficients_without(attribution, r) if by_run and not apart else _fit(attribution)
-        curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or by_run))
-    unit = ("deg/h" if channel < 3 else "ug") if on_sensors else ""
+        beta = fitted_without(attribution, r)[0] if by_run and not apart else every
+        curves.append(_parked_curve(diagnosis, r, mine, beta, channel, held_out=apart or by_run))
+    unit = "deg/h" if channel < 3 else "ug"
     return Overlay(CHANNELS[channel], unit, tuple(sorted(curves, key=lambda c: not c.held_out)))
-
-
-def _main_channel(evidence: Evidence, energy: NDArray) -> tuple[bool, int]:
-    """Whether most of an effect's whitened energy is in the parked sensors, and the channel with
-    most of it there.
-    """
-    parked = np.zeros(energy.size, bool)
-    for r, run in enumerate(evidence.runs):
-        first = int(evidence.offsets[r])
-        parked[first : first + run.parked.rows] = True
-    on_sensors = float(energy[parked].sum()) > 0.5 * float(energy.sum())
-    rows = parked if on_sensors else ~parked
-    return on_sensors, int(
-        np.bincount(evidence.rows.channel[rows], energy[rows], minlength=len(CHANNELS)).argmax()
-    )
 
 
 def _evidence_of(diagnosis: Diagnosis, run: int) -> RunEvidence:
@@ -193,9 +101,10 @@ def _parked_curve(
     diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
 ) -> RunCurve:
     view, block = diagnosis.views[run], _evidence_of(diagnosis, run).parked
+    units = unit_traces(diagnosis, run)
     traces = [
-        _traced(diagnosis, run, mine, beta),
-        _traced(diagnosis, run, ~mine, beta),
+        summed(units, np.where(mine, beta, 0.0)),
+        summed(units, np.where(mine, 0.0, beta)),
         known_trace(diagnosis, run),
     ]
     effect, rest, known = (block.of_traces([t])[:, :, 0] for t in traces)
@@ -215,18 +124,3 @@ def _means(values: NDArray) -> NDArray:
     """Over a minute; all of it where there is less."""
     n = values.size // MINUTE_BINS * MINUTE_BINS
     return values[:n].reshape(-1, MINUTE_BINS).mean(axis=1) if n else np.array([values.mean()])
-
-
-def _evidence_curve(
-    diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
-) -> RunCurve:
-    evidence = _evidence_of(diagnosis, run)
-    traces = [_traced(diagnosis, run, mine, beta), _traced(diagnosis, run, ~mine, beta)]
-    d, others = evidence.whiten(traces).T
-    time_s = evidence.rows(run).time_s
-    order = np.argsort(time_s, kind="stable")
-    measured, effect = np.cumsum((d * (evidence.z - others))[order]), np.cumsum((d**2)[order])
-    # nothing to see before the effect begins
-    first = int(np.searchsorted(effect, 1e-4 * effect[-1]))
-    t = time_s[order][first:] / 60.0
-    return RunCurve(diagnosis.views[run].name, t, measured[first:], effect[first:], held_out)

@@ -13,7 +13,7 @@ from ins.errors.catalogue import catalogue, words_of
 from ins.errors.table import TABLE_AGED
 from ins.records import EffectDocument, Run, TwinModel
 from ins.verdicts import plain_number
-from simreal.inference.addback import Gone, Shrink
+from simreal.inference.addback import Gone
 from simreal.inference.causes import Cause, CauseParameter
 from simreal.inference.diagnosis import (
     Diagnosis,
@@ -26,9 +26,17 @@ from simreal.inference.diagnosis import (
 from simreal.inference.excess import Excess
 from simreal.inference.locate import GapCell
 from simreal.inference.places import Place
-from simreal.inference.user_level import UserLevel
 from simreal.inference.verdict import GapVerdict, KeptOut
 from simreal.predict.document import PredictedUpdates, simulator_lines
+from simreal.predict.sessions import SessionDrift, UserLevel
+from simreal.report.diagnosis_words import (
+    Found,
+    drift_words,
+    gathered,
+    percent,
+    shrink_words,
+    verdict_sentence,
+)
 from simreal.twin.write_back import effect_items, fitted_items
 
 NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
@@ -88,6 +96,7 @@ class GapReport:
     shrink: Gone | None = field(default=None, metadata=OMIT_NONE)
     channels: tuple[Excess, ...] = ()
     user_level: tuple[UserLevel, ...] = ()
+    expected_drift: SessionDrift | None = field(default=None, metadata=OMIT_NONE)
     record_next: tuple[str, ...] = ()
     cells: tuple[GapCell, ...] = ()
     runs: tuple[DiagnosedRun, ...]
@@ -123,6 +132,7 @@ def diagnosis_document(
     runs: Sequence[Run],
     asked: DiagnosisRequest,
     *,
+    drift: SessionDrift | None = None,
     users: Sequence[UserLevel] = (),
     record_next: Sequence[str] = (),
     settled_by: Sequence[Sequence[str]] | None = None,
@@ -136,7 +146,7 @@ def diagnosis_document(
     sentences = settled_by or [()] * len(diagnosis.causes)
     return GapReport(
         verdict=diagnosis.verdict,
-        sentence=diagnosis.sentence,
+        sentence=verdict_sentence(diagnosis),
         imu_serial=twin.imu_serial,
         gyro_technology=twin.gyro_technology,
         twin=twin.source,
@@ -155,6 +165,7 @@ def diagnosis_document(
         shrink=diagnosis.shrink,
         channels=diagnosis.channels,
         user_level=tuple(users),
+        expected_drift=drift,
         record_next=tuple(record_next),
         cells=diagnosis.cells,
         runs=tuple(_run(run, diagnosis, asked.hold_out) for run in runs),
@@ -215,9 +226,10 @@ def summary(document: GapReport) -> list[str]:
     )
     if document.causes and document.shrink is not None:
         lines.append(_excess_line(document))
-    for cause in document.causes:
-        lines += _cause_lines(cause)
-    lines += [f"  navigation, run {u.run_id}: {_user_line(u)}" for u in document.user_level]
+    for found in gathered(document.causes):
+        lines += _cause_lines(found)
+    if document.expected_drift is not None:
+        lines.append(f"  {drift_words(document.expected_drift)}")
     if document.simulator is not None:
         lines += simulator_lines(document.simulator)
     lines += [f"  run {r.run_id} not looked at: {r.why}" for r in document.not_looked_at]
@@ -276,18 +288,22 @@ def _excess_line(document: GapReport) -> str:
     )
 
 
-def _cause_lines(cause: Cause) -> list[str]:
-    at = f", run {cause.run_id}" if cause.run_id else ""
+def _cause_lines(found: Found) -> list[str]:
+    cause, others = found.first, found.causes[1:]
+    at = f", run {', '.join(c.run_id or '' for c in found.causes)}" if cause.run_id else ""
     lines = [
         f"  {cause.effect} on {cause.target}{at}: probability {cause.probability:.2f},"
-        f" {cause.size:.0f} sigma"
+        f" {' and '.join(f'{c.size:.0f}' for c in found.causes)} sigma"
     ]
-    said = list(cause.parameters.items())[:MOST_SAID]
+    said = [] if others else list(cause.parameters.items())[:MOST_SAID]
     lines += [f"    {name} {_parameter_text(p)}" for name, p in said]
     if cause.confounded_with:
         lines.append(f"    {_confusion(cause)}: {', '.join(cause.confounded_with)}")
-    if cause.shrink is not None:
-        lines.append(f"    {_shrink_text(cause.shrink)}")
+    if cause.shrink is not None and not others:
+        lines.append(
+            f"    shrinks the gap by {percent(cause.shrink.fraction)}"
+            f" ({shrink_words(cause.shrink)})"
+        )
     if cause.kept_out is not None:
         lines.append(f"    not in twin.json: {cause.kept_out.template}")
     if cause.advice is not None:
@@ -308,21 +324,3 @@ def _confusion(cause: Cause) -> str:
     if cause.effect == SLOW_NAME:
         return "as a process"
     return "nearly the same" if cause.resolved else "may also be"
-
-
-def _shrink_text(s: Shrink) -> str:
-    low, high = s.interval_95
-    small = "; too small there to quantify" if s.too_small else ""
-    return (
-        f"shrinks the gap by {100 * s.fraction:.0f} % ({100 * low:.0f} to"
-        f" {100 * high:.0f} %), {s.how}{small}"
-    )
-
-
-def _user_line(u: UserLevel) -> str:
-    a, b = u.as_it_is, u.without
-    return (
-        f"{a.rate_nm_h:.2f} -> {b.rate_nm_h:.2f} NM/h, {a.speed_m_s:.2f} ->"
-        f" {b.speed_m_s:.2f} m/s after {u.navigated_s / 60:.0f} min, alignment"
-        f" {u.heading_change_arcmin:+.2f} arcmin"
-    )

@@ -7,16 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.reports.drawing import Band as Area
-from infield.reports.drawing import Boxes, Cells, Item, Line, Marks, Panel, Texts, rows_height
+from infield.reports.drawing import (
+    FRAME_PX,
+    Boxes,
+    Cells,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Texts,
+    rows_height,
+)
 from infield.reports.figures import BLACK, BLUE, GREY, PALE, SKY, VERMILLION, robust_limits, thinned
 from simreal.inference.causes import Cause
 from simreal.inference.locate import GapCell
 from simreal.report.diagnosis_curves import Overlay, RunCurve
+from simreal.report.diagnosis_words import Found, answer_words, band_words, plain
 
-MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be; odds of 1e13
-SHOWN_NATS = 3.0  # a smaller excess has no number in its cell: odds of 20
-UPRIGHT_PX, SCALE_PX, BANDS_PX = 50, 130, 320  # heights: of turned labels; of the scale; of bands
+MOST_SIGMAS = 8.0  # colour scale of the map: beyond, a cell is as dark as can be; odds of 1e13
+SHOWN_SIGMAS = 3.0  # a smaller excess has no number in its cell: one of 370 squares of N(0, 1)
+SQUARE_PX, UPRIGHT_PX, BANDS_PX = 19, 50, 320  # heights: of a square; of turned labels; of bands
 MOST_PANELS = 8
 MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there
@@ -29,43 +39,49 @@ SHADES = tuple(  # the scheme PuOr of ColorBrewer, from purple to orange: red, g
         *("fee0b6", "fdb863", "e08214", "b35806", "7f3b08"),
     )
 )
-SCALE_STEPS, SCALE_NATS = 60, (-30.0, -10.0, -3.0, 0.0, 3.0, 10.0, 30.0)
 SQUARE_GAP = 0.025  # between squares, in parts of one
-LEAST_SHOWN = 0.001  # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000
+# probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000; of several causes
+LEAST_SHOWN, LEAST_LIKELY = 0.001, 0.05
+MOST_BARRED = 4  # causes whose answers have bars
+
 Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
 
 
 @dataclass(frozen=True)
 class _Square:
-    """A cell of the map: where it is, and its numbers before or after."""
+    """A cell of the map: row of the band, column of the channel, sigmas off the twin's mean square
+    (below 0: too quiet), and whether it is located.
+    """
 
-    place: tuple[int, int]  # row of the band, column of the channel
-    nats: float
-    rho: float
+    place: tuple[int, int]
+    sigmas: float
     located: bool
 
-    @property
-    def colour(self) -> float:
-        """Signed root of the nats: below 0 too quiet, above too loud."""
-        return float(np.sign(self.rho - 1.0) * np.sqrt(np.clip(self.nats, 0.0, MOST_NATS)))
+
+def sigmas_of(nats: float, rho: float) -> float:
+    """The signed root of a deviance, near N(0, 1) where there is no gap; nats: half of it less its
+    mean.
+    """
+    return float(np.sign(rho - 1.0) * np.sqrt(max(2.0 * nats + 1.0, 0.0)))
 
 
-def gap_maps(cells: Sequence[GapCell]) -> list[Panel]:
-    """Band against channel, before and after, each as narrow as a phone: colour is the signed root
-    of the nats, numbers are rho where it stands out.
+def gap_maps(cells: Sequence[GapCell], longest_s: float) -> tuple[Panel, Panel]:
+    """Band against channel, before and with what was found, each as narrow as a phone; longest_s:
+    of the runs' rests.
     """
     channels = list(dict.fromkeys(c.channel for c in cells))
     bands = _bands(cells)
     places = [(bands.index(_band(c)), channels.index(c.channel)) for c in cells]
-    before = [_Square(at, c.nats, c.rho, c.located) for at, c in zip(places, cells)]
+    before = [_Square(at, sigmas_of(c.nats, c.rho), c.located) for at, c in zip(places, cells)]
     after = [
-        _Square(at, c.nats_after, c.rho_after, c.located_after) for at, c in zip(places, cells)
+        _Square(at, sigmas_of(c.nats_after, c.rho_after), c.located_after)
+        for at, c in zip(places, cells)
     ]
-    names = [_band_name(b) for b in bands]
-    return [
+    names = [_band_name(b, longest_s) for b in bands]
+    return (
         _gap_map(before, channels, names, "Before"),
         _gap_map(after, channels, names, "With what was found"),
-    ]
+    )
 
 
 def _gap_map(
@@ -75,14 +91,14 @@ def _gap_map(
     return Panel(
         items=[Cells(rows), _numbers(squares)],
         title=title,
-        label=f"Heat map of the gap by band and channel: {title.lower()}",
+        label=f"Heat map of the gap by period and channel in sigmas: {title.lower()}",
         x_limits=(-0.5, len(channels) - 0.5),
         y_limits=(len(bands) - 0.5, -0.5),
         x_ticks=list(enumerate(channels)),
         y_ticks=list(enumerate(bands)),
         upright=True,
         bare=True,
-        height=rows_height(len(bands)) + UPRIGHT_PX,
+        height=SQUARE_PX * len(bands) + FRAME_PX + UPRIGHT_PX,
     )
 
 
@@ -91,51 +107,27 @@ def _square_cell(
 ) -> tuple[float, float, float, float, str, str]:
     y, x = square.place
     half = 0.5 - SQUARE_GAP
-    words = f"{channel}, {band}: ratio {square.rho:.3g}, {square.nats:.3g} nats"
-    return x - half, x + half, y - half, y + half, _shade(square.colour), words
+    words = f"{channel}, {band}: {square.sigmas:.2g} sigmas"
+    return x - half, x + half, y - half, y + half, shade(square.sigmas), words
 
 
 def _numbers(squares: Sequence[_Square]) -> Texts:
     """Of the squares that stand out; bold where they are located."""
     rows = []
     for square in squares:
-        if square.nats > SHOWN_NATS or square.located:
-            dark = abs(square.colour) > DARK * np.sqrt(MOST_NATS)
+        if abs(square.sigmas) > SHOWN_SIGMAS or square.located:
+            dark = abs(square.sigmas) > DARK * MOST_SIGMAS
             colour = "white" if dark else "black"  # on the cell's colour, in the dark as well
-            rows.append(
-                (square.place[1], square.place[0], _short(square.rho), colour, square.located)
-            )
+            said = f"{square.sigmas:.0f}".replace("-", "−")
+            rows.append((square.place[1], square.place[0], said, colour, square.located))
     return Texts(rows)
 
 
-def _shade(colour: float) -> str:
-    """Of a signed root of nats, between the colours of SHADES."""
-    top = float(np.sqrt(MOST_NATS))
-    at = (colour + top) / (2.0 * top) * (len(SHADES) - 1)
+def shade(sigmas: float) -> str:
+    """The colour of so many sigmas, between the colours of SHADES."""
+    at = (np.clip(sigmas / MOST_SIGMAS, -1.0, 1.0) + 1.0) / 2.0 * (len(SHADES) - 1)
     mixed = [np.interp(at, np.arange(len(SHADES)), shades) for shades in zip(*SHADES)]
     return "#" + "".join(f"{round(float(value)):02x}" for value in mixed)
-
-
-def nats_scale() -> Panel:
-    """The colours of both maps with their nats."""
-    top = float(np.sqrt(MOST_NATS))
-    edges = np.linspace(-top, top, SCALE_STEPS + 1)
-    rows = [
-        (low, high, 0.0, 1.0, _shade(0.5 * (low + high)), "")
-        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist())
-    ]
-    ticks = [(float(np.sign(t) * np.sqrt(abs(t))), f"{abs(t):g}") for t in SCALE_NATS]
-    return Panel(
-        items=[Cells(rows)],
-        label="Colours of the maps in nats",
-        x_label="nats; left: too quiet, right: too loud",
-        x_limits=(-1.02 * top, 1.02 * top),
-        y_limits=(0.0, 1.0),
-        x_ticks=ticks,
-        y_ticks=[],
-        bare=True,
-        height=SCALE_PX,
-    )
 
 
 def _band(cell: GapCell) -> Band:
@@ -149,68 +141,74 @@ def _bands(cells: Sequence[GapCell]) -> list[Band]:
     return sorted({_band(c) for c in cells}, key=lambda band: (band[2], band[0]))
 
 
-def _short(rho: float) -> str:
-    """A ratio in at most three characters: a cell of the map is as wide."""
-    if rho < 0.005:
-        return "0"
-    if rho < 0.995:
-        return f"{rho:.2f}".removeprefix("0")
-    if rho < 9.95:
-        return f"{rho:.1f}"
-    if rho < 999.5:
-        return f"{rho:.0f}"
-    return f"{rho:.0e}".replace("e+0", "e")
-
-
-def _band_name(band: Band) -> str:
+def _band_name(band: Band, longest_s: float) -> str:
     """A band by its periods, slow ones first."""
     low, high, moving = band
-    if moving:
-        return "moving"
-    if low <= 0:
-        return f"over {_period(high)}"
-    if np.isinf(high):
-        return f"under {_period(low)}"
-    return f"{_period(low)} to {_period(high)}"
+    return "moving" if moving else band_words(low, high, longest_s)
 
 
-def _period(frequency_hz: float) -> str:
-    """In seconds below 100 s, in minutes below 90."""
-    seconds = 1.0 / frequency_hz
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-def posterior_bars(cause: Cause) -> Panel:
-    """Probabilities of the answers of one cause; the confounded set in colour."""
-    own = cause.effect, cause.target
-    held = {own} | {(r.effect, r.target) for r in cause.rivals}
-    rows = {
-        (a.effect, a.target): a.probability
-        for a in cause.posterior
-        if a.probability >= LEAST_SHOWN or (a.effect, a.target) in held
-    }
-    for rival in cause.rivals:
-        rows.setdefault((rival.effect, rival.target), rival.probability)
+def posterior_bars(causes: Sequence[Found]) -> Panel:
+    """Probabilities of the answers, those of one cause below one another: the answer taken, the
+    rest of the set that is open, the others; of several causes those only where they are likely.
+    """
     items: list[Item] = []
-    for y, (key, p) in enumerate(rows.items()):
-        colour = VERMILLION if key == own else BLUE if key in held else PALE
-        items.append(Boxes([(0.0, p, y - 0.35, y + 0.35)], colour))
-    said = [(p + 0.008, y, _percent(p), BLACK, False) for y, p in enumerate(rows.values())]
-    labels = [
-        f"{effect} on {target}" if target else "outside the catalogue" for effect, target in rows
-    ]
+    said: list[tuple[float, float, str, str, bool]] = []
+    labels: list[str] = []
+    alone = len(causes) == 1
+    least = LEAST_SHOWN if alone else LEAST_LIKELY
+    for found in causes[:MOST_BARRED]:
+        cause = found.first
+        own = cause.effect, cause.target
+        held = {own} | {(r.effect, r.target) for r in cause.rivals}
+        rows = {(a.effect, a.target): a for a in (*cause.rivals, *cause.posterior)}
+        for key, answer in sorted(rows.items(), key=lambda row: -row[1].probability):
+            p = answer.probability
+            if key not in held and (p < least or not (answer.target or alone)):
+                continue
+            y = len(labels)
+            colour = VERMILLION if key == own else BLUE if key in held else PALE
+            items.append(Boxes([(0.0, p, y - 0.35, y + 0.35)], colour))
+            said.append((p + 0.008, y, _percent(p), BLACK, False))
+            labels.append(answer_words(answer, cause.target if alone else ""))
     return Panel(
         items=[*items, Texts(said, middle=False)],
-        label=f"Posterior probabilities of the answers for {cause.effect} on {cause.target}",
+        label="Posterior probabilities of the answers",
         x_label="probability",
-        x_limits=(0.0, 1.18),  # the words beside a bar fit on a phone
-        y_limits=(len(rows) - 0.4, -0.6),
+        x_limits=(0.0, 1.45),  # the words beside a bar fit into a third of the page
+        y_limits=(len(labels) - 0.4, -0.6),
+        x_ticks=[(0.0, "0"), (0.5, "0.5"), (1.0, "1")],
         y_ticks=list(enumerate(labels)),
         grid_y=False,
-        height=rows_height(len(rows)),
+        height=rows_height(len(labels)),
     )
+
+
+def shrink_bars(causes: Sequence[Cause]) -> Panel:
+    """The share of the excess that goes with each cause, with its 95 % interval."""
+    judged = [(c, c.shrink) for c in causes if c.shrink is not None]
+    x = np.array([100.0 * s.fraction for _, s in judged])
+    low, high = 100.0 * np.array([s.interval_95 for _, s in judged]).T
+    y = np.arange(len(judged), dtype=float)
+    bars = [(min(v, 0.0), max(v, 0.0), k - 0.3, k + 0.3) for k, v in enumerate(x.tolist())]
+    whiskers = [
+        Line(np.array([a, b]), np.array([k, k]), BLACK, width=2.0) for a, b, k in zip(low, high, y)
+    ]
+    labels = [_called(c) if len(judged) > 1 else plain(c.effect) for c, _ in judged]
+    return Panel(
+        items=[Boxes(bars, BLUE), *whiskers],
+        label="Share of the excess that goes with each cause, and its 95 % interval",
+        x_label="gone [%]",
+        x_limits=(max(min(float(low.min()), 0.0), -100.0) - 5.0, 115.0),
+        x_ticks=[(-100.0, "−100"), (0.0, "0"), (100.0, "100")],
+        y_limits=(len(judged) - 0.4, -0.6),
+        y_ticks=list(enumerate(labels)),
+        grid_y=False,
+        height=rows_height(len(judged)),
+    )
+
+
+def _called(cause: Cause) -> str:
+    return f"{plain(cause.effect)}, {cause.run_id or plain(cause.target)}"
 
 
 def _percent(p: float) -> str:
@@ -224,45 +222,29 @@ def overlay_panels(overlay: Overlay) -> list[Panel]:
     where there is no run to show.
     """
     curves = overlay.curves[:MOST_PANELS]
-    limits = None
-    if overlay.unit and curves:
-        both = [np.concatenate([c.measured, c.effect]) for c in curves]
-        limits = robust_limits(np.concatenate(both))
+    both = [np.concatenate([c.measured, c.effect]) for c in curves]
+    limits = robust_limits(np.concatenate(both)) if both else None
     return [_overlay(curve, overlay, limits) for curve in curves]
 
 
 def _overlay(curve: RunCurve, overlay: Overlay, limits: tuple[float, float] | None) -> Panel:
     held = ", fitted on the other runs" if curve.held_out else ""
-    unit = overlay.unit
+    t, measured, effect = thinned(curve.time_min, curve.measured, curve.effect)
     return Panel(
-        items=_curve_items(curve, unit),
+        items=[
+            Line(t[[0, -1]], np.zeros(2), GREY, width=0.8),
+            Marks(t, measured, "o", SKY, name="measured less the twin, minutes", size=3.6),
+            Line(t, effect, VERMILLION, name="the effect", width=1.8),
+        ],
         title=f"{_plain(curve.run_id)}{held}",
         label=f"Residual of {overlay.channel} and the fitted effect, {_plain(curve.run_id)}",
         x_label="time since power-on [min]",
-        y_label=f"{overlay.channel} [{unit}]" if unit else "evidence, summed",
+        y_label=f"{overlay.channel} [{overlay.unit}]",
         y_limits=limits,
     )
 
 
-def _curve_items(curve: RunCurve, unit: str) -> list[Item]:
-    t, measured, effect = thinned(curve.time_min, curve.measured, curve.effect)
-    zero = Line(t[[0, -1]], np.zeros(2), GREY, width=0.8)
-    if unit:
-        return [
-            zero,
-            Marks(t, measured, "o", SKY, name="measured less the twin, minutes", size=3.6),
-            Line(t, effect, VERMILLION, name="the effect", width=1.8),
-        ]
-    band = 2.0 * np.sqrt(np.maximum(effect, 0.0))
-    return [
-        zero,
-        Area(t, effect - band, effect + band, VERMILLION, 0.15, name="2 sigma"),
-        Line(t, effect, VERMILLION, name="if the effect is as fitted", width=1.8),
-        Line(t, measured, BLUE, name="what the data give", width=1.2),
-    ]
-
-
-def band_panels(cells: Sequence[GapCell], channels: Sequence[str]) -> list[Panel]:
+def band_panels(cells: Sequence[GapCell], channels: Sequence[str], longest_s: float) -> list[Panel]:
     """Mean square over expectation per band of one or two channels, before and after: for a
     noise.
     """
@@ -270,10 +252,15 @@ def band_panels(cells: Sequence[GapCell], channels: Sequence[str]) -> list[Panel
     shown = [c for c in channels if c in known][:MOST_BANDS]
     rows = [cell for cell in cells if cell.channel in shown]
     bands = _bands(rows)
-    return [_band_panel([c for c in rows if c.channel == name], bands, name) for name in shown]
+    names = [_band_name(band, longest_s) for band in bands]
+    return [
+        _band_panel([c for c in rows if c.channel == name], bands, names, name) for name in shown
+    ]
 
 
-def _band_panel(rows: Sequence[GapCell], bands: Sequence[Band], name: str) -> Panel:
+def _band_panel(
+    rows: Sequence[GapCell], bands: Sequence[Band], names: Sequence[str], name: str
+) -> Panel:
     x = np.array([bands.index(_band(c)) for c in rows], dtype=float)
     spread = 2.0 * np.sqrt(2.0 / np.maximum([c.dof for c in rows], 1.0))
     low, high = np.maximum(1.0 - spread, LEAST_RHO), 1.0 + spread
@@ -295,7 +282,7 @@ def _band_panel(rows: Sequence[GapCell], bands: Sequence[Band], name: str) -> Pa
         y_limits=limits,
         y_label=f"{name}, ratio",
         y_log=True,
-        x_ticks=[(k, _band_name(band)) for k, band in enumerate(bands)],
+        x_ticks=list(enumerate(names)),
         upright=True,
         height=BANDS_PX,
     )

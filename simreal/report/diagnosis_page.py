@@ -10,23 +10,41 @@ import numpy as np
 
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
-from ins.errors.base import SLOW_NAME, Words
+from ins.errors.base import Words
 from ins.errors.catalogue import effects_named, rivals_of, words_of
 from ins.errors.platform import ARCMIN
 from ins.units import MILLIRADIAN
 from simreal.inference.causes import Cause
-from simreal.inference.verdict import GapVerdict, KeptOut, Looks
+from simreal.inference.verdict import GapVerdict, KeptOut
 from simreal.inference.wrong_site import WRONG_LATITUDE
 from simreal.predict.document import NIS, PredictedRun, interval_text, share_text
 from simreal.report.diagnosis_curves import Overlay
 from simreal.report.diagnosis_document import GapReport, p_text
 from simreal.report.diagnosis_figures import (
+    MOST_PANELS,
     band_panels,
     gap_maps,
-    nats_scale,
     overlay_panels,
     posterior_bars,
+    shade,
+    shrink_bars,
 )
+from simreal.report.diagnosis_words import (
+    LOOK_WORDS,
+    Found,
+    drift_words,
+    expected,
+    gathered,
+    listed,
+    percent,
+    place_words,
+    plain,
+    rivals_words,
+    shrink_words,
+)
+
+SHADES_SHOWN = (-8, -6, -4, -2, 0, 2, 4, 6, 8)  # sigmas, in the map's key
+
 
 VEHICLE_NAME = "vehicle"  # as a target the vehicle itself, as a channel its side slip
 
@@ -46,40 +64,29 @@ GAP_WORDS = {
     GapVerdict.UNEXPLAINED: "Unexplained",
     GapVerdict.REFUSED: "Not looked at",
 }
-LOOK_WORDS = {
-    Looks.CELLS: "the mean square of a channel's band",
-    Looks.TEMPERATURE_BANDS: "means over bands of temperature",
-    Looks.TIME_WINDOWS: "means over ten-minute windows",
-    Looks.BURST: "single large residuals",
-    Looks.KURTOSIS: "tails that are not normal",
-    Looks.CROSS_CHANNEL: "cross-channel correlation",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
 class CauseShown:
-    """A cause with its figures. slow: tied to no logged quantity. usual_rivals: what the catalogue
-    says it is often confused with, beyond the set found here.
+    """Causes of one name and target with their figures. drift_nm_h: of them alone. usual_rivals:
+    what the catalogue says they are often confused with, beyond the set found here.
     """
 
-    cause: Cause
-    bars: Panel
+    found: Found
     panels: list[Panel]
     overlay: Overlay | None
+    drift_nm_h: float | None
     usual_rivals: tuple[str, ...]
     words: Words | None
-
-    @property
-    def slow(self) -> bool:
-        return self.cause.effect == SLOW_NAME
 
 
 def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ()) -> str:
     """The page of a document made by `diagnosis_document`; overlays: one for each cause."""
-    causes = [
-        _shown(document, cause, overlay)
-        for cause, overlay in zip(document.causes, overlays, strict=True)
-    ]
+    longest_s = max((r.parked_s[1] - r.parked_s[0] for r in document.runs if r.parked_s), default=0)
+    found = gathered(document.causes)
+    overlay_of = dict(zip((id(c) for c in document.causes), overlays, strict=True))
+    causes = [_shown(document, f, [overlay_of[id(c)] for c in f.causes], longest_s) for f in found]
+    judged = [c for c in document.causes if c.shrink is not None]
     return render_page(
         "diagnosis.html.j2",
         "simreal.report",
@@ -88,11 +95,22 @@ def diagnosis_html(document: GapReport, overlays: Sequence[Overlay | None] = ())
         word=GAP_WORDS[document.verdict],
         banner=BANNERS[document.verdict],
         causes=causes,
-        maps=[*gap_maps(document.cells), nats_scale()] if document.cells else [],
+        found=found,
+        maps=gap_maps(document.cells, longest_s) if document.cells else (),
+        shades=[(s, shade(s)) for s in SHADES_SHOWN],
+        bars=posterior_bars(found) if found else None,
+        shrinks=shrink_bars(judged) if judged else None,
         value=value_text,
         p=p_text,
         title=_title(document),
         percent=percent,
+        plain=plain,
+        listed=listed,
+        rivals_words=rivals_words,
+        shrink_words=shrink_words,
+        drift_words=drift_words,
+        expected=expected,
+        place_words=lambda place: place_words(place, longest_s),
         looks=LOOK_WORDS,
         mrad=lambda arcmin: arcmin * ARCMIN_MRAD,
         actions=_actions(document),
@@ -189,25 +207,27 @@ def value_text(value: float | None, sigma: float | None = None) -> str:
     return f"{number(value, decimals_for([sigma]))} ± {number(sigma, decimals_for([sigma]))}"
 
 
-def percent(fraction: float) -> str:
-    return f"{100 * fraction:.0f} %".replace("-", "−")
-
-
 def _title(document: GapReport) -> str:
     unit = document.imu_serial or f"a {document.gyro_technology} unit"
     return f"Simulator against logs of {unit}"
 
 
-def _shown(document: GapReport, cause: Cause, overlay: Overlay | None) -> CauseShown:
-    if overlay is not None:
-        panels = overlay_panels(overlay)
+def _shown(
+    document: GapReport, found: Found, overlays: Sequence[Overlay | None], longest_s: float
+) -> CauseShown:
+    cause, drawn = found.first, [o for o in overlays if o is not None]
+    if drawn:
+        panels = [panel for overlay in drawn for panel in overlay_panels(overlay)][:MOST_PANELS]
     else:
-        panels = band_panels(document.cells, _channels_of(document, cause))
+        panels = band_panels(document.cells, _channels_of(document, cause), longest_s)
+    drift = document.expected_drift
+    own = () if drift is None else zip(document.causes, drift.by_cause_nm_h)
+    squares = [nm_h**2 for c, nm_h in own if c in found.causes]
     return CauseShown(
-        cause=cause,
-        bars=posterior_bars(cause),
+        found=found,
         panels=panels,
-        overlay=overlay,
+        overlay=drawn[0] if drawn else None,
+        drift_nm_h=float(np.sqrt(sum(squares))) if squares else None,
         usual_rivals=_usual_rivals(cause),
         words=words_of(cause.effect),
     )

@@ -194,15 +194,6 @@ def plan_document(
     )
 
 
-def first_words(plan: Plan, of: int) -> list[str]:
-    """The plan from the few recordings that are tried first, in lines for people."""
-    lines = [
-        f"first answer, while all {of} recordings are tried:"
-        f" {plan.separated} of {len(plan.judged)} pairs separated by"
-    ]
-    return lines + [f"  {k}. {r.words}" for k, r in enumerate(plan.recordings, start=1)]
-
-
 def summary(document: PlanReport) -> list[str]:
     """The plan in a few lines for people."""
     best, given, lines = document.recommended, document.given, []

@@ -38,7 +38,7 @@ def plan_html(document: PlanReport) -> str:
         banner=_banner(document.recommended),
         badges=BADGES,
         words=PLAN_WORDS,
-        plans=[*given, *document.compared, document.recommended],
+        plans=[*given, *document.compared],
         seen_text=lambda m: sizes_text([coefficient(c.seen_from, c.unit) for c in m.coefficients]),
         told_text=lambda m: sizes_text([coefficient(c.told_from, c.unit) for c in m.coefficients]),
         usual_text=usual_text,

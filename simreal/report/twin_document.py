@@ -102,10 +102,13 @@ class FitReport:
 
 
 def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> FitReport:
-    """The document of a fit that found something."""
+    """The document of a fit of runs that rest: refused where they tell none of its numbers."""
+    nothing_told = because(
+        FitReason.NOTHING_TOLD, rest_min=found.parked_s / 60.0, of=len(found.parameters)
+    )
     return FitReport(
-        verdict="fitted",
-        reasons=(),
+        verdict="fitted" if found.tells_any else "refused",
+        reasons=() if found.tells_any else sentences([nothing_told]),
         version=version,
         imu_serial=found.twin.imu_serial,
         gyro_technology=found.twin.gyro_technology,
@@ -162,7 +165,9 @@ def fitted_twin(found: TwinFit) -> TwinModel:
         "seconds": [p.seconds for p in known],
         "needed_s": [_needed(p, Needs.PARKED_SECONDS) for p in known],
         "needed_runs": [_needed(p, Needs.RUNS) for p in known],
-        "not_identified": {p.name: why_not_told(p) for p in found.parameters if not p.identified},
+        "not_identified": {
+            p.name: why_not_estimated(p) for p in found.parameters if not p.identified
+        },
         "lines": [
             {
                 "channel": line.channel,
@@ -190,8 +195,9 @@ def summary(d: FitReport) -> list[str]:
     known = sum(p.identified for p in d.parameters)
     hours = d.parked_s / 3600.0
     lines = [
-        f"{d.imu_serial}: fitted from {len(d.runs)} run{'s' if len(d.runs) > 1 else ''},"
-        f" {hours:.2g} h at rest: {known} of {len(d.parameters)} parameters told"
+        f"{d.imu_serial}: {d.verdict} from {len(d.runs)} run{'s' if len(d.runs) > 1 else ''},"
+        f" {hours:.2g} h at rest: {known} of {len(d.parameters)} parameters told",
+        *(f"  because {why}" for why in d.reasons),
     ]
     for p in d.found.parameters:
         name = PARAMETER_NAMES[p.name][0]
@@ -219,7 +225,7 @@ def _parameter(p: Parameter) -> TwinParameter:
         seconds=p.seconds,
         nats=p.nats,
         why=p.why,
-        text=why_not_told(p),
+        text=why_not_estimated(p),
         needs=p.needs,
         needed_s=_needed(p, Needs.PARKED_SECONDS),
         needed_runs=_needed(p, Needs.RUNS),
@@ -288,7 +294,7 @@ def _lines_note(found: TwinFit) -> Reason:
     )
 
 
-def why_not_told(p: Parameter) -> str:
+def why_not_estimated(p: Parameter) -> str:
     """Why a parameter cannot be told, and what would; empty where it is told."""
     if p.why is None:
         return ""

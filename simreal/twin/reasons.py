@@ -43,6 +43,12 @@ class FitReason(ReasonCode):
         "{run_ids:, |}: never at rest for {needed_s:.0f} s",
         "needed a parked stretch",
     )
+    NOTHING_TOLD = (
+        "nothing_told",
+        "the {rest_min:.0f} min at rest tell none of the {of:.0f} numbers, so there is no twin of"
+        " this unit to write",
+        "its parameters say what each needs",
+    )
 
 
 class FitNote(ReasonCode):

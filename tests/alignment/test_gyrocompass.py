@@ -14,7 +14,7 @@ from alignment.linearised import scaled_noise
 from alignment.reasons import AlignmentReason
 from infield.reports.documents.alignment import alignment_document
 from ins import earth
-from ins.attitude import euler_from_dcm, wrap_pi
+from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.documents import plain
 from ins.errors.table import RAW_BIAS_DEG_H, DEFAULT_SIGMA_deg_h
 from ins.records import GyroNoise, Run, Site
@@ -148,6 +148,25 @@ def test_latitude_test_finds_a_quarter_of_a_degree(runs):
     assert found[0.0] <= 0.01 * runs
     assert found[0.25] >= 0.95 * runs - (runs < 20)
     assert found[0.6] == runs
+
+
+def test_a_latitude_two_sigma_off_is_remarked():
+    simulated = simulate(ideal_of(), 500)
+    found = align(simulated)
+    off_deg = (found.latitude_rad - 2.5 * found.sigma_latitude_rad) / DEG - 45.0
+    result = align(simulated, site=at_latitude(simulated, off_deg))
+    assert result.verdict == "aligned"
+    assert [r.code for r in result.reasons] == [AlignmentReason.LATITUDE_DOUBTFUL]
+
+
+def test_a_unit_on_its_side_is_named():
+    simulated = simulate(ideal_of(), 500)
+    imu = simulated.run.imu.whole()
+    turn = dcm_from_euler(90 * DEG, 0.0, 0.0)
+    lying = replace(imu, dtheta_rad=imu.dtheta_rad @ turn, dv_m_s=imu.dv_m_s @ turn)
+    result = align(replace(simulated, run=replace(simulated.run, imu=lying)))
+    assert result.verdict == "refused"
+    assert [r.code for r in result.reasons] == [AlignmentReason.ON_ITS_SIDE]
 
 
 def test_found_latitude_is_honest():

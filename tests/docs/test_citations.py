@@ -130,7 +130,7 @@ def test_the_citations_are_found_at_all():
         ("formats.md section\n    7", ["formats.md 7"]),
         ("effects.md G30", ["effects.md G30"]),
         ("physics.md (6.2-9)", ["physics.md 6.2-9"]),
-        ("gap.md section 3.6", ["gap.md"]),
+        ("house.md section 3.6", ["house.md"]),
         ("requirements R30", ["R30"]),
     ],
 )

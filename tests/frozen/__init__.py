@@ -2,7 +2,7 @@
 
     python -m tests.frozen compare|renew [KIND ...] [--only NAME] [--quick]
 
-KIND is sessions, aided, diagnoses or twin_fits; all without one.
+KIND is motion, sessions, aided, diagnoses or twin_fits; all without one.
 
 `cases` names the inputs, `answers` reads means, sigmas, verdicts and names off the documents of the
 front door, `__main__` asks, compares and writes one file a kind.

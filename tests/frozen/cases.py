@@ -17,13 +17,14 @@ from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import json_text
 from ins.twin_file import default_twin, twin_to_dict
 from tests.frozen import answers
+from tests.frozen import motion_runs as runs
+from tests.frozen.motion import of_motion
 from tests.infield import aided_cases, car_cases, flown_cases, mems_flights, mems_sessions, sessions
-from tests.motion import runs
 from trajectories.runs.directory import write_run
 from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.unit_truth import aged_unit
 
-LEFT_OUT = {  # of the runs of tests.motion.runs: what a session of them would repeat
+LEFT_OUT = {  # of the runs of `motion_runs`: what a session of them would repeat
     "quiet park",
     "boarding in the first 30 s",
     "constant speed, inertial alone",
@@ -199,7 +200,22 @@ def _twin_fits() -> list[Frozen]:
     ]
 
 
+# Motion -------------------------------------------------------------------------------------------
+
+
+def _moved(make: Callable[[], runs.Case]) -> answers.Answer:
+    return of_motion(make())
+
+
+def _motion() -> list[Frozen]:
+    return [
+        Frozen(named.name, partial(_moved, named.make), named.quick, named.needs)
+        for named in (*runs.SIMULATED, *runs.RECORDED)
+    ]
+
+
 CASES = {
+    "motion": _motion(),
     "sessions": _sessions(),
     "aided": _aided(),
     "diagnoses": _diagnoses(),

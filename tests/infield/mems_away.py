@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from infield.session.flown.known import KnownRun
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.one_run import take_run
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -82,7 +82,7 @@ def known(run):
     temperature = gyro_temperature(run.temperature)
     low, high = temperature.temperature_degC.min(), temperature.temperature_degC.max()
     table = blank().extended_to(float(low), float(high))
-    return KnownRun(run, table, temperature, TWIN, SETTINGS)
+    return RunInputs(run, table, temperature, TWIN, SETTINGS)
 
 
 def taken(run):

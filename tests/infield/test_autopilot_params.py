@@ -1,7 +1,7 @@
 """Exported parameters, evaluated as the autopilots' own documentation has it, in float32, on a
 simulated raw gyro.
 
-The evaluations below are written from those documents (docs/bridges.md), not from
+The evaluations below are written from those documents (docs/mems.md), not from
 infield.table.autopilot_params.
 """
 

@@ -22,7 +22,8 @@ from ins.records import GnssLog, ImuLog, NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.twin_file import default_twin
 from ins.units import ARCSEC
-from recal.service.inputs.records import read_run, read_table
+from recal.service.inputs.records import read_table
+from recal.service.look.own_runs import read_run
 from tests.infield.flown_cases import layout_of
 
 ARM_M = np.array([1.5, -0.5, -2.5])

@@ -10,10 +10,10 @@ from scipy.stats import multivariate_normal
 from benchmarks.fleet_made import made_fleet
 from infield.learning.draws import draw
 from infield.learning.hierarchy import Information, solve
-from infield.learning.kept import KeptUnit, covering
 from infield.learning.learn import learn
 from infield.learning.likelihood import FleetLikelihood
 from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
+from infield.learning.stored_sessions import StoredUnit, covering
 from infield.table.merge import session_covariance
 from infield.table.thermal_table import AgeingModel
 from ins.records import GyroNoise
@@ -79,7 +79,7 @@ def test_units_with_fewer_sessions_change_nothing_of_the_others(fleet):
     made, value = fleet
     theta = logs_of(value)
     first, second = (m.kept for m in made[:2])
-    short = KeptUnit(**{**vars(second), "sessions": second.sessions[:2]})
+    short = StoredUnit(**{**vars(second), "sessions": second.sessions[:2]})
     together = FleetLikelihood([first, short])(theta)
     alone = [FleetLikelihood([unit])(theta).log_likelihood[0] for unit in (first, short)]
     assert together.log_likelihood == pytest.approx(alone, abs=1e-8)
@@ -93,7 +93,7 @@ def test_an_outlier_is_found_and_moves_nothing(fleet):
     bad = sound.sessions[-1]
     shifted = type(bad)(**{**vars(bad), "bias_deg_h": bad.bias_deg_h + 0.1})
     before, after = (
-        FleetLikelihood([KeptUnit(**{**vars(sound), "sessions": sessions})])(theta)
+        FleetLikelihood([StoredUnit(**{**vars(sound), "sessions": sessions})])(theta)
         for sessions in (sound.sessions[:-1], (*sound.sessions[:-1], shifted))
     )
     assert after.outlier[0, -1] > 0.99
@@ -175,8 +175,8 @@ def test_an_early_outlier_is_found_by_later_sessions(fleet):
     first = sound.sessions[0]
     shift = np.where(first.axis_index == 2, 0.0, 0.035)
     shifted = type(first)(**{**vars(first), "bias_deg_h": first.bias_deg_h + shift})
-    unit = KeptUnit(**{**vars(sound), "sessions": (shifted, *sound.sessions[1:])})
-    alone = KeptUnit(**{**vars(sound), "sessions": (shifted,)})
+    unit = StoredUnit(**{**vars(sound), "sessions": (shifted, *sound.sessions[1:])})
+    alone = StoredUnit(**{**vars(sound), "sessions": (shifted,)})
     assert FleetLikelihood([alone])(theta).outlier[0, 0] < 0.9
     outlier = FleetLikelihood([unit])(theta).outlier[0]
     assert outlier[0] > 0.9 and outlier[1:].max() < 0.2
@@ -201,7 +201,7 @@ def test_a_fleet_teaches_what_its_sessions_show(fleet):
 def test_three_sessions_of_one_unit_leave_the_defaults(fleet):
     """What they do not show stays where it was, and says so."""
     made, _ = fleet
-    unit = KeptUnit(**{**vars(made[0].kept), "sessions": made[0].kept.sessions[:3]})
+    unit = StoredUnit(**{**vars(made[0].kept), "sessions": made[0].kept.sessions[:3]})
     found = learn([unit])
     defaults = defaults_of("rlg")
     hidden = [n for n in OF_POINTS if not found.parameters[n].shown]

@@ -10,19 +10,22 @@ import pytest
 from scipy.stats import chi2
 
 from alignment.motion.parked_seconds import ParkedSeconds
+from infield.reports.documents.parked import stretch_words, zero_rate
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.session.parked.rates import no_heading
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.pipeline import UnitHistory
 from infield.session.settings import SessionSettings
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.attitude import dcm_from_euler
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
+from ins.errors.catalogue import prior
 from ins.records import Survey
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
@@ -221,7 +224,7 @@ def test_an_unknown_unit_gets_the_sigma_that_it_shows():
 
 def test_the_rest_is_looked_for_in_the_named_phases():
     run = first()[0].run
-    rests = find_rests(run)
+    rests = stationary_segments(run)
     assert rests.why is None and rests.stretches[0][0] < 5.0 and rests.stretches[0][1] > 2390.0
     assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
     # of navigated sessions; a parked one has bins of a minute
@@ -278,3 +281,30 @@ def test_five_sessions_make_the_shape_better():
 
 def test_default_twin_names_a_mems_unit():
     assert default_twin("mems").gyro.turn_on_deg_h == 30.0
+
+
+def lying(run, roll_deg):
+    """The run of a unit whose axes were turned about x: the same gyros at another attitude."""
+    turn = dcm_from_euler(roll_deg * DEG, 0.0, 0.0)
+    imu = run.imu.whole()
+    turned = replace(imu, dtheta_rad=imu.dtheta_rad @ turn, dv_m_s=imu.dv_m_s @ turn)
+    return replace(run, imu=turned, sha256=f"turned-{roll_deg}-{run.sha256}")
+
+
+def test_sessions_of_any_attitude_feed_one_table():
+    """On its side a unit measures its biases about its own axes; what the specific force may add
+    there is in the sigma of each gyro, as one constant of the session.
+    """
+    simulated = session(3, heading_deg=30.0)
+    for roll_deg in (90.0, 180.0):
+        run = lying(simulated.run, roll_deg)
+        (taken,) = updated([run]).sessions
+        assert taken.verdict.accepted
+        e = taken.estimate
+        assert abs(np.degrees(e.alignment.roll_rad)) == pytest.approx(roll_deg, abs=3.0)
+        level = updated([simulated.run]).sessions[0].estimate
+        added = np.diag(e.bins.own) - np.diag(level.bins.own)
+        tilt = 2.0 - 2.0 * np.cos(roll_deg * DEG)
+        sigma = prior("gyro_g_sensitivity", "attitude").of("mems")
+        assert added == pytest.approx(np.full(added.size, tilt * sigma**2), rel=0.1)
+        assert "roll" in " ".join(stretch_words(zero_rate(e)))

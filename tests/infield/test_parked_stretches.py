@@ -14,7 +14,7 @@ from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.session.bins import make_bins
-from infield.session.parked.stretches import find_rests, parked_windows
+from infield.session.parked.stretches import parked_windows, stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
@@ -209,15 +209,17 @@ def circle(t):
 def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     run = first()[0].run
     moving = with_gnss(run, lambda t: late(t) * ((t > COLD_S) & (t < run.imu.end_s))[:, None])
-    rests = find_rests(moving)
+    rests = stationary_segments(moving)
     assert len(rests.stretches) == 1 and rests.stretches[0][1] < COLD_S + 1.0
     assert said in sentence(rests.left_out[0].reason)
     result = updated([moving])
     assert result.outcome == "accepted"
     assert any(said in span["reason"] for span in document_of(result)["excluded"])
     standing = with_gnss(run, lambda t: np.zeros((t.size, 2)))
-    assert len(find_rests(standing).stretches) == 2
-    whole = find_rests(with_gnss(run, lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t])))
+    assert len(stationary_segments(standing).stretches) == 2
+    whole = stationary_segments(
+        with_gnss(run, lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t]))
+    )
     assert whole.stretches == ()
     assert whole.why.code is ParkedReason.NO_REST
     assert "GNSS" in sentence(whole.why)
@@ -225,14 +227,14 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
 
 def test_all_phases_named_as_parked_count():
     run = landed(first()[0].run)
-    rests = find_rests(run)
+    rests = stationary_segments(run)
     assert len(parked_windows(run)) == len(rests.stretches) == 2
     cold = replace(run, phases=run.phases[:2])
     # the log says when it is parked, and nothing of the end
-    assert len(find_rests(cold).stretches) == 1
+    assert len(stationary_segments(cold).stretches) == 1
     flown = replace(run, phases=(run.phases[1],))
     assert [round(a) for a, _ in parked_windows(flown)] == [0, round(run.imu.end_s - WARM_S)]
-    assert len(find_rests(flown).stretches) == 2
+    assert len(stationary_segments(flown).stretches) == 2
     meeting = replace(
         run,
         phases=tuple(
@@ -245,14 +247,14 @@ def test_all_phases_named_as_parked_count():
 
 def test_a_short_rest_is_named():
     run = landed(first()[0].run, 50.0)
-    rests = find_rests(run)
+    rests = stationary_segments(run)
     assert len(rests.stretches) == 1 and "needed 60 s" in sentence(rests.left_out[0].reason)
     page = document_of(updated([run]))
     assert page["sessions"][0]["zero_rate"]["left_out"][0]["end_s"] == pytest.approx(
         run.imu.end_s, abs=3.0
     )
     early = run.imu.between(0.0, run.imu.end_s - WARM_S + 50.0)
-    bare = find_rests(replace(run, imu=early, phases=()))
+    bare = stationary_segments(replace(run, imu=early, phases=()))
     assert len(bare.stretches) == 1 and "rest_too_short" in codes([bare.left_out[0].reason])[0]
 
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from alignment.gyrocompass import rejected_share
-from infield.session.acceptance import MAX_REJECTED_SHARE, judge_estimate
+from infield.session.acceptance import MAX_REJECTED_SHARE, assess_estimate
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import observability
+from infield.session.reasons import SessionReason
 from infield.table.file import table_sha256
 from ins.records import InputError, Site, TemperatureLog
 from ins.strapdown.compensation import compensate
@@ -95,7 +96,9 @@ def test_the_same_run_twice_is_refused_and_moves_nothing():
     assert result.after is result.before
     twice = update([run, run])
     assert [s.verdict.outcome for s in twice.sessions] == ["accepted", "refused"]
-    assert np.array_equal(twice.after.parameters, one_run().after.parameters)
+    assert twice.outcome == "refused"
+    assert SessionReason.GIVEN_TWICE in codes(twice.reasons)
+    assert np.array_equal(twice.after.parameters, twice.before.parameters)
 
 
 def test_two_runs_go_in_the_order_of_their_start():
@@ -234,7 +237,7 @@ def test_a_table_applied_but_unknown_is_bad_input():
 def test_a_session_that_shows_nothing_is_refused():
     e = estimate(1, PARKED)
     blind = replace(e, covariance=e.bins.prior)
-    verdict = judge_estimate(blind, observability(blind, hold_heading=True))
+    verdict = assess_estimate(blind, observability(blind, hold_heading=True))
     assert verdict.outcome == "refused"
     assert "no_gain" in codes(verdict.reasons)[0]
 
@@ -242,12 +245,12 @@ def test_a_session_that_shows_nothing_is_refused():
 def test_residuals_beyond_the_noise_model_are_inconsistent():
     e = estimate(1, PARKED)
     loud = replace(e, nis_mean=3.0)
-    verdict = judge_estimate(loud, observability(loud, hold_heading=True))
+    verdict = assess_estimate(loud, observability(loud, hold_heading=True))
     assert verdict.outcome == "inconsistent"
     assert "NIS 3.00" in sentence(verdict.reasons[0])
     assert not verdict.accepted
     # too good is sound
-    assert judge_estimate(replace(e, nis_mean=0.5), observability(e, hold_heading=True)).accepted
+    assert assess_estimate(replace(e, nis_mean=0.5), observability(e, hold_heading=True)).accepted
 
 
 def test_a_stop_that_the_gate_leaves_out_is_inconsistent():
@@ -255,7 +258,7 @@ def test_a_stop_that_the_gate_leaves_out_is_inconsistent():
     all; a latitude entered 1 deg wrong taught the table 0.18 deg/h by what remained.
     """
     e = estimate(1)
-    assert judge_estimate(e, observability(e, hold_heading=True)).accepted
+    assert assess_estimate(e, observability(e, hold_heading=True)).accepted
     tally = e.navigated.filter.tally
     stops = tally.normalised["stop"]
     few = max(1, len(stops) // 10)
@@ -265,7 +268,7 @@ def test_a_stop_that_the_gate_leaves_out_is_inconsistent():
     told = replace(e.solution, fitted=fitted)
     assert rejected_share(told) < MAX_REJECTED_SHARE
     without = replace(e, solution=told)
-    verdict = judge_estimate(without, observability(e, hold_heading=True))
+    verdict = assess_estimate(without, observability(e, hold_heading=True))
     assert verdict.outcome == "inconsistent"
     assert sentence(verdict.reasons[0]).startswith("stop: ")
 
@@ -277,7 +280,7 @@ def test_a_gate_that_leaves_out_a_quarter_is_inconsistent():
     filled = replace(tally, rejected=[(1.0, "still")] * kept)
     fitted = replace(e.solution.fitted, filter=_with_tally(e.solution.filter, filled))
     solution = replace(e.solution, fitted=fitted)
-    verdict = judge_estimate(replace(e, solution=solution), observability(e, hold_heading=True))
+    verdict = assess_estimate(replace(e, solution=solution), observability(e, hold_heading=True))
     assert verdict.outcome == "inconsistent"
     assert "beyond_gate" in codes(verdict.reasons)[0]
 

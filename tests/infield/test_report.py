@@ -216,7 +216,9 @@ def test_a_change_is_shown_node_by_node_with_expanded_uncertainty(documents, pag
             row[k] for k in ("before_deg_h", "U_before_k2_deg_h", "after_deg_h", "U_after_k2_deg_h")
         ]
         assert " ".join(report_page.number(c, decimals) for c in cells) in text
-    assert f"{report_page.number(d['predicted_effect']['drift_removed_nm_h'], 2)} NM/h" in text
+    effect = d["predicted_effect"]
+    sides = (effect["drift_removed_nm_h"], effect["drift_left_sigma_nm_h"])
+    assert "{} ± {} NM/h".format(*(report_page.number(v, 2) for v in sides)) in text
 
 
 def test_the_first_screen_says_what_changed_how_sure_and_may_i_use_it(documents, pages):

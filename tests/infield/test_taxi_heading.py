@@ -263,6 +263,18 @@ def test_odometer_scale_reads_high():
     assert z[0] == pytest.approx(H[0, em.ODOMETER] * 5e-3, rel=0.05)
 
 
+def test_an_odometer_stamped_on_the_edges_of_steps_is_read():
+    """One sample a second, each at a step's end: it belongs to that step, with its own noise."""
+    log = taxi().run.odometer
+    whole = np.flatnonzero(np.isclose(log.time_s, np.round(log.time_s), atol=1e-6))
+    rare = replace(log, time_s=log.time_s[whole], speed_m_s=log.speed_m_s[whole])
+    ((_, z, H, R),) = seen_by(OdometerAid(rare, 0.01, WHEEL), solution(), STRAIGHT_S)
+    assert abs(z[0]) < 5 * ONE_MM
+    forward = view(solution(), STRAIGHT_S).displacement_b_m[0, 0]
+    assert H[0, em.ODOMETER] == pytest.approx(-forward, rel=0.01)
+    assert R[0] >= 0.01**2
+
+
 def test_odometer_is_silent_outside_its_log():
     log = taxi().run.odometer
     short = replace(log, time_s=log.time_s[:200], speed_m_s=log.speed_m_s[:200])

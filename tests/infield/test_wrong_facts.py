@@ -16,7 +16,7 @@ from infield.session.wrong_facts import (
     _lags,
     force_off_gravity,
     suspicions,
-    with_doubt,
+    with_suspicions,
     without_lag,
 )
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
@@ -152,7 +152,7 @@ def test_a_doubted_session_teaches_less_along_the_fact_alone():
         stepped = dtheta.copy()
         stepped[late, 1] += step * DEG_PER_HOUR * run.imu.dt_s[late]
         plain = estimate_of(replace(run, imu=replace(run.imu, dtheta_rad=stepped)))
-        after, doubted = with_doubt(plain)
+        after, doubted = with_suspicions(plain)
         if doubted:
             break
     assert doubted and doubted[0].fact is WrongFact.GYRO_STEP
@@ -254,7 +254,7 @@ def test_a_lag_of_a_gyro_is_doubted_and_its_session_widened():
     degC = run.temperature.gyro_degC
     late = (lagging(degC, 600.0) - degC) * [0.0, 0.005, 0.0]
     before = estimate_of(less(run, -late))
-    after, doubted = with_doubt(before)
+    after, doubted = with_suspicions(before)
     assert (doubted[0].fact, doubted[0].axis) == (WrongFact.THERMAL_LAG, "y")
     assert doubted[0].size == pytest.approx(0.005, abs=4.0 * doubted[0].sigma)
     wider = np.sqrt(np.diag(after.covariance) / np.diag(before.covariance)).reshape(-1, 3)

@@ -12,7 +12,7 @@ import numba
 import pytest
 
 import ins
-from alignment.motion import shake_kernel
+from alignment.motion import disturbed_epochs_kernel
 from ins import jit
 from ins.strapdown import kernel as strapdown_kernel
 
@@ -164,10 +164,10 @@ def test_a_file_that_changes_its_room_changes_the_name(package):
 def test_the_kernels_of_all_packages_are_named_by_ins_and_their_own_top_package():
     top = Path(ins.__file__).parent
     assert jit.top_package(top / "filters") == jit.top_package(top / "strapdown") == top
-    shake = Path(shake_kernel.__file__)
+    shake = Path(disturbed_epochs_kernel.__file__)
     assert jit.top_package(shake.parent) == top.parent / "alignment"
     name = f"kernels-{jit.source_hash(top, top.parent / 'alignment')}"
-    assert Path(shake_kernel.add_rows.stats.cache_path).parent.name == name
+    assert Path(disturbed_epochs_kernel.add_rows.stats.cache_path).parent.name == name
 
 
 def test_kernels_take_nothing_from_a_third_package():

@@ -21,6 +21,7 @@ from recal.service.convert import convert
 from tests.recal.verbs import check
 from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run
 from trajectories.readers.conversion import convert_log
+from trajectories.readers.registry import UnknownLog
 from trajectories.runs.directory import read_reference, read_run
 
 ROOT = Path(__file__).parents[2]
@@ -309,7 +310,7 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"got 'ulg', needed one of .*csv"):
         convert_log(source, {"format": "ulg"}, GIVEN)
     (tmp_path / "log").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match=r"needed --map .* Known: .*csv"):
+    with pytest.raises(UnknownLog, match="not recognised"):
         convert_log(tmp_path / "log", {}, GIVEN)
     with pytest.raises(InputError, match="no such file"):
         convert_log(tmp_path / "nothing", {}, GIVEN)
@@ -417,3 +418,12 @@ def test_what_is_accepted_by_name_is_said_and_kept(tmp_path):
     given = {"gyro_technology": "rlg", "accepted_accelerometer_scale": 0.2}
     with pytest.raises(InputError, match="of mems units only"):
         convert_log(asked[0], read_toml(asked[2]), given)
+
+
+@pytest.mark.parametrize(("name", "head"), [("imu.rda", b"\xfd7zXZ\x00\x00"), ("imu", b"RDX3\n")])
+def test_r_data_is_named(tmp_path, name, head):
+    """Unpacked it is still no log: what to do is said for both."""
+    path = tmp_path / name
+    path.write_bytes(head + bytes(64))
+    with pytest.raises(InputError, match="R data"):
+        convert(path, tmp_path / "run")

@@ -76,7 +76,7 @@ def test_the_examples_do_what_they_say(module, tmp_path, monkeypatch):
 
 
 def test_the_session_of_the_tutorial_runs_as_it_stands(tmp_path):
-    code, said = block("docs/tutorial.md"), printed("docs/tutorial.md")
+    code, said = block("docs/python.md"), printed("docs/python.md")
     assert len(code.splitlines()) <= 15
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -96,11 +96,11 @@ def test_the_notebook_is_the_session_of_the_tutorial():
     """Every code cell, one after the other, is the block that the test above runs."""
     cells = json.loads((ROOT / "docs/tutorial.ipynb").read_text("utf-8"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    lines = block("docs/tutorial.md").replace(SAVED, "").splitlines()
+    lines = block("docs/python.md").replace(SAVED, "").splitlines()
     assert "\n".join(code).splitlines() == [line for line in lines if line]
     outputs = [output for cell in cells for output in cell.get("outputs", ())]
     printed = "".join("".join(o["text"]) for o in outputs if o["output_type"] == "stream")
-    said = (ROOT / "docs/tutorial.md").read_text("utf-8").split("It prints:\n\n```\n")[1]
+    said = (ROOT / "docs/python.md").read_text("utf-8").split("It prints:\n\n```\n")[1]
     assert [*map(float, NUMBER.findall(printed))] == pytest.approx(
         [*map(float, NUMBER.findall(said.split("```")[0]))], abs=LAST_DIGITS
     )
@@ -111,7 +111,7 @@ def test_the_notebook_is_the_session_of_the_tutorial():
 
 def test_the_readme_begins_as_the_tutorial_does():
     """Its lines of Python stand in the tutorial, so that they run."""
-    assert set(block("README.md").splitlines()) <= set(block("docs/tutorial.md").splitlines())
+    assert set(block("README.md").splitlines()) <= set(block("docs/python.md").splitlines())
 
 
 def test_the_readme_is_one_screen_a_job():

@@ -10,11 +10,14 @@ import pytest
 from typer.testing import CliRunner
 
 import recal
-from ins.records import AXES
+from ins.records import AXES, ImuLog
+from ins.units import DEG_PER_HOUR
 from recal.cli.app import app
+from recal.service.look.opened import reads_earth_rate
 from recal.service.look.records import Fit, Use
 from tests.drawn import column, specifications, traces, unscripted
 from trajectories.runs.directory import write_run
+from trajectories.runs.physics_gates import quiet_means
 
 SITE_LATITUDE_DEG = 45.0  # of the packaged scenarios
 # of the latitude by gyros: 5 deg/h of bias is 20 deg of it, the simulated unit's 0.01 far less
@@ -175,3 +178,22 @@ def test_the_page_shows_its_figures_in_a_browser(looked, tmp_path):
             browser.until("document.querySelectorAll('figure.plot .main-svg').length >= 9")
             assert browser.evaluate("document.documentElement.scrollWidth") <= width
             assert browser.complaints() == []
+
+
+def test_dither_does_not_hide_the_earths_rate():
+    """A ring laser whose rows scatter by 200 deg/h in counts of angle, half a minute long: its
+    seconds show the Earth; a MEMS unit's, with a bias of 100 deg/h, do not.
+    """
+    rng = np.random.default_rng(4)
+    rows, dt = 64 * 30, 1.0 / 64.0
+    angle = 200.0 * DEG_PER_HOUR * dt * rng.standard_normal((rows + 1, 3))
+    f = np.tile([0.0, 0.0, -9.8], (rows, 1))
+    for bias_deg_h, finds in ((0.0, True), (100.0, False)):
+        rate = np.array([7.0, 0.0, -13.0]) * DEG_PER_HOUR + bias_deg_h * DEG_PER_HOUR
+        imu = ImuLog(
+            time_s=dt * np.arange(1, rows + 1),
+            dt_s=np.full(rows, dt),
+            dtheta_rad=rate * dt + np.diff(angle, axis=0),
+            dv_m_s=f * dt,
+        )
+        assert reads_earth_rate(imu, quiet_means(imu)) is finds

@@ -3,6 +3,7 @@ schema, is replaced.
 """
 
 import json
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -12,6 +13,7 @@ from recal.cli.app import app
 from recal.service.results.overwrite import (
     CSV_TABLE,
     Peeked,
+    free_update_folder,
     is_compensated,
     is_simulated,
     need_free_file,
@@ -121,6 +123,21 @@ def test_a_run_says_that_it_is_simulated_and_keeps_its_hash(tmp_path):
     a, b = (peeked(tmp_path / name / "run.json") for name in "ab")
     assert is_simulated(b) and not is_simulated(a) and not is_compensated(a)
     assert read_run(tmp_path / "a").sha256 == read_run(tmp_path / "b").sha256
+
+
+def test_a_report_of_other_runs_is_never_written_over(folder):
+    first = {"schema": "recal.update/1", "runs": [{"run_id": "R1", "sha256": "a"}]}
+    (folder / "recal-update").mkdir()
+    (folder / "recal-update/update.json").write_text(json.dumps(first))
+    assert free_update_folder(None, ["a"]) == free_update_folder(Path("recal-update"), ["a"])
+    assert free_update_folder(None, ["b"]) == Path("recal-update-2")
+    assert free_update_folder(None, ["a", "b"]) == Path("recal-update-2")
+    with pytest.raises(InputError, match=r"recal-update/update\.json: exists"):
+        free_update_folder(Path("recal-update"), ["b"])
+    (folder / "recal-update-2").mkdir()
+    (folder / "recal-update-2/update.html").write_text("mine")
+    with pytest.raises(InputError, match=r"recal-update-2/update\.html: exists"):
+        free_update_folder(None, ["b"])
 
 
 def test_files_and_folders(tmp_path):

@@ -18,9 +18,10 @@ TWO = ("--separate", "gyro_thermal_linear,gyro_warmup_transient", "--without", "
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A few recordings to choose from: the whole list takes ten seconds."""
+    """A few recordings to choose from and one plan to compare: the whole lists take ten seconds."""
     few = [Recording(start=start) for start in ("cold", "ambient", "cooling", "hot_restart")]
     monkeypatch.setattr("simreal.plan.study.candidates", lambda without: tuple(few))
+    monkeypatch.setattr("simreal.plan.study.COMPARED", {"1 cold": tuple(few[:1])})
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -8,7 +8,7 @@ pytest.importorskip("fastapi")
 
 from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
 from recal.service.store import UnitKey, UnitSummary
-from recal.web.health import HEALTH_WORDS, Health, Show, chosen, judged, urgency
+from recal.web.health import HEALTH_WORDS, Health, Show, chosen, unit_health, urgency
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
 
@@ -73,21 +73,21 @@ DRIFTS = forecast(BEYOND=(0.9, -5), SOON=(0.5, 30), GOOD=(0.2, 900))
 
 
 def test_the_unit_that_needs_most_comes_first():
-    rows = sorted(judged(UNITS, DRIFTS, NOW), key=urgency)
+    rows = sorted(unit_health(UNITS, DRIFTS, NOW), key=urgency)
     found = [row.unit.unit.imu_serial for row in rows]
     assert found == ["AGAINST", "WAITS", "BEYOND", "SOON", "NEW", "OLD", "GOOD"]
     assert [row.age_days for row in rows if row.unit.unit.imu_serial == "OLD"] == [400.0]
 
 
 def test_without_a_forecast_nothing_is_said_of_the_drift():
-    rows = {row.unit.unit.imu_serial: row for row in judged(UNITS, None, NOW)}
+    rows = {row.unit.unit.imu_serial: row for row in unit_health(UNITS, None, NOW)}
     assert {rows[name].health for name in ("GOOD", "SOON", "BEYOND")} == {Health.NO_FORECAST}
     assert rows["GOOD"].words[1] != "good" and rows["BEYOND"].forecast is None
     assert rows["WAITS"].health is Health.WAITS and rows["OLD"].health is Health.OLD
 
 
 def test_what_waits_for_a_decision_comes_before_what_only_drifts():
-    rows = judged([unit("BEYOND"), unit("BOTH", undecided=1)], forecast(BOTH=(0.9, -5)), NOW)
+    rows = unit_health([unit("BEYOND"), unit("BOTH", undecided=1)], forecast(BOTH=(0.9, -5)), NOW)
     assert [row.unit.unit.imu_serial for row in sorted(rows, key=urgency)] == ["BOTH", "BEYOND"]
 
 
@@ -101,7 +101,7 @@ def test_what_waits_for_a_decision_comes_before_what_only_drifts():
     ],
 )
 def test_filters(show, serials):
-    rows = chosen(judged(UNITS, DRIFTS, NOW), show)
+    rows = chosen(unit_health(UNITS, DRIFTS, NOW), show)
     assert {row.unit.unit.imu_serial for row in rows} == serials
 
 

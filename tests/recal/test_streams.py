@@ -36,6 +36,7 @@ class Shown:
 
     verdict: str = "ok"
     page: None = None  # of a fit that was refused
+    folder: Path | None = None
     document: dict = field(default_factory=lambda: {"schema": "recal.alignment/1"})
     record: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(report="out/update.html", problems=())

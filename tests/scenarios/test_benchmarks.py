@@ -1,17 +1,13 @@
-"""The driver of the studies: their options, work that is gone on with, tables put into pages."""
+"""The driver of the studies: their options, work that is gone on with, tables kept as JSON."""
 
 import argparse
 import json
-import re
-from pathlib import Path
 
 import pytest
 
 from benchmarks import __main__ as driver
+from benchmarks import results
 from benchmarks.study import Work, interval_95, share, table
-
-DOCS = Path(__file__).parents[2] / "docs"
-MARK = re.compile(r"<!-- figures: (\w+) -->\n")
 
 
 def squared(value: int, of: str) -> dict:
@@ -66,25 +62,25 @@ def test_two_processes_give_what_one_gives(tmp_path):
     assert Work(jobs=2).each(squared, tasks) == Work().each(squared, tasks)
 
 
-def test_a_page_holds_the_table_between_its_marks(made_up, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("Before.\n<!-- figures: study -->\nold\n<!-- end: study -->\nAfter.\n")
-    assert driver.run_study("study", ["--last", "2", "--write", str(page)]) == 0
-    text = page.read_text()
-    assert text.startswith("Before.\n<!-- figures: study -->\n`python -m benchmarks run study")
-    assert "--last 2`" in text and "| a | 1 |\n<!-- end: study -->\nAfter.\n" in text
-    assert "old" not in text
-    page.write_text("no marks")
-    with pytest.raises(ValueError, match="the page has no"):
-        driver.run_study("study", ["--write", str(page)])
+def test_tables_of_a_study_are_kept_as_json(made_up, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
+    assert driver.run_study("study", ["--last", "2", "--write"]) == 0
+    document = json.loads((tmp_path / "results/study.json").read_text("utf-8"))
+    assert document["command"].endswith("study --last 2")
+    table = document["tables"][0]
+    assert ["a", "1"] in table["rows"]
+    assert all(len(row) == len(table["columns"]) for row in table["rows"])
 
 
-def test_every_mark_of_a_page_is_of_a_study_and_is_closed():
-    for page in DOCS.rglob("*.md"):
-        text = page.read_text("utf-8")
-        for name in MARK.findall(text):
-            assert name in driver.STUDIES, page
-            driver.written(text, name, "")
+def test_kept_results_are_tables():
+    """Transcribed or written: each row has its columns, and a command or a commit made it."""
+    kept = [json.loads(p.read_text("utf-8")) for p in results.FOLDER.glob("*.json")]
+    assert len(kept) >= 8
+    for document in kept:
+        assert document["command"] or document["commit"]
+        for kept_table in document["tables"]:
+            columns = len(kept_table["columns"])
+            assert all(len(row) == columns for row in kept_table["rows"]), document["study"]
 
 
 @pytest.mark.parametrize("name", sorted(driver.STUDIES))

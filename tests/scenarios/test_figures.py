@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from infield.session.acceptance import judge_estimate
+from infield.session.acceptance import assess_estimate
 from infield.session.points import observability
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
@@ -263,7 +263,7 @@ def test_r11_excess_noise_is_inconsistent_and_declared_noise_is_not(runs):
         good = parked_session(seed)
         bad = session("parked_only", seed, twin=louder, believed=REFERENCE_TWIN)
         outcomes = [
-            judge_estimate(o.estimate, observability(o.estimate, hold_heading=True)).outcome
+            assess_estimate(o.estimate, observability(o.estimate, hold_heading=True)).outcome
             for o in (good, bad)
         ]
         false += outcomes[0] == "inconsistent"

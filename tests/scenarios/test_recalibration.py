@@ -268,7 +268,7 @@ def test_the_true_prior_is_the_ageing_that_units_are_drawn_with():
 
 @pytest.mark.slow
 def test_r29(record_property):
-    """All the targets of R29 over 100 units: the command of docs/recalibration_study.md."""
+    """All the targets of R29 over 100 units: the command of docs/accuracy.md."""
     summary = recalibration_study.summarise(
         [study_unit(k, twin_name="reference", profiles=tuple(PROFILES)) for k in range(100)]
     )

@@ -10,7 +10,7 @@ from tests.scenarios import thermal_faults as faults
 from tests.scenarios import thermal_merge as merge
 
 FEW = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
-# see docs/rates_thermal.md
+# see docs/reliability.md
 UNDETECTABLE = {"a tenth": 0.95, "Fahrenheit, all gyros": 0.9, "a tenth, all gyros": 0.5}
 
 

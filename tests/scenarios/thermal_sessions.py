@@ -5,7 +5,7 @@ A template is one simulated run through the whole pipeline: its bins, temperatur
 information that its navigation filter won about the biases. A drawn session keeps these and draws
 anew what is random: the session's own biases (turn-on, flicker, random walk), the noise of the
 measurement, and the true curve over temperature. From there on everything is the product's:
-`posterior_with`, `merge_posterior`, `judge_merge`, `with_thermal_terms`, `find_steps`.
+`posterior_with`, `merge_posterior`, `assess_merge`, `with_thermal_terms`, `find_steps`.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.acceptance import judge_merge
+from infield.session.acceptance import assess_merge
 from infield.session.disagreement import SessionEvidence
 from infield.session.hysteresis import SessionLikelihood, posterior_with
 from infield.session.joint_update import likelihood_of
@@ -119,7 +119,7 @@ def drawn_session(
     return replace(
         template,
         run=run,
-        verdict=judge_merge(merged),
+        verdict=assess_merge(merged),
         estimate=estimate,
         merged=merged,
         points=session_points(run, estimate),

@@ -11,9 +11,7 @@ import pytest
 
 from infield.table.file import table_from_dict
 from ins.documents import from_json, plain, to_json
-from ins.errors.catalogue import words_of
 from ins.errors.gyro.noise import NOISE_OF_TIME
-from ins.errors.telemetry import Trace
 from ins.errors.unnamed import OF_RUN, OF_TEMPERATURE, OF_TIME, WHILE_MOVING
 from ins.records import InputError
 from ins.twin_file import read_twin, twin_from_dict
@@ -23,10 +21,11 @@ from simreal.evidence.overlap import overlapping
 from simreal.inference.addback import Shrink
 from simreal.inference.causes import Cause, Rival, judged, parameter_of
 from simreal.inference.diagnosis import DiagnosisSettings, NotLookedAt, diagnose
-from simreal.inference.user_level import user_level
 from simreal.inference.verdict import Judging, KeptOut
 from simreal.plan.record_next import record_next, settling
-from simreal.report.diagnosis_curves import fitted_trace, overlays
+from simreal.predict.sessions import sessions_of
+from simreal.predict.traces import fitted_trace
+from simreal.report.diagnosis_curves import overlays
 from simreal.report.diagnosis_document import (
     DiagnosisRequest,
     GapReport,
@@ -35,6 +34,7 @@ from simreal.report.diagnosis_document import (
     summary,
 )
 from simreal.report.diagnosis_page import diagnosis_html, value_text
+from simreal.report.diagnosis_words import band_words, expected, gathered, percent
 from simreal.twin.write_back import effect_items, twin_with_causes
 from tests.drawn import specifications
 from tests.simreal.diagnosed import diagnosed, trial
@@ -366,62 +366,46 @@ def test_advice_only_for_what_is_open(found):
     assert "gyro_thermal_linear from gyro_thermal_quadratic" in told
 
 
-def test_user_level_numbers_are_those_of_the_planted_effect(found):
-    """Subtracting the true trace (log less the log without the effect) gives what subtracting the
-    fitted one gives.
-    """
-    made, table = trial(), table_from_dict(trial().table, name="table")
-    for k, view in enumerate(found.views):
-        planted = made.runs[k].imu.whole().dtheta_rad - made.runs_without[k].imu.whole().dtheta_rad
-        rate = planted / made.runs[k].imu.whole().dt_s[:, None]
-        t = made.runs[k].imu.whole().time_s
-        true = Trace(
-            gyro_rad_s=np.stack([np.interp(view.telemetry.time_s, t, c) for c in rate.T], axis=1)
-        )
-        ours, exact = (
-            user_level(view, trace, table, found.twin) for trace in (fitted_trace(found, k), true)
-        )
-        assert ours.navigated_s == pytest.approx(1200.0, abs=20.0)
-        assert ours.as_it_is.rate_nm_h == exact.as_it_is.rate_nm_h
-        assert ours.without.rate_nm_h == pytest.approx(exact.without.rate_nm_h, abs=0.25)
-        assert ours.heading_change_arcmin == pytest.approx(exact.heading_change_arcmin, abs=1.0)
-
-
-def test_what_the_twin_knows_already_costs_a_user_nothing(found):
-    view = found.views[0]
-    fitted = fitted_trace(found, 0)
-    table = table_from_dict(trial().table, name="table")
-    plain = user_level(view, fitted, table, found.twin)
-    known = user_level(view, fitted.scaled(0.5), table, found.twin, known=fitted.scaled(0.5))
-    assert known.without.rate_nm_h == pytest.approx(plain.without.rate_nm_h, rel=1e-9)
-    assert abs(known.heading_change_arcmin) == pytest.approx(
-        0.5 * abs(plain.heading_change_arcmin), rel=0.3, abs=0.02
-    )
-
-
-def test_an_effect_on_no_sensor_has_no_user_level(found):
-    assert user_level(found.views[0], Trace(), None, found.twin) is None
-
-
 def test_the_page_draws_each_cause_in_every_run(found):
     document = document_of(found)
     page = diagnosis_html(document, overlays(found))
-    assert len(specifications(page)) == 8  # two maps, their colours, bars, four runs
-    assert all(v.name in page for v in found.views) and "held-out data (leave one run out)" in page
+    assert len(specifications(page)) == 8  # first screen: map, bars, shrink; map after; four runs
+    assert all(v.name in page for v in found.views)
     titles = [spec["layout"].get("title", {}).get("text", "") for spec in specifications(page)]
     assert sum("fitted on the other runs" in title for title in titles) == 4
 
 
-def test_the_page_says_first_what_a_cause_is_and_what_to_do(found):
-    document = document_of(found)
+def test_the_page_answers_three_questions_first(found):
+    """Each with its number, before anything else; a cause's words are linked."""
+    document = document_of(found, drift=sessions_of(found)[0])
     page = diagnosis_html(document, overlays(found))
-    cause_ = document.causes[0]
-    words = words_of(cause_.effect)
-    order = ["What it is, and what to do now", "What it costs", "Where the gap lies", "nats from"]
-    assert sorted(order, key=page.index) == order
+    first = page[: page.index('id="now"')]
+    place, cause_, drift = document.where[0], document.causes[0], document.expected_drift
+    for said in (
+        f"{percent(place.share)} of the gap",
+        percent(cause_.probability),
+        percent(cause_.shrink.fraction),
+        expected(drift.as_it_is),
+        expected(drift.without),
+    ):
+        assert said in first, said
+    assert len(specifications(first)) == 3
     assert "recal update RUN --twin twin.json" in page
     assert page.count(f'id="word-{cause_.effect}"') == 1 and f'"#word-{cause_.effect}"' in page
-    assert words.brought_on_by.split("`")[0][:20] in page
+
+
+def test_an_event_of_several_runs_is_said_once():
+    events = [cause(effect="engine_start", target="vehicle", run_id=name) for name in "abc"]
+    (found_,) = gathered(events)
+    assert found_.causes == tuple(events) and "3 runs" in found_.words
+
+
+def test_no_band_is_longer_than_the_runs():
+    """Rests of 83 min: cells from the mean to quicker than two seconds."""
+    edges = [0.0, 1 / 9960, 1.5 / 4980, 3 / 4980, 0.05, 0.5]
+    names = [band_words(low, high, 4980.0) for low, high in zip(edges, [*edges[1:], None])]
+    hours = [float(n.split()[-2]) for n in names if n.endswith(" h")]
+    assert len(set(names)) == len(names) and all(h * 3600.0 <= 4980.0 for h in hours)
 
 
 def test_a_noise_below_the_declared_is_said_to_be(found):
@@ -434,8 +418,8 @@ def test_a_noise_below_the_declared_is_said_to_be(found):
     )
     document = document_of(replace(found, causes=(quiet,)))
     page = diagnosis_html(document, (None,))
-    # maps, their colours, bars, bands
-    assert "that much less than the twin declares" in page and len(specifications(page)) == 5
+    # map and bars; map after, bands
+    assert "that much less than the twin declares" in page and len(specifications(page)) == 4
     assert any("less than declared" in line for line in summary(document))
 
 

@@ -30,7 +30,7 @@ from simreal.declared.twin_effects import parse_effects
 from simreal.evidence.run_view import view_run
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from simreal.plan.gram import RunGrams
-from simreal.plan.pairs import judge, read_pair
+from simreal.plan.pairs import assess, read_pair
 from simreal.twin.inject import injected
 from tests.simreal.diagnosed import NAMES
 from tests.simreal.runs import FLIGHT, PARKED, simulated, table, twin_of
@@ -262,7 +262,7 @@ def test_a_plan_asks_for_headings_and_tells_it_from_a_warm_up(runs):
     pair = read_pair(f"{NAME},gyro_warmup_transient")
     views = [view_run(run, k, table(), twin_of()) for k, run in enumerate(runs)]
     grams = [RunGrams(view, twin_of(), [pair.a, pair.b]) for view in views]
-    one, two, four = (judge(grams[:count], pair) for count in (1, 2, 4))
+    one, two, four = (assess(grams[:count], pair) for count in (1, 2, 4))
     assert one.lacks == "several headings"
     assert four.cos < 0.5
     assert 0.0 < two.margin_high < four.margin_high

@@ -16,8 +16,8 @@ from simreal.evidence.whitened import Evidence
 from simreal.inference.attribute import Attributor
 from simreal.inference.bank import Bank
 from simreal.plan.advice import advice
-from simreal.plan.gram import ODDS_NATS, Contender, RunGrams, told
-from simreal.plan.pairs import CLASSICAL, Pair, contender, judge, read_pair
+from simreal.plan.gram import ODDS_NATS, Contender, RunGrams, separation
+from simreal.plan.pairs import CLASSICAL, Pair, assess, contender, read_pair
 from simreal.plan.recordings import Recording, RecordingMaker, candidates
 from simreal.plan.study import NULL_NATS, Planner, seen_sizes
 
@@ -88,7 +88,7 @@ def whole_bank_cos2(views, h, k, *, run_h=None, run_k=None):
 )
 def test_sums_over_runs_are_the_whole_bank(maker, h, k):
     recordings = (COLD, replace(AMBIENT, heading_deg=90.0))
-    found = told(grams(maker, recordings, h, k), h, k)
+    found = separation(grams(maker, recordings, h, k), h, k)
     wanted = whole_bank_cos2([maker.view(r, n) for n, r in enumerate(recordings)], h, k)
     np.testing.assert_allclose(found.cos**2, wanted[:, 0], atol=1e-5)
     np.testing.assert_allclose(found.delta, wanted[:, 1], rtol=1e-5)
@@ -98,7 +98,7 @@ def test_an_event_is_one_run_and_its_rival_all(maker):
     settling, drift = of("platform_settling", "vehicle"), of("accel_warmup_transient", "accel_x")
     runs = grams(maker, (COLD, AMBIENT), settling, drift)
     views = [maker.view(r, n) for n, r in enumerate((COLD, AMBIENT))]
-    ahead, back = told(runs, settling, drift), told(runs, drift, settling)
+    ahead, back = separation(runs, settling, drift), separation(runs, drift, settling)
     each = [whole_bank_cos2(views, settling, drift, run_h=r) for r in range(2)]
     np.testing.assert_allclose(ahead.cos**2, np.concatenate(each)[:, 0], atol=1e-5)
     both = np.max(
@@ -109,7 +109,7 @@ def test_an_event_is_one_run_and_its_rival_all(maker):
     runs = grams(maker, (COLD, AMBIENT), settling, step)
     own = [whole_bank_cos2(views, settling, step, run_h=r, run_k=r) for r in range(2)]
     np.testing.assert_allclose(
-        told(runs, settling, step).cos ** 2, np.concatenate(own)[:, 0], atol=1e-5
+        separation(runs, settling, step).cos ** 2, np.concatenate(own)[:, 0], atol=1e-5
     )
 
 
@@ -117,7 +117,7 @@ def test_needed_size_gives_odds_of_nineteen_to_one(maker):
     """Mean log likelihood ratio against the fitted rival, at the size needed: ln 19."""
     h, k = of("gyro_thermal_linear"), of("gyro_thermal_rate")
     view = maker.view(COLD)
-    found = told([RunGrams(view, TWIN, (h, k))], h, k)
+    found = separation([RunGrams(view, TWIN, (h, k))], h, k)
     evidence = Evidence([view], TWIN)
     a, b = (evidence.whiten([e.effect.traces(view.telemetry, "gyro_x", {})])[:, 0] for e in (h, k))
     true = found.delta_needed[0] * a / np.linalg.norm(a)
@@ -145,7 +145,7 @@ def table(maker, twin):
         for e in (exp1000, exp350)
     }
     return {
-        (name, plan): told(
+        (name, plan): separation(
             [cached[exp350 if exp350 in pair else exp1000][r] for r in PLANS[plan]], *pair
         )
         for name, pair in pairs.items()
@@ -277,22 +277,22 @@ def test_rivals_are_named_each_with_the_sensor_it_can_be_on(maker):
 
 def test_what_recordings_lack_is_said_in_words(maker):
     pair = read_pair("gyro_misalignment,gyro_magnetic_sensitivity")
-    one = judge(grams(maker, (COLD,), pair.a, pair.b), pair)
+    one = assess(grams(maker, (COLD,), pair.a, pair.b), pair)
     assert one.verdict == "not_testable" and "headings" in one.lacks and one.score == 0.0
-    four = judge(
+    four = assess(
         grams(
             maker, [replace(COLD, heading_deg=h) for h in (0.0, 90.0, 180.0, 270.0)], pair.a, pair.b
         ),
         pair,
     )
     assert not four.lacks and four.cos < 0.99
-    assert judge([], pair).lacks == "a recording"
+    assert assess([], pair).lacks == "a recording"
 
 
 def test_without_a_second_sensor_a_gradient_is_not_testable():
     bare = RecordingMaker(TWIN, None, SITE, without=("gradient",))
     pair = read_pair("gyro_thermal_rate,gyro_thermal_gradient")
-    assert "gradient_x_degC" in judge(grams(bare, (COLD,), pair.a, pair.b), pair).lacks
+    assert "gradient_x_degC" in assess(grams(bare, (COLD,), pair.a, pair.b), pair).lacks
     assert not any(r.taxi for r in candidates(("taxi",)))
     assert not any("gnss" in r.aids for r in candidates(("gnss",)))
 

@@ -10,10 +10,9 @@ from ins.records import InputError
 from ins.twin_file import default_twin
 from recal.service.diagnose import diagnose
 from simreal.declared.twin_effects import parse_effects
-from simreal.inference.diagnosis import DiagnosisSettings
 from simreal.predict.carried import foretells, with_noise_of
 from simreal.predict.document import simulator_lines, simulator_record
-from simreal.predict.held_out import GivenTwin, predict_runs
+from simreal.predict.held_out import predict_runs
 from simreal.predict.measures import Deviation, gap_of, gone_of, nis_gone_of, nis_of, noncentrality
 from tests.simreal.diagnosed import diagnosed, table_from_dict, trial
 
@@ -93,8 +92,7 @@ def simulator():
     made = trial()
     found = diagnosed(hold_out=(HELD,))
     table = table_from_dict(made.table, name="table")
-    settings = DiagnosisSettings(hold_out=(HELD,))
-    return predict_runs(made.runs, GivenTwin(made.twin, table, ""), table, settings, found)
+    return predict_runs(made.runs, found, table, (HELD,))
 
 
 def test_a_run_held_out_is_predicted_by_the_fit_to_the_others(simulator):

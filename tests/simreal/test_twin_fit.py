@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import lru_cache
+from importlib import resources
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.signal import butter, lfilter, sosfilt
 from typer.testing import CliRunner
 
 import recal
+import recal.service.twin.fit as service
 from alignment.motion.kinds import DISTURBED, Disturbance
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
@@ -167,6 +169,38 @@ def test_a_run_that_never_rests_is_refused(tmp_path):
     result = recal.fit_twin(run)
     assert result.verdict == "refused" and "never at rest" in result.reasons[0]
     assert result.twin is None
+
+
+def test_a_vehicle_that_is_never_still_shows_the_noise_of_its_rows(tmp_path):
+    """Ten minutes of a storm, and none is still; navigated from its first rest the vehicle seems to
+    roll. The rows above the gear tell the white noise.
+    """
+    scenario = tmp_path / "short.toml"
+    packaged = resources.files("trajectories.simulator") / "scenarios" / "parked_only.toml"
+    text = packaged.read_text("utf-8")
+    scenario.write_text(text.replace("duration_s = 4200", "duration_s = 600"), "utf-8")
+    simulated = recal.simulate(scenario, seed=5, rate_hz=100, environments=["gusty:5"])
+    found = recal.fit_twin(simulated.run).record.found
+    assert found is not None and found.parked_s > 500.0
+    told = found.of("gyro.arw_deg_sqrt_h")
+    assert told.identified
+    assert abs(told.value - simulated.twin.gyro.arw_deg_sqrt_h) < 4.0 * told.sigma
+
+
+def test_runs_that_tell_nothing_of_the_sensors_make_no_twin(tmp_path, monkeypatch):
+    """A thermometer's resolution alone is no twin: refused, and none is written."""
+    simulated, told = fitted()
+    found = told.record.found
+    nothing = tuple(
+        p if p.name.startswith("temperature.") else replace(p, identified=False)
+        for p in found.parameters
+    )
+    assert any(p.identified for p in nothing)
+    monkeypatch.setattr(service, "fit_runs", lambda *_: replace(found, parameters=nothing))
+    result = recal.fit_twin(simulated.run)
+    assert result.verdict == "refused" and result.twin is None
+    result.write(tmp_path / "twin.json")
+    assert not (tmp_path / "twin.json").exists() and (tmp_path / "twin_fit.json").exists()
 
 
 def test_a_twin_is_held_against_a_run():

@@ -74,9 +74,10 @@ def test_proposed_axes_start_from_the_maps_own(map_axes, gravity_on):
     seen = np.zeros(3)
     seen[AXES.index(axis)] = sign * 9.81
     of_map = axis_matrix(AxesKeys(**dict(zip(AXES, map_axes))))
-    (text,) = told(log(tuple(seen)), CoSensors(axes=map_axes))
+    (text,) = told(log(tuple(seen)), CoSensors(axes=map_axes, gnss=fixes(0.0)))
     words = text.partition("axes ")[2] if "would put it" in text else ""
     words = words.partition(" would put")[0]
+    words = words.partition(";")[0]
     proposed = dict(
         part.split(" = ") for part in words.removeprefix("? If z points up, axes ").split(", ")
     )
@@ -99,3 +100,23 @@ def test_accelerometers_that_read_too_little_are_accepted_by_name():
     (in_g,) = told(log((0.0, 0.0, -1.0)), CoSensors(accepted_scale=0.3))
     assert "multiply by 9.80665" in in_g
     assert told(log(), CoSensors(accepted_scale=0.3)) == ()
+
+
+@pytest.mark.parametrize("gravity_on", list(AXIS_MAPS))
+def test_a_unit_may_stand_in_any_attitude(gravity_on):
+    """On its side without fixes: taken with a warning; with fixes, or upside down: refused until
+    run.json says so.
+    """
+    axis, sign = gravity_on
+    seen = np.zeros(3)
+    seen[AXES.index(axis)] = sign * 9.81
+
+    def levels(beside: CoSensors) -> list[str]:
+        findings = Findings()
+        at = {"site": SITE, "technology": "mems", "label": "log", "findings": findings}
+        check_physics(log(tuple(seen)), **at, beside=beside)
+        return [found.level for found in findings.items]
+
+    assert levels(CoSensors()) == (["error"] if axis == "z" else ["warning"])
+    assert levels(CoSensors(gnss=fixes(0.0))) == ["error"]
+    assert levels(CoSensors(gnss=fixes(0.0), any_attitude=True)) == ["warning"]

@@ -13,7 +13,13 @@ from ins.user_input import open_regular
 from trajectories.readers.conversion_checks import check_rows
 from trajectories.readers.conversion_streams import check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
-from trajectories.readers.rows.column_map import LogOptions
+from trajectories.readers.rows.column_map import (
+    ACCEL_INCREMENTS,
+    ACCEL_RATES,
+    GYRO_INCREMENTS,
+    GYRO_RATES,
+    LogOptions,
+)
 from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
@@ -35,6 +41,8 @@ RUN_OPTIONS = {
     "lon_deg": "--lon-deg",
     "height_m": "--height-m",
 }
+# of a site: gravity and Earth rate do not depend on its longitude, 1000 m change gravity by 0.03 %
+NEXT_TO_NOTHING = ("lon_deg", "height_m")
 OF_LATITUDE = ("sigma_lat_deg", "lat_source")
 SITE_KEYS = ("lat_deg", "lon_deg", "height_m", *OF_LATITUDE)
 MANY_LOST = 0.01  # of all rows; chosen: a dropout now and then costs less than 1 %
@@ -66,12 +74,26 @@ def convert_log(
     """
     path = Path(path)
     name, log = read_log(path, LogOptions(options))
-    return conversion_of(path, name, log, given, axes=_axes(options.get("axes")))
+    return conversion_of(path, name, log, given, keys=options)
 
 
 def _axes(given: Mapping[str, str] | None) -> tuple[str, ...]:
     """Body axes as the raw axes of the log, by the map."""
     return tuple(str(given.get(axis, axis)) if given else axis for axis in AXES)
+
+
+def _units(keys: Mapping[str, Any], rate_hz: float) -> dict[str, tuple[str, dict[str, float]]]:
+    """As of `CoSensors.units`, of a map with units; an increment counts by the rows a second."""
+    found = {}
+    for name, rates, increments in (
+        ("gyro", GYRO_RATES, GYRO_INCREMENTS),
+        ("accel", ACCEL_RATES, ACCEL_INCREMENTS),
+    ):
+        part = keys.get(name)
+        if isinstance(part, Mapping) and "unit" in part:
+            per_second = {unit: factor * rate_hz for unit, factor in increments.items()}
+            found[name] = (str(part["unit"]), rates | per_second)
+    return found
 
 
 def conversion_of(
@@ -80,10 +102,10 @@ def conversion_of(
     log: ConvertedLog,
     given: Mapping[str, str | float | None],
     *,
-    axes: tuple[str, ...] = AXES,
+    keys: Mapping[str, Any] | None = None,
 ) -> Conversion:
-    """The run in a log that is read already; name: of its format, given: as of `convert_log`; axes:
-    body axes as its raw ones, where a map turned them.
+    """The run in a log that is read already; name: of its format, given: as of `convert_log`; keys:
+    of the map that it was read by.
     """
     findings, label = Findings(), path.name
     header, errors, unknown = header_from_json(
@@ -104,8 +126,10 @@ def conversion_of(
         beside=CoSensors(
             gnss=log.gnss,
             odometer=log.odometer,
-            axes=axes,
+            axes=_axes((keys or {}).get("axes")),
+            units=_units(keys or {}, log.imu.rate_hz),
             accepted_scale=header.accepted_accel_scale,
+            any_attitude=header.any_attitude,
         ),
     )
     check_streams(log.gnss, log.odometer, label=label, findings=findings)
@@ -126,7 +150,7 @@ def conversion_of(
         source_sha256=file_sha256(path),
         format=name,
         time_shift_s=log.time_shift_s,
-        notes=log.notes,
+        notes=(*log.notes, *_taken_as_zero(log, given, label)),
         repaired=log.faults,
         other_sources=tuple(others),
     )
@@ -180,6 +204,8 @@ def _header(
         # who says where it stood says how well
         less = OF_LATITUDE if "lat_deg" in position else ()
         site = {**{k: v for k, v in site.items() if k not in less}, **position}
+        if "lat_deg" in site:
+            site = dict.fromkeys(NEXT_TO_NOTHING, 0.0) | site
     header["site"] = site
     if isinstance(header["site"], dict):
         missing = _missing(header, header["site"])
@@ -194,6 +220,15 @@ def _header(
                 f"{path.name}: needed from the options or [run] in the map: {told}{why}"
             )
     return header
+
+
+def _taken_as_zero(
+    log: ConvertedLog, given: Mapping[str, str | float | None], label: str
+) -> list[str]:
+    """A note on what is not known of the site and counts for next to nothing."""
+    taken = [key for key in missing_keys(log, given) if key in NEXT_TO_NOTHING]
+    words = ", ".join(f"{key} ({RUN_OPTIONS[key]})" for key in taken)
+    return [f"{label}: {words} is not given and taken as 0"] if taken else []
 
 
 def missing_keys(log: ConvertedLog, given: Mapping[str, str | float | None]) -> tuple[str, ...]:

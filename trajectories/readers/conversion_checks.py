@@ -5,7 +5,7 @@ Gravity holds the accelerometers to one unit all along (feet are not told from a
 gyros, whose mean may be anything once they move, the noise shows it: it changes by the factor
 between two units from one row to the next, and that of the accelerometers does not.
 
-Decision: docs/decisions/0036-unit-changed-in-log.md.
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 import numpy as np

@@ -1,11 +1,11 @@
 """The known log formats, and choosing one: by the map's `format`, else by the content of the
 file.
 
-Decision: docs/decisions/0042-logged-solution.md.
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -34,6 +34,8 @@ MODULES = (
 
 
 GZIP = b"\x1f\x8b\x08"
+# of R's save(), binary and text, which gzip, bzip2 or xz pack as a rule
+R_DATA, R_NAMES = (b"RDX", b"RDA"), (".rda", ".rdata", ".rds")
 PACKED = {
     b"PK\x03\x04": "zip",
     b"BZh": "bzip2",
@@ -84,6 +86,22 @@ class Reader:
     gnss_file: bool = False
 
 
+class UnknownLog(InputError):
+    """A log that no reader knows by its content."""
+
+
+def _choices(known: Sequence[Reader]) -> tuple[str, ...]:
+    """What somebody with an unknown log can do, and the formats that are known, in short lines."""
+    names = [reader.name for reader in known]
+    rows = [names[k : k + 6] for k in range(0, len(names), 6)]
+    return (
+        "  A table (text, Parquet): recal look FILE writes a column map to begin with, for --map.",
+        "  Raw numbers, MATLAB: a map is written by hand (docs/log_formats.md).",
+        "  --format NAME forces one of",
+        *(f"    {', '.join(row)}" for row in rows),
+    )
+
+
 def readers() -> tuple[Reader, ...]:
     """All known formats, those that can be recognised first."""
     modules = (importlib.import_module(f"trajectories.readers.formats.{name}") for name in MODULES)
@@ -106,6 +124,11 @@ def _refuse_no_log(path: Path) -> None:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     if not head:
         raise InputError(f"{path}: the file is empty (0 bytes)")
+    if head.startswith(R_DATA) or path.suffix.lower() in R_NAMES:
+        raise InputError(
+            f"{path}: R data: write it as a table in R, write.csv(get(load(FILE)), NAME), and give"
+            " that with --map"
+        )
     for magic, what in PACKED.items():
         if head.startswith(magic):
             raise InputError(f"{path}: a {what} file: unpack it first and give the log in it")
@@ -148,11 +171,7 @@ def read_log(path: Path, options: LogOptions) -> tuple[str, ConvertedLog]:
             " needed the file of the log"
         )
     if not chosen:
-        formats = "; ".join(f"{r.name} ({r.about})" for r in known)
-        raise InputError(
-            f"{path}: format not recognised, needed --map FILE where it is a table: a column map"
-            f" names its columns and units (docs/log_formats.md). Known: {formats}"
-        )
+        raise UnknownLog(f"{path}: format not recognised", _choices(known))
     if "gnss" in options.keys and not chosen[0].gnss_file:
         raise InputError(
             f"{path.name}: [gnss] (--gnss): a {chosen[0].name} log takes no fixes of another file"

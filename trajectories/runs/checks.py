@@ -4,7 +4,7 @@ and column.
 Levels: an "error" makes the run unusable (`read_run` raises it); a "suspect" fails `recal check`
 only; a "warning" does neither.
 
-Decision: docs/decisions/0021-imu-gaps.md.
+Decision: docs/decisions/0005-imu-source.md.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # between two imu rows: what moved meanwhile cannot be made good, 3 deg in a turn of standard
-# rate; docs/decisions/0021-imu-gaps.md
+# rate; docs/decisions/0005-imu-source.md
 MAX_GAP_S = 1.0
 # of any number in a stream: squares of it still add up; 1e24, beside the 1.8e308 of a double
 MAX_VALUE = 1e12

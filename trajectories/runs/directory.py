@@ -121,7 +121,10 @@ def inspect_run(
             label=_label(path, "imu"),
             findings=findings,
             beside=CoSensors(
-                gnss=held.gnss, odometer=held.odometer, accepted_scale=header.accepted_accel_scale
+                gnss=held.gnss,
+                odometer=held.odometer,
+                accepted_scale=header.accepted_accel_scale,
+                any_attitude=header.any_attitude,
             ),
         )
         streams.check_overlap(imu, held, header, findings)

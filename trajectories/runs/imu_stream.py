@@ -3,7 +3,7 @@
 A long stream stays in its file and is read again, a piece at a time, by whoever uses it; a short
 one becomes an `ImuLog`. Both hold the same bits.
 
-Decision: docs/decisions/0020-rates-are-means.md.
+Decision: docs/decisions/0005-imu-source.md.
 """
 
 from collections.abc import Iterator

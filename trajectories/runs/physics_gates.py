@@ -8,12 +8,13 @@ read Earth rate, whose part along the vertical is -Omega sinL (CONVENTIONS.md). 
 the likely cause and the fix.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.attitude import level_angles
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import AXES, GnssLog, ImuSource, OdometerLog, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
@@ -60,6 +61,7 @@ AXIS_MAPS = {
     ("y", -1): ("x", "-z", "y"),
     ("z", 1): ("x", "-y", "-z"),
 }
+LIES = "; where the unit does stand so: --any-attitude (any_attitude in run.json)"
 # the other usual set with z up
 RIGHT_FORWARD_UP = ("y", "x", "-z")
 # of a vehicle that moves: 5 sigmas of a receiver of 0.1 m/s
@@ -72,13 +74,36 @@ class CoSensors:
 
     gnss, odometer: which tell whether the vehicle moves. axes: body axes x, y, z as the raw axes of
     the log (a map's), which a proposal of other ones starts from. accepted_scale: what the
-    accelerometers' scales may be off by, because run.json says so.
+    accelerometers' scales may be off by, because run.json says so. units: by "gyro" and "accel" the
+    unit that a map has, and the factor to rates in SI of each that it could have.
     """
 
     gnss: GnssLog | None = None
     odometer: OdometerLog | None = None
     axes: tuple[str, ...] = AXES
     accepted_scale: float = 0.0
+    units: Mapping[str, tuple[str, Mapping[str, float]]] = field(default_factory=dict)
+    any_attitude: bool = False
+
+    def in_map(self, sensor: str, ratio: float, tolerance: float) -> str:
+        """The unit that a map should have where what it reads is `ratio` times too large, in the
+        map's words; empty without a map, or where no unit fits.
+        """
+        unit, factors = self.units.get(sensor, ("", {}))
+        fits = [
+            other
+            for other, factor in factors.items()
+            if other != unit and abs(factor * ratio / factors[unit] - 1.0) <= tolerance
+        ]
+        return f'{sensor}.unit = "{fits[0]}" in the map, not "{unit}"?' if fits else ""
+
+    def may_lie(self, axis: str, technology: str) -> bool:
+        """Whether a unit with this axis vertical, and not z down, may be meant to stand so: a MEMS
+        unit on its side, with no fix or wheel that is navigated by vehicle axes; another, or upside
+        down, only where run.json says so, for a wrong sign of the accelerometers looks the same.
+        """
+        alone = self.gnss is None and self.odometer is None
+        return self.any_attitude or (alone and axis != "z" and technology == "mems")
 
     def speed_m_s(self, start_s: float, end_s: float) -> float | None:
         """Median speed of a stretch beyond the scatter of a receiver; None where none tells any."""
@@ -170,16 +195,25 @@ def check_physics(
             " axes not tested"
         )
         return None
-    off = _force_size(means, imu, technology)
+    off = _force_size(means, imu, technology, beside)
     accepted = off and abs(_size_off(means)) <= beside.accepted_scale
     if accepted:
         findings.warn(f"{label}: {_accepted_size(means, beside.accepted_scale)}")
+    axis_off = _force_axis(means, site, technology, beside.axes)
+    lies = bool(axis_off) and beside.may_lie(_vertical(means)[0], technology)
+    if lies:
+        otherwise = "" if beside.any_attitude else f"; if it does not: {axis_off}"
+        findings.warn(f"{label}: {_lying(means)}{otherwise}")
+    elif axis_off:
+        axis_off += LIES
     f_wrong = "" if accepted else off
-    f_wrong = f_wrong or _force_axis(means, site, technology, beside.axes)
+    f_wrong = f_wrong or ("" if lies else axis_off)
     if f_wrong:
         findings.error(f"{label}: {f_wrong}")
     elif means.speed_m_s is None:
-        level, text = _earth_rate(means, site, imu) if technology != "mems" else ("warning", "")
+        level, text = "warning", ""
+        if technology != "mems":
+            level, text = _earth_rate(means, site, imu, beside)
         text = text or _rate_size(means, technology)
         findings.add(level, *([f"{label}: {text}"] if text else []))
     return means
@@ -199,11 +233,13 @@ def _accepted_size(means: QuietMeans, scale: float) -> str:
     )
 
 
-def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
+def _force_size(means: QuietMeans, imu: ImuSource, technology: str, beside: CoSensors) -> str:
     size, tolerance = float(np.linalg.norm(means.f_m_s2)), G_TOLERANCE[technology]
     if abs(_size_off(means)) <= tolerance:
         return ""
     seen = f"mean |f| {means.where} is {size:.4g} m/s2, needed 9.8"
+    if by_map := beside.in_map("accel", size / EXPECTED_F, tolerance):
+        return f"{seen}: {by_map}"
     causes = [(imu.rate_hz, "m/s2 in columns of increments", "name them accel_x_m_s2 ...")]
     if imu.source == "rates":
         causes = [
@@ -236,11 +272,27 @@ def _in_raw(axes: tuple[str, ...], raw: tuple[str, ...]) -> str:
     return ", ".join(told)
 
 
-def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, ...]) -> str:
+def _vertical(means: QuietMeans) -> tuple[str, int]:
+    """The axis nearest to the vertical, and the sign of the specific force on it."""
     k = int(np.argmax(np.abs(means.f_m_s2)))
-    axis, sign = AXES[k], int(np.sign(means.f_m_s2[k]))
+    return AXES[k], int(np.sign(means.f_m_s2[k]))
+
+
+def _lying(means: QuietMeans) -> str:
+    axis, sign = _vertical(means)
+    roll, pitch = np.degrees(level_angles(means.f_m_s2))
+    return (
+        f"the unit stands with {axis} {'up' if sign > 0 else 'down'}, roll {roll:.0f}, pitch"
+        f" {pitch:.0f} deg by gravity: biases are those of its own axes, and the accelerometers'"
+        " sign is taken as right"
+    )
+
+
+def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, ...]) -> str:
+    axis, sign = _vertical(means)
     if (axis, sign) == ("z", -1):
         return ""
+    k = AXES.index(axis)
     seen = (
         f"mean f {means.where} is {means.f_m_s2[k]:+.3f} m/s2 on {axis}, needed about -9.8 on z"
         " (z must point down)"
@@ -262,7 +314,9 @@ def _force_axis(means: QuietMeans, site: Site, technology: str, raw: tuple[str, 
     return f"{seen}: accelerometer sign or axes? If z points up, {fix}"
 
 
-def _earth_rate(means: QuietMeans, site: Site, imu: ImuSource) -> tuple[str, str]:
+def _earth_rate(
+    means: QuietMeans, site: Site, imu: ImuSource, beside: CoSensors
+) -> tuple[str, str]:
     """Level and text of what the mean rate says; the down component is w resolved along -f."""
     size = float(np.linalg.norm(means.w_rad_s))
     down = float(-means.w_rad_s @ means.f_m_s2 / np.linalg.norm(means.f_m_s2))
@@ -276,7 +330,8 @@ def _earth_rate(means: QuietMeans, site: Site, imu: ImuSource) -> tuple[str, str
     for factor, unit, fix in (*causes, *W_UNITS):
         scale = factor * EARTH_RATE_RAD_S
         if max(abs(size - scale), abs(down - factor * needed_down)) < FACTOR_TOLERANCE * scale:
-            return "error", f"{seen}: {unit}? {fix}"
+            by_map = beside.in_map("gyro", factor, FACTOR_TOLERANCE)
+            return "error", f"{seen}: {by_map or f'{unit}? {fix}'}"
     if max(abs(size - EARTH_RATE_RAD_S), abs(down + needed_down)) < 0.2 * min(
         EARTH_RATE_RAD_S, 5 * abs(needed_down)
     ):

@@ -255,6 +255,7 @@ class _RunKeys(_Open):
     gyro_level_removed: bool = False
     accepted_accelerometer_scale: Annotated[float, Field(ge=0, le=MOST_ACCEPTED_SCALE)] = 0.0
     accepted_constant_temperature: bool = False
+    any_attitude: bool = False
     conversion: dict[str, Any] = Field(default_factory=dict)
     simulation: _SimulationKeys | None = None
 
@@ -323,6 +324,7 @@ def header_from_json(
         level_removed=keys.gyro_level_removed,
         accepted_accel_scale=keys.accepted_accelerometer_scale,
         accepted_constant_temperature=keys.accepted_constant_temperature,
+        any_attitude=keys.any_attitude,
     )
     return header, [], warnings
 
@@ -382,6 +384,8 @@ def _accepted(header: RunHeader) -> dict[str, float]:
         keys["accepted_accelerometer_scale"] = header.accepted_accel_scale
     if header.accepted_constant_temperature:
         keys["accepted_constant_temperature"] = True
+    if header.any_attitude:
+        keys["any_attitude"] = True
     return keys
 
 

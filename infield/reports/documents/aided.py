@@ -1,7 +1,7 @@
 """The `aided` part of replay.json, and the columns of navigation_aided.parquet, from an
 `infield.aided.flight.AidedResult`.
 
-Decision: docs/decisions/0038-fitted-nis.md.
+Decision: docs/decisions/0037-receiver-errors-and-noise.md.
 """
 
 from collections.abc import Mapping, Sequence

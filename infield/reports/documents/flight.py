@@ -8,8 +8,8 @@ from infield.reports.documents.session_records import (
     FlightDocument,
 )
 from infield.session.flown.gates import Carried
+from infield.session.flown.information_gain import FlightEvidence
 from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further
-from infield.session.flown.worth import FlightEvidence
 from infield.session.results import SessionResult
 from ins.records import AXES
 from ins.units import DEG_PER_HOUR, MILLIRADIAN

@@ -12,6 +12,7 @@ from infield.reports.documents.session_records import StretchDocument, ZeroRateD
 from infield.reports.documents.update_records import ZeroRateEffect
 from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.flown.priors import Further
+from infield.session.parked.rates import ANOTHER_ATTITUDE
 from infield.session.results import SessionResult, UpdateResult
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
@@ -64,6 +65,8 @@ def zero_rate(e: SessionEstimate) -> ZeroRateDocument | None:
         angle_random_walk_deg_sqrt_h=p.walk_deg_sqrt_h.tolist(),
         noise_over_model=p.noise_scale,
         earth_rate_sigma_deg_h=np.sqrt(p.of_mean(p.earth.covariance)).tolist(),
+        roll_deg=e.alignment.roll_rad / DEG,
+        pitch_deg=e.alignment.pitch_rad / DEG,
         heading_known=bool((p.earth.heading_deg_h == 0.0).all()),
         bin_s=float(e.bins.duration_s.mean()),
         bins=len(e.bins.duration_s),
@@ -110,10 +113,16 @@ def phases(e: SessionEstimate) -> tuple[Phase, ...]:
 
 
 def stretch_words(zero_rate: ZeroRateDocument) -> list[str]:
-    """The stretches of one run and what was left out, a line each; none for a run of one stretch
-    and nothing else.
+    """An attitude other than a table's, the stretches of one run and what was left out, a line
+    each; none for a run of one stretch and nothing else.
     """
     lines = []
+    roll, pitch = zero_rate.roll_deg, zero_rate.pitch_deg
+    if np.cos(roll * DEG) * np.cos(pitch * DEG) < np.cos(ANOTHER_ATTITUDE):
+        lines.append(
+            f"stood at roll {roll:.0f}, pitch {pitch:.0f} deg by gravity: sigmas hold what the"
+            " specific force may add to the gyros in this attitude"
+        )
     for k, s in enumerate(zero_rate.stretches or ()):
         low, high = s.temperature_degC
         lines.append(

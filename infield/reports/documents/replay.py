@@ -117,7 +117,7 @@ class ReplayChangeDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplaySeenDocument:
+class ReplayFlownDocument:
     """A difference as flown, and as the tables' own difference says."""
 
     seen: float
@@ -137,7 +137,7 @@ class DifferenceDocument:
     sigma_rate_nm_h: float | None = None
     significant: bool | None = None
     rms_rate_nm_h: ReplayChangeDocument | None = None
-    parked_end_displacement_m: Mapping[str, ReplaySeenDocument] | None = None
+    parked_end_displacement_m: Mapping[str, ReplayFlownDocument] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,7 +320,7 @@ def _change(old: Drift, new: Drift, name: str) -> ReplayChangeDocument:
     return ReplayChangeDocument(previous=before, active=after, change=after - before)
 
 
-def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, ReplaySeenDocument] | None:
+def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, ReplayFlownDocument] | None:
     """How far apart the two parked spans end, north and east."""
     if old.parked is None or new.parked is None:
         return None
@@ -330,6 +330,6 @@ def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, ReplaySeen
     expected = -new.predicted.response_m_per_deg_h @ changed_deg_h
     seen = new.parked.position_m[-1] - old.parked.position_m[-1]
     return {
-        axis: ReplaySeenDocument(seen=float(seen[k]), expected=float(expected[k]))
+        axis: ReplayFlownDocument(seen=float(seen[k]), expected=float(expected[k]))
         for k, axis in enumerate(("north", "east"))
     }

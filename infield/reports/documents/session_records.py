@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.alignment import FilterNis, LevelDocument
 from infield.session.estimate import BegunInMotion
-from infield.session.flown.worth import FlightWorth
+from infield.session.flown.information_gain import InformationGain
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
 from infield.session.points import AxisObservability
@@ -187,7 +187,7 @@ class FlightDocument:
     notes: Sequence[str] = ()
     note_codes: Sequence[str | None] = ()
     nuisances: Sequence[CarriedNuisance]
-    worth: Sequence[FlightWorth] | None = field(default=None, metadata=OMIT_NONE)
+    worth: Sequence[InformationGain] | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,6 +256,8 @@ class ZeroRateDocument:
     angle_random_walk_deg_sqrt_h: Sequence[float]
     noise_over_model: float
     earth_rate_sigma_deg_h: Sequence[float]
+    roll_deg: float
+    pitch_deg: float
     heading_known: bool
     bin_s: float
     bins: int

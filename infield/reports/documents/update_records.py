@@ -14,14 +14,14 @@ from infield.reports.documents.session_records import (
 )
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import BiasStep
-from infield.session.flown.worth import FlightTerm
+from infield.session.flown.information_gain import FlightTerm
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction, ThermalKind
 from ins.documents import OMIT_NONE, Null, from_json
 from ins.json_file import JsonObject
 from ins.records import Span, TableDocument
 from ins.twin_file import TwinDocument
-from ins.verdicts import Observability, Outcome
+from ins.verdicts import Observability, Outcome, differs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +123,11 @@ class PredictedEffect:
     heading_removed_mrad: float
     heading_left_sigma_mrad: float
     temperature_degC: tuple[float, float]
+
+    @property
+    def significant(self) -> bool:
+        """Whether the drift that is removed is more than chance makes it in 19 of 20 cases."""
+        return differs(self.drift_removed_nm_h, self.drift_left_sigma_nm_h)
 
 
 @dataclass(frozen=True, kw_only=True)

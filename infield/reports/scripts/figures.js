@@ -5,7 +5,7 @@
   var dark = matchMedia("(prefers-color-scheme: dark)"), onPaper = matchMedia("print");
   var INKS = { "#000000": "--ink", "#d55e00": "--old", "#0072b2": "--new", "#56b4e9": "--sky", "#59636e": "--soft", "#c9d1d9": "--pale",
     "#ffffff": "--page", "#e3e8ed": "--shade" };
-  var PAPER_PX = { wide: 680, panel: 330 }, PAPER_SHARE = 0.8; // A4 less its margins, half of it; of a panel's height
+  var PAPER_PX = { wide: 680, panel: 330, card: 300 }, PAPER_SHARE = 0.8; // A4 less its margins, parts of it; of a panel's height
   var PNG_PX = [720, 420]; // at least
   var shown = [], busy = false, printing = false;
 
@@ -20,8 +20,8 @@
 
   function told(figure) {
     var found = JSON.parse(inked(figure.querySelector("script").textContent));
-    var wide = figure.classList.contains("wide");
-    if (printing) found.layout.width = PAPER_PX[wide ? "wide" : "panel"];
+    var wide = figure.classList.contains("wide"), card = figure.closest(".card");
+    if (printing) found.layout.width = PAPER_PX[card ? "card" : wide ? "wide" : "panel"];
     if (printing && !wide) found.layout.height *= PAPER_SHARE;
     if (matchMedia("(pointer: coarse)").matches) found.layout.dragmode = false; // a finger moves the page
     return found;

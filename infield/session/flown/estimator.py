@@ -6,7 +6,7 @@ linear errors goes over it: parked and taxi as there, fixes throughout, rests af
 errors hold no specific force (`ins.estimation.error_model`), so that they stay linear for hours:
 after the second pass the solution is off by hundreds of metres and 0.1 mrad.
 
-Decision: docs/decisions/0053-flight-in-linear-filter.md.
+Decision: docs/decisions/0006-error-state-w.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,9 +25,9 @@ from alignment.result import BiasPrior, Solution
 from infield.session.bins import SessionBins, make_bins
 from infield.session.estimate import RollingEvidence, SessionEstimate
 from infield.session.flown.flight import Flight, flown_motion
-from infield.session.flown.known import KnownRun
 from infield.session.flown.passes import Beginning, FlownPass, FlownSession, solved
 from infield.session.flown.priors import Layout
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.log import compensated_imu
 from infield.session.navigated.estimator import alignment_heading_error, nuisance_sigmas
 from infield.session.navigated.nuisances import Assumed, priors_under
@@ -61,7 +61,7 @@ class FlownEstimate:
 
 
 def estimate_flown(
-    known: KnownRun, ground: SessionEstimate, flight: Flight, fixes: GnssLog
+    known: RunInputs, ground: SessionEstimate, flight: Flight, fixes: GnssLog
 ) -> FlownEstimate:
     """One filter over align, park, taxi, flight and what follows."""
     run, temperature, twin = known.run, known.temperature, known.twin
@@ -95,7 +95,7 @@ def estimate_flown(
     return FlownEstimate(estimate, done.session.layout, antenna, done.session.priors)
 
 
-def _rested(known: KnownRun, ground: SessionEstimate, clone_s: float) -> Beginning:
+def _rested(known: RunInputs, ground: SessionEstimate, clone_s: float) -> Beginning:
     """What the passes take from a ground session."""
     solution = ground.navigated
     return Beginning(
@@ -155,13 +155,13 @@ def _assumed(rolling: RollingEvidence | None) -> Assumed:
     return assumed
 
 
-def _sigmas(known: KnownRun, rolling: RollingEvidence | None) -> Mapping[str, float]:
+def _sigmas(known: RunInputs, rolling: RollingEvidence | None) -> Mapping[str, float]:
     """Prior sigmas of the base states' nuisances."""
     declared = nuisance_sigmas(known.run, known.settings)
     return priors_under(declared, _assumed(rolling))
 
 
-def _aids(known: KnownRun, rolling: RollingEvidence | None, clone_s: float) -> Sequence[Aid]:
+def _aids(known: RunInputs, rolling: RollingEvidence | None, clone_s: float) -> Sequence[Aid]:
     """What the ground session heard of wheels and surveys."""
     run, assumed, survey = known.run, _assumed(rolling), known.run.header.survey
     aids: list[Aid] = [LateralAid(run.header.wheel_reference_m, assumed)]
@@ -175,7 +175,7 @@ def _aids(known: KnownRun, rolling: RollingEvidence | None, clone_s: float) -> S
     return aids
 
 
-def told_motion(motion: Motion, flight: Flight) -> Motion:
+def reported_motion(motion: Motion, flight: Flight) -> Motion:
     """The motion as a report names it: what flies is airborne."""
     t, kind = motion.time_s, motion.kind.copy()
     kind[(t > flight.start_s) & (t <= flight.end_s)] = AIRBORNE
@@ -191,7 +191,7 @@ def _flown(
     solution = replace(
         before,
         history=done.history,
-        motion=told_motion(motion, session.flight),
+        motion=reported_motion(motion, session.flight),
         plan=done.last.plan,
         prior=session.prior,
         applied_bias_rad_s=done.start.gyro_rad_s,

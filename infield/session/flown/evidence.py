@@ -9,27 +9,27 @@ from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
 from infield.session.flown.flight import find_flight
 from infield.session.flown.gates import (
-    Doubt,
+    SuspectedShift,
     against_joining,
     carried,
     deflected,
-    doubted,
     rested,
+    suspected_shift,
     uncovered,
 )
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
-from infield.session.flown.known import KnownRun
+from infield.session.flown.information_gain import FlightEvidence, information_gain
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
 from infield.session.flown.without_heading import fly_without_heading
-from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
 from infield.session.reasons import FlightReason
 from ins.verdicts import Reason, because
 
-Estimator = Callable[[KnownRun], FlownEstimate]
+Estimator = Callable[[RunInputs], FlownEstimate]
 
 
-def fly(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
+def fly(known: RunInputs, ground: SessionEstimate) -> FlightEvidence | None:
     """The flight after a ground session; None where the run does not fly with a receiver."""
     run, twin = known.run, known.twin
     if ground.parked is not None:
@@ -47,7 +47,7 @@ def fly(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
 
 
 def fly_in_motion(
-    known: KnownRun, rest: Where | None, parked_after: SessionEstimate | None
+    known: RunInputs, rest: Where | None, parked_after: SessionEstimate | None
 ) -> FlightEvidence | None:
     """The flight that a log begins with, before its first rest; None where it begins with none.
 
@@ -80,7 +80,7 @@ def fly_in_motion(
 
 
 def _judged(
-    known: KnownRun, left_out: FlightEvidence, ground: SessionEstimate | None, estimated: Estimator
+    known: RunInputs, left_out: FlightEvidence, ground: SessionEstimate | None, estimated: Estimator
 ) -> FlightEvidence:
     """A flight estimated, once more with a wider prior where gyros hardly read as at rest, and
     joined where nothing speaks against it; of two estimates their mean, each as it is believed.
@@ -89,13 +89,13 @@ def _judged(
     flight = left_out.flight
     if against := uncovered(flight):
         return replace(left_out, reasons=against)
-    doubt: Doubt | None = None
+    doubt: SuspectedShift | None = None
     as_usual: SessionEstimate | None = None
     try:
         flown = estimated(known)
         states = carried(flown.estimate.navigated.filter, flown.layout)
         sound = rested(flown) and not against_joining(flown, flight)
-        doubt = doubted(states) if sound else None
+        doubt = suspected_shift(states) if sound else None
         if doubt is not None:
             as_usual = flown.estimate
             flown = estimated(known.with_shift(doubt.size_deg_h))
@@ -106,7 +106,7 @@ def _judged(
     joined = None if against else flown.estimate
     if joined is not None and as_usual is not None and doubt is not None:
         joined = as_usual.averaged(joined, doubt.belief)
-    worth = None if joined is None else worth_of(known.table, ground, joined, flight)
+    worth = None if joined is None else information_gain(known.table, ground, joined, flight)
     return replace(
         left_out,
         reasons=against,

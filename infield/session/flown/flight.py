@@ -113,7 +113,7 @@ def flown_motion(history: NavHistory, ground: Motion, flight: Flight) -> Motion:
         cause=cause,
         velocity_jump_m_s=None if jumps is None else continued(jumps),
         turn_jump_rad=None if turns is None else continued(turns),
-        shaking=None,
+        disturbed=None,
         turn_rad=None,
         evidence=(),
     )

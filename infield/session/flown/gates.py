@@ -199,9 +199,9 @@ def deflected(priors: FlightPriors) -> tuple[Reason, ...]:
 
 
 @dataclass(frozen=True)
-class Doubt:
+class SuspectedShift:
     """Gyros that hardly read in flight what they read at rest: told by notes; size_deg_h: of the
-    largest difference; belief: probability that it is one, see `doubted`.
+    largest difference; belief: probability that it is one, see `suspected_shift`.
     """
 
     notes: tuple[Reason, ...]
@@ -209,7 +209,7 @@ class Doubt:
     belief: float
 
 
-def doubted(states: Sequence[Carried]) -> Doubt | None:
+def suspected_shift(states: Sequence[Carried]) -> SuspectedShift | None:
     """Gyros whose bias in flight differs from that at rest by what the prior hardly explains; None
     where none does.
 
@@ -238,7 +238,7 @@ def doubted(states: Sequence[Carried]) -> Doubt | None:
         )
         for told in found
     )
-    return Doubt(notes, size, belief)
+    return SuspectedShift(notes, size, belief)
 
 
 class _Shifted(NamedTuple):

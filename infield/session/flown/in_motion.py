@@ -20,10 +20,10 @@ from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import BegunInMotion, SessionEstimate
-from infield.session.flown.estimator import FlownEstimate, told_motion
+from infield.session.flown.estimator import FlownEstimate, reported_motion
 from infield.session.flown.flight import Flight, covered_share, flown_motion
-from infield.session.flown.known import KnownRun
 from infield.session.flown.passes import Beginning, FlownPass, FlownSession, solved
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.start import MovingStart
 from infield.session.log import compensated_imu
 from infield.session.navigated.estimator import nuisance_sigmas
@@ -69,7 +69,7 @@ def flight_from(
 
 
 def estimate_in_motion(
-    known: KnownRun,
+    known: RunInputs,
     parked_after: SessionEstimate | None,
     flight: Flight,
     fixes: GnssLog,
@@ -189,7 +189,7 @@ def _solution(
     )
     return Solution(
         history=done.history,
-        motion=told_motion(motion, session.flight),
+        motion=reported_motion(motion, session.flight),
         plan=done.last.plan,
         prior=session.prior,
         applied_bias_rad_s=done.start.gyro_rad_s,

@@ -31,8 +31,8 @@ from infield.session.flown.fixes import (
     with_delays,
 )
 from infield.session.flown.flight import Flight, flown_motion, joined_cruise
-from infield.session.flown.known import KnownRun
 from infield.session.flown.priors import Further, Layout
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.own_errors import OwnErrors
 from infield.session.settings import FIT, FlightPriors
@@ -77,7 +77,7 @@ class Beginning:
 class FlownSession:
     """What the passes over a session have in common."""
 
-    known: KnownRun
+    known: RunInputs
     fixes: GnssLog
     flight: Flight
     beginning: Beginning

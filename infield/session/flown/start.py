@@ -4,7 +4,7 @@ half hour, smoothed.
 Only the place of linearisation is taken from it. The filter of the session begins there with wide
 priors, that of the heading withdrawn at its end, so that no fix counts twice.
 
-Decision: docs/decisions/0079-start-in-motion.md.
+Decision: docs/decisions/0060-unknown-heading.md.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from infield.aided.noise import Model, NoiseScales
 from infield.aided.reasons import StartMethod
 from infield.aided.smoothing import smooth_flight
 from infield.session.flown.flight import LEAST_FLOWN_S
-from infield.session.flown.known import KnownRun
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import Antenna, fixes_of
 from ins.filters.states import AIDED_THETA
@@ -66,7 +66,7 @@ def begins_in_motion(run: Run, rest: Where | None) -> bool:
     return bool(times.size and times[-1] - times[0] >= LEAST_FLOWN_S)
 
 
-def find_moving_start(known: KnownRun, imu: ImuSource, log: GnssLog) -> MovingStart | Reason:
+def find_moving_start(known: RunInputs, imu: ImuSource, log: GnssLog) -> MovingStart | Reason:
     """The start of a run that begins in motion; what is missing where it cannot be found.
 
     imu: compensated; log: usable fixes.

@@ -22,14 +22,14 @@ from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
 from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight
-from infield.session.flown.gates import against, carried, doubted, uncovered
-from infield.session.flown.known import KnownRun
+from infield.session.flown.gates import against, carried, suspected_shift, uncovered
+from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.priors import Further, Layout, laid_out
+from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
-from infield.session.flown.worth import FlightEvidence, worth_of
 from infield.session.log import compensated_imu
 from infield.session.parked.never_at_rest import never_at_rest
-from infield.session.parked.stretches import MIN_PARKED_S, Rests
+from infield.session.parked.stretches import MIN_PARKED_S, StationarySegments
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.estimation import error_model as em
@@ -61,7 +61,7 @@ CARRIED = (
 COMPONENTS_OF_SCALE = 3  # of all gyros; that of z is no base state here
 
 
-def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvidence | None:
+def fly_without_heading(known: RunInputs, ground: SessionEstimate) -> FlightEvidence | None:
     """What lies between the rests of such a unit; None where nothing moves with a receiver."""
     if ground.parked is None:
         return None
@@ -71,7 +71,7 @@ def fly_without_heading(known: KnownRun, ground: SessionEstimate) -> FlightEvide
     return _flown(known, rests, ground)
 
 
-def fly_never_at_rest(known: KnownRun, rests: Rests) -> FlightEvidence | None:
+def fly_never_at_rest(known: RunInputs, rests: StationarySegments) -> FlightEvidence | None:
     """A log that never stands for a minute, as one way; None where nothing moves with a receiver.
     rests: that are too short, or no rests.
     """
@@ -79,7 +79,7 @@ def fly_never_at_rest(known: KnownRun, rests: Rests) -> FlightEvidence | None:
 
 
 def _flown(
-    known: KnownRun, rests: tuple[Where, ...], ground: SessionEstimate | Rests
+    known: RunInputs, rests: tuple[Where, ...], ground: SessionEstimate | StationarySegments
 ) -> FlightEvidence | None:
     """What lies between rests, before the first and after the last."""
     run, twin = known.run, known.twin
@@ -115,23 +115,27 @@ def _flown(
             reasons=(because(FlightReason.NEVER_LINEAR, limit_deg=LINEAR_HEADING_RAD / DEG),),
         )
 
-    def estimated(known: KnownRun) -> FlightEvidence:
+    def estimated(known: RunInputs) -> FlightEvidence:
         return _estimated(known, ground, imu, result, stretches, left_out)
 
     usual = estimated(known)
-    return usual if isinstance(ground, Rests) else _widened(known, ground, usual, estimated)
+    return (
+        usual
+        if isinstance(ground, StationarySegments)
+        else _widened(known, ground, usual, estimated)
+    )
 
 
 def _widened(
-    known: KnownRun,
+    known: RunInputs,
     ground: SessionEstimate,
     usual: FlightEvidence,
-    estimated: Callable[[KnownRun], FlightEvidence],
+    estimated: Callable[[RunInputs], FlightEvidence],
 ) -> FlightEvidence:
     """The flight once more with a wider prior where its gyros hardly read as at rest; of two
     estimates their mean, each as it is believed.
     """
-    doubt = None if usual.joined is None else doubted(usual.carried)
+    doubt = None if usual.joined is None else suspected_shift(usual.carried)
     if usual.joined is None or doubt is None:
         return usual
     wider = replace(
@@ -140,7 +144,7 @@ def _widened(
     if wider.joined is None:
         return wider
     joined = usual.joined.averaged(wider.joined, doubt.belief)
-    worth = worth_of(known.table, ground, joined, wider.flight)
+    worth = information_gain(known.table, ground, joined, wider.flight)
     return replace(wider, joined=joined, worth=worth)
 
 
@@ -170,8 +174,8 @@ def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
 
 
 def _estimated(
-    known: KnownRun,
-    ground: SessionEstimate | Rests,
+    known: RunInputs,
+    ground: SessionEstimate | StationarySegments,
     imu: ImuSource,
     result: AidedResult,
     stretches: list[slice],
@@ -181,9 +185,9 @@ def _estimated(
     history, given = result.history, result.given
     assert history is not None and given is not None
     spans = [(float(history.time_s[s][0]), float(history.time_s[s][-1])) for s in stretches]
-    alone = None if isinstance(ground, Rests) else ground
+    alone = None if isinstance(ground, StationarySegments) else ground
     bins, is_away = _all_bins(known, None if alone is None else alone.bins, spans)
-    if isinstance(ground, Rests):
+    if isinstance(ground, StationarySegments):
         ground = never_at_rest(bins, _begun(result), ground.left_out)
     after = _after_rests(ground, bins, ~is_away)
     believed = _believed(known, result, bins, after, is_away)
@@ -191,12 +195,14 @@ def _estimated(
     reasons = against(flt, believed.layout, rested=alone is not None)
     states = carried(flt, believed.layout)
     joined = None if reasons else _joined(ground, bins, is_away, after, flt.bias)
-    worth = None if joined is None else worth_of(known.table, alone, joined, left_out.flight)
+    worth = (
+        None if joined is None else information_gain(known.table, alone, joined, left_out.flight)
+    )
     return replace(left_out, reasons=reasons, joined=joined, carried=states, worth=worth)
 
 
 def _way(
-    known: KnownRun,
+    known: RunInputs,
     imu: ImuSource,
     result: AidedResult,
     stretches: list[slice],
@@ -235,7 +241,7 @@ def _begun(result: AidedResult) -> BegunInMotion:
 
 
 def _all_bins(
-    known: KnownRun, parked: SessionBins | None, spans: list[Where]
+    known: RunInputs, parked: SessionBins | None, spans: list[Where]
 ) -> tuple[SessionBins, NDArray]:
     """Bins of rests and ways in order of time, and which of them are under way (N,). parked: bins
     of the rests, None where there are none.
@@ -272,7 +278,7 @@ class _Biases:
 
 
 def _believed(
-    known: KnownRun, result: AidedResult, bins: SessionBins, after: _Biases, is_away: NDArray
+    known: RunInputs, result: AidedResult, bins: SessionBins, after: _Biases, is_away: NDArray
 ) -> Believed:
     """Noise, antenna and priors; of the bins under way, after what the rests said."""
     twin, priors = known.twin, known.settings.flight
@@ -301,7 +307,7 @@ def _believed(
     )
 
 
-def _antenna(known: KnownRun, result: AidedResult) -> Antenna:
+def _antenna(known: RunInputs, result: AidedResult) -> Antenna:
     """The antenna of the solution."""
     assert result.antenna is not None
     found, declared = result.antenna.antenna, np.asarray(known.run.header.gnss_lever_arm_m)
@@ -331,7 +337,7 @@ def _layout(every: Layout, antenna: Antenna) -> Layout:
     return Layout(every.first, np.array(sigma), at)
 
 
-def _noise(known: KnownRun, flown: AidedNoise) -> AidedNoise:
+def _noise(known: RunInputs, flown: AidedNoise) -> AidedNoise:
     """The noise that the log was flown with, less what is a state here: the slope of the
     accelerometers over temperature. Where it was flown without slow errors of the receiver, they
     are as large as assumed, for the likelihood of a flight does not show small ones.

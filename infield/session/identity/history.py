@@ -24,7 +24,7 @@ SAME_PLACE_rad = 10e3 / 6.37e6
 # all, so that of either of two power-ons 0.4 and of their difference 0.8 is one sigma to spare
 STILL_WARM = 0.8
 # of a unit's own sessions, that may be beyond the limit: 1 in 200; another unit in its table costs
-# more than a session that has to be flown again (99.9 % let 1 of 100 through, docs/wrong_facts.md)
+# more than a session that has to be flown again (99.9 % let 1 of 100 through, docs/reliability.md)
 BELONGS = 0.995
 MARK_UNITS = ("degC", "ug")  # the marks that share a scatter: by the unit at the end of their names
 

@@ -10,7 +10,7 @@ readings change in a session is kept as that pattern. The specific force at rest
 less gravity is the bias of the accelerometer that points up; the level ones show where the vehicle
 turns.
 
-Decision: docs/decisions/0056-unit-marks.md.
+Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 
 from dataclasses import dataclass, replace

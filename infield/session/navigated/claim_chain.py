@@ -15,7 +15,7 @@ Known limits, kept on purpose: one heading error for all points (the vertical gy
 not removed), the windows do not share their common errors, accelerometer drift counts as tilt rate.
 The filter does all three.
 
-Decision: docs/decisions/0031-claim-chain.md.
+Decision: docs/decisions/0010-points-exclude-prior.md.
 """
 
 from collections.abc import Sequence

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from alignment import gyrocompass
 from alignment.inertial_start import start_attitude
+from alignment.level_fit import LevelFound
 from alignment.linearised import Course, NothingStands, RestedLog, latitude_covariance, solve
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
@@ -73,12 +74,29 @@ def estimate_session(
     """Alignment on the alignment phase, then one filter over align, park and taxi with all aids the
     run has.
     """
+    logged = LoggedRun(run, table, temperature)
+    return estimate_under(logged, twin, settings, rest=rest, end_s=end_s)
+
+
+def estimate_under(
+    logged: LoggedRun,
+    twin: TwinModel,
+    settings: SessionSettings,
+    *,
+    rest: tuple[float, float],
+    end_s: float,
+    level: LevelFound | None = None,
+) -> SessionEstimate:
+    """The same of a session whose parked vehicle moves as is given; level None: as the run
+    shows.
+    """
+    run, table, temperature = logged.run, logged.table, logged.temperature
     log, align_until_s = seconds_of(run.imu), alignment_end(run, rest[0])
     repaired, faults = repair(run.imu, log, rest[0], end_s)
     imu = compensated_imu(replace(run, imu=repaired), table, temperature, twin)
     bins = make_bins(table, temperature, twin, settings, start_s=rest[0], end_s=end_s)
     own = own_errors(
-        LoggedRun(run, table, temperature),
+        logged,
         twin,
         rest=rest,
         attitude=lambda: start_attitude(imu, run.header.site, rest),
@@ -115,6 +133,7 @@ def estimate_session(
                 clone_at_s=clone_at,
                 hold_heading=settings.hold_heading,
                 vertical=_vertical(run),
+                level=level,
             ),
             sigma0=sigma0,
             aids=aids(AS_DECLARED),

@@ -13,7 +13,7 @@ The NIS under constants stays a test: the states' priors stand in every innovati
 level is fitted, and a nuisance has at most two numbers. A crab that changes on its own has a level
 that is fitted: the NIS of the lateral way then tests nothing, and the document says so.
 
-Decision: docs/decisions/0064-taxi-nuisances.md.
+Decision: docs/decisions/0093-one-choice.md.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -4,7 +4,7 @@ A session has states of its own for the errors of the project. What a user decla
 recipe SESSION becomes one constant state for each coefficient, behind the time bins; it makes gyros
 and accelerometers wrong by the error's own trace along the solution.
 
-Decision: docs/decisions/0095-users-errors-are-states.md.
+Decision: docs/decisions/0028-effects-are-formulas.md.
 """
 
 from collections.abc import Callable, Iterator

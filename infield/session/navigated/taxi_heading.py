@@ -87,9 +87,11 @@ class OdometerAid:
 
     def measure(self, tape: Tape, views: StepViews) -> None:
         t = self.log.time_s
-        samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(
-            t, views.start_s, side="right"
+        # those stamped after a step's start, up to its end: each is of one step
+        first, last = (
+            np.searchsorted(t, edge, side="right") for edge in (views.start_s, views.end_s)
         )
+        samples = last - first
         logged = (views.start_s >= t[0]) & (views.end_s <= t[-1]) & (samples > 0)
         at = np.flatnonzero((views.kind == ROLLING) & logged)
         rolled = self._way(views.end_s[at]) - self._way(views.start_s[at])

@@ -18,7 +18,7 @@ relation of their headings (sum of G vectors, |sum|^2 <= G sum of squares). Unit
 [derived]; the bound: Julier and Uhlmann, American Control Conference (1997), covariance
 intersection.
 
-Decision: docs/decisions/0035-earth-rate-shared.md.
+Decision: docs/decisions/0032-no-heading-no-navigation.md.
 """
 
 from collections.abc import Sequence

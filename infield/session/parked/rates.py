@@ -28,17 +28,18 @@ from alignment.gyrocompass import LEVEL_SHARE
 from alignment.motion.parked_seconds import ParkedSeconds, parked_places
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.sway import averages, sway_of
-from alignment.motion.turn_between import turn_between
+from alignment.motion.turn_between import levelled, turn_between
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, ParkedStretch, SessionEstimate
 from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.earth import session_earth
-from infield.session.parked.stretches import MIN_PARKED_S, Rests
+from infield.session.parked.stretches import MIN_PARKED_S, StationarySegments
 from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
+from ins.errors.catalogue import prior
 from ins.noise import FLICKER_FLOOR
 from ins.records import Run, Site, Span, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
@@ -50,6 +51,9 @@ NOISIER = 1.2  # times the twin's white noise: 20 % of a sigma is worth saying
 # times the twin's white noise, and nothing is taken: 100 times the variance is another unit or no
 # rest
 TOO_NOISY = 10.0
+# between two up vectors: 20 deg. A vehicle parks within that, and what its own tilt adds is in the
+# table
+ANOTHER_ATTITUDE = 0.35
 FREE_LEVEL = 1e3  # in sigmas of the innovations: nothing believed of the level
 
 
@@ -80,7 +84,7 @@ def estimate_parked(
     twin: TwinModel,
     settings: SessionSettings,
     *,
-    rests: Rests,
+    rests: StationarySegments,
 ) -> SessionEstimate | Reason:
     """The session's biases from its parked seconds, or why there is nothing to take."""
     imu = compensated_imu(run, table, temperature, twin)
@@ -96,6 +100,7 @@ def estimate_parked(
     if (stretch < 0).any():
         bins = bins.only(stretch >= 0)
     stretch = stretch[stretch >= 0]
+    bins = bins.doubted(_by_attitude(places, stretch, twin))
     scale = settings.sigma_scale_factor_ppm[run.header.gyro_technology] * PPM
     turns = tuple(
         turn_between(imu, a, b, twin.gyro, log=log, sigma_scale=scale) for a, b in pairwise(places)
@@ -191,7 +196,9 @@ def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
     return np.concatenate(own), np.concatenate(stretch)[:-1]
 
 
-def surveyed_first(run: Run, rests: Rests, first: ParkedSeconds) -> tuple[float, float] | None:
+def surveyed_first(
+    run: Run, rests: StationarySegments, first: ParkedSeconds
+) -> tuple[float, float] | None:
     """The surveyed heading and its sigma [rad], where the first stretch is the first rest of the
     log.
     """
@@ -291,6 +298,21 @@ def _shape_nis(
     S = S + (FREE_LEVEL**2 * np.max(np.diag(S))) * np.kron(np.ones((count, count)), np.eye(3))
     again = y + bins.table_deg_h[rows]
     return y.size - 3, float(y @ np.linalg.solve(S, y)), float(again @ np.linalg.solve(S, again))
+
+
+def _by_attitude(places: list[ParkedSeconds], stretch: NDArray, twin: TwinModel) -> NDArray | None:
+    """Covariance (3N, 3N) [(deg/h)^2] of what the specific force adds to gyros that stand otherwise
+    than a table's, whose z is down; None where they do not.
+
+    A gyro's three coefficients are alike and apart: ``sigma^2 (u_s - u_0).(u_t - u_0)``, u up.
+    """
+    tilt = np.array([[0.0, 0.0, 1.0] - levelled(place)[2] for place in places])
+    turned = np.linalg.norm(tilt, axis=1) > ANOTHER_ATTITUDE
+    if not turned.any():
+        return None
+    tilt[~turned] = 0.0
+    sigma = prior("gyro_g_sensitivity", "attitude").of(twin.gyro_technology)
+    return np.asarray(sigma**2 * np.kron((tilt @ tilt.T)[np.ix_(stretch, stretch)], np.eye(3)))
 
 
 def _reason(sigma_deg_h: float, site: Site) -> Reason:

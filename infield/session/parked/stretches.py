@@ -25,7 +25,7 @@ NAMED_ABOVE_S = 20.0
 
 
 @dataclass(frozen=True)
-class Rests:
+class StationarySegments:
     """stretches: start and end [s] in order; left_out: other rests and why; why: None, or why
     there is none.
 
@@ -39,7 +39,7 @@ class Rests:
     from_first: bool
 
 
-def find_rests(run: Run, *, shortest_s: float = MIN_PARKED_S) -> Rests:
+def stationary_segments(run: Run, *, shortest_s: float = MIN_PARKED_S) -> StationarySegments:
     """Every rest of `shortest_s` or more."""
     log = seconds_of(run.imu)
     windows = parked_windows(run)
@@ -55,7 +55,7 @@ def find_rests(run: Run, *, shortest_s: float = MIN_PARKED_S) -> Rests:
         _never_quiet(*window) for window, stretches in quiet if named and not stretches and found
     ]
     left_out = tuple(sorted([*short, *moving, *lost], key=lambda span: span.start_s))
-    return Rests(
+    return StationarySegments(
         kept,
         left_out,
         None if kept else _why_none(found, moving),

@@ -11,7 +11,7 @@ from infield.session.estimate import SessionEarth
 from infield.session.log import compensated_seconds
 from infield.session.parked.earth import session_earth
 from infield.session.parked.rates import surveyed_first, white_noise
-from infield.session.parked.stretches import MIN_PARKED_S, find_rests
+from infield.session.parked.stretches import MIN_PARKED_S, stationary_segments
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
@@ -43,7 +43,7 @@ def first_zero_rate(
     """Seconds and Earth rate of the first stretch, nothing of a table taken out; None where it
     never rests.
     """
-    rests = find_rests(run)
+    rests = stationary_segments(run)
     seconds = (
         parked_seconds(compensated_seconds(run, None, None, twin), *rests.stretches[0])
         if rests.stretches
@@ -91,7 +91,7 @@ def unknown_sigma_deg_h(
     """
     log = compensated_seconds(run, None, None, twin)
     places: list[ParkedSeconds] = []
-    for stretch in find_rests(run).stretches:
+    for stretch in stationary_segments(run).stretches:
         places += parked_places(log, *stretch)
     spans = [span for place in places for span in _minutes(place)]
     rates = (

@@ -20,6 +20,7 @@ from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, derivatives, find_lag
+from infield.thermal.rlg.parameter_covariance import Open, covariance_of
 from infield.thermal.rlg.terms import (
     COLLINEAR,
     LINE_TERMS,
@@ -32,7 +33,6 @@ from infield.thermal.rlg.terms import (
     solve_terms,
     term_sets,
 )
-from infield.thermal.rlg.unsure import Open, covariance_of
 from infield.thermal.study import INFLATE_ABOVE
 from ins.records import AXES, TwinModel
 

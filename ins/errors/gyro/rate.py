@@ -235,6 +235,12 @@ GYRO_RATE = (
                     {"rlg": 0.0, "fog": 0.001, "mems": 10.0},
                     source="its usual size; a ring laser has none",
                 ),
+                Prior(
+                    "attitude",
+                    "deg/h per g",
+                    {"rlg": 0.0, "fog": 0.001, "mems": 100.0},
+                    source="data sheets: ADIS16460 36, MPU-6050 360 deg/h per g",
+                ),
             ),
             need=lacks_force_changes,
             rivals=("gyro_g2_sensitivity",),

@@ -45,8 +45,12 @@ def of_log(
     height_m: float | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
+    tail: str | None = None,
+    start_utc: str | None = None,
+    run_id: str | None = None,
     accepted_accelerometer_scale: float | None = None,
     accepted_constant_temperature: bool | None = None,
+    any_attitude: bool | None = None,
 ) -> dict[str, Any]:
     """What the command line says of a log, as the verbs take it: files beside it, keys of run.json,
     options of its reader.
@@ -79,11 +83,19 @@ def of_log(
         Where to begin, by the log's own clock [s]. Default: its start.
     to_s
         Where to end, by the log's own clock [s]. Default: its end.
+    tail
+        Tail number of the aircraft.
+    start_utc
+        When the run starts, such as 2026-03-01T05:00:00Z. Default: the log's.
+    run_id
+        Name of the run. Default: the name of the log.
     accepted_accelerometer_scale
         Accept accelerometers of a mems unit whose scales are off by up to this share, such as 0.2
         where 8 m/s2 is read at rest: it becomes their sigma. Default: none is accepted.
     accepted_constant_temperature
         Accept thermometers that never change as a constant temperature.
+    any_attitude
+        The unit may stand in any attitude, also upside down.
     """
     header = {
         "imu_serial": serial,
@@ -92,8 +104,12 @@ def of_log(
         "sigma_lat_deg": sigma_lat_deg,
         "lon_deg": lon_deg,
         "height_m": height_m,
+        "tail": tail,
+        "start_utc": start_utc,
+        "run_id": run_id,
         "accepted_accelerometer_scale": accepted_accelerometer_scale,
         "accepted_constant_temperature": accepted_constant_temperature,
+        "any_attitude": any_attitude,
     }
     options = {"imu": imu, "format": format_, "from_s": from_s, "to_s": to_s}
     return {"map_file": map_, "gnss": gnss, "header": header, "options": options}

@@ -6,7 +6,8 @@ that `recal --help` stays fast.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -102,41 +103,56 @@ def show(shown: Shown, /, store, serial, technology, mode, revision) -> None:
 
 
 @app.command(cls=Command)
-@of_table(from_=REVISIONS, to=REVISIONS)
+@of_table(a="[A]", b="[B]", from_=REVISIONS, to=REVISIONS)
 def diff(
-    shown: Shown, /, store, serial, technology, mode, *, from_: str = "previous", to: str = "active"
+    shown: Shown,
+    a: str | None = None,
+    b: str | None = None,
+    /,
+    *,
+    store,
+    serial,
+    technology,
+    mode,
+    from_: str = "previous",
+    to: str = "active",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FOLDER",
+            help="Where to write diff.json and diff.html. Default: nowhere.",
+        ),
+    ] = None,
+    force,
 ) -> None:
-    """Show what changed between two revisions, by default from the previous to the active one.
+    """Show what changed between two tables, by default from the previous revision to the active
+    one, and what that is worth in NM/h.
 
-    Example: recal table diff --serial SN-0042 --from factory
+    Example: recal table diff factory active --serial SN-0042 -o table-diff
 
     Parameters
     ----------
+    a
+        The older table: a file (.json, .csv) or a revision (NUMBER, factory, previous, active).
+        Default: --from.
+    b
+        The newer table, likewise. Default: --to.
     from_
-        The older revision.
+        The older revision, where A is left out.
     to
-        The newer revision.
+        The newer revision, where B is left out.
     """
-    from recal.service.tables import change_between, find_revision, line_of, open_tables
+    from recal.service.results.overwrite import need_free_report
+    from recal.service.results.result import write_report
+    from recal.service.table_diff import table_diff
 
-    with open_tables(store) as opened:
-        before = find_revision(opened, from_, serial, technology, mode)
-        after = find_revision(opened, to, serial, technology, mode)
-    axes = {axis: change_between(before, after, axis) for axis in "xyz"}
-    result = {"from": before, "to": after, "axes": axes}
-    lines = [
-        f"{after.unit}",
-        f"from {line_of(before)}",
-        f"to   {line_of(after)}",
-        "",
-        "axis  temperature     before      after     change  U(k=2) before    after",
-        "             degC      deg/h      deg/h      deg/h          deg/h    deg/h",
-    ]
-    for axis, columns in axes.items():
-        for T, old, new, change, s_old, s_new in zip(*vars(columns).values()):
-            biases = f"{old:+10.5f} {new:+10.5f} {change:+10.5f}"
-            lines.append(f"{axis:4}  {T:11.2f} {biases}       {2 * s_old:8.5f} {2 * s_new:8.5f}")
-    shown.answer(result, lines)
+    if output is not None:
+        need_free_report(output, "diff.json", "recal.diff/1", ("diff.html",), force=force)
+    found = table_diff(a or from_, b or to, store, (serial, technology, mode))
+    report = None if output is None else write_report(found, output, "diff") / "diff.html"
+    shown.answer(found.record, found.lines(), report)
 
 
 @app.command(cls=Command)

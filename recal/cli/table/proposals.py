@@ -128,8 +128,8 @@ def _decide(
     reason: str,
 ) -> None:
     """A decision, and the exit code of what the store makes of it."""
-    from recal.service.store import Decided
-    from recal.service.tables import decide
+    from recal.service.store import Decided, store_name
+    from recal.service.tables import decide, export_command
 
     number, verdict = asked
     signed = login_name() if by is None else by
@@ -143,7 +143,11 @@ def _decide(
             else ""
         )
         line = f"{decided.unit}: proposal {number} {verdict}{became}"
-    shown.answer(result, [line])
+    lines = [line]
+    if decided is not None and verdict == Decided.APPROVED:
+        export = export_command(store_name(store), decided.unit.imu_serial)
+        lines.append(f"  counts once the unit has loaded it: {export}")
+    shown.answer(result, lines)
     finish(result.verdict)
 
 

@@ -1,7 +1,7 @@
 """What a long command is doing, on a terminal; nothing when piped."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -57,11 +57,6 @@ class Progress:
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, description=one_line(what), completed=self._begun)
             self._begun += 1
-
-    def say(self, lines: Sequence[str]) -> None:
-        """Lines that stay on the terminal, above the bar."""
-        for line in lines:
-            self._say(line)
 
     def _watch_compiling(self) -> None:
         if not self._compiles:

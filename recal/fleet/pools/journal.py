@@ -5,7 +5,7 @@ Only the parent writes it. A kill leaves at most one cut line, at the end: it is
 it told is found out anew (the store knows which runs it holds). Lines of a call with another store
 or other settings count for nothing in this one.
 
-Decision: docs/decisions/0047-fleet-journal.md.
+Decision: docs/decisions/0022-sqlite-journal.md.
 """
 
 import hashlib

@@ -2,7 +2,7 @@
 
 A mistyped store must not pass for a new one, nor a unit with an invented table for its own.
 
-Decision: docs/decisions/0068-nothing-new-unasked.md.
+Decision: docs/decisions/0022-sqlite-journal.md.
 """
 
 from typing import NoReturn

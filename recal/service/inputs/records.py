@@ -18,36 +18,6 @@ AnyTable = ThermalTable | TableDocument | AnyPath
 AnyTwin = TwinModel | AnyPath
 
 
-def read_run(path: AnyPath) -> Run:
-    """One power-on session from its directory, without its truth.
-
-    Parameters
-    ----------
-    path : str or path
-        A run directory (run.json and its streams).
-
-    Returns
-    -------
-    Run
-        Header, IMU increments [rad, m/s], temperatures [degC], aiding, phases; times in s from the
-        run's start. `Run.faults` lists what was repaired or dropped.
-
-    Raises
-    ------
-    InputError
-        Names file, row or key, what was got and what was needed.
-
-    Examples
-    --------
-    >>> import recal
-    >>> recal.read_run("nowhere")
-    Traceback (most recent call last):
-        ...
-    ins.records.InputError: nowhere: no such run directory
-    """
-    return directory.read_run(Path(path))
-
-
 def read_table(path: AnyPath) -> ThermalTable:
     """A thermal bias table from its JSON file.
 
@@ -121,7 +91,7 @@ def runs_of(runs: AnyRun | Sequence[AnyRun]) -> list[Run]:
 
 def read_one(run: AnyRun) -> Run:
     """A run, a record or a path, as record."""
-    return run if isinstance(run, Run) else read_run(run)
+    return run if isinstance(run, Run) else directory.read_run(Path(run))
 
 
 def table_of(table: AnyTable) -> tuple[ThermalTable, TableDocument]:

@@ -15,18 +15,17 @@ import numpy as np
 
 from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.table import RAW_BIAS_DEG_H
-from ins.json_file import Json, read_toml
+from ins.json_file import Json
 from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR
-from recal.service.convert import map_errors, with_gnss_file
-from recal.service.inputs.records import read_run
+from recal.service.convert import map_errors, map_keys
 from recal.service.look.records import Assumption
 from recal.service.results.paths import AnyPath
 from trajectories.readers.conversion import RUN_OPTIONS, conversion_of, missing_keys
 from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.readers.rows.column_map import LogOptions
 from trajectories.readers.rows.row_cleaning import LogGapError
-from trajectories.runs.directory import write_run
+from trajectories.runs.directory import read_run, write_run
 from trajectories.runs.physics_gates import W_TOLERANCE_DEG_H, CoSensors, QuietMeans, quiet_means
 
 RUN_DIRECTORY = "run directory"
@@ -73,10 +72,7 @@ def opened_log(
     if (log / "run.json").exists():
         yield Opened(run=read_run(log), folder=log, format=RUN_DIRECTORY)
         return
-    given = {} if map_file is None else read_toml(Path(map_file))
-    given |= {key: value for key, value in options.items() if value is not None}
-    if gnss is not None:
-        given = with_gnss_file(given, Path(gnss))
+    given = map_keys(map_file, gnss, header, options)
     with tempfile.TemporaryDirectory(prefix="recal-look-") as made:
         folder = Path(made) / "run"
         with map_errors(map_file):
@@ -94,7 +90,7 @@ def _taken(
     for one in assumed:
         if one.sigma is not None:
             values |= {f"sigma_{one.key}": one.sigma, "lat_source": LatitudeSource.GUESS.value}
-    conversion = conversion_of(log, name, read, {**header, **values})
+    conversion = conversion_of(log, name, read, {**header, **values}, keys=given)
     write_run(folder, conversion.run, reference=conversion.reference, conversion=conversion.record)
     return partial(
         Opened,
@@ -168,7 +164,10 @@ def assumptions(
 def reads_earth_rate(imu: ImuLog, means: QuietMeans) -> bool:
     """Whether the gyros read the Earth's rate at rest, to the tolerance of a fibre-optic unit."""
     rows = imu.between(means.start_s, means.end_s)
-    sigma = np.std(rows.dtheta_rad / rows.dt_s[:, None], axis=0) / np.sqrt(rows.rows)
+    # of seconds: dither and counts of angle, hundreds of deg/h a row, average out within one
+    second = np.searchsorted(rows.time_s, np.arange(rows.time_s[0], rows.time_s[-1], 1.0))
+    dtheta, dt_s = (np.add.reduceat(v, second, axis=0) for v in (rows.dtheta_rad, rows.dt_s))
+    sigma = np.std(dtheta / dt_s[:, None], axis=0) / np.sqrt(second.size)
     if RATE_SIGMAS * float(np.max(sigma)) > EARTH_RATE_RAD_S:
         return False
     apart = abs(float(np.linalg.norm(means.w_rad_s)) - EARTH_RATE_RAD_S)

@@ -10,7 +10,7 @@ from alignment.reasons import AlignmentVerdict
 from infield.aided.flight import FEWEST_FIXES
 from infield.reports.documents.alignment import AlignmentDocument
 from infield.session.acceptance import MIN_MERGED_REST_S
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
 from ins.verdicts import Reason, ReasonCode, because, sentence
@@ -39,6 +39,11 @@ class UseReason(ReasonCode):
         "{rest_min:.1f} min at rest show {told} of the {of} numbers of the noise model.",
     )
     NO_REST = "no_rest", "The unit never rests for a minute, so its own noise cannot be seen."
+    NO_TWIN = (
+        "no_twin",
+        "A log is compared with a noise model, and none can be made of this one; a twin of the unit"
+        " from another log will do.",
+    )
     NEVER_PARKED = (
         "never_parked",
         "The unit never stands parked for a minute, so no bias can be read against temperature.",
@@ -157,8 +162,10 @@ def _noise(judged: LookFindings) -> LogUse:
     why = because(
         UseReason.NOISE_TOLD, told=told, of=len(parameters), rest_min=judged.rest_s / 60.0
     )
+    if not told:
+        return _use(Use.NOISE, Fit.NO, why)
     words = ("recal", "twin", "fit", judged.run_path, "-o", "twin.json")
-    return _use(Use.NOISE, Fit.YES if told else Fit.PARTLY, why, words)
+    return _use(Use.NOISE, Fit.YES, why, words)
 
 
 def _table(judged: LookFindings) -> LogUse:
@@ -166,7 +173,7 @@ def _table(judged: LookFindings) -> LogUse:
     if run.temperature is None or not np.isfinite(run.temperature.gyro_degC).any():
         return _use(Use.TABLE, Fit.NO, because(UseReason.NO_TEMPERATURE))
     mems = run.header.gyro_technology == "mems"
-    if mems and not find_rests(run).stretches:
+    if mems and not stationary_segments(run).stretches:
         return _use(Use.TABLE, Fit.NO, because(UseReason.NEVER_PARKED))
     if not mems and judged.aligned.verdict is not AlignmentVerdict.ALIGNED:
         why = because(UseReason.NOT_ALIGNED, why=_first_reason(judged.aligned))
@@ -207,6 +214,8 @@ def _replay(judged: LookFindings) -> LogUse:
 def _diagnosis(judged: LookFindings) -> LogUse:
     if judged.fitted is None:
         return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_REST))
+    if not any(p.identified for p in judged.fitted.parameters):
+        return _use(Use.DIAGNOSIS, Fit.NO, because(UseReason.NO_TWIN))
     run = judged.run_path
     fit = ("recal", "twin", "fit", run, "-o", "twin.json")
     diagnose = ("recal", "diagnose", run, "--twin", "twin.json")

@@ -11,8 +11,8 @@ from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
 from ins.verdicts import Outcome, Reason, because, sentences
-from recal.service.priors.kept import SessionLeftOut
 from recal.service.priors.reasons import PriorsReason
+from recal.service.priors.stored_sessions import SessionLeftOut
 
 PRIORS_SCHEMA = "recal.priors/1"
 OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1

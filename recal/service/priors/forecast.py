@@ -22,10 +22,10 @@ from infield.learning.forecast import (
     state_of,
     works_at,
 )
-from infield.learning.kept import KeptSession, KeptUnit
 from infield.learning.learn import Learnt, Parameters
 from infield.learning.likelihood import FleetLikelihood
 from infield.learning.parameters import OF_POINTS, WIDTHS, PriorName, defaults_of, logs_of
+from infield.learning.stored_sessions import StoredSession, StoredUnit
 from infield.store.errors import NoStore
 from infield.store.rows import Revision
 from infield.store.table_store import TableStore
@@ -42,8 +42,8 @@ from recal.service.priors.forecast_records import (
     NoForecast,
     UnitForecast,
 )
-from recal.service.priors.kept import EPOCH, kept_units
 from recal.service.priors.reasons import ForecastReason
+from recal.service.priors.stored_sessions import EPOCH, stored_units
 from recal.service.priors.use import APPROVED, DEFAULT, chosen_priors
 from recal.service.results.files import program_version
 from recal.service.results.result import Result, write_report
@@ -151,7 +151,7 @@ def forecast_of(
 ) -> ForecastReport:
     """Every unit of an open store; writes nothing. told: as of `forecast`."""
     now = request.now or datetime.now(UTC)
-    every, left_out = kept_units(store)
+    every, left_out = stored_units(store)
     newest = {(u.gyro_technology, u.imu_serial, u.gyro_mode): u for u in every}
     chosen = [u for u in newest.values() if request.technology in (None, u.gyro_technology)]
     found: list[UnitForecast] = []
@@ -212,7 +212,11 @@ class _Technology:
     """The units of one technology, with the parameters that they go by."""
 
     def __init__(
-        self, store: TableStore, units: Sequence[KeptUnit], request: ForecastRequest, now: datetime
+        self,
+        store: TableStore,
+        units: Sequence[StoredUnit],
+        request: ForecastRequest,
+        now: datetime,
     ) -> None:
         self._units, self._request = units, request
         self._now, self._year = now, (now - EPOCH).total_seconds() / 86400.0 / DAYS_PER_YEAR
@@ -251,10 +255,10 @@ class _Technology:
         table = self._revision(unit).table
         return state_of(unit, self._evidence.mean[u], self._evidence.covariance[u], table)
 
-    def _revision(self, unit: KeptUnit) -> Revision:
+    def _revision(self, unit: StoredUnit) -> Revision:
         return self._active[unit.imu_serial, unit.gyro_technology, unit.gyro_mode]
 
-    def _values(self, unit: KeptUnit) -> dict[PriorName, Learnt]:
+    def _values(self, unit: StoredUnit) -> dict[PriorName, Learnt]:
         """Of the unit where it was learnt from, else of its technology, else the defaults."""
         scopes = [] if self._priors is None else [self._priors.technology]
         if self._priors is not None:
@@ -340,11 +344,11 @@ def _priors(choice: str, store: TableStore, technology: str) -> tuple[str, Techn
     return name or f"defaults of {technology}, each known to a factor of 3{untold}", found
 
 
-def _candidates(units: Sequence[KeptUnit]) -> dict[str, KeptSession]:
+def _candidates(units: Sequence[StoredUnit]) -> dict[str, StoredSession]:
     """Kinds of sessions that this fleet has recorded, the newest of each: by temperature, and by
     whether the taxi showed the heading.
     """
-    kinds: dict[str, KeptSession] = {}
+    kinds: dict[str, StoredSession] = {}
     sessions = sorted((s for unit in units for s in unit.sessions), key=lambda s: s.year)
     for session in sessions:
         if session.axis_index.size <= 3:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ins.documents import OMIT_NONE
-from recal.service.priors.kept import SessionLeftOut
+from recal.service.priors.stored_sessions import SessionLeftOut
 
 FORECAST_SCHEMA = "recal.forecast/1"
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from infield.learning.kept import KeptUnit
 from infield.learning.learn import learn
 from infield.learning.parameters import UNITS, PriorName
+from infield.learning.stored_sessions import StoredUnit
 from infield.store.errors import NoStore
 from infield.store.priors_rows import PriorsRecord
 from infield.store.table_store import TableStore
@@ -23,9 +23,9 @@ from recal.service.priors.document import (
     TechnologyPriors,
     technology_priors,
 )
-from recal.service.priors.kept import kept_units
 from recal.service.priors.page import priors_html
 from recal.service.priors.reasons import NothingKept, PriorsReason
+from recal.service.priors.stored_sessions import stored_units
 from recal.service.results.files import program_version
 from recal.service.results.result import Result, write_report
 
@@ -86,7 +86,7 @@ def learn_priors(
     if store is None:
         raise NoStore(f"no store at {request.store_url}")
     told("reading the sessions of the store")
-    everything, left_out = kept_units(store)
+    everything, left_out = stored_units(store)
     units = [unit for unit in everything if _asked_for(unit, request)]
     document = PriorsReport(
         verdict=Outcome.PROPOSED,
@@ -138,7 +138,7 @@ def _why_none(store_name: str, request: LearnRequest, units: int, left_out: int)
     )
 
 
-def _asked_for(unit: KeptUnit, request: LearnRequest) -> bool:
+def _asked_for(unit: StoredUnit, request: LearnRequest) -> bool:
     technology = request.technology in (None, unit.gyro_technology)
     return technology and request.serial in (None, unit.imu_serial)
 
@@ -198,7 +198,7 @@ def _technology_lines(priors: TechnologyPriors) -> list[str]:
 def parameter_lines(scope: PriorScope) -> list[str]:
     """Each parameter with its interval and its default."""
     return [
-        f"{name:28s} {v.value:.3g} ({v.interval_95[0]:.3g} to {v.interval_95[1]:.3g})"
+        f"{name:28s} {v.value:.2g} ({v.interval_95[0]:.2g} to {v.interval_95[1]:.2g})"
         f" {UNITS[PriorName(name)]}, default {v.default:.3g}{'' if v.shown else ', not shown'}"
         for name, v in scope.parameters.items()
     ]

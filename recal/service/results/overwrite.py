@@ -3,14 +3,16 @@ there already stays, unless the user says --force.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 from ins.records import InputError
 from ins.user_input import open_regular, read_bounded
 
 MAX_PEEKED_BYTES = 200_000_000  # a result of a fleet has some 10 MB
+UPDATE_FOLDER = "recal-update"
 MARKED_BYTES = 1000  # where a file says what it is
 CSV_TABLE = "axis,temperature_degC,bias_deg_h,sigma_deg_h"
 PARAMETERS = "from recal's table of"
@@ -21,7 +23,8 @@ TRUTH = "time_s,gyro_x_bias_deg_h"
 class Peeked:
     """What a JSON file says of its making; empty where it says nothing.
 
-    source, source_sha256: of the log that a run was converted from.
+    source, source_sha256: of the log that a run was converted from; runs: hashes of those that a
+    report names.
     """
 
     schema: str = ""
@@ -29,6 +32,7 @@ class Peeked:
     compensated: bool = False
     source: str = ""
     source_sha256: str = ""
+    runs: frozenset[str] = frozenset()
 
 
 Own = Callable[[Peeked], bool]
@@ -73,6 +77,32 @@ def need_free_report(
     for other in others:
         if (folder / other).exists():
             raise _refusal(folder / other, f"no {name} of an earlier call lies beside it")
+
+
+def free_update_folder(folder: Path | None, runs: Collection[str]) -> Path:
+    """Where an update of runs with these hashes writes: over no report of other runs.
+
+    Parameters
+    ----------
+    folder : Path or None
+        What the user named; None: `recal-update`, else the first of recal-update-2, -3, ... that
+        holds no report of other runs.
+
+    Raises
+    ------
+    InputError
+        Where the folder that was named holds one.
+    """
+    for number in count(1):
+        tried = folder or Path(UPDATE_FOLDER if number == 1 else f"{UPDATE_FOLDER}-{number}")
+        document = tried / "update.json"
+        if not document.exists() or peeked(document).runs == frozenset(runs):
+            break
+        if folder is not None:
+            raise _refusal(document, "the report of other runs")
+    if folder is None:
+        need_free_report(tried, "update.json", "recal.update/1", ("update.html",))
+    return tried
 
 
 def need_free_run(path: Path, own: Own, what: str, *, force: bool = False) -> None:
@@ -122,12 +152,15 @@ def peeked(path: Path) -> Peeked:
         return Peeked()
     record = data.get("conversion")
     log = record if isinstance(record, dict) else {}
+    named = data.get("runs")
+    runs = [run for run in named if isinstance(run, dict)] if isinstance(named, list) else []
     return Peeked(
         schema=str(data.get("schema", "")),
         simulated=bool(data.get("simulation")),
         compensated=bool(data.get("removed_thermal_model") or data.get("gyro_level_removed")),
         source=str(log.get("source", "")),
         source_sha256=str(log.get("source_sha256", "")),
+        runs=frozenset(str(run.get("sha256", "")) for run in runs),
     )
 
 

@@ -13,12 +13,13 @@ from infield.reports.documents.update_records import (
     ZeroRateEffect,
     update_of,
 )
-from infield.reports.table_known import table_known
+from infield.reports.table_uncertainty import table_uncertainty
 from infield.session.hysteresis import ACTED_ON
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction
+from infield.table.file import export_command
 from ins.json_file import JsonObject
-from ins.verdicts import OBSERVED_BELOW, Observability
+from ins.verdicts import OBSERVED_BELOW, Observability, Outcome
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -103,7 +104,7 @@ def _axis_lines(document: UpdateDocument, *, verbose: bool) -> list[str]:
     """Gyro by gyro both sigmas by their names: that of a run's mean bias, and U(k=2) of the
     table.
     """
-    known = table_known(document) if document.table_before else {}
+    known = table_uncertainty(document) if document.table_before else {}
     lines = []
     for axis, seen in document.observability.items():
         line = (
@@ -148,8 +149,13 @@ def _effects(document: UpdateDocument) -> list[str]:
             lines += [f"  {session.run_id} {line}" for line in stretch_words(session.zero_rate)]
     effect = document.predicted_effect
     if effect:
+        not_shown = "" if effect.significant else ": not different from zero"
         lines.append(
             f"  level gyros change by {effect.level_change_deg_h:.4f} deg/h, about"
-            f" {effect.drift_removed_nm_h:.2f} NM/h"
+            f" {effect.drift_removed_nm_h:.2f} +- {effect.drift_left_sigma_nm_h:.2f}"
+            f" NM/h{not_shown}"
         )
+    if document.verdict == Outcome.COMMITTED:
+        export = export_command(document.store, document.imu_serial)
+        lines.append(f"  counts once the unit has loaded it: {export}")
     return lines

@@ -41,7 +41,7 @@ class FittedTwin(Result[FitReport]):
     Parameters
     ----------
     twin : TwinModel or None
-        The fitted twin with its `fit`; None where no run rests.
+        The fitted twin with its `fit`; None where the runs tell none of its numbers.
     """
 
     twin: TwinModel | None
@@ -123,8 +123,9 @@ def fit_twin(
     Returns
     -------
     FittedTwin
-        Verdict `fitted`, or `refused` where no run rests; `.twin`; `.parameters` with sigmas; what
-        cannot be told, and the recording that would tell it.
+        Verdict `fitted`, or `refused` where no run rests, or what rests tells none of the numbers;
+        `.twin`; `.parameters` with sigmas; what cannot be told, and the recording that would tell
+        it.
 
     Raises
     ------
@@ -150,4 +151,5 @@ def fit_twin(
         serial = read[0].header.imu_serial
         return FittedTwin(no_rest_document(found, believed, serial, program_version()), twin=None)
     record = twin_fit_document(found, believed, program_version())
-    return FittedTwin(record, page=lambda: twin_html(record), twin=fitted_twin(found))
+    twin = fitted_twin(found) if found.tells_any else None
+    return FittedTwin(record, page=lambda: twin_html(record), twin=twin)

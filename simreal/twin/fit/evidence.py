@@ -1,7 +1,7 @@
 """Which terms of a triad's noise the data show, how well, and what recording would show the
 rest.
 
-Decision: docs/decisions/0073-unseen-terms.md.
+Decision: docs/decisions/0034-flicker-walk.md.
 """
 
 from collections.abc import Callable, Mapping

@@ -117,6 +117,14 @@ class TwinFit:
     read_below_hz: Mapping[str, float]
     read_above_hz: Mapping[str, float]
 
+    @property
+    def tells_any(self) -> bool:
+        """Whether any number of the gyros or accelerometers is told; a thermometer's makes no
+        twin.
+        """
+        sensors = ("gyro.", "accel.")
+        return any(p.identified for p in self.parameters if p.name.startswith(sensors))
+
     def of(self, name: str) -> Parameter:
         """The parameter of a name."""
         return next(p for p in self.parameters if p.name == name)

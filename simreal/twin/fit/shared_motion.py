@@ -8,7 +8,7 @@ about the vertical.
 A unit that is not quite level has a part of a sway in its vertical accelerometer too: 5e-4 of the
 power at 1.3 degrees, which may hide its noise. The level accelerometers tell that part.
 
-Decision: docs/decisions/0071-shared-power.md.
+Decision: docs/decisions/0034-flicker-walk.md.
 """
 
 import numpy as np

@@ -5,7 +5,7 @@ stands (Earth rate, gravity, turn-on), the bias against temperature, what the ot
 slow tilt. Only contrasts that are free of all that enter the likelihood (restricted maximum
 likelihood), so each of them costs what it costs.
 
-Decision: docs/decisions/0070-slow-means-and-spectra.md.
+Decision: docs/decisions/0034-flicker-walk.md.
 """
 
 from dataclasses import dataclass, field

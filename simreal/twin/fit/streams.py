@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse
+from alignment import coarse, gyrocompass
 from alignment.motion.imu_faults import repair
 from alignment.motion.kinds import DISTURBED, STILL, Disturbance
 from alignment.motion.parked_seconds import parked_places
@@ -19,7 +19,7 @@ from alignment.motion.seconds import seconds_of as log_seconds
 from alignment.motion.stillness import Motion, classify
 from alignment.motion.timeline import fused
 from infield.session.log import compensated_imu, compensated_seconds, find_rest
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import stationary_segments
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short
 from ins.records import ImuSource, InputError, NavState, Run, TwinModel
@@ -105,7 +105,7 @@ def stream_of(run: Run, twin: TwinModel, table: ThermalTable | None = None) -> P
     imu = compensated_imu(run, table, temperature, twin)
     if run.header.gyro_technology == "mems":
         return _of_rests(run, imu, seconds, temperature)
-    return _of_timeline(run, imu, seconds, temperature)
+    return _of_timeline(run, imu, seconds, temperature, twin)
 
 
 def _temperature(run: Run) -> GyroTemperature | None:
@@ -116,7 +116,7 @@ def _temperature(run: Run) -> GyroTemperature | None:
 
 
 def _of_timeline(
-    run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None
+    run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None, twin: TwinModel
 ) -> ParkedStream | None:
     """Rest of a unit that finds north: navigated from its first rest, every witness asked."""
     rest = find_rest(run)
@@ -134,9 +134,23 @@ def _of_timeline(
         vertical=VerticalChannel(mode="hold"),
     )
     motion = fused(run, history, classify(history, run.phases, whole, faults))
-    return _with_motion(
-        ParkedStream(run, imu, seconds, *_nowhere(seconds), temperature, motion), motion
-    )
+    stream = ParkedStream(run, imu, seconds, *_nowhere(seconds), temperature, motion)
+    return _of_still(stream, motion) or _of_alignment(stream, twin) or _of_parked(stream, motion)
+
+
+def _of_alignment(stream: ParkedStream, twin: TwinModel) -> ParkedStream | None:
+    """What an alignment used of a vehicle that is never still. Navigated from the mean of a rest
+    that people or wind move, it seems to roll; the alignment finds the start together with the
+    level of that motion (`alignment.level_fit`).
+    """
+    run, seconds = stream.run, stream.seconds
+    found = gyrocompass.align(stream.imu, run.header.site, twin, phases=run.phases)
+    end_s = seconds.end_s
+    still = (end_s > found.time_s - found.duration_s + 1.0) & (end_s <= found.time_s)
+    for span in found.excluded:
+        still &= (end_s <= span.start_s) | (end_s > span.end_s + 1.0)
+    still &= seconds.rows > 0
+    return _checked(replace(stream, still=still, place=np.zeros(still.size, int)))
 
 
 def _nowhere(seconds: Seconds) -> tuple[NDArray, NDArray, NDArray]:
@@ -172,7 +186,23 @@ def stream_at_rest(
 
 
 def _with_motion(stream: ParkedStream, motion: Motion) -> ParkedStream | None:
-    """The stream, still where the motion is."""
+    """The stream, still where the motion is; where it never is for STILL_AT_LEAST_S, all that the
+    vehicle stood: people and wind move it on its gear, and the fit reads its rows above that.
+    """
+    return _of_still(stream, motion) or _of_parked(stream, motion)
+
+
+def _of_parked(stream: ParkedStream, motion: Motion) -> ParkedStream | None:
+    end_s = stream.seconds.end_s
+    parked = motion.kind <= DISTURBED
+    epoch = np.minimum(np.searchsorted(motion.time_s, end_s), motion.time_s.size - 1)
+    inside = (end_s > motion.time_s[0]) & (end_s <= motion.time_s[-1])
+    still = inside & parked[epoch] & (stream.seconds.rows > 0)
+    place = np.cumsum(np.diff(parked[epoch].astype(int), prepend=1) < 0)
+    return _checked(replace(stream, still=still, place=place))
+
+
+def _of_still(stream: ParkedStream, motion: Motion) -> ParkedStream | None:
     seconds = stream.seconds
     still = np.zeros(seconds.end_s.size, bool)
     steps = np.zeros(still.size, bool)
@@ -197,7 +227,7 @@ def _of_rests(
     place = np.zeros(still.size, int)
     log = log_seconds(run.imu)
     number = 0
-    for stretch in find_rests(run).stretches:
+    for stretch in stationary_segments(run).stretches:
         for found in parked_places(log, *stretch):
             number += 1
             at = np.rint(found.end_s - seconds.end_s[0]).astype(int)

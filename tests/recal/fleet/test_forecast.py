@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from benchmarks.fleet_made import made_fleet
 from infield.learning.forecast import HORIZON_YEARS, Paths, state_of, works_at
-from infield.learning.kept import covering
 from infield.learning.learn import Learnt
 from infield.learning.likelihood import FleetLikelihood
 from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
+from infield.learning.stored_sessions import covering
 from infield.store.table_store import TableStore
 from infield.table.file import table_to_dict
 from recal.cli.app import app

@@ -18,7 +18,7 @@ from tests.trajectories.readers.hostile_rows import (
     noisy,
 )
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.readers.rows.clocks import beside, going_on
+from trajectories.readers.rows.clocks import evened, going_on, unwrapped
 from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
 
 PERIODS = [
@@ -84,9 +84,11 @@ def test_everything_on_the_clock_wraps_with_it(tmp_path):
 
 def test_another_stream_that_begins_after_the_wrap():
     np.testing.assert_allclose(
-        beside(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
+        unwrapped(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
     )
-    np.testing.assert_allclose(beside(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0])
+    np.testing.assert_allclose(
+        unwrapped(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0]
+    )
 
 
 @pytest.mark.parametrize("back_s", [18.0, 59.99, 999.0])
@@ -211,3 +213,37 @@ def test_any_wrapped_clock_goes_on(period_s, phase, seed):
 def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
     with pytest.raises(InputError, match=r"5000\.010 to 5060\.000 s"):
         convert(tmp_path, noisy(), keys)
+
+
+def bursts(rng, rate_hz=100.0, seconds=60.0, of=4) -> np.ndarray:
+    """Stamps of a host that reads a buffer of about so many rows at a time, 0.1 ms a row."""
+    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    last = np.flatnonzero(rng.random(t.size) < 1.0 / of)
+    last = np.unique(np.append(last, t.size - 1))
+    read = t[last][np.searchsorted(last, np.arange(t.size))]
+    place = (
+        np.arange(t.size) - np.append(0, last[:-1] + 1)[np.searchsorted(last, np.arange(t.size))]
+    )
+    return read + 0.0001 * place
+
+
+def test_rows_stamped_in_bursts_are_spread_evenly(tmp_path):
+    """Every row is kept, at the rate of the unit and not of the host's loop, within a buffer of its
+    true time.
+    """
+    stamps = bursts(np.random.default_rng(1))
+    even = evened(stamps)
+    assert 1.0 / np.median(np.diff(even)) == pytest.approx(100.0, rel=0.01)
+    off = even - np.arange(6000) / 100.0
+    assert np.abs(off - np.mean(off)).max() < 0.1
+    made = convert(tmp_path, noisy() | {"t": stamps[:N]})
+    assert made.run.imu.rows == N and made.run.imu.rate_hz == pytest.approx(100.0, rel=0.01)
+    assert made.run.faults == ()
+    assert any("bursts" in note for note in made.record.notes)
+
+
+def test_lost_rows_are_no_bursts():
+    """60 % lost at random, and jitter of a third: stamps stay as they are."""
+    rng, t = np.random.default_rng(1), np.arange(0.0, 60.0, 0.01)
+    assert evened(t[rng.random(t.size) < 0.4]) is None
+    assert evened(t + 0.003 * rng.random(t.size)) is None

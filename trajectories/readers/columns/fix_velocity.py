@@ -5,7 +5,7 @@ They hold nothing that the positions do not. The sigma takes the errors of two f
 where those of a receiver go on for minutes and mostly cancel in a difference: too large, so that
 counting position and velocity claims no more than that.
 
-Decision: docs/decisions/0041-velocity-from-positions.md.
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 from dataclasses import replace

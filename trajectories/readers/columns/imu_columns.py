@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ins.records import InputError, TemperatureLog
 from trajectories.readers.columns.text_columns import refuse_missing
 from trajectories.readers.registry import ConvertedLog
+from trajectories.readers.rows.clocks import evened
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -58,14 +59,14 @@ def converted(
     """
     refuse_missing(used_columns(keys), list(columns), label)
     M = axis_matrix(keys.axes)
-    w, gyro_kind = _vector(columns, keys.gyro, M)
-    f, accel_kind = _vector(columns, keys.accel, M)
+    w, gyro_kind = sensor_vectors(columns, keys.gyro, M)
+    f, accel_kind = sensor_vectors(columns, keys.accel, M)
     time_s = _times(columns, keys, len(w))
     for name in {*keys.gyro.columns, *keys.accel.columns} - set(other_columns(keys)):
         del columns[name]
     # the others are rows of other streams
     held = np.isfinite(w).any(axis=1) | np.isfinite(f).any(axis=1)
-    nominal = _nominal(time_s[held], label)
+    nominal = _nominal(time_s[held], label, keys)
     stretch = LogSpan(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
         clean = clean_rows(
@@ -78,7 +79,11 @@ def converted(
     kept, time_s, notes = clean.rows, clean.time_s, notes + clean.notes
     if not are_all(kept, len(w)):
         w, f = w[kept], f[kept]
-    nominal = _nominal(time_s, label)
+    even = evened(time_s)
+    if even is not None:
+        notes = [*notes, _bursts_note(time_s, even, label)]
+        time_s = even
+    nominal = _nominal(time_s, label, keys)
     shift = float(time_s[0]) - nominal
     if "rates" in (gyro_kind, accel_kind) and gyro_kind != accel_kind:
         dt_s = np.concatenate([[nominal], np.diff(time_s)])[:, None]
@@ -101,6 +106,16 @@ def converted(
     )
 
 
+def _bursts_note(time_s: NDArray, even: NDArray, label: str) -> str:
+    off = time_s - even
+    return (
+        f"{label}: the host stamped the rows in bursts (median interval"
+        f" {1e3 * np.median(np.diff(time_s)):.2g} ms): spread evenly at"
+        f" {1.0 / np.median(np.diff(even)):.4g} Hz, the stamps jitter by {1e3 * np.std(off):.2g} ms"
+        f" about that (RMS), {1e3 * np.abs(off).max():.2g} ms at most"
+    )
+
+
 def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str], list[str]]:
     """start_utc of a clock that counts from a known date, and a note where it cannot be that."""
     if keys.time is None or keys.time.epoch is None:
@@ -108,7 +123,9 @@ def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str],
     return dated(shift_s if keys.time.epoch == "unix" else float(unix_seconds(shift_s)), label)
 
 
-def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> tuple[NDArray, str]:
+def sensor_vectors(
+    columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray
+) -> tuple[NDArray, str]:
     """SI values in body axes, shape (n, 3), and whether they are "rates" or "increments"."""
     rates = GYRO_RATES | ACCEL_RATES  # the unit's own dimension was checked with the map
     kind = "rates" if sensor.unit in rates else "increments"
@@ -130,7 +147,7 @@ def _times(columns: Mapping[str, NDArray], keys: ColumnMap, n: int) -> NDArray:
     return np.arange(1, n + 1) / keys.rate_hz
 
 
-def _nominal(time_s: NDArray, label: str) -> float:
+def _nominal(time_s: NDArray, label: str, keys: ColumnMap) -> float:
     with np.errstate(over="ignore"):
         steps = np.diff(time_s[np.isfinite(time_s)])
     steps = steps[steps > 0]
@@ -140,10 +157,22 @@ def _nominal(time_s: NDArray, label: str) -> float:
     if not LEAST_STEP_S <= nominal_s <= MOST_STEP_S:
         needed = f"{1 / MAX_RATE_HZ:g} to {1 / MIN_RATE_HZ:g}"
         raise InputError(
-            f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s: unit of the time"
-            " stamps?"
+            f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s:"
+            f" {_time_unit(nominal_s, keys)}?"
         )
     return nominal_s
+
+
+def _time_unit(nominal_s: float, keys: ColumnMap) -> str:
+    """Which unit the time stamps may have, in the map's words."""
+    if keys.time is None:
+        return "rate_hz"
+    said = keys.time.unit
+    rates = {u: TIME_UNITS[said] / (nominal_s * factor) for u, factor in TIME_UNITS.items()}
+    fits = [unit for unit, rate in rates.items() if MIN_RATE_HZ <= rate <= MAX_RATE_HZ]
+    if not fits:
+        return "unit of the time stamps"
+    return f'time.unit = "{fits[0]}" in the map, not "{said}"'
 
 
 def _per_second(values: NDArray, kind: str, nominal_s: float) -> NDArray:
@@ -221,7 +250,7 @@ def _other_unit(degC: float, unit: str) -> str:
     raw = (degC - CELSIUS[unit][1]) / CELSIUS[unit][0]
     usual = [
         (degC - 273.15, 'kelvin? unit = "K"'),
-        (degC + 273.15, "degC taken for kelvin?"),
+        (degC + 273.15, 'degC taken for kelvin? unit = "degC"'),
         (0.1 * degC, "tenths? scale = 0.1"),
         (0.01 * degC, "hundredths? scale = 0.01"),
         (1e-3 * degC, "thousandths? scale = 0.001"),

@@ -26,7 +26,7 @@ from trajectories.readers.columns.fixes import (
 from trajectories.readers.columns.imu_columns import body_temperatures, plausible_degC, second_means
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.registry import ConvertedLog
-from trajectories.readers.rows.clocks import beside
+from trajectories.readers.rows.clocks import unwrapped
 from trajectories.readers.rows.column_map import (
     ANGLES_DEG,
     HEIGHTS,
@@ -80,7 +80,7 @@ def with_fixes(log: ConvertedLog, raw: RawFixes, *, label: str) -> ConvertedLog:
     notes: list[str] = []
     raw = replace(
         raw,
-        log_s=beside(raw.log_s, log.time_shift_s, log.time_shift_s + log.imu.end_s, log.wraps_s),
+        log_s=unwrapped(raw.log_s, log.time_shift_s, log.time_shift_s + log.imu.end_s, log.wraps_s),
     )
     if raw.log_s.size and not np.isfinite(raw.v_n_m_s).any():
         raw, notes = with_velocities(raw, label=label)
@@ -300,7 +300,7 @@ def _with_temperature(
 
 def _run_time(log: ConvertedLog, clock_s: NDArray) -> NDArray:
     return (
-        beside(clock_s, log.time_shift_s, log.time_shift_s + log.imu.end_s, log.wraps_s)
+        unwrapped(clock_s, log.time_shift_s, log.time_shift_s + log.imu.end_s, log.wraps_s)
         - log.time_shift_s
     )
 

@@ -193,7 +193,8 @@ def _refuse_one_column(lines: bytes, layout: LayoutKeys, delimiter: str, label: 
     line = whole[0 if layout.columns else (layout.names_line or 0) - 1] if whole else b""
     if len(_names(line, delimiter)) != 1:
         return
-    best = max([*SEPARATORS, " "], key=lambda sign: len(_names(line, sign)))
+    best = max(SEPARATORS, key=lambda sign: len(_names(line, sign)))
+    best = best if len(_names(line, best)) > 1 else " "
     if len(_names(line, best)) > 1:
         needed = 'format = "text"' if best == " " else f"delimiter = {SEPARATORS[best]}"
         raise InputError(

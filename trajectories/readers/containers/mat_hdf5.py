@@ -7,7 +7,6 @@ the file itself is read. A dataset with the attribute MATLAB_class is turned rou
 columns); one without, in a file of another program, is taken as it lies. Source: MathWorks,
 MAT-File Versions; HDF5 File Format Specification.
 
-Decision: docs/decisions/0082-hdf5-chunks.md.
 Decision: docs/decisions/0087-libraries-in-a-child.md.
 """
 

@@ -5,7 +5,7 @@ A record is a header (length, then fields `name=value` each with its length) and
 bytes). Chunks hold further records, perhaps packed. A damaged chunk costs itself; a damaged record
 ends what can be read of its chunk, or of the file. Source: wiki.ros.org/Bags/Format/2.0.
 
-Decision: docs/decisions/0043-own-bounded-readers.md.
+Decision: docs/decisions/0087-libraries-in-a-child.md.
 """
 
 import struct

@@ -1,6 +1,6 @@
 """GPS messages of an ArduPilot log as fixes.
 
-Decision: docs/decisions/0051-no-geoid.md.
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 from collections.abc import Mapping

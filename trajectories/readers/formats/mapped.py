@@ -85,11 +85,16 @@ def _own_map(path: Path, name: str) -> LogOptions:
         raise InputError(
             f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(values)}{why}"
         )
-    own = _own(_names(path, name)) if name in ("csv", "parquet") else None
+    names = _names(path, name) if name in ("csv", "parquet") else []
+    return own_map(names, path.name, "line 1 does" if name in ("csv", "text") else "its columns do")
+
+
+def own_map(names: Sequence[str], label: str, what: str = "line 1 does") -> LogOptions:
+    """The map of columns that have the names of a run's; InputError where they have not."""
+    own = _own(names)
     if own is None:
-        where = "line 1 does" if name in ("csv", "text") else "its columns do"
         raise InputError(
-            f"{path.name}: {where} not name the imu columns, needed [gyro] and [accel] in the map"
+            f"{label}: {what} not name the imu columns, needed [gyro] and [accel] in the map"
         )
     return own
 

@@ -1,9 +1,10 @@
 """Clocks of a log that start again: counters of so many bits, the GPS week, the day, the hour, the
-minute.
+minute; and stamps that a host gave to rows as they arrived, many at a time.
 """
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from trajectories.runs.checks import MAX_GAP_S
 from trajectories.runs.text_rows import MAX_BAD
@@ -20,6 +21,33 @@ SHORT_WRAPS = {3600.0: "hour", 2**16 * 1e-3: "16 bits of milliseconds", 60.0: "m
 MAX_WRAP_GAP_S = 60.0
 # 58 s: the shortest period, less the longest gap at either side of the wrap
 FALL_S = min(SHORT_WRAPS) - 2 * MAX_GAP_S
+
+# of the mean interval: rows of a burst follow each other by less, at the speed of the host's loop;
+# a unit that loses every other row is at 0.5
+BURST_INTERVAL = 0.4
+# over which the number of rows counts time: 500 rows of 100 Hz. Serial and USB buffers hold 0.05 s
+EVEN_OVER_S = 5.0
+# of the variance that lost rows give to a sum of intervals: bursts make up for their pauses, and a
+# sum of 500 varies by one pause
+MADE_UP = 0.2
+
+
+def evened(time_s: NDArray) -> NDArray | None:
+    """Times (n,) of rows that were stamped in bursts, with the rows spread evenly over
+    EVEN_OVER_S; None where stamps show no bursts.
+
+    A pause that fast rows make up for is a buffer's; one that they do not is a loss of rows.
+    """
+    steps = np.diff(time_s)
+    mean = float(time_s[-1] - time_s[0]) / max(steps.size, 1)
+    half = round(0.5 * EVEN_OVER_S / mean) if mean > 0 else 0
+    if half < 2 or steps.size < 8 * half or np.median(steps) > BURST_INTERVAL * mean:
+        return None
+    sums = time_s[2 * half :] - time_s[: -2 * half]
+    if np.var(sums) > MADE_UP * 2 * half * np.var(steps):
+        return None
+    wide = np.pad(time_s, half, mode="reflect", reflect_type="odd")
+    return np.asarray(uniform_filter1d(wide, 2 * half + 1)[half:-half])
 
 
 def going_on(time_s: NDArray) -> tuple[NDArray, list[tuple[int, float, str]]]:
@@ -62,7 +90,9 @@ def _period(t: NDArray, k: int, periods: dict[float, str]) -> float:
     return 0.0
 
 
-def beside(time_s: NDArray, start_s: float, end_s: float, periods_s: tuple[float, ...]) -> NDArray:
+def unwrapped(
+    time_s: NDArray, start_s: float, end_s: float, periods_s: tuple[float, ...]
+) -> NDArray:
     """Times of another stream on a clock that wrapped: as they are where any lies in start_s to
     end_s, else a period later.
 

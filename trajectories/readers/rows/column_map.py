@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, field_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ins.json_file import StrictModel, parse, refuse_non_finite
 from ins.records import AXES, InputError
@@ -38,6 +38,8 @@ ANGLES_DEG = {"deg": 1.0, "rad": 1 / DEG, "1e-7 deg": 1e-7}
 HEIGHTS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT}
 CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
 
+PLACEHOLDER = "?"  # of what a starter map leaves to its reader
+
 K = TypeVar("K", bound=BaseModel)
 _Axis = Annotated[str, Field(pattern="^[+-]?[xyz]$")]
 _Three = Annotated[list[str], Field(min_length=3, max_length=3)]
@@ -62,7 +64,24 @@ class LayoutKeys(StrictModel):
     dtype: str | list[str] = "<f8"
 
 
-class TimeKeys(StrictModel):
+class _Columns(StrictModel):
+    """Keys that name columns: `column` or `columns`, one name or a list, whichever is written."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _alike(cls, keys: Any) -> Any:
+        given = dict(keys) if isinstance(keys, Mapping) else {}
+        if ("column" in given) == ("columns" in given):
+            return keys
+        named = given.pop("column", given.pop("columns", None))
+        names = [named] if isinstance(named, str) else named
+        if "columns" in cls.model_fields:
+            return {**given, "columns": names}
+        is_one = isinstance(names, list) and len(names) == 1
+        return {**given, "column": names[0] if is_one else names}
+
+
+class TimeKeys(_Columns):
     """The column of time stamps; `epoch`: what they count from, where that gives the date (UTC or
     GPS time).
     """
@@ -72,7 +91,7 @@ class TimeKeys(StrictModel):
     epoch: Literal["unix", "gps"] | None = None
 
 
-class FileKeys(StrictModel):
+class FileKeys(_Columns):
     """Another file (relative to the log's folder) on the same clock, and how it is laid out; none:
     the log itself.
     """
@@ -82,7 +101,7 @@ class FileKeys(StrictModel):
     time: TimeKeys | None = None
 
 
-class SensorKeys(StrictModel):
+class SensorKeys(_Columns):
     """Three columns in the log's own axes x, y, z: value = raw * scale [unit]; the unit says
     increments or rates.
     """
@@ -116,7 +135,7 @@ class AxesKeys(StrictModel):
     z: _Axis = "z"
 
 
-class PositionKeys(StrictModel):
+class PositionKeys(_Columns):
     """Latitude, longitude [unit], height above the ellipsoid [height_unit]; sigma [m]: horizontal,
     vertical or north, east, down.
     """
@@ -127,7 +146,7 @@ class PositionKeys(StrictModel):
     sigma: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
 
 
-class VelocityKeys(StrictModel):
+class VelocityKeys(_Columns):
     """Three columns in the order of `frame`; sigma: one column for all, or three."""
 
     columns: _Three
@@ -136,7 +155,7 @@ class VelocityKeys(StrictModel):
     sigma: Annotated[list[str], Field(min_length=1, max_length=3)] | None = None
 
 
-class FixKeys(StrictModel):
+class FixKeys(_Columns):
     """A column that says how good a fix is: rows below `at_least` have none; scale: whose numbers
     they are, so that they tell the type of the fix too.
     """
@@ -197,6 +216,31 @@ class LogOptions:
     def over(self, others: "LogOptions") -> "LogOptions":
         """These keys, and those of others that these do not have."""
         return LogOptions({**others.keys, **self.keys})
+
+
+def without_placeholders(keys: Mapping[str, Any], header: Mapping[str, Any]) -> dict[str, Any]:
+    """A map without what `header` says in the place of a PLACEHOLDER of its [run].
+
+    MapError names all that are left.
+    """
+    left: list[str] = []
+
+    def filled(part: Mapping[str, Any], where: str) -> dict[str, Any]:
+        kept: dict[str, Any] = {}
+        for key, value in part.items():
+            is_run = where.startswith("run.")
+            if isinstance(value, Mapping):
+                kept[key] = filled(value, f"{where}{key}.")
+            elif value != PLACEHOLDER:
+                kept[key] = value
+            elif not (is_run and header.get(key) is not None):
+                left.append(f"{where}{key}")
+        return kept
+
+    found = filled(keys, "")
+    if left:
+        raise MapError(f'map: {", ".join(left)}: still "{PLACEHOLDER}", needed its value')
+    return found
 
 
 class ColumnMap(LayoutKeys, StretchKeys):

@@ -7,7 +7,7 @@ finds it.
 Revision ID: 0004
 Revises: 0003
 
-Decision: docs/decisions/0045-append-only-triggers.md.
+Decision: docs/decisions/0022-sqlite-journal.md.
 """
 
 from alembic import op

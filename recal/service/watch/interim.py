@@ -1,0 +1,260 @@
+"""The update of the rows so far and what more would bring, in a process of its own.
+
+Rows are summed to about RATE_HZ as they are read, each once: the estimate at 10 Hz has the sigmas
+of the whole log to their third digit and takes a second of CPU for an hour. What is stored in the
+end is estimated from all rows (`session`).
+"""
+
+import os
+import signal
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.session.estimate import SessionEstimate
+from infield.session.points import mean_rows
+from ins.attitude import euler_from_dcm
+from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS
+from ins.estimation.states import THETA
+from ins.json_file import Written, read_json_object
+from ins.records import AXES, ImuLog, InputError, Run
+from ins.units import DEG
+from ins.verdicts import Outcome
+from recal.service.inputs.records import AnyTwin
+from recal.service.update import Update, update
+from recal.service.watch.advice import STAYS_MIN, advised
+from recal.service.watch.records import Estimated, GyroState
+from simreal.plan.ahead import TAXI, TURN, Outlook, outlook, stay
+from trajectories.readers.live.text_source import Lines, numbers
+from trajectories.runs import streams
+from trajectories.runs.checks import MIN_RATE_HZ, Findings
+from trajectories.runs.directory import run_sha256
+from trajectories.runs.imu_stream import imu_log
+from trajectories.runs.physics_gates import CoSensors, check_physics
+from trajectories.runs.schema import header_from_json
+from trajectories.runs.stream_files import StreamFile
+
+RATE_HZ = MIN_RATE_HZ
+LEAST_S = 90.0  # of a part that is estimated: 60 s of rest, and its start
+NICE = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class InterimRequest:
+    """What an estimate of the rows so far takes from the command."""
+
+    store_url: str
+    twin: AnyTwin | None = None
+    config: Path | None = None
+    thermal_model: Path | None = None
+    target_deg_h: float | None = None
+
+
+def begin() -> None:
+    """Of the process: it yields to others, and Ctrl-C is for the one that records."""
+    os.nice(NICE)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+_PARTS: dict[Path, "PartRows"] = {}  # of the process, what it has read
+
+
+def estimated(parts: Sequence[Path], request: InterimRequest) -> Estimated | None:
+    """The update of the rows so far; None where they are too few."""
+    begun = time.process_time()
+    findings = Findings()
+    runs = [_PARTS.setdefault(path, PartRows(path)).run(findings) for path in parts]
+    known = [run for run in runs if run is not None and run.imu.end_s >= LEAST_S]
+    if not known:
+        return None
+    try:
+        result = update(
+            known,
+            twin=request.twin,
+            store=request.store_url,
+            config=request.config,
+            thermal_model=request.thermal_model,
+        )
+    except InputError as error:
+        return _refused(known[-1], [*_said(findings), str(error)], time.process_time() - begun)
+    found = _found(result, known[-1], findings, request.target_deg_h)
+    return replace(found, cpu_s=time.process_time() - begun)
+
+
+class PartRows:
+    """The rows of a part that grows, read once and summed to about RATE_HZ."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._lines = path, Lines(path / "imu.csv")
+        self._names: list[str] = []
+        self._raw = np.zeros((0, 7))
+        self._summed: list[NDArray] = []
+
+    def run(self, findings: Findings) -> Run | None:
+        """The run so far; what is wrong with it goes to `findings`."""
+        while lines := self._lines.read():
+            self._take(lines)
+        rows = np.concatenate([np.zeros((0, 8)), *self._summed])
+        self._summed = [rows]
+        if len(rows) < 2:
+            return None
+        data = read_json_object(self._path / "run.json", number=Written)
+        header, errors, _ = header_from_json(data, name="run.json")
+        if header is None:
+            raise InputError(errors[0])
+        imu = ImuLog(
+            time_s=rows[:, 0],
+            dt_s=rows[:, 1],
+            dtheta_rad=rows[:, 2:5],
+            dv_m_s=rows[:, 5:8],
+            source="increments",
+        )
+        held = {name: self._stream(name, findings) for name in ("temperature", "gnss", "odometer")}
+        check_physics(
+            imu,
+            site=header.site,
+            technology=header.gyro_technology,
+            label="imu",
+            findings=findings,
+            beside=CoSensors(
+                gnss=held["gnss"],
+                odometer=held["odometer"],
+                accepted_scale=header.accepted_accel_scale,
+            ),
+        )
+        site = data["site"]
+        by_digits = isinstance(site, dict) and "sigma_lat_deg" not in site
+        if held["gnss"] is not None and by_digits:
+            header = streams.with_receiver(header, held["gnss"])
+        run = Run(header=header, imu=imu, **held)
+        return replace(run, sha256=run_sha256(run))
+
+    def _take(self, lines: list[bytes]) -> None:
+        if not self._names:
+            self._names = lines.pop(0).decode().strip().split(",")
+        values = numbers(lines, len(self._names), Counter(), ",")
+        raw = np.concatenate([self._raw, values])
+        if len(raw) < 3:
+            self._raw = raw
+            return
+        is_rate = RATE_COLUMNS[0] in self._names
+        at = [0, *(self._names.index(n) for n in (RATE_COLUMNS if is_rate else INCREMENT_COLUMNS))]
+        ordered = raw[:, at]
+        w, f = ordered[:, 1:4].copy(), ordered[:, 4:7].copy()
+        log, _ = imu_log(ordered[:, 0].copy(), w, f, source="rates" if is_rate else "increments")
+        rows = np.column_stack([log.time_s, log.dt_s, log.dtheta_rad, log.dv_m_s])
+        each = max(int(log.rate_hz * (1.0 + 1e-6) // RATE_HZ), 1)
+        # the first row was the last of the block before: it is there for the interval after it
+        first = 1 if self._summed else 0
+        count = (len(rows) - first) // each
+        if not count:
+            self._raw = raw
+            return
+        used = rows[first : first + count * each].reshape(count, each, 8)
+        summed = used.sum(axis=1)
+        summed[:, 0] = used[:, -1, 0]
+        self._summed.append(summed)
+        self._raw = raw[first + count * each - 1 :]
+
+    def _stream(self, name: str, findings: Findings):
+        path = self._path / f"{name}.csv"
+        if not path.exists():
+            return None
+        try:
+            return streams.LOADERS[name](StreamFile(path), findings)[0]
+        except InputError:  # not a row of it yet
+            return None
+
+
+def _said(findings: Findings) -> list[str]:
+    return [item.text for item in findings.items if item.level != "warning" or "stuck" in item.text]
+
+
+def _refused(run: Run, faults: Sequence[str], cpu_s: float) -> Estimated:
+    return Estimated(
+        until_s=float(run.imu.end_s),
+        verdict=Outcome.REFUSED.value,
+        used_s=0.0,
+        excluded_s={},
+        heading_deg=None,
+        sigma_heading_deg=None,
+        gyros={},
+        faults=tuple(faults),
+        cpu_s=cpu_s,
+    )
+
+
+def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | None) -> Estimated:
+    """What an update says of the last part."""
+    document, session = result.record, result.estimate.sessions[-1]
+    faults = [*_said(findings), *document.reasons]
+    estimate = session.estimate
+    if estimate is None or session.temperature is None:
+        return _refused(run, faults, 0.0)
+    excluded: Counter[str] = Counter()
+    for span in document.excluded:
+        excluded[span.reason] += span.end_s - span.start_s
+    heading, sigma = _heading(estimate)
+    targets = [_target(result, session.temperature, k, target_deg_h) for k in range(3)]
+    now = tuple(axis.sigma_after_deg_h for axis in session.seen)
+    ahead: list[Outlook] = []
+    if any(one > target for one, target in zip(now, targets)):
+        ahead = outlook(result.estimate, [*map(stay, STAYS_MIN), TURN, TAXI])
+    advice = advised(now, targets, ahead)
+    bias = mean_rows(estimate) @ (estimate.bins.table_deg_h + estimate.mean_deg_h)
+    gyros = {
+        axis: GyroState(
+            bias_deg_h=float(bias[k]),
+            sigma_before_deg_h=session.seen[k].sigma_before_deg_h,
+            sigma_now_deg_h=now[k],
+            sigma_plan_deg_h=None if advice.plan_deg_h is None else advice.plan_deg_h[k],
+            target_deg_h=targets[k],
+        )
+        for k, axis in enumerate(AXES)
+    }
+    doubted = getattr(document.sessions[-1], "doubted", None) or ()
+    return Estimated(
+        until_s=float(run.imu.end_s),
+        verdict=str(document.verdict),
+        used_s=float(run.imu.end_s - run.imu.start_s - sum(excluded.values())),
+        excluded_s=dict(excluded),
+        heading_deg=heading,
+        sigma_heading_deg=sigma,
+        gyros=gyros,
+        at_end_degC=_at_end(ahead),
+        faults=(*faults, *doubted),
+        advice=advice.lines,
+        enough=advice.enough,
+        plan_min=advice.plan_min,
+        document=document,
+    )
+
+
+def _heading(estimate: SessionEstimate) -> tuple[float | None, float | None]:
+    """Heading and its sigma at the end [deg]; None of a unit that finds none."""
+    solution = estimate.solution
+    if solution is None:
+        return None, None
+    down = THETA.stop - 1
+    heading = euler_from_dcm(solution.history.C_nb[-1])[2] - solution.filter.x[down]
+    sigma = np.sqrt(solution.filter.P[down, down])
+    return float(heading / DEG) % 360.0, float(sigma / DEG)
+
+
+def _target(result: Update, temperature, axis: int, given: float | None) -> float:
+    """What sigma a gyro is to reach: half of what the table claims where it stands now."""
+    if given is not None:
+        return given
+    now_degC = temperature.temperature_degC[-1, axis]
+    return 0.5 * float(result.table_before.sigma_deg_h(axis, now_degC)[0])
+
+
+def _at_end(ahead: Sequence[Outlook]) -> tuple[float, ...]:
+    """Gyro temperatures at the end of the longest stay [degC]."""
+    stays = [found for found in ahead if found.name == "stay"]
+    return stays[-1].gyro_degC if stays else ()

@@ -1,0 +1,363 @@
+"""`watch`: a session while it runs, recorded first, estimated on the way, updated at its end."""
+
+import multiprocessing
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from ins.json_file import read_toml
+from ins.records import InputError, RunHeader
+from recal.service.inputs.records import AnyTwin
+from recal.service.inputs.unit_inputs import open_store
+from recal.service.update import Update, UpdateRequest, update_in_store
+from recal.service.watch.interim import InterimRequest, begin, estimated
+from recal.service.watch.monitor import Monitor
+from recal.service.watch.recording import Recording
+from recal.service.watch.records import Estimated, WatchState
+from trajectories.readers.live.mavlink_source import Fix, MavlinkSource
+from trajectories.readers.live.rows import Source
+from trajectories.readers.live.text_source import RunSource, TableSource
+from trajectories.runs.directory import inspect_run
+from trajectories.runs.schema import SCHEMA, header_from_json, unknown_keys
+
+SHOWN_S = 1.0  # how often rows go to the disk and the state is told
+WAIT_S = 0.2  # for rows
+# of a core at real time, for estimates: of the 5 % that a session may take
+SHARE = 0.03
+LEAST_S = 10.0  # between two estimates, by the clock
+FIRST_S = 90.0  # of a session, before its first one
+FIX_S = 10.0  # of messages in which a first fix is waited for
+PORTS = ("udp:", "tcp:", "serial:")
+NEEDED = {"imu_serial": "--serial", "gyro_technology": "--technology", "lat_deg": "--lat-deg"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchRequest:
+    """A session to watch.
+
+    Parameters
+    ----------
+    source : str
+        A run directory or a table of text that grows; - for standard input; udp:HOST:PORT,
+        tcp:HOST:PORT or serial:DEVICE:BAUD for MAVLink.
+    run : path
+        The run directory to record to; one that this command began goes on. After a gap of more
+        than 1 s the run goes on as run-2.
+    serial : str, optional
+        Serial number of the unit. Default: the source's.
+    technology : str, optional
+        Technology of the unit's gyros. Default: the source's, else that of the serial in the store.
+    lat_deg : float, optional
+        Latitude where the session starts [deg]. Default: the source's, else that of the first fix.
+    map_ : path, optional
+        Column map (TOML) of a table. Default: none, the names of a run's columns.
+    target_deg_h : float in [0, ]
+        Sigma that each gyro is to reach [deg/h]. Default: half of what the table claims.
+    idle_s : float in [0, ]
+        End the session when no row has come for so long [s]. Default: never.
+    commit : bool
+        Store the new table. Default: only report it.
+    propose : (str, str), optional
+        Who proposes and their note: the new table is kept for review, the active one stays.
+    stopped : callable
+        Whether the session is to end now.
+    shown, told, step : callable
+        Given the state every second; told of what happens; told as each step of the update begins.
+    """
+
+    source: str
+    run: Path
+    store_url: str
+    serial: str | None = None
+    technology: str | None = None
+    lat_deg: float | None = None
+    map_: Path | None = None
+    target_deg_h: float | None = None
+    idle_s: float | None = None
+    commit: bool = False
+    propose: tuple[str, str] | None = None
+    store_named: bool = False
+    new_unit: bool = False
+    new_store: bool = False
+    twin: AnyTwin | None = None
+    config: Path | None = None
+    thermal_model: Path | None = None
+    output: Path | None = None
+    stopped: Callable[[], bool] = field(default=lambda: False)
+    shown: Callable[[WatchState], None] = field(default=lambda state: None)
+    told: Callable[[str], None] = field(default=lambda line: None)
+    step: Callable[[str], None] = field(default=lambda words: None)
+
+
+def watch(request: WatchRequest) -> Update:
+    """Record a session, say what it shows while it runs, and update the unit's table at its end.
+
+    Parameters
+    ----------
+    request : WatchRequest
+        The session.
+
+    Returns
+    -------
+    Update
+        That of `update_in_store` on the recorded run, bit by bit.
+
+    Raises
+    ------
+    InputError
+        Where the source cannot be read, the run cannot be written (what was recorded stays), or
+        nothing was recorded.
+    """
+    source = opened(request)
+    recording = Recording(source, request.run)
+    try:
+        _follow(request, source, recording)
+    finally:
+        recording.close()
+        source.close()
+    if not recording.parts:
+        raise InputError(f"{request.source}: no row of an imu came, nothing was recorded")
+    return update_in_store(
+        UpdateRequest(
+            runs=_readable(recording.parts, request.told),
+            store_url=request.store_url,
+            store_named=request.store_named,
+            commit=request.commit,
+            propose=request.propose,
+            new_unit=request.new_unit,
+            new_store=request.new_store,
+            twin=request.twin,
+            config=request.config,
+            thermal_model=request.thermal_model,
+            output=request.output,
+            told=request.told,
+            step=request.step,
+        )
+    )
+
+
+def _readable(parts: list[Path], told: Callable[[str], None]) -> list[Path]:
+    """The parts that are runs; all of them where none is, so that the update says why."""
+    if len(parts) == 1:
+        return parts
+    good = []
+    for part in parts:
+        found = inspect_run(part)
+        if found.run is None:
+            told(f"{part}: left out: {found.errors[0]}")
+        else:
+            good.append(part)
+    return good or parts
+
+
+def _follow(request: WatchRequest, source: Source, recording: Recording) -> None:
+    """Record and show until the source ends, falls silent, or the session is stopped."""
+    monitor, worker = Monitor(), Worker(request)
+    came_s = shown_s = time.monotonic()
+    try:
+        while not request.stopped():
+            batch = source.read(WAIT_S)
+            if batch is None:
+                break
+            monitor.take(recording.take(batch))
+            now_s = time.monotonic()
+            if batch:
+                came_s = now_s
+            else:
+                time.sleep(WAIT_S)
+            if request.idle_s is not None and monitor.rows and now_s - came_s > request.idle_s:
+                break
+            worker.look(monitor.time_s, recording.parts)
+            if now_s - shown_s >= SHOWN_S:
+                shown_s = now_s
+                recording.sync()
+                request.shown(_state(monitor, recording, worker, now_s - came_s))
+    finally:
+        worker.close()
+
+
+def _state(monitor: Monitor, recording: Recording, worker: "Worker", silent_s: float) -> WatchState:
+    estimate = worker.found
+    faults = [*monitor.faults(silent_s), *worker.faults]
+    return WatchState(
+        runs=[str(part) for part in recording.parts],
+        time_s=monitor.time_s,
+        rate_hz=monitor.rate_hz,
+        phase=monitor.phase.value,
+        rows=monitor.rows,
+        dropped={str(k): n for k, n in recording.dropped.items() if n},
+        gyro_degC=[] if monitor.gyro_degC is None else monitor.gyro_degC.tolist(),
+        visited_degC=[] if monitor.gyro_degC is None else monitor.visited_degC.tolist(),
+        faults=[*faults, *(estimate.faults if estimate is not None else ())],
+        estimate=estimate,
+    )
+
+
+class Worker:
+    """The process that estimates, asked as often as its share of a core allows."""
+
+    def __init__(self, request: WatchRequest) -> None:
+        self._request = InterimRequest(
+            store_url=request.store_url,
+            twin=request.twin,
+            config=request.config,
+            thermal_model=request.thermal_model,
+            target_deg_h=request.target_deg_h,
+        )
+        self.found: Estimated | None = None
+        self.faults: list[str] = []
+        self._process: Any = None
+        self._link: Connection | None = None
+        self._asked_s, self._due_s, self._at_s, self._busy = 0.0, FIRST_S, 0.0, False
+
+    def look(self, time_s: float, parts: list[Path]) -> None:
+        """Take an answer that has come, and ask again where it is time."""
+        if time_s < self._asked_s:  # another part
+            self._due_s = time_s + FIRST_S
+            self._asked_s = time_s
+        try:
+            self._look(time_s, parts)
+        except (EOFError, OSError):
+            self.faults = ["the estimate broke down: it is begun again"]
+            self.close()
+            self._due_s = time_s + FIRST_S
+
+    def _look(self, time_s: float, parts: list[Path]) -> None:
+        if self._busy and self._link is not None and self._link.poll():
+            answer = self._link.recv()
+            self._busy, self._at_s = False, time.monotonic()
+            if isinstance(answer, str):
+                self.faults = [f"no estimate: {answer}"]
+            elif answer is not None:
+                self.found, self.faults = answer, []
+                self._due_s = self._asked_s + answer.cpu_s / SHARE
+        waited = time.monotonic() - self._at_s >= LEAST_S
+        if self._busy or not parts or time_s < self._due_s or not waited:
+            return
+        if self._link is None:
+            context = multiprocessing.get_context("spawn")
+            self._link, far = context.Pipe()
+            self._process = context.Process(target=_serve, args=(far,), daemon=True)
+            self._process.start()
+            far.close()
+        self._asked_s, self._due_s, self._busy = time_s, time_s + LEAST_S, True
+        self._link.send((list(parts), self._request))
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._link is not None:
+            self._link.close()
+        self._process, self._link, self._busy = None, None, False
+
+
+def _serve(link: Connection) -> None:
+    """Answer until the other end is gone; a fault of the program is an answer, too."""
+    begin()
+    while True:
+        try:
+            parts, request = link.recv()
+        except EOFError:
+            return
+        try:
+            link.send(estimated(parts, request))
+        except Exception as error:
+            link.send(f"{type(error).__name__}: {error}")
+
+
+def opened(request: WatchRequest) -> Source:
+    """The source by its name. InputError where it cannot be had."""
+    name = request.source
+    if name.startswith(PORTS):
+        return MavlinkSource(name, _ByFix(request))
+    if name == "-":
+        return _table(request, None)
+    path = Path(name)
+    if path.is_dir():
+        return RunSource(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no run directory, no file, and none of - {' '.join(PORTS)}")
+    return _table(request, path)
+
+
+def _table(request: WatchRequest, path: Path | None) -> TableSource:
+    options = {} if request.map_ is None else read_toml(request.map_)
+    return TableSource(path, options, partial(header_of, request))
+
+
+class _ByFix:
+    """The header of a MAVLink session: its place given, else that of the first fix."""
+
+    def __init__(self, request: WatchRequest) -> None:
+        self._request, self._since_s = request, time.monotonic()
+
+    def __call__(self, fix: Fix | None, begun: bool) -> RunHeader | None:
+        if not begun:
+            self._since_s = time.monotonic()
+            return None
+        if self._request.lat_deg is None and fix is None:
+            if time.monotonic() - self._since_s < FIX_S:
+                return None
+            raise InputError(f"no fix in {FIX_S:.0f} s: needed --lat-deg")
+        site = {}
+        if fix is not None:
+            place = dict(zip(("lat_deg", "lon_deg", "height_m"), fix))
+            site = {**place, "sigma_lat_deg": 0.001, "lat_source": "receiver"}
+        return header_of(self._request, {"site": site})
+
+
+def header_of(request: WatchRequest, given: Mapping[str, Any]) -> RunHeader:
+    """run.json of what the options say over what the source says. InputError names what is
+    missing.
+    """
+    serial = request.serial or given.get("imu_serial")
+    said = {
+        "schema": SCHEMA,
+        "run_id": request.run.name,
+        "tail": "",
+        "lever_arms_m": {},
+        "applied_table_sha256": None,
+        "start_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        **given,
+        "imu_serial": serial,
+        "gyro_technology": request.technology
+        or given.get("gyro_technology")
+        or _technology(request.store_url, serial),
+    }
+    places = ("lat_deg", "lon_deg", "height_m", "sigma_lat_deg", "lat_source")
+    site = {**given.get("site", {}), **{k: said.pop(k) for k in places if k in said}}
+    if request.lat_deg is not None:
+        site = {"lon_deg": 0.0, "height_m": 0.0} | {
+            k: v for k, v in site.items() if k in ("lon_deg", "height_m")
+        }
+        site["lat_deg"] = request.lat_deg
+    elif "lat_deg" in site:
+        site = {"lon_deg": 0.0, "height_m": 0.0} | site
+    said["site"] = site
+    missing = [flag for key, flag in NEEDED.items() if said.get(key, site.get(key)) is None]
+    if missing:
+        raise InputError(f"needed: {', '.join(missing)}")
+    header, errors, _ = header_from_json(said, name="options and map [run]")
+    if header is None:
+        raise InputError(errors[0])
+    strange = unknown_keys(said, site)
+    if strange:
+        raise InputError(f"map: run.{strange[0]}: no key of run.json")
+    return header
+
+
+def _technology(store_url: str, serial: str | None) -> str | None:
+    """Of the unit with this serial, where the store holds one alone."""
+    store = open_store(store_url)
+    if store is None or serial is None:
+        return None
+    with store:
+        found = {u.unit for u in store.overview() if u.unit.imu_serial == serial}
+    return found.pop().gyro_technology if len(found) == 1 else None
