@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from recal.cli.console import Command, print_lines
+from recal.cli.terminal import life
 
 COMMANDS = (
     "demo",
@@ -149,6 +150,9 @@ def program(
     ] = None,
 ) -> None:
     """What comes before the command."""
+    wrong = life.set_log_level()
+    if wrong:
+        raise typer.BadParameter(wrong)
     if max_unpacked_mb is not None:
         from recal.service.inputs.limits import unpack_limit
 

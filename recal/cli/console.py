@@ -17,6 +17,7 @@ from typer.core import TyperCommand
 
 from ins.documents import to_json
 from ins.user_input import one_line, visible
+from recal.cli.terminal import life
 from recal.cli.terminal.help import help_records, usage_words
 from recal.cli.terminal.progress import Progress
 from recal.cli.terminal.user_config import read_user_config
@@ -95,6 +96,7 @@ class Command(TyperCommand):
         """
         from ins.records import InputError, Refusal
 
+        life.begin(ctx.command_path, quiet=bool(ctx.params.get("quiet")))
         try:
             return super().invoke(ctx)
         except (InputError, OSError) as error:
@@ -116,6 +118,9 @@ class Command(TyperCommand):
             _emit_fault(ctx, "refused", str(refused))
             say(f"recal: {refused}")
             raise typer.Exit(REFUSED_EXIT) from None
+        finally:
+            life.clear()
+            life.log.info("%s ends", ctx.command_path)
 
 
 def _fault(error: Any) -> str:
@@ -158,6 +163,7 @@ def login_name() -> str:
 def say(text: str, *, quiet: bool = False) -> None:
     """One line that is no part of the result, a note or a warning, on standard error."""
     if not quiet:
+        life.clear()
         print(one_line(text), file=sys.stderr)
 
 
@@ -181,6 +187,7 @@ class Shown:
         """The result, once, on standard output: its lines and where its report is, or its JSON;
         verbose: whole on standard error, too.
         """
+        life.clear()
         if self.verbose:
             print(to_json(result), file=sys.stderr, end="")
         if self.as_json:
@@ -198,6 +205,7 @@ class Shown:
 
 def print_lines(lines: Iterable[str]) -> None:
     """Lines of a result in words, on standard output."""
+    life.clear()
     for line in lines:
         print(one_line(line))
 
@@ -211,4 +219,5 @@ def linked(path: Path) -> str:
 
 def emit_json(result: object) -> None:
     """The result and nothing else, on standard output; numbers that are not finite become null."""
+    life.clear()
     sys.stdout.write(to_json(result))

@@ -12,15 +12,18 @@ from alignment.gyrocompass import align as align_log
 from alignment.motion.speeds import steady_roll
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from infield.reports.documents.alignment import AlignmentDocument, alignment_document
-from infield.session.log import compensated_imu, compensated_seconds
+from infield.session.log import compensated_imu, compensated_seconds, with_applied_table_undone
 from infield.session.parked.zero_rate import ZeroRates, mean_zero_rate
 from infield.session.settings import SessionSettings
+from infield.store.table_store import TableStore
+from infield.table.file import table_sha256
+from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.documents import Null
-from ins.records import Phase, Run
+from ins.records import InputError, Phase, Run
 from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
-from recal.service.inputs.unit_inputs import UnitInputs, given_unit, raw_bias_sigma_deg_h
+from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, raw_bias_sigma_deg_h
 from recal.service.results.result import Result
 from recal.service.twin.noise_agreement import fit_at_rest
 
@@ -108,6 +111,8 @@ def align(
     told("reading the run")
     (read,) = runs_of(run)
     unit = given_unit(read, table, twin, store)
+    if unit.known:  # what the unit had subtracted is added back before a table is taken out
+        read = with_applied_table_undone(read, _lookup(unit, opened(store)))
     sigma, temperature = None, None
     if unit.known and read.temperature is not None:
         temperature = gyro_temperature(read.temperature)
@@ -144,6 +149,21 @@ def align(
         seen = mean_zero_rate(read, unit.twin, SessionSettings())
         document = replace(document, zero_rate=seen or Null.NULL)
     return Aligned(document, phases=tuple(document.phases or ()))
+
+
+def _lookup(unit: UnitInputs, database: TableStore | None) -> Callable[[str], ThermalTable]:
+    """The table of a hash: the one in use, else one of the store; else InputError."""
+
+    def found(sha256: str) -> ThermalTable:
+        if sha256 == table_sha256(unit.table_dict):
+            return unit.table
+        if database is None:
+            raise InputError(
+                f"run.json: applied_table_sha256 {sha256[:12]}: no such table is given"
+            )
+        return database.by_sha256(sha256).table
+
+    return found
 
 
 def _no_table(unit: UnitInputs, run: Run, sigma_deg_h: NDArray | None) -> Reason:

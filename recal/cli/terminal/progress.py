@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from ins.user_input import one_line
+from recal.cli.terminal import life
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -34,6 +35,7 @@ class Progress:
             self._bar = _bar(counted=steps is not None)
 
     def __enter__(self) -> "Progress":
+        life.clear()
         if self._bar is not None:
             self._bar.start()
             self._task = self._bar.add_task(self._title, total=self._steps)
@@ -54,6 +56,7 @@ class Progress:
             self._say(f"compiled in {compiled_s:.0f} s, kept for the next run")
 
     def __call__(self, what: str) -> None:
+        life.log.info("%s", one_line(what))
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, description=one_line(what), completed=self._begun)
             self._begun += 1
