@@ -307,7 +307,7 @@ OTHER_FORMS = (
         targets=("gnss",),
         lay=fixes_by_heading,
         needs=frozenset({"gnss"}),
-        answers=("gnss_lever_arm_or_latency", "unknown_function_of_motion"),
+        answers=("unknown", "gnss_lever_arm_or_latency"),
         draw=lambda rng, _: {"metres": 3.0, "bearing_rad": float(rng.uniform(0.0, 2.0 * np.pi))},
     ),
     Effect(

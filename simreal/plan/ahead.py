@@ -35,9 +35,9 @@ from trajectories.simulator.truth import build_truth
 
 # of rest that is repeated, with what people and wind do now and then in it
 LONGEST_REST_S = 3600.0
-# of rest that shows what the unit reads; chosen: a minute, as a gyrocompass needs
+# of rest that shows what the unit reads; chosen: 60 s, as a gyrocompass needs
 SHORTEST_REST_S = 60.0
-# over which the temperature's slope is taken, twice one after the other
+# over which the temperature's slope is taken, twice one after the other; chosen: 10 min
 SLOPE_S = 600.0
 # time constants of a warm-up that are believed: 10 min of a small unit to 2 h of a large one
 FASTEST_S, SLOWEST_S = 600.0, 7200.0

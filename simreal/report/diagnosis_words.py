@@ -84,7 +84,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if not causes:
         at = f", mostly in {plain(where[0].channel)}" if where else ""
         return f"A gap that no known effect explains{at}: it shows in {LOOK_WORDS[looks_like]}."
-    aged = [plain(c.target) for c in causes if c.effect == TABLE_AGED]
+    aged = [_aged_by(c) for c in causes if c.effect == TABLE_AGED]
     said = [_said(f) for f in gathered(c for c in causes if c.effect != TABLE_AGED)]
     sentences = [f"The table has aged ({listed(sorted(aged))}): renew it."] if aged else []
     if said:
@@ -93,6 +93,13 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if verdict is GapVerdict.PARTLY_EXPLAINED and looks_like is not Looks.NOTHING:
         sentences.append("Something is left.")
     return " ".join(sentences)
+
+
+def _aged_by(cause: Cause) -> str:
+    """A gyro, and by how much its table has aged."""
+    shift = cause.parameters.get("shift")
+    by = f" by {shift.value:.2g} {shift.unit}" if shift else ""
+    return f"{plain(cause.target)}{by}"
 
 
 def _said(found: Found) -> str:

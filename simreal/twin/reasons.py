@@ -57,7 +57,8 @@ class FitNote(ReasonCode):
     CONTRADICTED = (
         "contradicted",
         "the data contradict any model of the {triad} noise by far: filtered by the logger, shaken"
-        " by what the model does not know, or a rest too short; its numbers stay what they were",
+        " by what the model does not know, or a rest too short; its numbers stay what they were,"
+        " but for white noise where the rows' spectra are flat over three octaves",
     )
     FILTERED = (
         "filtered",

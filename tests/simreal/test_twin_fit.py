@@ -19,7 +19,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
-from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
+from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
 from recal.cli.app import app
 from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
@@ -30,6 +30,7 @@ from simreal.twin.fit.fit import believed_value, lines_of_unit
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, flat_above, rocked, without_gear
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel, climb
 from simreal.twin.fit.other_sensors import resolution
+from simreal.twin.fit.plateau import plateau
 from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.streams import DitherLine, stream_at_rest, stream_of
@@ -504,3 +505,18 @@ def test_a_resolution_is_a_grid_and_noise_has_none():
     readings = 20.0 + np.cumsum(rng.standard_normal(4000)) * 0.03
     assert resolution([0.0625 * np.round(readings / 0.0625)]) == pytest.approx(0.0625)
     assert resolution([readings]) == 0.0
+
+
+def test_a_plateau_shows_white_noise_between_a_drift_and_a_filter():
+    """Flicker below 1 Hz, a line at 10 Hz, a filter at 30 Hz: 400 ug/sqrt(Hz) between them. A
+    vehicle's motion has no plateau.
+    """
+    hz = np.geomspace(0.4, 25.0, 80)
+    white = (400.0 * MICRO_G) ** 2
+    seen = white * (0.1 / hz + 1.0 / (1.0 + (hz / 30.0) ** 4) + 3.0 * (np.abs(hz - 10.0) < 0.5))
+    told, top_hz = plateau(evidence_of(*(bands_at(hz, seen, c) for c in (3, 4, 5))))
+    assert abs(told.value - np.log(white)) < 2.0 * told.sigma and told.identified
+    assert top_hz < 10.0
+    moved = white * (1.0 + 30.0 / hz**2)
+    channels = [bands_at(hz, seen, 3), bands_at(hz, moved, 4), bands_at(hz, seen, 5)]
+    assert plateau(evidence_of(*channels)) is None

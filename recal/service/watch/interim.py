@@ -40,7 +40,7 @@ from trajectories.runs.schema import header_from_json
 from trajectories.runs.stream_files import StreamFile
 
 RATE_HZ = MIN_RATE_HZ
-LEAST_S = 90.0  # of a part that is estimated: 60 s of rest, and its start
+PART_S = 90.0  # of a part that is estimated: 60 s of rest, and its start
 NICE = 10
 
 
@@ -69,7 +69,7 @@ def estimated(parts: Sequence[Path], request: InterimRequest) -> Estimated | Non
     begun = time.process_time()
     findings = Findings()
     runs = [_PARTS.setdefault(path, PartRows(path)).run(findings) for path in parts]
-    known = [run for run in runs if run is not None and run.imu.end_s >= LEAST_S]
+    known = [run for run in runs if run is not None and run.imu.end_s >= PART_S]
     if not known:
         return None
     try:

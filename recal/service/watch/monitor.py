@@ -1,7 +1,7 @@
 """What the last minutes of rows show at once: the phase, the temperatures, clipping, gaps, silence.
 
 The seconds are those of `alignment.motion.seconds`, the limits those of its witnesses; only the
-last WINDOW_S are held.
+last HELD_S are held.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from alignment.motion.stillness import ALIGNMENT_S, TAKE_OFF_M_S
 from trajectories.readers.live.rows import Rows
 from trajectories.runs.imu_stream import imu_log
 
-WINDOW_S = 300  # chosen: 5 min, as a time bin of the estimate
+HELD_S = 300  # chosen: 5 min, as a time bin of the estimate
 SILENT_S = 2.0  # without a row; chosen: twice the 1 s of a run's longest gap
 
 
@@ -92,7 +92,7 @@ class Monitor:
     def _add(self, new: LogSeconds) -> None:
         held = new if self._seconds is None else _joined(self._seconds, new)
         steady = steady_seconds(held)[-new.end_s.size :]
-        self._seconds = held.where(slice(-WINDOW_S, None))
+        self._seconds = held.where(slice(-HELD_S, None))
         for k in range(new.end_s.size):
             self._step(new, k, is_steady=bool(steady[k]))
 
@@ -104,7 +104,7 @@ class Monitor:
             self._speed_m_s += (along - self._along_m_s2) * dt_s
         stands = self._rests_s >= STOP_WINDOW_S and abs(self._speed_m_s) < STOP_SPEED_M_S
         # a force that stays for longer is a floor that slopes, no roll
-        if stands or self._rests_s >= WINDOW_S or (self._along_m_s2 is None and is_steady):
+        if stands or self._rests_s >= HELD_S or (self._along_m_s2 is None and is_steady):
             self._speed_m_s, self._along_m_s2 = 0.0, along
             self._parked_s += dt_s
 

@@ -17,7 +17,7 @@ from trajectories.readers.live.rows import Dropped, Order, Rows, Source
 from trajectories.runs.checks import MAX_GAP_S
 from trajectories.runs.recorder import Recorder, run_text
 
-# of the first rows, for the median of their intervals
+# of the first rows, for the median of their intervals; chosen: 0.1 s of 200 Hz
 FIRST_ROWS = 20
 
 

@@ -2,7 +2,7 @@
 
 import multiprocessing
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -22,16 +22,17 @@ from recal.service.watch.records import Estimated, WatchState
 from trajectories.readers.live.mavlink_source import Fix, MavlinkSource
 from trajectories.readers.live.rows import Source
 from trajectories.readers.live.text_source import RunSource, TableSource
+from trajectories.readers.rows.column_map import LogOptions
 from trajectories.runs.directory import inspect_run
 from trajectories.runs.schema import SCHEMA, header_from_json, unknown_keys
 
-SHOWN_S = 1.0  # how often rows go to the disk and the state is told
+SHOWN_S = 1.0  # how often rows go to the disk and the state is told: a kill costs 1 s
 WAIT_S = 0.2  # for rows
 # of a core at real time, for estimates: of the 5 % that a session may take
 SHARE = 0.03
-LEAST_S = 10.0  # between two estimates, by the clock
-FIRST_S = 90.0  # of a session, before its first one
-FIX_S = 10.0  # of messages in which a first fix is waited for
+LEAST_S = 10.0  # between two estimates, by the clock; chosen: 10 times what one takes
+FIRST_S = 90.0  # of a session, before its first one: 60 s of rest, and its start
+FIX_S = 10.0  # of messages in which a first fix is waited for: 10 of one a second
 PORTS = ("udp:", "tcp:", "serial:")
 NEEDED = {"imu_serial": "--serial", "gyro_technology": "--technology", "lat_deg": "--lat-deg"}
 
@@ -289,7 +290,7 @@ def opened(request: WatchRequest) -> Source:
 
 def _table(request: WatchRequest, path: Path | None) -> TableSource:
     options = {} if request.map_ is None else read_toml(request.map_)
-    return TableSource(path, options, partial(header_of, request))
+    return TableSource(path, LogOptions(options), partial(header_of, request))
 
 
 class _ByFix:
@@ -310,13 +311,14 @@ class _ByFix:
         if fix is not None:
             place = dict(zip(("lat_deg", "lon_deg", "height_m"), fix))
             site = {**place, "sigma_lat_deg": 0.001, "lat_source": "receiver"}
-        return header_of(self._request, {"site": site})
+        return header_of(self._request, LogOptions({"site": site}))
 
 
-def header_of(request: WatchRequest, given: Mapping[str, Any]) -> RunHeader:
+def header_of(request: WatchRequest, said_by_source: LogOptions) -> RunHeader:
     """run.json of what the options say over what the source says. InputError names what is
     missing.
     """
+    given = said_by_source.keys
     serial = request.serial or given.get("imu_serial")
     said = {
         "schema": SCHEMA,

@@ -38,6 +38,7 @@ from simreal.twin.fit.evidence import (
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, SWINGS_BELOW_HZ, Gear
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
+from simreal.twin.fit.plateau import plateau
 from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
@@ -112,14 +113,23 @@ def fit_twin(
     parameters = _gyro_parameters(gyro, believed, seconds)
     parameters += _accel_parameters(accel, believed, seconds)
     against -= {_triad(p) for p in parameters if p.why is Why.ROUNDED}  # which is why, and known
+    flat = _plateaus(evidence, believed, against, seconds)
     parameters = [
-        _kept(p.name, believed, Why.CONTRADICTED, seconds) if _triad(p) in against else p
+        flat[p.name][0]
+        if p.name in flat
+        else _kept(p.name, believed, Why.CONTRADICTED, seconds)
+        if _triad(p) in against
+        else p
         for p in parameters
     ]
     parameters += _turn_on(streams, believed, gyro, accel)
     parameters += _others(streams, believed)
     twin = _twin_of(believed, parameters, header.imu_serial)
     names, covariance = _covariance(parameters, gyro, accel)
+    for name, (white, _) in flat.items():  # of no fit with the others
+        at = names.index(name)
+        covariance[at] = covariance[:, at] = 0.0
+        covariance[at, at] = white.sigma**2
     white = _axis_white(gyro, accel)
     rocked = [SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})]
     return TwinFit(
@@ -143,9 +153,27 @@ def fit_twin(
             name: fit.band_hz
             for name, fit in (("gyro", gyro), ("accel", accel))
             if fit.band_hz is not None
-        },
+        }
+        | {name.split(".")[0]: top_hz for name, (_, top_hz) in flat.items()},
         read_above_hz=dict.fromkeys(rocked, GEAR_BELOW_HZ),
     )
+
+
+def _plateaus(
+    evidence: TriadEvidence, believed: TwinModel, against: set[str], seconds: float
+) -> dict[str, tuple[Parameter, float]]:
+    """White noise of the triads that no model explains, by its name, where their rows' spectra have
+    a plateau, and the frequency up to which it was read.
+    """
+    found = {}
+    triads = (("gyro", GYRO_TRIAD, GYRO_TERMS), ("accel", ACCEL_TRIAD, ACCEL_TERMS))
+    for triad, channels, terms in triads:
+        flat = plateau(evidence.of(channels)) if triad in against else None
+        if flat is not None:
+            name, unit = terms[NoiseTerm.WHITE]
+            white = _parameter(name, flat[0], unit, believed_value(believed, name), seconds)
+            found[name] = white, flat[1]
+    return found
 
 
 def _line(line: DitherLine) -> SpectralLine:

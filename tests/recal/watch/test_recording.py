@@ -261,7 +261,8 @@ def test_mutated_messages_are_dropped(run, tmp_path, monkeypatch, address, count
     parts = [np.loadtxt(p / "imu.csv", delimiter=",", skiprows=1) for p in recording.parts]
     assert all(np.all(np.diff(part[:, 0]) > 0) for part in parts)
     kept = np.concatenate(parts)
-    assert len(kept) > 0.5 * count
+    untouched = 0.5  # of the messages, by the kinds of damage; resynchronisation costs few of them
+    assert len(kept) > 0.9 * untouched * count
     known = np.mean([value in sent_rates for value in kept[:, 1]])
     assert known > 0.9
     assert {Dropped.GARBAGE, Dropped.VALUE} <= {Dropped(k) for k in recording.dropped}

@@ -15,9 +15,9 @@ from ins.records import RunHeader
 from trajectories.readers.rows.row_cleaning import MAX_LATE_S, PLAUSIBLE_M_S2, PLAUSIBLE_RAD_S
 from trajectories.runs.checks import MAX_VALUE
 
-# rows on end that agree on another time before it is believed: a garbled stamp stands alone
+# rows on end that agree on another time before it is believed: 2 garbled stamps may do so
 AGREEING = 5
-ROUNDING_S = 1e-6  # of a time that was shifted there and back
+SHIFT_ROUNDING_S = 1e-6  # of a time shifted there and back: 2e-7 at 2e9 s (unix), 1/500 of 2 kHz
 
 
 class Dropped(StrEnum):
@@ -132,7 +132,7 @@ class Order:
         good = _possible(rows)
         self.dropped[Dropped.VALUE] += int(np.count_nonzero(~good))
         rows = rows.where(good)
-        rows = rows.where(~(rows.time_s <= self._recorded_s + ROUNDING_S))
+        rows = rows.where(~(rows.time_s <= self._recorded_s + SHIFT_ROUNDING_S))
         while len(rows):
             t = rows.time_s
             steps = np.diff(t, prepend=self.last_s if np.isfinite(self.last_s) else t[0] - 1e-3)

@@ -4,10 +4,9 @@ import csv
 import os
 import select
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +157,7 @@ class TableSource:
     ----------
     path : Path or None
         None: standard input.
-    options : mapping
+    options : LogOptions
         The column map.
     header : callable
         Makes the run's header of what the map's [run] says.
@@ -166,18 +165,19 @@ class TableSource:
 
     rereads = True
 
-    def __init__(self, path: Path | None, options: Mapping[str, Any], header: Any) -> None:
+    def __init__(
+        self, path: Path | None, options: LogOptions, header: Callable[[LogOptions], RunHeader]
+    ) -> None:
         self.dropped = Counter[str]()
         self._label = "standard input" if path is None else path.name
-        self._lines, self._options, self._made = Lines(path), dict(options), header
+        self._lines, self._options, self._made = Lines(path), options.keys, header
         self._table: _Table | None = None
         self._head: list[bytes] = []
         self._rows, self._warm = 0, np.zeros((0, 4))
 
     def header(self) -> RunHeader | None:
         """Of the options and the map's [run]."""
-        found: RunHeader = self._made(self._options.get("run", {}))
-        return found
+        return self._made(LogOptions(self._options.get("run", {})))
 
     def run_json(self) -> str | None:
         """None."""
