@@ -106,8 +106,8 @@ class AxisModel:
     nodes; covariance of all.
 
     The covariance is that of all terms that may be there and of all lags of the thermometers
-    (`thermal.rlg.parameter_covariance`): it covers what leaving some out does to the others. lag: taken out
-    of the columns where it was believed. orders: the best choice of each number of terms;
+    (`thermal.rlg.parameter_covariance`): it covers what leaving some out does to the others. lag:
+    taken out of the columns where it was believed. orders: the best choice of each number of terms;
     temperature_only (8 + m,): the best fit without rates and lines.
     held_out: stretches; by_run: whole runs, None where there is one. scatter: as in
     `thermal.study`. level_known: K1 is a bias, not a share of Earth rate.
