@@ -233,7 +233,8 @@ def _warmer(log: TemperatureLog, end_s: float) -> TemperatureLog:
     for name, values in vars(log).items():
         if isinstance(values, np.ndarray) and name != "time_s":
             columns[name] = np.concatenate([values, _extrapolated(t, values, new_s)])
-    return replace(log, time_s=np.concatenate([t, new_s]), **columns)
+    times = np.concatenate([t, new_s])
+    return TemperatureLog(time_s=times, constant=log.constant, **columns)
 
 
 def _extrapolated(t: NDArray, values: NDArray, new_s: NDArray) -> NDArray:

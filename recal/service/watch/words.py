@@ -46,7 +46,7 @@ GYRO_HEAD = ("gyro", "bias", "sigma before", "now", "after the plan", "target")
 
 def gyro_rows(found: Estimated) -> list[tuple[str, ...]]:
     """Gyro by gyro [deg/h], by GYRO_HEAD."""
-    lines = []
+    lines: list[tuple[str, ...]] = []
     for axis, gyro in found.gyros.items():
         plan = "-" if gyro.sigma_plan_deg_h is None else f"{gyro.sigma_plan_deg_h:.4f}"
         lines.append(

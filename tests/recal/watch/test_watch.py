@@ -13,6 +13,7 @@ import pytest
 
 import recal
 from infield.table.file import json_text
+from ins.json_file import Written
 from ins.records import InputError
 from recal.service.update import UpdateRequest, update_in_store
 from recal.service.watch.advice import advised
@@ -278,7 +279,7 @@ def test_a_session_is_sent_to_who_connects(simulated, tmp_path):
         store_url="sqlite:///no.db",
         serial="SN-0042",
         technology="rlg",
-        lat_deg=45.0,
+        lat_deg=Written("45.000"),
         output=tmp_path / "report",
     )
     for _ in range(50):
