@@ -117,11 +117,12 @@ def _over(
     row = np.searchsorted(t, log.end_s - 0.5 * log.dt_s, side="right") - 1
     place = np.column_stack([history.lat_rad, history.lon_rad, history.height_m])[rows]
     v_n, C_nb = history.v_n_m_s[rows], history.C_nb[rows]
-    earth = omega_ie_n(place[:, 0])
-    transport_n = omega_en_n(place[:, 0], place[:, 2], v_n)
-    gravity = gravity_n(place[:, 0], place[:, 2])
-    pull = gravity - np.cross(2.0 * earth + transport_n, v_n)
-    transport = transport_by_speed(place[:, 0], place[:, 2])
+    # amid two rows: who gains 4 m/s in a second turns by 0.3 microrad more than at its start
+    (lat, _, height), v_mid = _amid(place).T, _amid(v_n)
+    earth, transport_n = omega_ie_n(lat), omega_en_n(lat, height, v_mid)
+    gravity = gravity_n(lat, height)
+    pull = gravity - np.cross(2.0 * earth + transport_n, v_mid)
+    transport = transport_by_speed(lat, height)
     end, C_mean = _integrated(log, row, (v_n, C_nb), (earth + transport_n, pull))
     reached = Epoch(log.end_s, moved_by(place[row], end.way_n), end.v_n, end.C_nb)
     last = np.flatnonzero(log.closes)
@@ -217,6 +218,11 @@ def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> NDArray
     plain = np.sum(change**2 / white, axis=1) < CHANGES_SQUARES
     at_once = np.cumsum(np.where(plain[:, None], 0.0, change), axis=0)
     return at_once + gaussian_filter1d(v_n - at_once, SLOW_ROWS, axis=0, mode="nearest")
+
+
+def _amid(rows: NDArray) -> NDArray:
+    """Means of two rows that follow each other, from those of R rows."""
+    return np.asarray(0.5 * (rows[1:] + rows[:-1]))
 
 
 def _at(time_s: NDArray, t: NDArray, rows: NDArray) -> NDArray:
