@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from infield.session.flown.aided_reference import reference
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import SEMI_MAJOR_AXIS_M
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.error_model import ProcessNoise
 from ins.estimation.measurements.antenna import moved_by
 from ins.estimation.tape import Tape
+from ins.filters.reference import reference
 from ins.records import ImuLog
 from tests.infield import mems_away
 

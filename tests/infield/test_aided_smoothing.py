@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from ins.filters.aided_smoother import smoothed
 
 from infield.aided.flight import Aiding, navigate_aided
 from infield.aided.noise import CHANGE_GAIN_NATS
 from infield.aided.smoothing import LEAST_WEIGHT
 from infield.replay.free_inertial import TableChoice, replay
-from ins.filters.aided_smoother import smoothed
 from ins.units import DEG
 from tests.cut import cut_run
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of

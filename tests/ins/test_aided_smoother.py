@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ins.filters.aided_kernel import TAPE, TAPE_H, TAPE_K
+from ins.filters.aided_smoother import smoothed
+from ins.filters.aided_smoother_kernel import backward
 
 from infield.aided.flight import aided_noise
 from ins.earth import SEMI_MAJOR_AXIS_M
 from ins.filters.aided_filter import AidedNavigator
-from ins.filters.aided_kernel import TAPE, TAPE_H, TAPE_K
 from ins.filters.aided_records import AidedOptions, AidedStart
-from ins.filters.aided_smoother import smoothed
-from ins.filters.aided_smoother_kernel import backward
 from ins.filters.aided_tape import TAPED_PHI
 from ins.filters.states import (
     AIDED_ACCEL,

@@ -4,7 +4,7 @@ bins among its states.
 
 The aided solution (`infield.aided`) says where a stretch begins, where gravity and Coriolis are
 looked up, and what the errors are linearised about; no bias of the aided filter is used, and what
-its rows are counts for nothing (`infield.session.flown.aided_reference`). States: those of
+its rows are counts for nothing (`ins.filters.reference`). States: those of
 `ins.estimation.states` that move, the accelerometers, the bins, then what comes and goes (slow
 errors of the receiver, flicker of the gyros) and the constants of a flight. Motion and slow errors
 begin anew with each stretch.
@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.flown.aided_reference import Reference
 from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
 from infield.session.flown.priors import Further, Layout
 from ins.attitude import skew
@@ -28,6 +27,7 @@ from ins.estimation.measurements.antenna import Antenna, Epoch, RowSums, motion_
 from ins.estimation.states import ACCEL_Z, BASE, POS, POS_DOWN, THETA, W_DOWN, W
 from ins.estimation.tape import GYRO, Tape
 from ins.filters.aided_records import AidedNoise, Fixes
+from ins.filters.reference import Reference
 from ins.units import DEG
 
 # flicker of the gyros within a bin: Gauss-Markov processes of these shares of its length, a factor
