@@ -4,7 +4,7 @@ sigmas that were tested::
     compensated log -> where it stands
         -> start (gyrocompass while parked, else satellite velocities) -> filter -> noise judged
 
-Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part of the free-inertial
+Errors, filter and gate: `ins.filters.aided_tape`. It is causal, and no part of the free-inertial
 flights.
 """
 

@@ -7,8 +7,7 @@ begun where the last one ended; the next is what all fixes make of it. A solutio
 causal: a row holds what was known at its time, and what its start and its reference were found
 with; or, smoothed, what the whole log tells.
 
-Decision: docs/decisions/0076-mean-specific-force.md.
-Decision: docs/decisions/0081-gate-for-wild-fixes.md.
+Decision: docs/decisions/0033-aided-error-frame.md.
 """
 
 from dataclasses import replace
@@ -63,8 +62,9 @@ FIRST_WINDOW_S, WINDOW_S = 1.0, 16.0
 NONLINEAR = 0.2  # of a tilt's sigma: its square over two adds 2 % to it (sqrt(1 + 0.2^2))
 MARGIN_S = 2.0  # of log before and after a window: a fix may be older than its time
 # of a reference: nothing of it counts, so it follows the fixes whatever the sensors do
-LOUDER, LOUDEST, WIDEST_WALK = 8.0, 4096.0, 32.0
-MOST_REJECTED = 0.05
+LOUDER, WIDEST_WALK = (8.0, 64.0, 512.0, 4096.0), 32.0
+MOST_REJECTED, LESS_REJECTED = 0.05, 0.7  # of fixes; and of those that were rejected before
+LOWEST_M, HIGHEST_M = -900.0, 29_000.0  # beyond it a solution has run away
 POLE_TAN = 1e6  # of the latitude
 
 
@@ -114,13 +114,16 @@ def first_about(imu: ImuSource, task: Task, end_s: float = np.inf) -> About:
     InputError
         Where the log ends within a second of the start.
     """
-    louder = LOUDER
-    while True:
-        given = replace(task, noise=_louder(task, louder))
-        rows, taken_off, rejected = _fed_back(imu, given, min(end_s, imu.end_s))
-        if rejected <= MOST_REJECTED or louder >= LOUDEST:
+    given, best = task, (None, None, np.inf)
+    for louder in LOUDER:
+        tried = replace(task, noise=_louder(task, louder))
+        found = _fed_back(imu, tried, min(end_s, imu.end_s))
+        if found[2] > LESS_REJECTED * best[2]:
+            break  # what is rejected is wild, whatever the sensors do
+        given, best = tried, found
+        if best[2] <= MOST_REJECTED:
             break
-        louder *= LOUDER
+    rows, taken_off, _ = best
     for _ in range(2):
         about = About.of(imu, rows, taken_off, task.fixes.time_s, given.noise.vrw)
         best = _with_start(about, given, smooth=True)
@@ -172,6 +175,9 @@ def _fed_back(imu: ImuSource, task: Task, end_s: float) -> tuple[Rows, NDArray, 
             continue
         window_s = min(2.0 * window_s, WINDOW_S) if linear else window_s
         done = without_errors(about, x[1:], P[1:])
+        if not LOWEST_M < done.place[-1, 2] < HIGHEST_M:
+            rejected, measured = 1, 1
+            break
         parts.append(done)
         state, biases = _last_state(done), biases + x[-1, 9:]
         flt.x[MOTION] = 0.0

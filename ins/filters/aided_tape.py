@@ -5,8 +5,9 @@ States: those of `ins.estimation.states` that move and the accelerometers, the g
 bin that walks, then those below. What a prior leaves at zero takes no part. Errors of the receiver
 and of the vertical come and go: first-order Gauss-Markov processes of time and of the way.
 
-Decision: docs/decisions/0037-receiver-errors-and-noise.md.
+Decision: docs/decisions/0063-leaps.md.
 Decision: docs/decisions/0077-scale-states.md.
+Decision: docs/decisions/0081-gate-for-wild-fixes.md.
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from ins.estimation.states import ACCEL, ACCEL_Z, BASE, POS, THETA, W
 from ins.estimation.tape import Tape
 from ins.filters.aided_records import AidedNoise, AidedOptions, AidedStart, Antenna, Fixes
 from ins.filters.reference import SHAKEN_S, About
+from ins.records import InputError, frozen_array
 from ins.robust import chi2
 
 _FIRST = BASE + 3
@@ -53,6 +55,8 @@ GATE_SIGMA = float(np.sqrt(chi2.isf(REJECT_PROBABILITY / 3.0, 1)))
 # A gyro's noise turns the attitude once for each unit of it, as a scale error of 1 would: on
 # straight ways a scale is found that is as much of 1 as the noise tells of it
 TURNS_SIGMAS = 4.0
+# of the trace: how negative an eigenvalue of a covariance may be; a file of ten digits has 1e-10
+ROUNDING = 1e-9
 # integral of the squared difference of the shaking and its mean over SHAKEN_S after a jump from 0
 # to 1, over SHAKEN_S: of sqrt(1 - exp(-u)) less its exponential mean, by numbers
 OF_A_JUMP = 0.2954
@@ -136,7 +140,8 @@ def aided_filter(task: Task, about: About) -> ErrorFilter:
     flt.x[: THETA.stop] = about.errors_of(start.state)
     to_w = np.eye(MOTION.size)
     to_w[3:6, 6:9] = skew(about.reference.travels_n[0])
-    flt.P[np.ix_(MOTION, MOTION)] = to_w @ start.covariance @ to_w.T
+    P = checked_covariance(start.covariance, MOTION.size, "AidedStart.covariance")
+    flt.P[np.ix_(MOTION, MOTION)] = to_w @ P @ to_w.T
     for states, sigmas in (
         (GYRO_SCALE, noise.gyro_scale),
         (MISALIGNED, noise.misalignment_rad),
@@ -145,7 +150,8 @@ def aided_filter(task: Task, about: About) -> ErrorFilter:
         *((states, sigmas) for states, sigmas, _ in task.receiver),
     ):
         flt.P[states, states] = np.square(sigmas)
-    flt.P[np.ix_(ANTENNA, ANTENNA)] = task.antenna.covariance
+    antenna = checked_covariance(task.antenna.covariance, len(ANTENNA), "Antenna.covariance")
+    flt.P[np.ix_(ANTENNA, ANTENNA)] = antenna
     if not task.antenna.estimated:
         flt.considered_from = ANTENNA.start
     return flt
@@ -294,3 +300,28 @@ def _measure_fixes(tape: Tape, task: Task, about: About) -> Laid:
     return Laid(
         tape, (np.concatenate([none, *numbers]), of), (np.concatenate([none, *first]), of_velocity)
     )
+
+
+def checked_covariance(P: NDArray, size: int, name: str) -> NDArray:
+    """A covariance as given.
+
+    Parameters
+    ----------
+    P : ndarray, shape (size, size)
+    size : int
+    name : str
+        As told where it is none.
+
+    Returns
+    -------
+    P : ndarray, shape (size, size)
+
+    Raises
+    ------
+    InputError
+        Where it is not finite and positive semidefinite.
+    """
+    P = frozen_array(P, (size, size), name)
+    if not (np.isfinite(P).all() and np.linalg.eigvalsh(P).min() >= -ROUNDING * np.trace(P)):
+        raise InputError(f"{name}: needed finite and positive semidefinite")
+    return P

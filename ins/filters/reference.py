@@ -3,6 +3,8 @@ solution the increments are integrated anew, and at the next the solution is set
 
 So no bias of the aided filter is used, and nothing that its start was found with counts twice: what
 the rows are is known, however they were found.
+
+Decision: docs/decisions/0076-mean-specific-force.md.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -37,6 +39,7 @@ from ins.strapdown.increments import joined
 READ_ROWS = 600
 # squared sigmas of a velocity's change in a second beyond which it is motion: 1.5e-5 of noise
 CHANGES_SQUARES = 25.0
+LEAST_NOISE_M_S = 1e-6  # of a solution that has none
 SLOW_ROWS = 30.0  # sigma of the mean of the slow part; chosen: of noise 1 % is left in its changes
 BEFORE_S = 0.2  # in which a row before ends; a log of fewer rows a second begins without its coning
 UNIT_MATRIX = np.eye(3)
@@ -329,7 +332,7 @@ def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> NDArray
     (R, 3): of the velocities; vrw: velocity random walk.
     """
     change = np.diff(v_n, axis=0, prepend=v_n[:1])
-    white = variance + vrw**2 * np.diff(t, prepend=t[0])[:, None]
+    white = variance + vrw**2 * np.diff(t, prepend=t[0])[:, None] + LEAST_NOISE_M_S**2
     plain = np.sum(change**2 / white, axis=1) < CHANGES_SQUARES
     at_once = np.cumsum(np.where(plain[:, None], 0.0, change), axis=0)
     return at_once + gaussian_filter1d(v_n - at_once, SLOW_ROWS, axis=0, mode="nearest")
