@@ -153,14 +153,19 @@ def _fed_back(imu: ImuSource, task: Task, end_s: float) -> tuple[Rows, NDArray, 
     """Rows of a solution that is corrected after each window, the biases at its end (6,), and the
     share of fixes that were rejected.
     """
-    start, window_s = task.start, FIRST_WINDOW_S
+    start = task.start
+    least_s = window_s = FIRST_WINDOW_S
     state, biases = start.state, np.concatenate([start.gyro_bias_rad_s, start.accel_bias_m_s2])
     flt: ErrorFilter | None = None
     parts, rejected, measured = [], 0, 0
     while state.time_s + FIRST_WINDOW_S <= end_s + 1e-6:
-        about = _window(imu, task, state, biases, min(state.time_s + window_s, end_s))
-        if about.rows.time_s.size < 2:
-            break
+        until_s = min(state.time_s + window_s, end_s)
+        about = _window(imu, task, state, biases, until_s)
+        if about is None:
+            if until_s == end_s:
+                break
+            least_s = window_s = 2.0 * window_s  # a gap
+            continue
         if flt is None:
             flt = aided_filter(task, about)
         flt.tally = Tally()
@@ -170,10 +175,12 @@ def _fed_back(imu: ImuSource, task: Task, end_s: float) -> tuple[Rows, NDArray, 
         turned = float(np.linalg.norm(flt.x[THETA]))
         sigma = float(np.sqrt(np.trace(flt.P[THETA, THETA])))
         linear = 0.5 * turned**2 <= NONLINEAR * sigma
-        if not linear and window_s > FIRST_WINDOW_S:
-            (flt.x, flt.P), window_s = before, max(0.5 * window_s, FIRST_WINDOW_S)
+        if not linear and window_s > least_s:
+            (flt.x, flt.P), window_s = before, max(0.5 * window_s, least_s)
             continue
-        window_s = min(2.0 * window_s, WINDOW_S) if linear else window_s
+        if linear:
+            window_s = min(2.0 * window_s, WINDOW_S)
+        least_s = FIRST_WINDOW_S
         done = without_errors(about, x[1:], P[1:])
         if not LOWEST_M < done.place[-1, 2] < HIGHEST_M:
             rejected, measured = 1, 1
@@ -196,10 +203,17 @@ def _fed_back(imu: ImuSource, task: Task, end_s: float) -> tuple[Rows, NDArray, 
     return first, biases, rejected / max(measured, 1)
 
 
-def _window(imu: ImuSource, task: Task, state: NavState, biases: NDArray, until_s: float) -> About:
-    """From a state on, by the increments alone."""
+def _window(
+    imu: ImuSource, task: Task, state: NavState, biases: NDArray, until_s: float
+) -> About | None:
+    """From a state on, by the increments alone; None where there are none."""
     log = less(imu.between(state.time_s - MARGIN_S, until_s + MARGIN_S), biases)
-    nav = navigate(log.between(-np.inf, until_s + 1e-6), state, epoch_s=1.0)
+    log_there = log.between(-np.inf, until_s + 1e-6)
+    if log_there.end_s <= state.time_s + 1e-6:
+        return None
+    nav = navigate(log_there, state, epoch_s=1.0)
+    if nav.time_s.size < 2:
+        return None
     place = np.column_stack([nav.lat_rad, nav.lon_rad, nav.height_m])
     variance = np.full((nav.time_s.size, 3), task.noise.vrw**2)
     rows = Rows(nav.time_s, place, nav.v_n_m_s, nav.C_nb, variance)

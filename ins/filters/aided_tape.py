@@ -10,7 +10,8 @@ Decision: docs/decisions/0077-scale-states.md.
 Decision: docs/decisions/0081-gate-for-wild-fixes.md.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -263,43 +264,110 @@ def _measure_wheels(tape: Tape, task: Task, about: About, stands: NDArray) -> No
 
 
 def _measure_fixes(tape: Tape, task: Task, about: About) -> Laid:
-    """Positions and velocities, where a fix has them, and what a filter does that is lost."""
-    fixes, antenna, ref = task.fixes, task.antenna, about.reference
+    """Positions and velocities, and what a filter does that is lost."""
+    antenna = task.antenna
     arm = at_antenna.Antenna(antenna.lever_arm_m)
-    steps = np.flatnonzero(ref.fix >= 0)
-    k = ref.fix[steps]
-    placed, moves = (np.isfinite(rows[k]).all(axis=1) for rows in (fixes.r_e_m, fixes.v_n_m_s))
-    other = fixes.other_type[k]
-    numbers, first = [], []
-    for slow, of_type in ((SLOW_POSITION, placed & ~other), (SLOW_OTHER, placed & other)):
+    states = fix.ReceiverStates(
+        arm=ANTENNA[:3],
+        delay=ANTENNA[3:4],
+        velocity_delay=ANTENNA[4:],
+        slow_position=SLOW_POSITION,
+        slow_velocity=SLOW_VELOCITY,
+    )
+    delays = antenna.delay_s, antenna.velocity_delay_s
+    receiver = Receiver(antenna=arm, delays_s=delays, states=states, slow_other=SLOW_OTHER)
+    numbers, rows = measure_fixes(tape, about, task.fixes, receiver)
+    steps = np.flatnonzero(about.reference.fix >= 0)
+    k = about.reference.fix[steps]
+    moves = np.isfinite(task.fixes.v_n_m_s[k]).all(axis=1)
+    for slow, of_type in zip((SLOW_POSITION, SLOW_OTHER), _placed_by_type(task.fixes, k)):
+        tape.renew(steps[of_type & moves], slow, 2, task.options.reset_s)
+        tape.renew(steps[of_type & ~moves], slow, 1, task.options.reset_s)
+    return Laid(tape, numbers, rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Receiver:
+    """What a receiver may have wrong, and how its fixes are measured.
+
+    Parameters
+    ----------
+    antenna : Antenna
+        As the fixes are compared with it.
+    delays_s : (float, float)
+        By which positions and velocities are older than their stamps.
+    states : ReceiverStates
+    slow_other : sequence of int
+        States of the slow error of positions of the other type.
+    names : (str, str)
+        Of the measurements of position and velocity.
+    gate : float
+        In sigmas.
+    swing_share : float
+        Sigma of a velocity over what turning adds to it.
+    """
+
+    antenna: at_antenna.Antenna
+    delays_s: tuple[float, float]
+    states: fix.ReceiverStates
+    slow_other: Sequence[int]
+    names: tuple[str, str] = (POSITION, VELOCITY)
+    gate: float = GATE_SIGMA
+    swing_share: float = 0.0
+
+
+def measure_fixes(
+    tape: Tape, about: About, fixes: Fixes, receiver: Receiver
+) -> tuple[tuple[NDArray, NDArray], tuple[NDArray, NDArray]]:
+    """Positions and velocities of the fixes at which steps end, where a fix has them.
+
+    Parameters
+    ----------
+    tape : Tape
+    about : About
+    fixes : Fixes
+    receiver : Receiver
+
+    Returns
+    -------
+    numbers, rows : (ndarray, ndarray), (ndarray, ndarray)
+        Of positions and of velocities: the fixes (m,), and the first row of each (m,).
+    """
+    arm, (delay_s, velocity_delay_s) = receiver.antenna, receiver.delays_s
+    steps = np.flatnonzero(about.reference.fix >= 0)
+    k = about.reference.fix[steps]
+    none = np.zeros(0, dtype=np.int64)
+    numbers, first = [none], [none]
+    own = receiver.states, replace(receiver.states, slow_position=receiver.slow_other)
+    for of_states, of_type in zip(own, _placed_by_type(fixes, k)):
         at, of = steps[of_type], k[of_type]
         if not at.size:
             continue
-        states = fix.ReceiverStates(arm=ANTENNA[:3], delay=ANTENNA[3:4], slow_position=slow)
-        motion = about.motion(at, arm.arm_m, fixes.time_s[of] - antenna.delay_s)
+        motion = about.motion(at, arm.arm_m, fixes.time_s[of] - delay_s)
         places = geodetic_from_ecef(fixes.r_e_m[of])
-        z, rows = fix.position(motion, arm, places, states, level=False)
+        z, rows = fix.position(motion, arm, places, of_states, level=False)
         numbers.append(of)
         first.append(tape.rows + 3 * np.arange(of.size))
         variance = fixes.sigma_position_m[of].T ** 2
-        tape.measure(POSITION, at, z, rows, list(variance), gate=GATE_SIGMA)
+        tape.measure(receiver.names[0], at, z, rows, list(variance), gate=receiver.gate)
+    moves = np.isfinite(fixes.v_n_m_s[k]).all(axis=1)
     at, of = steps[moves], k[moves]
-    states = fix.ReceiverStates(
-        arm=ANTENNA[:3], velocity_delay=ANTENNA[4:], slow_velocity=SLOW_VELOCITY
+    motion = about.motion(at, arm.arm_m, fixes.time_s[of] - velocity_delay_s)
+    swing = motion.swing_n(arm.arm_m)
+    about_n = about.reference.travels_n[at] + swing
+    z, rows = fix.velocity(
+        motion, arm, fixes.v_n_m_s[of], receiver.states, about_n=about_n, level=False
     )
-    motion = about.motion(at, arm.arm_m, fixes.time_s[of] - antenna.velocity_delay_s)
-    about_n = ref.travels_n[at] + motion.swing_n(arm.arm_m)
-    z, rows = fix.velocity(motion, arm, fixes.v_n_m_s[of], states, about_n=about_n, level=False)
     of_velocity = tape.rows + 3 * np.arange(of.size)
-    variance = fixes.sigma_velocity_m_s[of].T ** 2
-    tape.measure(VELOCITY, at, z, rows, list(variance), gate=GATE_SIGMA)
-    for slow, of_type in ((SLOW_POSITION, placed & ~other), (SLOW_OTHER, placed & other)):
-        tape.renew(steps[of_type & moves], slow, 2, task.options.reset_s)
-        tape.renew(steps[of_type & ~moves], slow, 1, task.options.reset_s)
-    none = np.zeros(0, dtype=np.int64)
-    return Laid(
-        tape, (np.concatenate([none, *numbers]), of), (np.concatenate([none, *first]), of_velocity)
-    )
+    variance = fixes.sigma_velocity_m_s[of].T ** 2 + (receiver.swing_share * swing.T) ** 2
+    tape.measure(receiver.names[1], at, z, rows, list(variance), gate=receiver.gate)
+    return (np.concatenate(numbers), of), (np.concatenate(first), of_velocity)
+
+
+def _placed_by_type(fixes: Fixes, k: NDArray) -> tuple[NDArray, NDArray]:
+    """Which of fixes k (m,) have a position, of the one type and of the other."""
+    placed, other = np.isfinite(fixes.r_e_m[k]).all(axis=1), fixes.other_type[k]
+    return placed & ~other, placed & other
 
 
 def checked_covariance(P: NDArray, size: int, name: str) -> NDArray:
