@@ -425,6 +425,7 @@ def renew(
     after_s,
     clock_s,
     lost,
+    leapt,
     v,
     outcome,
     normalised,
@@ -439,8 +440,8 @@ def renew(
     row names the states of the position's slow error. Where the velocity fits, the positions leapt:
     either those before or those from now on are off, and position and slow error take what was
     seen, both alike. Else velocity and position are known no better than they were seen to be off.
-    lost (2,): seconds between refused positions, and when the last one was (0: none). Returns what
-    became of it.
+    lost (2,): seconds between refused positions, and when the last one was (0: none); leapt (n,):
+    variance that keeps slow errors as large for their time constant. Returns what became of it.
     """
     count = ops[m, 1]
     first = ops[m - count, 2]
@@ -459,8 +460,10 @@ def renew(
         count = 1
         for i in range(3):
             seen = alone[first + i, 0]
-            for c in (place[POS + i], index[first_entry[ops[m, 2]] + i]):
-                P[c, c] += seen * seen
+            slow = index[first_entry[ops[m, 2]] + i]
+            P[place[POS + i], place[POS + i]] += seen * seen
+            P[slow, slow] += seen * seen
+            leapt[slow] = max(leapt[slow], seen * seen)
     else:
         for i in range(6):
             c = place[W + i]
@@ -600,7 +603,7 @@ def sweep(
     driven, G = np.zeros(n, np.int64), np.zeros((CORE, n))
     T, block, v = np.zeros((CORE, n)), np.zeros((CORE, CORE)), np.zeros(n)
     step = np.empty(STEP_COLUMNS)
-    clock_s, lost, written = 0.0, np.zeros(2), 0
+    clock_s, lost, leapt, written = 0.0, np.zeros(2), np.zeros(n), 0
     for m in range(ops.shape[0]):
         kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
         outcome[m] = USED
@@ -674,6 +677,7 @@ def sweep(
                 gate[m],
                 clock_s,
                 lost,
+                leapt,
                 v,
                 outcome,
                 normalised,
@@ -690,9 +694,12 @@ def sweep(
                     P_rows[written, i, j] = P[recorded[i], recorded[j]]
             written += 1
         else:
-            assign(
-                x, P, which, first_entry[first], first_entry[first + 1], index, value, R[first], v
-            )
+            added = R[first]
+            if leapt[which] > 0.0:  # an error that fades: what a leap made it goes on for as long
+                kept = value[first_entry[first]]
+                added += leapt[which] * (1.0 - kept * kept)
+                leapt[which] *= kept * kept
+            assign(x, P, which, first_entry[first], first_entry[first + 1], index, value, added, v)
         if (kind == ADVANCE or kind == MEASURE) and now_bin < bins.shape[0]:
             for k in range(3):
                 b = bins[now_bin, k]

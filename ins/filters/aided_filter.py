@@ -22,7 +22,7 @@ from ins.estimation.measurements.antenna import RowSums
 from ins.estimation.states import BASE, POS, THETA, W
 from ins.estimation.tape import LEAPT, MEASURE, REFUSED, RENEW, RENEWED, USED
 from ins.filters import aided_records as records
-from ins.filters.aided_records import AidedHistory, AidedNoise
+from ins.filters.aided_records import AidedHistory, AidedNoise, Fixes
 from ins.filters.aided_tape import (
     ANTENNA,
     GATE_NIS,
@@ -39,6 +39,7 @@ from ins.filters.reference import SHAKEN_S, About, Rows, less, reference
 from ins.filters.states import AIDED_GYRO, AIDED_MOTION, AIDED_POS, AIDED_THETA, AIDED_VEL
 from ins.records import ImuSource, InputError, NavState, Site
 from ins.strapdown.mechanization import navigate
+from ins.strapdown.start import check_rows
 
 LOST_SHARE, LOST_M, LOST_M_S = 0.5, 100.0, 10.0  # of a window's measurements; P is widened by
 POSITION_STATES, VELOCITY_STATES = range(POS.start, POS.start + 3), range(W.start, W.start + 3)
@@ -60,6 +61,10 @@ ROW_FIELDS = (
 # again in halves
 FIRST_WINDOW_S, WINDOW_S = 1.0, 16.0
 NONLINEAR = 0.2  # of a tilt's sigma: its square over two adds 2 % to it (sqrt(1 + 0.2^2))
+LEAST_SIGMA = 0.01  # of fixes, m or m/s
+# of an antenna that is free: flights, each linearised about what the last one found; what it may
+# still be off, m and s: 0.01 s at a change of 3 m/s^2 is a velocity's sigma
+ANTENNA_PASSES, SETTLED = 3, np.array([0.3, 0.3, 0.3, 0.01, 0.01])
 MARGIN_S = 2.0  # of log before and after a window: a fix may be older than its time
 # of a reference: nothing of it counts, so it follows the fixes whatever the sensors do
 LOUDER, WIDEST_WALK = (8.0, 64.0, 512.0, 4096.0), 32.0
@@ -91,6 +96,12 @@ def solved(about: About, task: Task, *, smooth: bool = False) -> AidedHistory:
     if smooth:
         task = replace(task, antenna=replace(task.antenna, estimated=True))
     whole = _with_start(about, task, smooth=smooth)
+    free = task.antenna.estimated and task.antenna.covariance.any()
+    for _ in range(ANTENNA_PASSES if free else 0):
+        if (np.abs(whole.antenna.values - task.linearised.values) < SETTLED).all():
+            break
+        task = replace(task, near=whole.antenna)
+        whole = _with_start(about, task, smooth=smooth)
     columns = {k: v[1:] for k, v in vars(whole).items() if k in ROW_FIELDS}
     return replace(whole, **columns)
 
@@ -112,11 +123,15 @@ def first_about(imu: ImuSource, task: Task, end_s: float = np.inf) -> About:
     Raises
     ------
     InputError
-        Where the log ends within a second of the start.
+        Where the log ends within a second of the start, or a row is not finite.
     """
+    rows = 0
+    for piece in imu.pieces():
+        check_rows(piece, 0, rows)
+        rows += piece.rows
     given, best = task, (None, None, np.inf)
     for louder in LOUDER:
-        tried = replace(task, noise=_louder(task, louder))
+        tried = replace(task, noise=_louder(task, louder), fixes=_no_sharper(task.fixes))
         found = _fed_back(imu, tried, min(end_s, imu.end_s))
         if found[2] > LESS_REJECTED * best[2]:
             break  # what is rejected is wild, whatever the sensors do
@@ -134,6 +149,15 @@ def first_about(imu: ImuSource, task: Task, end_s: float = np.inf) -> About:
 def _mean_biases(history: AidedHistory) -> NDArray:
     return np.concatenate(
         [history.gyro_bias_rad_s.mean(axis=0), history.accel_bias_m_s2.mean(axis=0)]
+    )
+
+
+def _no_sharper(fixes: Fixes) -> Fixes:
+    """The same fixes with sigmas of a centimetre at least: a reference needs no better ones."""
+    return replace(
+        fixes,
+        sigma_position_m=np.maximum(fixes.sigma_position_m, LEAST_SIGMA),
+        sigma_velocity_m_s=np.maximum(fixes.sigma_velocity_m_s, LEAST_SIGMA),
     )
 
 
@@ -274,8 +298,7 @@ def _with_start(about: About, task: Task, *, smooth: bool) -> AidedHistory:
     rows, P = without_errors(about, x, P), to_dv @ P @ np.swapaxes(to_dv, 1, 2)
     biases = about.taken_off + x[:, AIDED_GYRO.start :]
     lat, lon, height = rows.place.T
-    antenna, tally = task.antenna, flt.tally
-    arm_m, (delay_s, velocity_delay_s) = flt.x[ANTENNA[:3]], flt.x[ANTENNA[3:]]
+    tally, antenna = flt.tally, task.linearised.values + flt.x[np.array(ANTENNA)]
     rolled = found.counted(ROLL)
     shaking = about.shaking[about.reference.end_s > rows.time_s[0] + 2.0 * SHAKEN_S]
     return AidedHistory(
@@ -296,10 +319,10 @@ def _with_start(about: About, task: Task, *, smooth: bool) -> AidedHistory:
         stand_dof=tally.dof.get(STAND, 0),
         rolled=rolled,
         antenna=replace(
-            antenna,
-            lever_arm_m=antenna.lever_arm_m + arm_m,
-            delay_s=antenna.delay_s + float(delay_s),
-            velocity_delay_s=antenna.velocity_delay_s + float(velocity_delay_s),
+            task.antenna,
+            lever_arm_m=antenna[:3],
+            delay_s=float(antenna[3]),
+            velocity_delay_s=float(antenna[4]),
             covariance=flt.P[np.ix_(ANTENNA, ANTENNA)],
         ),
         scales=flt.x[SCALES],

@@ -42,7 +42,7 @@ class AidedNoise:
     stirred : float
         How far the accelerometers' biases go with the shaking, which is the root mean square of the
         changes of the specific force from row to row (of white noise: its sigma): where that jumps,
-        each bias moves by a draw of stirred times the jump (`About.shaken_by`).
+        each bias moves by a draw of stirred times the jump (`About.stirs`).
         Where it is above 0, the shaking is white noise of the accelerometers beside vrw. 0:
         neither.
     """
@@ -106,6 +106,16 @@ class Antenna:
     velocity_delay_s: float = 0.0
     covariance: NDArray = field(default_factory=lambda: np.zeros((5, 5)))
     estimated: bool = False
+
+    @property
+    def values(self) -> NDArray:
+        """Lever arm and delays.
+
+        Returns
+        -------
+        values : ndarray, shape (5,) [m], [s]
+        """
+        return np.array([*self.lever_arm_m, self.delay_s, self.velocity_delay_s], dtype=float)
 
     def later(self, seconds: float) -> "Antenna":
         """The same antenna, both delays longer.

@@ -26,7 +26,7 @@ from ins.estimation.measurements import fix
 from ins.estimation.states import ACCEL, ACCEL_Z, BASE, POS, THETA, W
 from ins.estimation.tape import Tape
 from ins.filters.aided_records import AidedNoise, AidedOptions, AidedStart, Antenna, Fixes
-from ins.filters.reference import SHAKEN_S, About
+from ins.filters.reference import About
 from ins.records import InputError, frozen_array
 from ins.robust import chi2
 
@@ -58,9 +58,6 @@ GATE_SIGMA = float(np.sqrt(chi2.isf(REJECT_PROBABILITY / 3.0, 1)))
 TURNS_SIGMAS = 4.0
 # of the trace: how negative an eigenvalue of a covariance may be; a file of ten digits has 1e-10
 ROUNDING = 1e-9
-# integral of the squared difference of the shaking and its mean over SHAKEN_S after a jump from 0
-# to 1, over SHAKEN_S: of sqrt(1 - exp(-u)) less its exponential mean, by numbers
-OF_A_JUMP = 0.2954
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +72,8 @@ class Task:
     antenna : Antenna
         Where and when the fixes are measured.
     options : AidedOptions
+    near : Antenna, optional
+        What its errors are linearised about; the antenna itself by default.
     """
 
     start: AidedStart
@@ -82,6 +81,12 @@ class Task:
     fixes: Fixes
     antenna: Antenna
     options: AidedOptions
+    near: Antenna | None = None
+
+    @property
+    def linearised(self) -> Antenna:
+        """What the antenna's errors are linearised about."""
+        return self.antenna if self.near is None else self.near
 
     @property
     def receiver(self) -> tuple[tuple[range, tuple[float, ...], float], ...]:
@@ -153,6 +158,7 @@ def aided_filter(task: Task, about: About) -> ErrorFilter:
         flt.P[states, states] = np.square(sigmas)
     antenna = checked_covariance(task.antenna.covariance, len(ANTENNA), "Antenna.covariance")
     flt.P[np.ix_(ANTENNA, ANTENNA)] = antenna
+    flt.x[np.array(ANTENNA)] = task.antenna.values - task.linearised.values
     if not task.antenna.estimated:
         flt.considered_from = ANTENNA.start
     return flt
@@ -208,7 +214,7 @@ def _come_and_go(tape: Tape, task: Task, about: About) -> None:
         for state in DEFLECTION:
             tape.assign(moves, state, {state: kept}, noise.deflection_rad**2 * (1.0 - kept**2))
     if noise.stirred > 0.0:
-        added = (noise.stirred * about.shaken_by()) ** 2 * dt / (OF_A_JUMP * SHAKEN_S)
+        added = noise.stirred**2 * about.stirs
         for state in ACCELEROMETERS:
             tape.widen(moves, state, added[moves])
 
@@ -265,7 +271,7 @@ def _measure_wheels(tape: Tape, task: Task, about: About, stands: NDArray) -> No
 
 def _measure_fixes(tape: Tape, task: Task, about: About) -> Laid:
     """Positions and velocities, and what a filter does that is lost."""
-    antenna = task.antenna
+    antenna = task.linearised
     arm = at_antenna.Antenna(antenna.lever_arm_m)
     states = fix.ReceiverStates(
         arm=ANTENNA[:3],

@@ -44,6 +44,9 @@ SLOW_ROWS = 30.0  # sigma of the mean of the slow part; chosen: of noise 1 % is 
 BEFORE_S = 0.2  # in which a row before ends; a log of fewer rows a second begins without its coning
 UNIT_MATRIX = np.eye(3)
 SHAKEN_S = 2.0  # chosen: of 100 rows at 50 Hz the shaking is known to 7 %
+# integral of the squared difference of the shaking and its mean over SHAKEN_S after a jump from 0
+# to 1, over SHAKEN_S: of sqrt(1 - exp(-u)) less its exponential mean, by numbers
+OF_A_JUMP = 0.2954
 Columns = TypeVar("Columns", "Reference", "_Increments", Epoch)
 
 
@@ -180,22 +183,39 @@ class About:
         return _shift(true, np.array([0]), first, self.reference.travels_n[:1])[0]
 
     @cached_property
-    def shaking(self) -> NDArray:
-        """Root mean square (K,) of what the specific force changes by from row to row, over
-        SHAKEN_S before the end of each step: of white noise its sigma [m/s^2]; a third of the
-        squares of three components, half of it each row's.
+    def _shaken(self) -> tuple[NDArray, NDArray]:
+        """Shaking (K,) at the ends of the steps, and the integral (K,) of the square of what it is
+        off its mean over SHAKEN_S, over each step.
         """
-        squares, times, last = [np.zeros(1)], [np.zeros(1)], None
+        squares, times, last = [], [], None
         for piece in self.imu.pieces():
             force = piece.dv_m_s / piece.dt_s[:, None]
             change = np.diff(force, axis=0, prepend=force[:1] if last is None else last)
             squares.append(np.sum(change**2, axis=1) / 6.0)
             times.append(piece.time_s)
             last = force[-1:]
-        t, each = np.concatenate(times[1:]), np.concatenate(squares[1:])
-        share = min(float(np.median(np.diff(t))) / SHAKEN_S, 1.0)
-        mean, _ = lfilter([share], [1.0, share - 1.0], each[1:], zi=[(1.0 - share) * each[1]])
-        return np.sqrt(np.interp(self.reference.end_s, t[1:], mean))
+        t, each = np.concatenate(times), np.concatenate(squares)
+        each[0] = each[1]  # the first row has none before it
+        share = min(1.0 / (self.imu.rate_hz * SHAKEN_S), 1.0)
+
+        def lately(rows: NDArray) -> NDArray:
+            begin = [(1.0 - share) * rows[0]]
+            return np.asarray(lfilter([share], [1.0, share - 1.0], rows, zi=begin)[0])
+
+        shaking = np.sqrt(lately(each))
+        off = np.cumsum((shaking - lately(shaking)) ** 2) / self.imu.rate_hz
+        ends_s = self.reference.end_s
+        integral = np.diff(np.interp(ends_s, t, off), prepend=0.0)
+        integral[0] = 0.0
+        return np.interp(ends_s, t, shaking), integral
+
+    @property
+    def shaking(self) -> NDArray:
+        """Root mean square (K,) of what the specific force changes by from row to row, over
+        SHAKEN_S before the end of each step: of white noise its sigma [m/s^2]; a third of the
+        squares of three components, half of it each row's.
+        """
+        return self._shaken[0]
 
     def white(self, stirred: float) -> NDArray | None:
         """Variance (K,) that the shaking adds to the velocity where biases go with it."""
@@ -203,14 +223,12 @@ class About:
             return None
         return self.shaking**2 * self.reference.dt_s / self.imu.rate_hz
 
-    def shaken_by(self) -> NDArray:
-        """How far the shaking (K,) is off its mean over SHAKEN_S at the end of each step."""
-        shaken, dt = self.shaking, self.reference.dt_s
-        lately, off = shaken[0], np.zeros(shaken.size)
-        for k, kept in enumerate(np.exp(-dt / SHAKEN_S)):
-            off[k] = shaken[k] - lately
-            lately = shaken[k] - off[k] * kept
-        return off
+    @property
+    def stirs(self) -> NDArray:
+        """Variance (K,) that a random walk gains over each step which goes as far as the shaking
+        jumps, however long the steps are.
+        """
+        return self._shaken[1] / (OF_A_JUMP * SHAKEN_S)
 
 
 def less(imu: ImuLog, biases: NDArray) -> ImuLog:
