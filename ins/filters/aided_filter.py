@@ -162,13 +162,15 @@ def _no_sharper(fixes: Fixes) -> Fixes:
 
 
 def _louder(task: Task, times: float) -> AidedNoise:
-    """The noise of a task with that of the sensors so many times as large."""
+    """The noise of a task with that of the accelerometers so many times as large: what shakes them
+    turns the gyros little, and they keep the attitude.
+    """
     noise, walk = task.noise, min(times, WIDEST_WALK)
     return replace(
         noise,
-        arw=times * noise.arw,
+        arw=LOUDER[0] * noise.arw,
         vrw=times * noise.vrw,
-        gyro_walk=walk * noise.gyro_walk,
+        gyro_walk=LOUDER[0] * noise.gyro_walk,
         accel_walk=walk * noise.accel_walk,
     )
 
