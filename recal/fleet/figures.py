@@ -75,7 +75,7 @@ def ranking_panel(document: FleetReport) -> Panel | None:
         items.append(Marks(rank_of_step, cut, "s", ORANGE, "a step against its table", size=4.5))
     highest = max([float((nm_h + sigma).max()), *(size for _, size in steps)])
     last = float(rank.max()) + 1.0
-    named = [(float(u.rank), u.imu_serial) for u in document.units if u.drift]
+    named = [(float(u.rank or 0), u.imu_serial) for u in document.units if u.drift]
     few = len(named) <= MOST_SERIALS
     return Panel(
         items=items,
