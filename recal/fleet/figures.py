@@ -36,6 +36,8 @@ OUTCOME_COLOURS = {
     FleetOutcome.CRASHED: "#000000",
 }
 FEW_LABELS = 6.0  # along the axis of a count; chosen: 6 have room beside each other
+# units whose serials find room below the axis: turned, and level on a phone (390 px)
+MOST_SERIALS, MOST_LEVEL = 25, 3
 HIGHEST = 2.2  # times the 90th percentile: above it the ranking's axis is cut
 STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 
@@ -73,10 +75,14 @@ def ranking_panel(document: FleetReport) -> Panel | None:
         items.append(Marks(rank_of_step, cut, "s", ORANGE, "a step against its table", size=4.5))
     highest = max([float((nm_h + sigma).max()), *(size for _, size in steps)])
     last = float(rank.max()) + 1.0
+    named = [(float(u.rank or 0), u.imu_serial) for u in document.units if u.drift]
+    few = len(named) <= MOST_SERIALS
     return Panel(
         items=items,
         label=f"Predicted drift of {len(drifts)} units in NM/h, largest first, with sigma",
-        x_label="rank",
+        x_label="unit" if few else "rank",
+        x_ticks=named if few else None,
+        upright=few and len(named) > MOST_LEVEL,
         y_label="[NM/h]",
         x_limits=(0.0, last),
         x_step=whole_step(last),

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -298,3 +299,13 @@ def test_all_errors_are_collected(path):
     assert len(inspect_run(path).errors) == 5
     with pytest.raises(InputError, match=r"and 4 more: recal check lists all"):
         read_run(path)
+
+
+def test_an_error_names_a_folder_whose_name_is_a_word_of_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    csv_run(Path("row"))
+    lines = Path("row/imu.csv").read_text().splitlines()
+    lines[3] = ",".join([lines[3].split(",")[0], *("" for _ in lines[3].split(",")[1:])])
+    Path("row/imu.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"^row: imu\.csv"):
+        read_run(Path("row"))

@@ -251,7 +251,8 @@ def write_run(
 
 
 def _within(path: Path, text: str) -> str:
-    return text if str(path) in text else f"{path}: {text}"
+    named = text.startswith((f"{path}:", f"{path}{os.sep}")) or text.endswith(f" in {path}")
+    return text if named else f"{path}: {text}"
 
 
 def _read_header(path: Path, findings: Findings) -> tuple[RunHeader | None, bool]:

@@ -140,6 +140,7 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
     result, fit = study.result, study.result.fit
     shown = result.verdict is not MisalignmentVerdict.REFUSED or fit is not None
     gyro = corrected_twin(study).gyro
+    notes = [note for note in study.notes if note not in result.reasons]
     return MisalignmentDocument(
         verdict=result.verdict,
         reasons=sentences(result.reasons),
@@ -167,8 +168,8 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
             entry: sigma or None for entry, sigma in zip(ENTRIES, gyro.sigma_misalignment_mrad)
         },
         prior_mrad=study.settings.prior_mrad,
-        notes=sentences(study.notes),
-        note_codes=codes(study.notes),
+        notes=sentences(notes),
+        note_codes=codes(notes),
     )
 
 
