@@ -20,9 +20,11 @@ LogDensity = Callable[[NDArray], NDArray]
 # of the first draws: from the curvature, and along the ridge of each parameter
 FIRST_DRAWS, RIDGE_DRAWS = 150, 30
 TAIL_FREEDOM = 5.0  # degrees of freedom of the first draws: 5 have heavier tails than a normal one
-ROUND_DRAWS = 150  # asked in a round that mends the fit
+ROUND_DRAWS = 150  # asked in a round that mends the fit; 150 a round of 8 are 1,200 fits at most
 UNUSED_ROUNDS, MOST_ROUNDS = 1, 8  # the first of 8 is not counted
-GOOD_ROUND = 0.4  # effective draws of those asked: from here on the fit is good enough
+GOOD_ROUND = (
+    0.4  # effective draws of those asked; from 0.4 on a round more gains less than it costs
+)
 FINAL_DRAWS, MOST_FINAL = 600, 2  # asked in a round on the last fit, and so many rounds
 # equal draws: four beyond each end of a 95 % interval, and so many that a median is known to
 # MEDIAN_SIGMA, of which a normal distribution has 1.25 sigma / sqrt(draws)

@@ -39,7 +39,7 @@ VALUE_ORDER, CURVATURE_ORDER = 2, 3
 PENALTY_STEPS = np.arange(
     -3.0, 2.51, 0.5
 )  # log10 of a difference over the smallest sigma: what is tried
-FLAT = 1e-13  # relative precision added so that a null space of the penalty has a factor
+FLAT = 1e-13  # relative, so that a null space of the penalty has a factor: 1e3 times rounding
 # what no smooth curve follows: bins of its values, and over how much they go together; ripples of
 # 3 to 12 degC are within it (power a frequency at 3 degC: 30 % of that at 12), and splines 3 degC
 # apart follow longer ones

@@ -11,7 +11,7 @@ from recal.service.results.overwrite import Peeked
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.readers.conversion import Conversion, convert_log, file_sha256
-from trajectories.readers.rows.column_map import MapError, without_placeholders
+from trajectories.readers.rows.column_map import LogOptions, MapError, without_placeholders
 from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
@@ -141,7 +141,7 @@ def map_keys(
     given = {} if map_file is None else read_toml(Path(map_file))
     given |= {key: value for key, value in (options or {}).items() if value is not None}
     with map_errors(map_file):
-        given = without_placeholders(given, header or {})
+        given = dict(without_placeholders(LogOptions(given), header or {}).keys)
     return given if gnss is None else with_gnss_file(given, Path(gnss))
 
 

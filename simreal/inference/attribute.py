@@ -39,8 +39,8 @@ from simreal.inference.scoring import Scorer, fit
 from simreal.inference.tails import tail_quantile
 
 MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap.md) plant up to 2
-# chosen: a unit of another grade than its twin's needs a white and a slow noise on each of six
-# sensors (the Calgary log needs nine)
+# chosen: a unit of another grade than its twin's needs a white and a slow noise on each of 6
+# sensors (the Calgary log needs 9)
 MOST_NOISES = 12
 REPLICATES = 300
 SWEEPS = 3

@@ -21,6 +21,7 @@ from simreal.inference.noise_hypotheses import Squares
 from simreal.inference.tails import tail_probability
 from simreal.inference.verdict import Looks
 
+# of the indices of the slow rows: each twice as quick as the one before, up to those of 4096
 OCTAVES = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
 BAND_WINDOW_S = 600.0
 

@@ -20,7 +20,7 @@ from simreal.inference.scoring import fit
 # of the expected squares within ten seconds, and over those of the ten-second means: a calm
 # vehicle's are within 1.1, a ground cart's 12 (docs/environments.md)
 ROCKS, QUICKER = 1.5, 1.3
-SHIP = 100.0  # of the squares of slow rows: a swell is as slow as they are
+SHIP = 100.0  # of the squares of slow rows: a swell is as slow as they are (10 s)
 LOUD_SIGMA = 5.0  # of a sum of squares: 1e-6 of quiet ones lie beyond
 NAMED_FIRST = 2  # effects that may explain a tilt; what people do takes more
 

@@ -45,6 +45,7 @@ RUN_OPTIONS = {
 NEXT_TO_NOTHING = ("lon_deg", "height_m")
 OF_LATITUDE = ("sigma_lat_deg", "lat_source")
 SITE_KEYS = ("lat_deg", "lon_deg", "height_m", *OF_LATITUDE)
+NO_OPTIONS = LogOptions()
 MANY_LOST = 0.01  # of all rows; chosen: a dropout now and then costs less than 1 %
 # What a note may be about that says why a key of the header is missing.
 TELLING = {"": About.DAMAGE, "lat_deg": About.FIXES, "start_utc": About.DATE}
@@ -74,7 +75,7 @@ def convert_log(
     """
     path = Path(path)
     name, log = read_log(path, LogOptions(options))
-    return conversion_of(path, name, log, given, keys=options)
+    return conversion_of(path, name, log, given, options=LogOptions(options))
 
 
 def _axes(given: Mapping[str, str] | None) -> tuple[str, ...]:
@@ -82,14 +83,14 @@ def _axes(given: Mapping[str, str] | None) -> tuple[str, ...]:
     return tuple(str(given.get(axis, axis)) if given else axis for axis in AXES)
 
 
-def _units(keys: Mapping[str, Any], rate_hz: float) -> dict[str, tuple[str, dict[str, float]]]:
+def _units(options: LogOptions, rate_hz: float) -> dict[str, tuple[str, dict[str, float]]]:
     """As of `CoSensors.units`, of a map with units; an increment counts by the rows a second."""
     found = {}
     for name, rates, increments in (
         ("gyro", GYRO_RATES, GYRO_INCREMENTS),
         ("accel", ACCEL_RATES, ACCEL_INCREMENTS),
     ):
-        part = keys.get(name)
+        part = options.keys.get(name)
         if isinstance(part, Mapping) and "unit" in part:
             per_second = {unit: factor * rate_hz for unit, factor in increments.items()}
             found[name] = (str(part["unit"]), rates | per_second)
@@ -102,10 +103,10 @@ def conversion_of(
     log: ConvertedLog,
     given: Mapping[str, str | float | None],
     *,
-    keys: Mapping[str, Any] | None = None,
+    options: LogOptions = NO_OPTIONS,
 ) -> Conversion:
-    """The run in a log that is read already; name: of its format, given: as of `convert_log`; keys:
-    of the map that it was read by.
+    """The run in a log that is read already; name: of its format, given: as of `convert_log`;
+    options: the map that it was read by.
     """
     findings, label = Findings(), path.name
     header, errors, unknown = header_from_json(
@@ -126,8 +127,8 @@ def conversion_of(
         beside=CoSensors(
             gnss=log.gnss,
             odometer=log.odometer,
-            axes=_axes((keys or {}).get("axes")),
-            units=_units(keys or {}, log.imu.rate_hz),
+            axes=_axes(options.keys.get("axes")),
+            units=_units(options, log.imu.rate_hz),
             accepted_scale=header.accepted_accel_scale,
             any_attitude=header.any_attitude,
         ),

@@ -90,7 +90,7 @@ def _taken(
     for one in assumed:
         if one.sigma is not None:
             values |= {f"sigma_{one.key}": one.sigma, "lat_source": LatitudeSource.GUESS.value}
-    conversion = conversion_of(log, name, read, {**header, **values}, keys=given)
+    conversion = conversion_of(log, name, read, {**header, **values}, options=LogOptions(given))
     write_run(folder, conversion.run, reference=conversion.reference, conversion=conversion.record)
     return partial(
         Opened,

@@ -14,6 +14,7 @@ from simreal.twin.fit.model import TriadEvidence
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.terms import NoiseTerm
 
+# chosen: a white floor over 8 times its lowest frequency, above the slow noise of 1 s and longer
 OCTAVES, LOWEST_HZ = 3, 1.0
 # of the power, from the lowest to the highest octave: flicker of a tenth of the white noise in the
 # first changes it by 0.07, a pole at twice the last by 0.2

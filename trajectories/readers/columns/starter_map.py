@@ -34,10 +34,10 @@ OF_GRAVITY = 0.05  # how far a mean force may be off it: MEMS have scales within
 OF_EARTH_RATE = 0.2  # likewise of the Earth's rate: 3 deg/h of bias
 BLOCK_S = 2.0  # of which the calmest are taken for rest
 CALM_SHARE = 0.2
-TURNS_AGREE = 0.7  # least correlation of gravity's turns with the rates
+TURNS_AGREE = 0.7  # least correlation of gravity's turns with the rates; noise alone has 0.1
 LEVEL = 0.9  # of gravity along one axis: a unit within 25 deg of it
 UNIX_S = (1.6e9, 2.5e9)  # September 2020 on; seconds of GPS time get there in 2030
-OFTEN_HZ = (10.0, 2000.0)
+OFTEN_HZ = (10.0, 2000.0)  # rates of loggers: what a run may have (formats.md)
 
 
 @dataclass(kw_only=True)
@@ -114,7 +114,7 @@ class _Guess:
         self._found.text = "\n".join(self._lines) + "\n"
         return self._found
 
-    def _table(self, key: str, values: Mapping[str, object], why: str) -> None:
+    def _table(self, key: str, values: Mapping[str, str | float | list[str]], why: str) -> None:
         self._lines += ["", f"# {why}", f"[{key}]"]
         self._lines += [f"{name} = {_toml(value)}" for name, value in values.items()]
         shown = values.get("columns", values.get("column", ""))
@@ -258,7 +258,7 @@ class _Guess:
             next((c for c in self._known if c.quantity == q), None)
             for q in ("lat", "lon", "height")
         ]
-        site: dict[str, object] = {"lat_deg": PLACEHOLDER, "lon_deg": 0.0, "height_m": 0.0}
+        site: dict[str, str | float] = {"lat_deg": PLACEHOLDER, "lon_deg": 0.0, "height_m": 0.0}
         positions = [c for c in place if c is not None]
         if len(positions) == 3:
             largest = float(np.nanmax(np.abs(self._columns[positions[0].name])))

@@ -12,7 +12,7 @@ from trajectories.runs.text_rows import text_parts
 
 SIGHTED_BYTES = 1 << 16  # of the text's beginning
 SIGHTED_ROWS = 20  # that have to agree
-FEWEST_NUMBERS = 6  # of a row: three rates and three forces
+FEWEST_NUMBERS = 6  # of a row: 3 rates and 3 forces
 SIGNS = (
     (";", ","),
     ("\t", ","),
@@ -92,7 +92,7 @@ def _layout(lines: Sequence[str], first: int, numbers: int, sign: str, decimal: 
     units = ("",) * len(row)
     if len(heads) == 2 and all(UNIT_LINE.fullmatch(unit) for unit in heads[1][1]):
         units = tuple(heads.pop()[1])
-    keys: dict[str, object] = (
+    keys: dict[str, str | int | list[str]] = (
         {"format": "csv", "delimiter": sign} if sign != " " else {"format": "text"}
     )
     if decimal != ".":

@@ -218,15 +218,17 @@ class LogOptions:
         return LogOptions({**others.keys, **self.keys})
 
 
-def without_placeholders(keys: Mapping[str, Any], header: Mapping[str, Any]) -> dict[str, Any]:
+def without_placeholders(
+    options: LogOptions, header: Mapping[str, str | float | None]
+) -> LogOptions:
     """A map without what `header` says in the place of a PLACEHOLDER of its [run].
 
     MapError names all that are left.
     """
     left: list[str] = []
 
-    def filled(part: Mapping[str, Any], where: str) -> dict[str, Any]:
-        kept: dict[str, Any] = {}
+    def filled(part: Any, where: str) -> Any:
+        kept = {}
         for key, value in part.items():
             is_run = where.startswith("run.")
             if isinstance(value, Mapping):
@@ -237,7 +239,7 @@ def without_placeholders(keys: Mapping[str, Any], header: Mapping[str, Any]) -> 
                 left.append(f"{where}{key}")
         return kept
 
-    found = filled(keys, "")
+    found = LogOptions(filled(options.keys, ""))
     if left:
         raise MapError(f'map: {", ".join(left)}: still "{PLACEHOLDER}", needed its value')
     return found
