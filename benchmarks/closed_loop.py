@@ -6,7 +6,6 @@ its level gyros at the temperatures of that update, its square over the variance
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +16,11 @@ from benchmarks.gap_trials.runs import NODES_DEGC
 from benchmarks.gap_trials.trial import draw_trial
 from benchmarks.study import Record, Work, table
 from infield.table.file import table_from_dict
-from ins.records import Run, TwinModel
+from infield.table.thermal_table import ThermalTable
+from ins.records import AxisDocument, Run, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
+from simreal.report.diagnosis_words import verdict_sentence
 from simreal.twin.write_back import twin_with_causes
 
 NAMES = (
@@ -36,12 +37,12 @@ SHAPE_DEGC = 30.0
 REPLICATES = 150
 
 
-def aged(found: dict[str, Any], seed: int) -> dict[str, Any]:
+def aged(found: TableDocument, seed: int) -> TableDocument:
     """The table before it aged, its sigma that of the ageing."""
     rng = np.random.default_rng([seed, 77])
     apart = (NODES_DEGC[:, None] - NODES_DEGC) / SHAPE_DEGC
     root = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-9 * np.eye(NODES_DEGC.size))
-    axes = {}
+    axes: dict[str, AxisDocument] = {}
     for axis, of in found["axes"].items():
         shift, shape = AGED_DEG_H
         change = shift * rng.standard_normal() + shape * root @ rng.standard_normal(len(root))
@@ -68,7 +69,7 @@ def unit(seed: int) -> Record:
     return {
         "planted": f"{made.truth[0].effect} on {made.truth[0].target}",
         "size": size,
-        "said": found.sentence,
+        "said": verdict_sentence(found),
         "written": [f"{e['effect']} on {e['target']}" for e in document["effects"]],
         "kept_out": [c.kept_out for c in found.causes],
         "as it was": _updated(last, made.twin, before, made.table),
@@ -77,9 +78,7 @@ def unit(seed: int) -> Record:
     }
 
 
-def _updated(
-    run: Run, twin: TwinModel, before: dict[str, Any], true: dict[str, Any]
-) -> list[float]:
+def _updated(run: Run, twin: TwinModel, before: TableDocument, true: TableDocument) -> list[float]:
     """RMS error after the update [deg/h], and squared error over variance, level gyros."""
     result = recal.update(run, table_from_dict(before, name="aged"), replace(twin, table=None))
     after = result.table
@@ -94,7 +93,7 @@ def _updated(
     return [float(np.sqrt(np.mean(np.square(errors)))), float(np.mean(ratios))]
 
 
-def _variance(after: Any, axis: str, T: NDArray) -> NDArray:
+def _variance(after: ThermalTable, axis: str, T: NDArray) -> NDArray:
     rows = after.basis("xyz".index(axis), T)
     return np.asarray(np.einsum("ij,jk,ik->i", rows, after.covariance, rows))
 
