@@ -6,6 +6,7 @@ its level gyros at the temperatures of that update, its square over the variance
 """
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from benchmarks.gap_trials.trial import draw_trial
 from benchmarks.study import Record, Work, table
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.json_file import JsonObject
 from ins.records import AxisDocument, Run, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
@@ -55,7 +57,8 @@ def aged(found: TableDocument, seed: int) -> TableDocument:
 def unit(seed: int) -> Record:
     """One unit's three updates."""
     made, size = scaled(draw_trial(seed, names=NAMES), SIZE)
-    before = aged(made.table, seed)
+    true = cast(TableDocument, made.table)
+    before = aged(true, seed)
     found = diagnose(
         made.runs[:3],
         made.twin,
@@ -64,7 +67,7 @@ def unit(seed: int) -> Record:
     )
     names = [view.name for view in found.views]
     document = twin_with_causes(made.twin, found.causes, names, with_table=False)
-    twin = twin_from_dict(document, source="diagnosis", name="twin")
+    twin = twin_from_dict(cast(JsonObject, document), source="diagnosis", name="twin")
     last, without = made.runs[3], made.runs_without[3]
     return {
         "planted": f"{made.truth[0].effect} on {made.truth[0].target}",
@@ -72,9 +75,9 @@ def unit(seed: int) -> Record:
         "said": verdict_sentence(found),
         "written": [f"{e['effect']} on {e['target']}" for e in document["effects"]],
         "kept_out": [c.kept_out for c in found.causes],
-        "as it was": _updated(last, made.twin, before, made.table),
-        "with what was found": _updated(last, twin, before, made.table),
-        "without the effect": _updated(without, made.twin, before, made.table),
+        "as it was": _updated(last, made.twin, before, true),
+        "with what was found": _updated(last, twin, before, true),
+        "without the effect": _updated(without, made.twin, before, true),
     }
 
 
