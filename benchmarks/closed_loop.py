@@ -6,7 +6,7 @@ its level gyros at the temperatures of that update, its square over the variance
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,12 @@ from benchmarks.gap_trials.runs import NODES_DEGC
 from benchmarks.gap_trials.trial import draw_trial
 from benchmarks.study import Record, Work, table
 from infield.table.file import table_from_dict
-from ins.records import Run, TwinModel
+from infield.table.thermal_table import ThermalTable
+from ins.json_file import JsonObject
+from ins.records import AxisDocument, Run, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
+from simreal.report.diagnosis_words import verdict_sentence
 from simreal.twin.write_back import twin_with_causes
 
 NAMES = (
@@ -36,12 +39,12 @@ SHAPE_DEGC = 30.0
 REPLICATES = 150
 
 
-def aged(found: dict[str, Any], seed: int) -> dict[str, Any]:
+def aged(found: TableDocument, seed: int) -> TableDocument:
     """The table before it aged, its sigma that of the ageing."""
     rng = np.random.default_rng([seed, 77])
     apart = (NODES_DEGC[:, None] - NODES_DEGC) / SHAPE_DEGC
     root = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-9 * np.eye(NODES_DEGC.size))
-    axes = {}
+    axes: dict[str, AxisDocument] = {}
     for axis, of in found["axes"].items():
         shift, shape = AGED_DEG_H
         change = shift * rng.standard_normal() + shape * root @ rng.standard_normal(len(root))
@@ -54,7 +57,8 @@ def aged(found: dict[str, Any], seed: int) -> dict[str, Any]:
 def unit(seed: int) -> Record:
     """One unit's three updates."""
     made, size = scaled(draw_trial(seed, names=NAMES), SIZE)
-    before = aged(made.table, seed)
+    true = cast(TableDocument, made.table)
+    before = aged(true, seed)
     found = diagnose(
         made.runs[:3],
         made.twin,
@@ -63,23 +67,21 @@ def unit(seed: int) -> Record:
     )
     names = [view.name for view in found.views]
     document = twin_with_causes(made.twin, found.causes, names, with_table=False)
-    twin = twin_from_dict(document, source="diagnosis", name="twin")
+    twin = twin_from_dict(cast(JsonObject, document), source="diagnosis", name="twin")
     last, without = made.runs[3], made.runs_without[3]
     return {
         "planted": f"{made.truth[0].effect} on {made.truth[0].target}",
         "size": size,
-        "said": found.sentence,
+        "said": verdict_sentence(found),
         "written": [f"{e['effect']} on {e['target']}" for e in document["effects"]],
         "kept_out": [c.kept_out for c in found.causes],
-        "as it was": _updated(last, made.twin, before, made.table),
-        "with what was found": _updated(last, twin, before, made.table),
-        "without the effect": _updated(without, made.twin, before, made.table),
+        "as it was": _updated(last, made.twin, before, true),
+        "with what was found": _updated(last, twin, before, true),
+        "without the effect": _updated(without, made.twin, before, true),
     }
 
 
-def _updated(
-    run: Run, twin: TwinModel, before: dict[str, Any], true: dict[str, Any]
-) -> list[float]:
+def _updated(run: Run, twin: TwinModel, before: TableDocument, true: TableDocument) -> list[float]:
     """RMS error after the update [deg/h], and squared error over variance, level gyros."""
     result = recal.update(run, table_from_dict(before, name="aged"), replace(twin, table=None))
     after = result.table
@@ -94,7 +96,7 @@ def _updated(
     return [float(np.sqrt(np.mean(np.square(errors)))), float(np.mean(ratios))]
 
 
-def _variance(after: Any, axis: str, T: NDArray) -> NDArray:
+def _variance(after: ThermalTable, axis: str, T: NDArray) -> NDArray:
     rows = after.basis("xyz".index(axis), T)
     return np.asarray(np.einsum("ij,jk,ik->i", rows, after.covariance, rows))
 

@@ -118,7 +118,7 @@ class ParkedBlock:
         tilde = np.zeros((6, self.bins, 3))
         gains = np.zeros((6, 6, self.bins))  # of the bias of a sensor at the end, by channel
         prior = np.zeros(6)
-        for c in np.flatnonzero(self.live):
+        for c in np.flatnonzero(self.live).tolist():
             to_end = _covariance_with_end(self.noise[c], self.bins, self.start_s)
             prior[c] = to_end[-1]
             if self.shown[c]:

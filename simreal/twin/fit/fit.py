@@ -126,10 +126,10 @@ def fit_twin(
     parameters += _others(streams, believed)
     twin = _twin_of(believed, parameters, header.imu_serial)
     names, covariance = _covariance(parameters, gyro, accel)
-    for name, (white, _) in flat.items():  # of no fit with the others
+    for name, (alone, _) in flat.items():  # of no fit with the others
         at = names.index(name)
         covariance[at] = covariance[:, at] = 0.0
-        covariance[at, at] = white.sigma**2
+        covariance[at, at] = alone.sigma**2
     white = _axis_white(gyro, accel)
     rocked = [SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})]
     return TwinFit(
