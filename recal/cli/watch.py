@@ -162,7 +162,12 @@ def _screen(shown: Shown) -> Iterator[Any]:
         from recal.cli.terminal.watch_screen import changed_lines
 
         lines = changed_lines()
-        yield lambda state: [say(line) for line in lines(state)]
+
+        def print_new(state: "WatchState") -> None:
+            for line in lines(state):
+                say(line)
+
+        yield print_new
 
 
 @contextmanager

@@ -196,9 +196,10 @@ def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | N
     estimate = session.estimate
     if estimate is None or session.temperature is None:
         return _refused(run, faults, 0.0)
-    excluded: Counter[str] = Counter()
+    excluded: dict[str, float] = {}
     for span in document.excluded:
-        excluded[span.reason] += span.end_s - span.start_s
+        why = str(span.reason)
+        excluded[why] = excluded.get(why, 0.0) + span.end_s - span.start_s
     heading, sigma = _heading(estimate)
     targets = [_target(result, session.temperature, k, target_deg_h) for k in range(3)]
     now = tuple(axis.sigma_after_deg_h for axis in session.seen)
