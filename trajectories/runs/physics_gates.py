@@ -199,15 +199,15 @@ def check_physics(
     accepted = off and abs(_size_off(means)) <= beside.accepted_scale
     if accepted:
         findings.warn(f"{label}: {_accepted_size(means, beside.accepted_scale)}")
-    axis_off = _force_axis(means, site, technology, beside.axes)
+    f_wrong = "" if accepted else off
+    # a force of a wrong size, such as none at all, says nothing of axes
+    axis_off = "" if f_wrong else _force_axis(means, site, technology, beside.axes)
     lies = bool(axis_off) and beside.may_lie(_vertical(means)[0], technology)
     if lies:
         otherwise = "" if beside.any_attitude else f"; if it does not: {axis_off}"
         findings.warn(f"{label}: {_lying(means)}{otherwise}")
     elif axis_off:
-        axis_off += LIES
-    f_wrong = "" if accepted else off
-    f_wrong = f_wrong or ("" if lies else axis_off)
+        f_wrong = axis_off + LIES
     if f_wrong:
         findings.error(f"{label}: {f_wrong}")
     elif means.speed_m_s is None:
