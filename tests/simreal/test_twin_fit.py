@@ -25,12 +25,11 @@ from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.agreement import RunBandPower, swings
 from simreal.twin.fit.constants import accel_constants, gyro_constants, spread_between
-from simreal.twin.fit.evidence import needed_s
+from simreal.twin.fit.evidence import needed_s, plateau
 from simreal.twin.fit.fit import believed_value, lines_of_unit
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, flat_above, rocked, without_gear
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel, climb
 from simreal.twin.fit.other_sensors import resolution
-from simreal.twin.fit.plateau import plateau
 from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.streams import DitherLine, stream_at_rest, stream_of

@@ -39,6 +39,13 @@ class Run(records.Run):
     """One power-on session: what `recal.read_run` reads, or what arrays hold.
 
     Every verb takes it in the place of a run directory.
+
+    Examples
+    --------
+    >>> import recal
+    >>> simulated = recal.simulate("cold_parked_taxi", seed=7, rate_hz=20)
+    >>> recal.Run.of(simulated.run).header.imu_serial
+    'SN-0042'
     """
 
     @classmethod

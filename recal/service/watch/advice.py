@@ -84,9 +84,8 @@ def _stay(now: NDArray, target: NDArray, along: NDArray) -> tuple[float | None, 
         more = f": {_named(reach)} below the target"
     else:
         later = np.minimum(np.arange(len(along)) + NOTHING_MIN, len(along) - 1)
-        gains: NDArray = np.asarray(along[later] < (1.0 - NOTHING_SHARE) * along)[:, is_open].any(
-            axis=1
-        )
+        less = along[later] < (1.0 - NOTHING_SHARE) * along
+        gains = np.asarray(less[:, is_open].any(axis=1))
         gains[len(along) - NOTHING_MIN :] = gains[len(along) - NOTHING_MIN - 1]
         k = len(along) - 1 if gains.all() else int(np.argmin(gains))
         more = "" if gains.all() else "; after that, 10 min bring less than 5 %"

@@ -77,6 +77,11 @@ LEAST_APART = 1e-10
 # probability that like axes are called unlike: 1 fit in 10,000, for the triad is then not one
 AXES_DIFFER_P = 1e-4
 AXIS_SIGMA = 0.2  # of an axis's own log variance: beyond 0.1 of its size the triad's is taken
+# chosen: a white floor over 8 times its lowest frequency, above the slow noise of 1 s and longer
+PLATEAU_OCTAVES, PLATEAU_ABOVE_HZ = 3, 1.0
+# of the power, from the lowest to the highest octave: flicker of a tenth of the white noise in the
+# first changes it by 0.07, a pole at twice the last by 0.2
+PLATEAU_LEANS = 0.2
 
 
 @dataclass(frozen=True)
@@ -628,3 +633,65 @@ def bound_sigma(
     inverse = np.linalg.inv(alike + LEAST_APART * np.eye(len(alike)))
     bound[shown] = np.sqrt(np.diag(inverse)) / size[shown]
     return bound
+
+
+def plateau(evidence: TriadEvidence) -> tuple[TermEstimate, float] | None:
+    """The white noise of a triad and the frequency up to which it was read [Hz], where its rows'
+    spectra are flat.
+
+    A table that warms up, a line that swings and a filter of the logger can contradict every model
+    of the whole band. Over three octaves between them the power of the rows may still be the same,
+    and nothing but white noise is: what a vehicle adds falls there as the square of the frequency,
+    and flicker halves from one octave to the next.
+
+    Parameters
+    ----------
+    evidence : TriadEvidence
+        Of one triad; its fastest layer is read.
+
+    Returns
+    -------
+    white, top_hz : TermEstimate, float
+        Log variance, whose sigma holds a third of what a plateau may still lean; None where the
+        channels have no plateau in common.
+    """
+    dt_s = min((b.dt_s for _, b in evidence.bands), default=np.inf)
+    rows = [b for _, b in evidence.bands if b.dt_s < 1.5 * dt_s]
+    top_hz = max((float(b.centre_hz.max()) for b in rows), default=0.0)
+    best: tuple[float, float, float, float] | None = None
+    low_hz = PLATEAU_ABOVE_HZ
+    while low_hz * 2.0**PLATEAU_OCTAVES <= top_hz:
+        found = np.array([_octaves(b, low_hz) for b in rows])
+        lean = float(np.max(found[:, :, 0].max(axis=1) / found[:, :, 0].min(axis=1) - 1.0))
+        if lean < PLATEAU_LEANS and (best is None or lean < best[0]):
+            power = float(np.mean(np.average(found[:, :, 0], axis=1, weights=found[0, :, 1])))
+            best = lean, power, float(found[:, :, 1].sum()), low_hz * 2.0**PLATEAU_OCTAVES
+        low_hz *= 2.0**0.5
+    if best is None:
+        return None
+    _, power, dof, read_hz = best
+    value, sigma = float(np.log(power)), float(np.hypot(dof**-0.5, PLATEAU_LEANS / 3.0))
+    high = value + 1.96 * sigma
+    white = TermEstimate(
+        term=NoiseTerm.WHITE,
+        value=value,
+        sigma=sigma,
+        low=value - 1.96 * sigma,
+        high=high,
+        nats=np.inf,
+        identified=True,
+        upper=high,
+        needed_s=0.0,
+    )
+    return white, read_hz
+
+
+def _octaves(bands: Bands, low_hz: float) -> NDArray:
+    """Mean power of each octave, and the values behind it (PLATEAU_OCTAVES, 2); NaN where one is empty."""
+    found = np.full((PLATEAU_OCTAVES, 2), np.nan)
+    for k in range(PLATEAU_OCTAVES):
+        inside = (bands.centre_hz >= low_hz * 2.0**k) & (bands.centre_hz < low_hz * 2.0 ** (k + 1))
+        dof = bands.dof[inside]
+        if dof.sum() > 0:
+            found[k] = dof @ bands.power[inside] / dof.sum(), dof.sum()
+    return found

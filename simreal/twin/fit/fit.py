@@ -34,11 +34,11 @@ from simreal.twin.fit.evidence import (
     TermEstimate,
     TriadFit,
     fit_triad,
+    plateau,
 )
 from simreal.twin.fit.gear import GEAR_BELOW_HZ, SWINGS_BELOW_HZ, Gear
 from simreal.twin.fit.model import PRIOR_SIGMA, NoiseEstimate, TriadEvidence, TriadModel
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.plateau import plateau
 from simreal.twin.fit.result import Needs, Parameter, RunUsed, SpectralLine, TwinFit
 from simreal.twin.fit.rounding import roundings
 from simreal.twin.fit.slow import slow_data
