@@ -687,7 +687,7 @@ def plateau(evidence: TriadEvidence) -> tuple[TermEstimate, float] | None:
 
 
 def _octaves(bands: Bands, low_hz: float) -> NDArray:
-    """Mean power of each octave, and the values behind it (PLATEAU_OCTAVES, 2); NaN where one is empty."""
+    """Mean power and values of each octave (PLATEAU_OCTAVES, 2); NaN where one is empty."""
     found = np.full((PLATEAU_OCTAVES, 2), np.nan)
     for k in range(PLATEAU_OCTAVES):
         inside = (bands.centre_hz >= low_hz * 2.0**k) & (bands.centre_hz < low_hz * 2.0 ** (k + 1))
