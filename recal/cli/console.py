@@ -210,6 +210,11 @@ def print_lines(lines: Iterable[str]) -> None:
         print(one_line(line))
 
 
+def json_line(document: object) -> None:
+    """A result as one line of JSON, on standard output at once."""
+    print(json.dumps(json.loads(to_json(document)), separators=(",", ":")), flush=True)
+
+
 def linked(path: Path) -> str:
     """The path; on a terminal one that a click opens (OSC 8)."""
     if not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":

@@ -1,6 +1,5 @@
 """`recal watch`: a session while it runs."""
 
-import json
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, Shown, login_name, say
+from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name, say
 from recal.cli.logs.options import LATITUDE
 from recal.cli.parameters.verbs import made_from
 
@@ -114,15 +113,9 @@ def command(
         )
         result = watch(request)
     if shown.as_json:
-        _json_line(result.document)
+        json_line(result.document)
         shown = Shown(as_json=False, quiet=True, verbose=shown.verbose)
     shown.end(result, folder / "update.html")
-
-
-def _json_line(document: Any) -> None:
-    from ins.documents import to_json
-
-    print(json.dumps(json.loads(to_json(document)), separators=(",", ":")), flush=True)
 
 
 @contextmanager
@@ -150,7 +143,7 @@ def _screen(shown: Shown) -> Iterator[Any]:
     import sys
 
     if shown.as_json:
-        yield _json_line
+        yield json_line
     elif shown.quiet:
         yield lambda state: None
     elif sys.stderr.isatty():

@@ -27,7 +27,8 @@ from tests.recal.test_table import table_file
 ROOT = Path(recal.__file__).parent.parent
 WORDS = "SN-1: what came out"
 OUTPUT = ["-o", "out"]
-SELF_TESTED = {"serve"}  # runs until it is stopped: test_serve_command.py
+# they run until they are stopped: test_serve_command.py, watch/test_watch.py
+SELF_TESTED = {"serve", "watch"}
 
 
 @dataclass
