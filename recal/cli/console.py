@@ -5,6 +5,7 @@ progress, notes, warnings and errors, goes to standard error.
 """
 
 import errno
+import json
 import os
 import sys
 from collections.abc import Iterable
