@@ -6,12 +6,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+import recal
 from alignment.gyrocompass import rejected_share
 from infield.session.acceptance import MAX_REJECTED_SHARE, assess_estimate
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import observability
 from infield.session.reasons import SessionReason
-from infield.table.file import table_sha256
+from infield.table.file import table_sha256, table_to_dict
 from ins.records import InputError, Site, TemperatureLog
 from ins.strapdown.compensation import compensate
 from ins.units import DEG, DEG_PER_HOUR
@@ -218,6 +219,17 @@ def test_an_applied_table_is_undone_by_its_hash():
     assert b.bias_deg_h == pytest.approx(a.bias_deg_h, abs=1e-6)
     assert b.applied_table_sha256 == "a" * 64
     assert result.after.parameters == pytest.approx(one_run().after.parameters, abs=1e-6)
+
+
+def test_an_alignment_adds_back_what_the_unit_had_subtracted():
+    """The heading of the raw log, not of one that the table left twice."""
+    table = shifted(factory(), (0.3, -0.2, 0.1))
+    known = table_sha256(table_to_dict(table))
+    done = with_header(applied_run(table), applied_table_sha256=known)
+    raw, again = recal.align(simulated(1).run, table), recal.align(done, table)
+    assert again.heading_deg == pytest.approx(raw.heading_deg, abs=1e-5)
+    with pytest.raises(InputError, match="applied_table_sha256"):
+        recal.align(applied_run(table), table)
 
 
 def test_a_table_applied_but_unknown_is_bad_input():
