@@ -37,7 +37,7 @@ MAX_TILT_RAD = 45.0 * DEG
 # of level Earth rate: gyros known worse than this find no heading; 0.3 is 17 deg, up to where the
 # filter is linear to 1.5 %
 LEVEL_SHARE = 0.3
-DOUBTFUL_SIGMAS = 2.0  # remarked: one of 20 sound runs is
+DOUBTFUL_SIGMAS = 2.5  # remarked: one of 80 sound runs is
 LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 # tried in turn where the residuals exceed the model
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)

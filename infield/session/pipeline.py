@@ -219,8 +219,8 @@ def _unit(key: tuple[str, str, str]) -> str:
 
 
 def _overall(sessions: Sequence[SessionResult]) -> tuple[Outcome, tuple[Reason, ...]]:
-    """One verdict for the update: inconsistent if any session is, accepted if any is and no run was
-    given twice, else refused.
+    """One verdict for the update: inconsistent if any session is, accepted if any is, else
+    refused.
     """
     outcomes = [s.verdict.outcome for s in sessions]
     weighed = (Outcome.INCONSISTENT, Outcome.ACCEPTED, Outcome.REFUSED)
@@ -232,10 +232,6 @@ def _overall(sessions: Sequence[SessionResult]) -> tuple[Outcome, tuple[Reason, 
             because(SessionReason.OF_RUN, run_id=run_id, reason=reason)
             for reason in session.verdict.reasons
         ]
-    hashes = [session.run.sha256 for session in sessions]
-    if overall is Outcome.ACCEPTED and len(set(hashes)) < len(hashes):
-        overall = Outcome.REFUSED
-        reasons.append(because(SessionReason.GIVEN_TWICE))
     return overall, tuple(reasons)
 
 

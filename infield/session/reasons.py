@@ -194,11 +194,6 @@ class SessionReason(ReasonCode):
 
     OF_RUN = "of_run", "{run_id}: {reason}"
     ALREADY_MERGED = "already_merged", "the table already holds this run (same content hash)"
-    GIVEN_TWICE = (
-        "given_twice",
-        "one recording was given twice",
-        "give each recording once, a copy of it not at all",
-    )
     STARTS_IN_FUTURE = (
         "starts_in_future",
         "start_utc {start_utc} is in the future, the clock says {now_utc}: a table that is dated by"

@@ -57,10 +57,11 @@ def command(
     if retry and not commit:
         raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
     signed = (login_name() if by is None else by, note) if propose else None
-    from recal.service.results.overwrite import UPDATE_FOLDER, need_free_report
+    from recal.service.results.files import output_directory
+    from recal.service.results.overwrite import need_free_report
     from recal.service.update import UPDATE_STEPS, UpdateRequest, update_in_store
 
-    folder = output or Path(UPDATE_FOLDER)
+    folder = output or Path("recal-update")
     need_free_report(folder, "update.json", "recal.update/1", ("update.html",), force=force)
     with shown.progress("reading", UPDATE_STEPS) as step:
         request = UpdateRequest(
@@ -79,9 +80,9 @@ def command(
             output=output,
             retry=retry,
             any_clock=any_clock,
-            force=force,
+            keep_earlier=not force,
             told=shown.say,
             step=step,
         )
         result = update_in_store(request)
-    shown.end(result, (result.folder or folder) / "update.html")
+    shown.end(result, output_directory(output, "update") / "update.html")

@@ -51,7 +51,7 @@ from recal.service.inputs.unit_inputs import (
 from recal.service.inputs.unit_marks import known_marks
 from recal.service.priors.use import APPROVED, priors_in_use, settings_of, with_priors
 from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.overwrite import free_update_folder
+from recal.service.results.overwrite import keep_report
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.update_summary import Points, summary
@@ -72,13 +72,10 @@ class Update(Result[UpdateDocument]):
         What the estimator found, session by session.
     unit : UnitInputs
         Table and noise model that it began with.
-    folder : Path or None
-        Where its report was written.
     """
 
     estimate: UpdateResult
     unit: UnitInputs
-    folder: Path | None = None
 
     @property
     def table_before(self) -> ThermalTable:
@@ -211,8 +208,8 @@ class UpdateRequest:
         Whether to write update.html.
     retry : int in [0, 99]
         How often to estimate again where another writer was faster.
-    force : bool
-        Write over a report of other runs, too.
+    keep_earlier : bool
+        Whether a report of other runs that lies in the folder is kept, as update-1, update-2, ...
     told, step : callable
         Told of what happens on the way; told as each of the UPDATE_STEPS begins.
     """
@@ -233,7 +230,7 @@ class UpdateRequest:
     html: bool = True
     retry: int = 0
     any_clock: bool = False
-    force: bool = True
+    keep_earlier: bool = False
     told: Callable[[str], None] = field(default=lambda line: None)
     step: Callable[[str], None] = field(default=lambda words: None)
 
@@ -255,15 +252,13 @@ def update_in_store(request: UpdateRequest) -> Update:
     )
     request.step(f"reading {_counted(request.runs)}")
     loaded = runs_of(list(request.runs))
-    folder = request.output
-    if not request.force:
-        folder = free_update_folder(folder, [run.sha256 for run in loaded])
-    folder = output_directory(folder, "update")
-    files = partial(_files, folder, html=request.html)
+    kept_by = [run.sha256 for run in loaded] if request.keep_earlier else None
+    folder = output_directory(request.output, "update")
+    files = partial(_files, folder, html=request.html, runs=kept_by)
     lost: list[str] = []
     while True:
         try:
-            return replace(_Try(request, job, files, tuple(lost)).run(loaded), folder=folder)
+            return _Try(request, job, files, tuple(lost)).run(loaded)
         except StoreConflict as conflict:
             if len(lost) == request.retry:
                 raise
@@ -580,6 +575,11 @@ def _numbered(document: UpdateDocument, unit: UnitInputs, revision: int) -> Upda
     return replace(document, revision=revision, rollback_command=back)
 
 
-def _files(directory: Path, document: UpdateDocument, *, html: bool) -> dict[Path, str]:
+def _files(
+    directory: Path, document: UpdateDocument, *, html: bool, runs: Sequence[str] | None
+) -> dict[Path, str]:
+    """What the folder gets; runs: before it a report of other runs than these goes aside."""
+    if runs is not None:
+        keep_report(directory, runs)
     page = {directory / "update.html": update_page.update_html(document)} if html else {}
     return {directory / "update.json": to_json(document), **page}

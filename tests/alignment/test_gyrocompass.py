@@ -150,10 +150,10 @@ def test_latitude_test_finds_a_quarter_of_a_degree(runs):
     assert found[0.6] == runs
 
 
-def test_a_latitude_two_sigma_off_is_remarked():
+def test_a_latitude_beyond_chance_is_remarked():
     simulated = simulate(ideal_of(), 500)
     found = align(simulated)
-    off_deg = (found.latitude_rad - 2.5 * found.sigma_latitude_rad) / DEG - 45.0
+    off_deg = (found.latitude_rad - 2.7 * found.sigma_latitude_rad) / DEG - 45.0
     result = align(simulated, site=at_latitude(simulated, off_deg))
     assert result.verdict == "aligned"
     assert [r.code for r in result.reasons] == [AlignmentReason.LATITUDE_DOUBTFUL]

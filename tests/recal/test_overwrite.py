@@ -3,7 +3,6 @@ schema, is replaced.
 """
 
 import json
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -13,9 +12,9 @@ from recal.cli.app import app
 from recal.service.results.overwrite import (
     CSV_TABLE,
     Peeked,
-    free_update_folder,
     is_compensated,
     is_simulated,
+    keep_report,
     need_free_file,
     need_free_report,
     need_free_run,
@@ -125,19 +124,18 @@ def test_a_run_says_that_it_is_simulated_and_keeps_its_hash(tmp_path):
     assert read_run(tmp_path / "a").sha256 == read_run(tmp_path / "b").sha256
 
 
-def test_a_report_of_other_runs_is_never_written_over(folder):
+def test_a_report_of_other_runs_is_kept(tmp_path):
     first = {"schema": "recal.update/1", "runs": [{"run_id": "R1", "sha256": "a"}]}
-    (folder / "recal-update").mkdir()
-    (folder / "recal-update/update.json").write_text(json.dumps(first))
-    assert free_update_folder(None, ["a"]) == free_update_folder(Path("recal-update"), ["a"])
-    assert free_update_folder(None, ["b"]) == Path("recal-update-2")
-    assert free_update_folder(None, ["a", "b"]) == Path("recal-update-2")
-    with pytest.raises(InputError, match=r"recal-update/update\.json: exists"):
-        free_update_folder(Path("recal-update"), ["b"])
-    (folder / "recal-update-2").mkdir()
-    (folder / "recal-update-2/update.html").write_text("mine")
-    with pytest.raises(InputError, match=r"recal-update-2/update\.html: exists"):
-        free_update_folder(None, ["b"])
+    (tmp_path / "update.json").write_text(json.dumps(first))
+    (tmp_path / "update.html").write_text("first")
+    keep_report(tmp_path, ["a"])
+    assert (tmp_path / "update.html").exists()
+    keep_report(tmp_path, ["a", "b"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["update-1.html", "update-1.json"]
+    assert (tmp_path / "update-1.html").read_text() == "first"
+    (tmp_path / "update.json").write_text(json.dumps(first))
+    keep_report(tmp_path, ["b"])
+    assert (tmp_path / "update-2.json").exists() and not (tmp_path / "update.json").exists()
 
 
 def test_files_and_folders(tmp_path):

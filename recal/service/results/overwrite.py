@@ -12,7 +12,6 @@ from ins.records import InputError
 from ins.user_input import open_regular, read_bounded
 
 MAX_PEEKED_BYTES = 200_000_000  # a result of a fleet has some 10 MB
-UPDATE_FOLDER = "recal-update"
 MARKED_BYTES = 1000  # where a file says what it is
 CSV_TABLE = "axis,temperature_degC,bias_deg_h,sigma_deg_h"
 PARAMETERS = "from recal's table of"
@@ -79,30 +78,24 @@ def need_free_report(
             raise _refusal(folder / other, f"no {name} of an earlier call lies beside it")
 
 
-def free_update_folder(folder: Path | None, runs: Collection[str]) -> Path:
-    """Where an update of runs with these hashes writes: over no report of other runs.
+def keep_report(folder: Path, runs: Collection[str]) -> None:
+    """A report of other runs that lies in a folder goes aside, before an update of runs with these
+    hashes writes there: update.json and update.html become the next free update-1, update-2, ...
 
     Parameters
     ----------
-    folder : Path or None
-        What the user named; None: `recal-update`, else the first of recal-update-2, -3, ... that
-        holds no report of other runs.
-
-    Raises
-    ------
-    InputError
-        Where the folder that was named holds one.
+    folder : Path
+        Where the update writes.
+    runs : collection of str
+        SHA-256 of its runs.
     """
-    for number in count(1):
-        tried = folder or Path(UPDATE_FOLDER if number == 1 else f"{UPDATE_FOLDER}-{number}")
-        document = tried / "update.json"
-        if not document.exists() or peeked(document).runs == frozenset(runs):
-            break
-        if folder is not None:
-            raise _refusal(document, "the report of other runs")
-    if folder is None:
-        need_free_report(tried, "update.json", "recal.update/1", ("update.html",))
-    return tried
+    document = folder / "update.json"
+    if not document.exists() or peeked(document).runs == frozenset(runs):
+        return
+    number = next(k for k in count(1) if not any(folder.glob(f"update-{k}.*")))
+    for written in (document, folder / "update.html"):
+        if written.exists():
+            written.rename(folder / f"update-{number}{written.suffix}")
 
 
 def need_free_run(path: Path, own: Own, what: str, *, force: bool = False) -> None:

@@ -136,6 +136,7 @@ def watch(request: WatchRequest) -> Update:
             config=request.config,
             thermal_model=request.thermal_model,
             output=request.output,
+            keep_earlier=True,
             told=request.told,
             step=request.step,
         )
@@ -171,7 +172,8 @@ def _follow(request: WatchRequest, source: Source, recording: Recording) -> None
                 came_s = now_s
             else:
                 time.sleep(WAIT_S)
-            if request.idle_s is not None and monitor.rows and now_s - came_s > request.idle_s:
+            silent = request.idle_s is not None and now_s - came_s > request.idle_s
+            if silent and recording.parts:  # all of its rows may have been recorded before a kill
                 break
             worker.look(monitor.time_s, recording.parts)
             if now_s - shown_s >= SHOWN_S:
