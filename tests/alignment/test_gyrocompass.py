@@ -260,7 +260,9 @@ def test_a_noisier_unit_is_aligned_with_the_noise_it_shows():
 
 def test_a_declared_noise_needs_no_scaling():
     for seed in range(3):
-        assert align(simulate(ideal_of(), 800 + seed)).reasons == ()
+        reasons = align(simulate(ideal_of(), 800 + seed)).reasons
+        # chance puts one latitude of 80 beyond 2.5 sigma
+        assert {r.code for r in reasons} <= {AlignmentReason.LATITUDE_DOUBTFUL}
 
 
 def test_nothing_at_rest_is_refused():
