@@ -12,7 +12,7 @@ from typing import Any
 
 import uvicorn
 from fastapi import Depends, FastAPI
-from fastapi.responses import HTMLResponse, Response, StreamingResponse
+from fastapi.responses import Response, StreamingResponse
 
 from ins.records import InputError
 from recal.service.results.pages import page_environment, update_html
@@ -21,7 +21,7 @@ from recal.service.watch.words import GYRO_HEAD, gyro_rows, rows
 from recal.web import guard
 from recal.web.connections import server_config
 from recal.web.settings import ServeSettings
-from recal.web.site import framed_policy
+from recal.web.site import framed
 
 EVENT_S = 1.0
 HOST = "127.0.0.1"
@@ -108,8 +108,7 @@ class LivePage:
 
         @app.get("/report")
         def report() -> Response:
-            headers = {"x-frame-options": "SAMEORIGIN", "content-security-policy": framed_policy()}
-            return HTMLResponse(drawn(self._last), headers=headers)
+            return framed(drawn(self._last))
 
         for path, (text, kind) in files.items():
             app.add_api_route(path, _answer(text, kind), methods=["GET"])
@@ -122,12 +121,9 @@ class LivePage:
             await asyncio.sleep(EVENT_S)
 
 
-def _closed() -> dict[str, str]:
-    return {"content-security-policy": POLICY, "x-frame-options": "DENY"}
-
-
 def _answer(text: str, kind: str) -> Any:
-    return lambda: Response(text, media_type=kind, headers=_closed())
+    headers = {"content-security-policy": POLICY, "x-frame-options": "DENY"}
+    return lambda: Response(text, media_type=kind, headers=headers)
 
 
 def told(state: WatchState) -> str:

@@ -22,7 +22,7 @@ from recal.web import health, views
 from recal.web.drawings import TableLine
 from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
-from recal.web.site import SCRIPT_PATH, ReaderVisit, ReviewSite
+from recal.web.site import SCRIPT_PATH, ReaderVisit, ReviewSite, framed
 
 LINE_WORDS = {
     "factory": "factory table",
@@ -196,7 +196,7 @@ def revision_report(reader: Reader, asked: Unit, number: Number) -> HTMLResponse
     if found.report_json is None:
         raise HTTPException(404, f"Revision {number} was made without a report.")
     document = {**json.loads(found.report_json), "revision": number}
-    return reader.framed(_drawn(reader.site, f"{found.sha256} revision {number}", document))
+    return framed(_drawn(reader.site, f"{found.sha256} revision {number}", document))
 
 
 @router.get("/proposals")
@@ -234,7 +234,7 @@ def proposal_report(reader: Reader, asked: Unit, number: Number) -> HTMLResponse
     with reader.site.tables() as opened:
         full = opened.proposal(number, *asked.key)
     document = {**full.report, "proposal": number}
-    return reader.framed(_drawn(reader.site, full.record_sha256, document))
+    return framed(_drawn(reader.site, full.record_sha256, document))
 
 
 @router.get("/proposal/update.json")
@@ -259,7 +259,7 @@ def diagnosis(reader: Reader, folder: str) -> HTMLResponse:
 
 @router.get("/diagnosis/page")
 def diagnosis_page(reader: Reader, folder: str) -> HTMLResponse:
-    return reader.framed(_report(reader.site, folder, PAGE))
+    return framed(_report(reader.site, folder, PAGE))
 
 
 @router.get("/diagnosis/document")

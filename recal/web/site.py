@@ -115,13 +115,6 @@ class Visit:
             sign_in=status == 403,
         )
 
-    def framed(self, text: str) -> HTMLResponse:
-        """A report that was drawn elsewhere: alone in a sandbox, without forms or an origin; of
-        scripts only those of this version's figures run.
-        """
-        headers = {"x-frame-options": "SAMEORIGIN", "content-security-policy": framed_policy()}
-        return HTMLResponse(text, headers=headers)
-
     def download(self, text: str, name: str) -> Response:
         """A document as a file."""
         said = {"content-disposition": f'attachment; filename="{name}"'}
@@ -177,9 +170,16 @@ def _policy(*, drawn: bool) -> str:
     )
 
 
+def framed(text: str) -> HTMLResponse:
+    """A report that was drawn elsewhere: alone in a sandbox, without forms or an origin; of scripts
+    only those of this version's figures run.
+    """
+    headers = {"x-frame-options": "SAMEORIGIN", "content-security-policy": _framed_policy()}
+    return HTMLResponse(text, headers=headers)
+
+
 @lru_cache(maxsize=1)
-def framed_policy() -> str:
-    """Of a report in a sandbox: its figures' scripts alone run."""
+def _framed_policy() -> str:
     scripts = " ".join(map(_source, _digests()))
     return (
         f"sandbox allow-scripts allow-downloads; default-src 'none'; script-src {scripts};"

@@ -24,7 +24,7 @@ from infield.session.pipeline import update_calibration
 from infield.session.points import AxisObservability, observability
 from infield.session.results import SessionResult, UpdateResult
 from infield.thermometer.gyro_temperature import gyro_temperature, plausible_range
-from ins.attitude import euler_from_dcm
+from ins.attitude import euler_from_dcm, level_angles
 from ins.records import ImuLog, Run, TemperatureLog
 from ins.units import MINUTE
 from trajectories.runs.checks import MIN_RATE_HZ
@@ -211,8 +211,7 @@ def _attitude(session: SessionResult, still: ImuLog) -> tuple[float, float, floa
     if solution is not None:
         roll, pitch, heading = euler_from_dcm(solution.history.C_nb[-1])
         return float(roll), float(pitch), float(heading)
-    f = still.dv_m_s.mean(axis=0)
-    return float(np.arctan2(-f[1], -f[2])), float(np.arctan2(f[0], np.hypot(f[1], f[2]))), 0.0
+    return *level_angles(still.dv_m_s.mean(axis=0)), 0.0
 
 
 def _joined(rows: NDArray, ideal: NDArray, still: NDArray) -> NDArray:
