@@ -59,20 +59,24 @@ class Null(Enum):
         return False
 
 
-def to_json(record: Any) -> str:
+def to_json(record: Any, *, indent: int | None = 1) -> str:
     """The text of a result, as files and standard output have it.
 
     Parameters
     ----------
     record : object
         A dataclass, or what is made of them (`plain`).
+    indent : int or None
+        Of nested values; None: all in one line, without blanks.
 
     Returns
     -------
     text : str
-        Indented by 1, with a line feed at the end; numbers that are not finite are null.
+        With a line feed at the end; numbers that are not finite are null.
     """
-    return json.dumps(_written(record, _number_or_null), indent=1, allow_nan=False) + "\n"
+    between = (",", ":") if indent is None else None
+    values = _written(record, _number_or_null)
+    return json.dumps(values, indent=indent, separators=between, allow_nan=False) + "\n"
 
 
 def plain(record: Any) -> Any:

@@ -35,6 +35,11 @@ class UnitKey:
     gyro_technology: str
     gyro_mode: str = ""
 
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Serial, technology and mode."""
+        return self.imu_serial, self.gyro_technology, self.gyro_mode
+
     def __str__(self) -> str:
         mode = f", {self.gyro_mode}" if self.gyro_mode else ""
         return f"{self.imu_serial} ({self.gyro_technology}{mode})"

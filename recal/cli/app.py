@@ -15,28 +15,22 @@ from typer.core import TyperGroup
 from recal.cli.console import Command, print_lines
 from recal.cli.terminal import life
 
-COMMANDS = (
-    "demo",
-    "simulate",
-    "look",
-    "convert",
-    "check",
-    "align",
-    "replay",
-    "update",
-    "watch",
-    "misalignment",
-    "plan",
-    "diagnose",
-    "serve",
-)
-GROUPS = ("table", "thermal", "fleet", "twin")
-MODULES = {
-    "look": "recal.cli.logs.look",
-    "table": "recal.cli.table.commands",
-    "thermal": "recal.cli.thermal.app",
-    "twin": "recal.cli.twin.app",
+COMMANDS = {  # in the order of the help, and the module of each
+    "demo": "runs",
+    "simulate": "runs",
+    "look": "logs",
+    "convert": "logs",
+    "check": "logs",
+    "align": "navigation",
+    "replay": "navigation",
+    "update": "update",
+    "watch": "update",
+    "misalignment": "misalignment",
+    "plan": "gap",
+    "diagnose": "gap",
+    "serve": "serve",
 }
+GROUPS = {"table": "table.app", "thermal": "thermal", "fleet": "fleet", "twin": "twin"}
 
 
 class _Loaded(MutableMapping[str, Any]):
@@ -71,7 +65,7 @@ class _Loaded(MutableMapping[str, Any]):
 @cache
 def _command(name: str) -> Any:
     holder = typer.Typer(add_completion=False, rich_markup_mode=None)
-    holder.command(name, cls=Command)(_module(name).command)
+    holder.command(name, cls=Command)(getattr(_module(name), name))
     return typer.main.get_command(holder)
 
 
@@ -83,13 +77,13 @@ def _group(name: str) -> Any:
 
 
 def _module(name: str) -> Any:
-    return importlib.import_module(MODULES.get(name, f"recal.cli.{name}"))
+    return importlib.import_module(f"recal.cli.{(COMMANDS | GROUPS)[name]}")
 
 
 def _line_of(name: str) -> str:
     """What a command, or a group of them, says of itself first."""
     module = _module(name)
-    text = module.app.info.help if name in GROUPS else module.command.__doc__
+    text = module.app.info.help if name in GROUPS else getattr(module, name).__doc__
     return " ".join(text.split("\n\n")[0].split())
 
 
@@ -154,6 +148,6 @@ def program(
     if wrong:
         raise typer.BadParameter(wrong)
     if max_unpacked_mb is not None:
-        from recal.service.inputs.limits import unpack_limit
+        from recal.service.inputs.listings import unpack_limit
 
         context.with_resource(unpack_limit(max_unpacked_mb))

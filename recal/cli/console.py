@@ -5,7 +5,6 @@ progress, notes, warnings and errors, goes to standard error.
 """
 
 import errno
-import json
 import os
 import sys
 from collections.abc import Iterable
@@ -176,6 +175,19 @@ class Shown:
     quiet: bool
     verbose: bool
 
+    def folder(
+        self, output: Path | None, schema: str, *others: str, default: str = "", force: bool
+    ) -> Path:
+        """The folder that a report is written to, which it may be: `output`, else `default`, else
+        that of its schema's name. others: what lies beside its JSON.
+        """
+        from recal.service.results.files import schema_name
+        from recal.service.results.overwrite import need_free_report
+
+        folder = output or Path(default or f"recal-{schema_name(schema)}")
+        need_free_report(folder, schema, others, force=force)
+        return folder
+
     def progress(self, title: str, steps: int | None, *, compiles: bool = True) -> Progress:
         """A bar on a terminal, told of each step."""
         return Progress(title, quiet=self.quiet, steps=steps, compiles=compiles)
@@ -213,7 +225,7 @@ def print_lines(lines: Iterable[str]) -> None:
 
 def json_line(document: object) -> None:
     """A result as one line of JSON, on standard output at once."""
-    print(json.dumps(json.loads(to_json(document)), separators=(",", ":")), flush=True)
+    print(to_json(document, indent=None), end="", flush=True)
 
 
 def linked(path: Path) -> str:

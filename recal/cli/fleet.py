@@ -2,20 +2,17 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ins.user_input import one_line
 from recal.cli.console import Command, Shown, finish, login_name
 from recal.cli.parameters.shared import SEED_OPTION, folder_option
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
-    from recal.fleet.document_records import FleetReport
-    from recal.fleet.records import RunOutcome
+    from recal.fleet.records import FleetReport
 
-TECHNOLOGIES = ("rlg", "fog", "mems")
 NOTES_SHOWN = 3  # kinds of notes on the terminal; all are in fleet.json
 # written to without -o
 LEARN_FOLDER, FORECAST_FOLDER = "recal-fleet-learn", "recal-fleet-forecast"
@@ -34,7 +31,12 @@ def fleet() -> None:
 
 
 @app.command("update", cls=Command)
-@made_from("recal.fleet.records", "FleetRequest", cluster="URL")
+@made_from(
+    "recal.fleet.records",
+    "FleetRequest",
+    asks="joint known_only new_unit new_store cluster config pages note",
+    cluster="URL",
+)
 def update(
     shown: Shown,
     source,
@@ -49,17 +51,10 @@ def update(
     ] = False,
     dry_run: bool = False,
     *,
-    joint,
-    known_only,
-    new_unit,
-    new_store,
     workers: int | None = None,
-    cluster,
-    config,
-    pages,
     by: str | None = None,
-    note,
     output,
+    **asked,
 ) -> None:
     """Recalibrate every unit from its runs in time order, units side by side; stopped, the same
     call goes on.
@@ -82,39 +77,34 @@ def update(
         raise typer.BadParameter(
             "--commit stores tables, --dry-run stores nothing: give one of them"
         )
-    if known_only and new_unit:
+    if asked["known_only"] and asked["new_unit"]:
         raise typer.BadParameter(
             "--known-only refuses new units, --new-unit takes them: give one of them"
         )
-    if cluster and workers is not None:
+    if asked["cluster"] and workers is not None:
         raise typer.BadParameter(
             "--workers are processes here, --cluster has workers of its own: give one of them"
         )
-    from recal.fleet.update import FleetRequest, update_fleet
+    from recal.fleet.update import FleetRequest, Watcher, update_fleet
     from recal.service.inputs.config import read_config
 
-    read_config(config)
+    read_config(asked["config"])
     request = FleetRequest(
         source=source,
         store_url=store,
         output=output or Path("recal-fleet"),
-        joint=joint,
-        known_only=known_only,
-        new_unit=new_unit,
-        new_store=new_store,
         mode="commit" if commit else "dry" if dry_run else "propose",
         workers=workers or cores(),
-        cluster=cluster,
-        config=config,
-        pages=pages,
         by=login_name() if by is None else by,
-        note=note,
+        **asked,
     )
-    with _Bar(quiet=shown.quiet) as bar:
+    with shown.progress("reading run.json", 0, compiles=False) as bar:
+        watcher = Watcher(begins=bar.count, told=lambda run: bar(run.imu_serial or "runs"))
         try:
-            document = update_fleet(request, bar.watcher())
+            document = update_fleet(request, watcher)
         except KeyboardInterrupt:
-            shown.say(f"stopped after {bar.done} of {bar.total} runs; the same command goes on")
+            done = max(bar.begun - 1, 0)
+            shown.say(f"stopped after {done} of {bar.steps} runs; the same command goes on")
             raise
     lines = summary(document, verbose=shown.verbose)
     shown.answer(document, lines, request.output / "fleet.html")
@@ -154,11 +144,10 @@ def learn(
         A note kept with the priors.
     """
     from recal.service.priors.learn import LEARN_STEPS, LearnRequest, learn_priors
-    from recal.service.results.overwrite import need_free_report
 
-    require_technology(technology)
-    folder = output or Path(LEARN_FOLDER)
-    need_free_report(folder, "priors.json", "recal.priors/1", ("priors.html",), force=force)
+    folder = shown.folder(
+        output, "recal.priors/1", "priors.html", default=LEARN_FOLDER, force=force
+    )
     keep = None if dry_run else (login_name() if by is None else by, note)
     request = LearnRequest(
         store_url=store, technology=technology, serial=serial, keep=keep, output=output, seed=seed
@@ -188,11 +177,9 @@ def forecast(
     """
     from recal.service.priors.forecast import ForecastRequest, forecast_steps
     from recal.service.priors.forecast import forecast as forecast_units
-    from recal.service.results.overwrite import need_free_report
 
-    require_technology(technology)
-    folder = output or Path(FORECAST_FOLDER)
-    need_free_report(folder, "forecast.json", "recal.forecast/1", ("forecast.html",), force=force)
+    page = "forecast.html"
+    folder = shown.folder(output, "recal.forecast/1", page, default=FORECAST_FOLDER, force=force)
     request = ForecastRequest(
         store_url=store, limit_nm_h=limit, technology=technology, priors=priors, output=output
     )
@@ -237,17 +224,8 @@ def reject(shown: Shown, number, /, by, reason, *, technology="rlg", store) -> N
 def _decide(shown: Shown, store: str, about: tuple[str, int, str], signed: tuple[str, str]) -> None:
     from recal.service.priors.records import decide
 
-    require_technology(about[0])
     decided = decide(store, *about, by=signed[0], reason=signed[1])
     shown.answer(decided.document, decided.lines())
-
-
-def require_technology(name: str | None) -> None:
-    """A usage error where there is no such technology."""
-    if name not in (None, *TECHNOLOGIES):
-        raise typer.BadParameter(
-            f"{name!r}, needed one of {', '.join(TECHNOLOGIES)}", param_hint="--technology"
-        )
 
 
 def cores() -> int:
@@ -282,51 +260,3 @@ def summary(document: "FleetReport", *, verbose: bool = False) -> list[str]:
 def counted(number: int, noun: str) -> str:
     """`1 run`, `3 runs`."""
     return f"{number} {noun}{'s' * (number != 1)}"
-
-
-class _Bar:
-    """A bar on a terminal, nothing when piped."""
-
-    def __init__(self, *, quiet: bool) -> None:
-        from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeRemainingColumn,
-        )
-
-        console = Console(stderr=True)
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        self._progress = Progress(
-            *columns, console=console, disable=quiet or not console.is_terminal
-        )
-        self._task = self._progress.add_task("reading run.json", total=None)
-        self.total, self.done = 0, 0
-
-    def __enter__(self) -> "_Bar":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self._progress.stop()
-
-    def watcher(self) -> Any:
-        from recal.fleet.update import Watcher
-
-        return Watcher(begins=self._begins, told=self._told)
-
-    def _begins(self, total: int, done: int) -> None:
-        self.total, self.done = total, done
-        self._progress.update(self._task, total=total, completed=done, description="runs")
-
-    def _told(self, outcome: "RunOutcome") -> None:
-        self.done += 1
-        shown = one_line(outcome.imu_serial or "runs")
-        self._progress.update(self._task, advance=1, description=shown)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @made_from(heading_deg="DEG,DEG,...", north_to_west_deg="DEG,DEG,...", twin_out="FILE")
-def command(
+def misalignment(
     shown: Shown,
     inputs: list[Path],
     /,
@@ -80,12 +80,11 @@ def command(
     twin_out
         Also write the twin with the misalignment and its sigma to this file. Default: not written.
     """
-    from recal.service.misalignment import AzimuthSettings, misalignment, misalignment_of_table
-    from recal.service.results.overwrite import need_free_file, need_free_report
+    from recal.service.misalignment import AzimuthSettings, misalignment_of_table
+    from recal.service.misalignment import misalignment as measured
+    from recal.service.results.overwrite import need_free_file
 
-    folder = output or Path("recal-misalignment")
-    others = ("misalignment.html",)
-    need_free_report(folder, "misalignment.json", "recal.misalignment/1", others, force=force)
+    folder = shown.folder(output, "recal.misalignment/1", "misalignment.html", force=force)
     if twin_out is not None:
         need_free_file(twin_out, None, force=force)
     settings = AzimuthSettings(
@@ -118,10 +117,8 @@ def command(
             sigma_heading_deg=settings.sigma_heading_deg,
         )
         with shown.progress("finding the stops", len(inputs) + 1) as told:
-            found = misalignment(
-                inputs, twin, known=known, settings=settings, store=store, told=told
-            )
-    written = found.write(output, twin_out=twin_out)
+            found = measured(inputs, twin, known=known, settings=settings, store=store, told=told)
+    written = found.write(folder, twin_out=twin_out)
     shown.end(found, written / "misalignment.html")
 
 

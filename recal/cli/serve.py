@@ -23,7 +23,7 @@ NEEDS_EXTRA = "{} needs FastAPI and uvicorn: pip install strapdown-recal[web]"
 
 
 @made_from(reports="FOLDER", token_file="FILE")
-def command(
+def serve(
     shown: Shown,
     /,
     store,
@@ -162,6 +162,6 @@ def _run(app: Any, settings: ServeSettings, listener: socket.socket, *, log: boo
     """Serve until interrupted; requests are logged on standard error with -v."""
     import uvicorn
 
-    from recal.web.connections import server_config
+    from recal.web.guard import server_config
 
     uvicorn.Server(server_config(app, settings, log=log)).run(sockets=[listener])

@@ -1,15 +1,32 @@
-"""`recal update`: recalibrate a unit's thermal table from its runs."""
+"""`recal update` and `recal watch`: recalibrate a unit's thermal table from its runs, and from a
+session while it runs.
+"""
 
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, Shown, login_name
+from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name, say
+from recal.cli.logs import LATITUDE
 from recal.cli.parameters.verbs import made_from
 
+if TYPE_CHECKING:
+    from recal.service.watch.records import WatchState
 
-@made_from("recal.service.update", "UpdateRequest", retry="[N]")
-def command(
+
+@made_from(
+    "recal.service.update",
+    "UpdateRequest",
+    asks="new_unit new_store accept_step retry any_clock twin config priors thermal_model",
+    retry="[N]",
+)
+def update(
     shown: Shown,
     runs,
     /,
@@ -19,17 +36,9 @@ def command(
     by: str | None = None,
     note: str = "",
     *,
-    new_unit,
-    new_store,
-    accept_step,
-    retry,
-    any_clock,
-    twin,
-    config,
-    priors,
-    thermal_model,
     output,
     force,
+    **asked,
 ) -> None:
     """Measure the gyro biases in runs of a unit, merge them into its stored table, and report.
 
@@ -54,15 +63,12 @@ def command(
         raise typer.BadParameter(
             "--commit stores the table at once, --propose keeps it for review: give one of them"
         )
-    if retry and not commit:
+    if asked["retry"] and not commit:
         raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
     signed = (login_name() if by is None else by, note) if propose else None
-    from recal.service.results.files import output_directory
-    from recal.service.results.overwrite import need_free_report
     from recal.service.update import UPDATE_STEPS, UpdateRequest, update_in_store
 
-    folder = output or Path("recal-update")
-    need_free_report(folder, "update.json", "recal.update/1", ("update.html",), force=force)
+    folder = shown.folder(output, "recal.update/1", "update.html", force=force)
     with shown.progress("reading", UPDATE_STEPS) as step:
         request = UpdateRequest(
             runs=runs,
@@ -70,19 +76,154 @@ def command(
             store_named=store != DEFAULT_STORE,
             commit=commit,
             propose=signed,
-            new_unit=new_unit,
-            new_store=new_store,
-            accept_step=accept_step,
-            twin=twin,
-            config=config,
-            priors=priors,
-            thermal_model=thermal_model,
-            output=output,
-            retry=retry,
-            any_clock=any_clock,
+            output=folder,
             keep_earlier=not force,
             told=shown.say,
             step=step,
+            **asked,
         )
         result = update_in_store(request)
-    shown.end(result, output_directory(output, "update") / "update.html")
+    shown.end(result, folder / "update.html")
+
+
+@made_from(
+    "recal.service.watch.session",
+    "WatchRequest",
+    LATITUDE,
+    asks="serial target_deg_h technology lat_deg map_ idle_s new_unit new_store twin config"
+    " thermal_model",
+    map_="FILE",
+    technology="rlg|fog|mems",
+    report="FOLDER",
+)
+def watch(
+    shown: Shown,
+    source,
+    /,
+    run: Annotated[
+        Path, typer.Option("-o", "--output", metavar="RUN", help="The run directory to record to.")
+    ],
+    store,
+    page: Annotated[
+        int | None,
+        typer.Option(
+            "--page", metavar="PORT", min=0, max=65535, help="Show it on 127.0.0.1 at this port."
+        ),
+    ] = None,
+    commit: bool = False,
+    propose: bool = False,
+    by: str | None = None,
+    note: str = "",
+    report: Path | None = None,
+    *,
+    force,
+    **asked,
+) -> None:
+    """Watch a session while it runs: record it, say what it shows and what more would bring; at
+    its end, or on Ctrl-C, update the table as recal update does.
+
+    Example: recal watch udp:127.0.0.1:14550 --serial SN-0042 --lat-deg 45.000 -o run
+
+    Parameters
+    ----------
+    propose
+        Keep the new table in the store for review; the active table stays.
+    by
+        Who proposes. Default: the operator of your config.toml, else your login name.
+    note
+        A note kept with the proposal.
+    report
+        The folder of the update's report. Default: recal-watch.
+    """
+    if commit and propose:
+        raise typer.BadParameter("--commit stores the table at once, --propose keeps it for review")
+    signed = (login_name() if by is None else by, note) if propose else None
+    from recal.service.watch.session import WatchRequest
+    from recal.service.watch.session import watch as watched
+
+    folder = shown.folder(
+        report, "recal.update/1", "update.html", default="recal-watch", force=force
+    )
+    with _screen(shown) as screen, _page(page, shown) as page_shown, _until_interrupted() as stop:
+
+        def show(state: "WatchState") -> None:
+            screen(state)
+            page_shown(state)
+
+        request = WatchRequest(
+            source=source,
+            run=run,
+            store_url=store,
+            store_named=store != DEFAULT_STORE,
+            commit=commit,
+            propose=signed,
+            output=folder,
+            stopped=stop.is_set,
+            shown=show,
+            told=shown.say,
+            **asked,
+        )
+        result = watched(request)
+    if shown.as_json:
+        json_line(result.document)
+        shown = Shown(as_json=False, quiet=True, verbose=shown.verbose)
+    shown.end(result, folder / "update.html")
+
+
+@contextmanager
+def _until_interrupted() -> Iterator[Event]:
+    """Set by the first Ctrl-C, or a request to end; the second one breaks off as ever."""
+    stop = Event()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def ask(number: int, frame: Any) -> None:
+        stop.set()
+        signal.signal(number, before[signal.Signals(number)])
+
+    for number in before:
+        signal.signal(number, ask)
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _screen(shown: Shown) -> Iterator[Any]:
+    """What shows the state: lines of JSON, a screen of a terminal, a line a minute, nothing."""
+    if shown.as_json:
+        yield json_line
+    elif shown.quiet:
+        yield lambda state: None
+    elif sys.stderr.isatty():
+        from recal.cli.terminal.watch_screen import screen
+
+        with screen() as show:
+            yield show
+    else:
+        from recal.cli.terminal.watch_screen import changed_lines
+
+        lines = changed_lines()
+
+        def print_new(state: "WatchState") -> None:
+            for line in lines(state):
+                say(line)
+
+        yield print_new
+
+
+@contextmanager
+def _page(port: int | None, shown: Shown) -> Iterator[Any]:
+    """What shows the state on a page, served meanwhile."""
+    if port is None:
+        yield lambda state: None
+        return
+    from recal.cli.serve import require_web
+
+    require_web("watch --page")
+    from recal.web.live import LivePage
+
+    with LivePage(port) as live:
+        shown.say(f"page: {live.url}")
+        yield live.show

@@ -13,14 +13,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recal.fleet.document_records import (
+from recal.fleet.records import (
+    MERGED,
+    OUTCOMES,
     CallTiming,
+    Criteria,
     Example,
     FleetBand,
+    FleetOutcome,
     FleetReport,
+    FleetRequest,
     FleetTiming,
+    FleetVerdict,
     LeftOutGroup,
     NoteGroup,
+    RunOutcome,
     RunRow,
     Spread,
     StaleRow,
@@ -29,21 +36,20 @@ from recal.fleet.document_records import (
     UnitReport,
     UnitRow,
 )
-from recal.fleet.records import (
-    MERGED,
-    OUTCOMES,
-    FleetOutcome,
-    FleetRequest,
-    FleetVerdict,
-    RunOutcome,
-)
-from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.service.priors.forecast import most_urgent
 from recal.service.priors.records import ForecastReport
 from recal.service.results.files import program_version
 from recal.service.results.pages import NM_H_PER_DEG_H, BiasStep, MethodDocument
-from recal.service.store import TableStore, UnitKey, holds_store, store_name
+from recal.service.store import (
+    DEFAULT_SIGMA_deg_h,
+    TableStore,
+    UnitKey,
+    UnitRecord,
+    holds_store,
+    moment,
+    store_name,
+)
 
 MAX_POINTS = 2000
 WORST = {  # the verdict where nothing was merged: of the first of these that there is
@@ -59,6 +65,14 @@ METHOD = (
         " next is tried"
     ),
     "all runs of a unit in one joint update, without those that contradict the model or the table",
+)
+STALE_DAYS = 365.0  # chosen: 1 year
+STALE_SHARE = 0.5  # of the sigma that tables of the technology come with
+CRITERIA = Criteria(
+    stale_after_days=STALE_DAYS,
+    stale_sigma_deg_h={name: STALE_SHARE * sigma for name, sigma in DEFAULT_SIGMA_deg_h.items()},
+    stale_contradictions=1,
+    surprise_sigmas=3.0,
 )
 
 
@@ -300,3 +314,41 @@ def _run(o: RunOutcome, output: Path) -> RunRow:
     inside = bool(o.folder) and Path(o.folder).is_relative_to(output)
     report = f"{Path(o.folder).relative_to(output)}/update.json" if inside else None
     return RunRow(**shared, report=report)
+
+
+def table_facts(store: TableStore, record: UnitRecord, now: datetime) -> TableFacts:
+    """Age since the newest data in it, sigma (RMS over the nodes of the level gyros), sessions that
+    contradict it.
+    """
+    unit, revision = record.unit, record.active
+    table = revision.table
+    sigma = np.concatenate([table.sigma_deg_h(k, table.temperature_degC[k]) for k in (0, 1)])
+    against = store.contradictions(*unit.key)
+    facts = TableFacts(
+        revision=revision.number,
+        kind=revision.kind,
+        sha256=revision.sha256,
+        created_utc=table.created_utc,
+        stored_utc=revision.created_utc,
+        age_days=round((now - moment(table.created_utc)).total_seconds() / 86400.0, 1),
+        sigma_deg_h=float(np.sqrt(np.mean(sigma**2))),
+        contradictions=len(against),
+        contradicted_by=[evidence.run_id for evidence in against[-5:]],
+        stale=(),
+    )
+    return replace(facts, stale=_why_stale(facts, unit.gyro_technology))
+
+
+def _why_stale(facts: TableFacts, technology: str) -> list[str]:
+    """Why the table needs attention; empty where it does not."""
+    most = STALE_SHARE * DEFAULT_SIGMA_deg_h[technology]
+    reasons = []
+    if facts.contradictions:
+        several = facts.contradictions > 1
+        words = "sessions contradict it" if several else "session contradicts it"
+        reasons.append(f"{facts.contradictions} {words}")
+    if facts.age_days > STALE_DAYS:
+        reasons.append(f"its newest data are {facts.age_days:.0f} days old")
+    if facts.sigma_deg_h > most:
+        reasons.append(f"sigma {facts.sigma_deg_h:.4f} deg/h over its nodes, above {most:g}")
+    return reasons

@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from ins.verdicts import Outcome
-from recal.fleet.document_records import TableDrift, TemperatureBand, UnitReport
-from recal.fleet.records import MERGED, RunOutcome, UnitTask
+from recal.fleet.records import (
+    MERGED,
+    RunOutcome,
+    TableDrift,
+    TemperatureBand,
+    UnitReport,
+    UnitTask,
+)
 from recal.service.inputs.listings import read_json_object
 from recal.service.inputs.records import ThermalTable, table_of
 from recal.service.results.files import write_text

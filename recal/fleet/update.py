@@ -16,19 +16,20 @@ from datetime import UTC, datetime
 
 from ins.documents import to_json
 from recal.fleet.document import Timing, fleet_document
-from recal.fleet.document_records import CallTiming, FleetReport, FleetTiming, UnitReport
-from recal.fleet.manifest import listed_runs
-from recal.fleet.plan import plan_fleet
-from recal.fleet.pools.dispatch import UnitQueue, run_all
+from recal.fleet.plan import listed_runs, plan_fleet
 from recal.fleet.pools.journal import Journal
-from recal.fleet.pools.local_pool import LocalPool, Pool
+from recal.fleet.pools.local_pool import LocalPool, Pool, UnitQueue, run_all
 from recal.fleet.records import (
     CallSettings,
+    CallTiming,
     FleetOutcome,
+    FleetReport,
     FleetRequest,
+    FleetTiming,
     PlannedRun,
     RunOutcome,
     RunTask,
+    UnitReport,
     outcome_of,
 )
 from recal.fleet.report import fleet_html
@@ -275,7 +276,7 @@ def _document(
 
 def unit_folder(key: UnitKey) -> str:
     """A folder name for a unit."""
-    return _safe("-".join(filter(None, (key.imu_serial, key.gyro_technology, key.gyro_mode))))
+    return _safe("-".join(filter(None, key.key)))
 
 
 def run_folder(run: PlannedRun) -> str:

@@ -40,6 +40,7 @@ class Aligned(Result[AlignmentDocument]):
         The phases given or found, in s from the run's start.
     """
 
+    FOLDER = "recal-align"
     phases: tuple[Phase, ...] = ()
 
     @property
@@ -62,7 +63,40 @@ class Aligned(Result[AlignmentDocument]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, angles with one sigma, phases."""
-        return summary(self.record)
+        document = self.record
+        lines = [f"{document.run_id}: {document.verdict}"]
+        word = "note:" if document.verdict == AlignmentVerdict.ALIGNED else "because"
+        lines += [f"  {word} {reason}" for reason in document.reasons]
+        lines += [f"  note: {document.noise_note}"] if document.noise_note else []
+        if document.noise_fit is not None and not document.noise_fit.fits:
+            lines.append(f"  note: {document.noise_fit.text}")
+        for name, value, sigma in (
+            ("roll", document.roll_deg, document.sigma_roll_deg),
+            ("pitch", document.pitch_deg, document.sigma_pitch_deg),
+            ("heading", document.heading_deg, document.sigma_heading_deg),
+        ):
+            if np.isfinite(value):
+                lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
+        level = document.motion_level
+        if level is not None:
+            lines.append(
+                f"  used {document.used_percent:.0f} % of the parked seconds; place strays by"
+                f" {level.place_mm:.2g} mm (up to {level.largest_place_mm:.2g}), heading by"
+                f" {level.yaw_arcsec:.2g} arcsec (up to {level.largest_yaw_arcsec:.2g}): sigma"
+                f" {level.sigma_cost:.2f} times that on a calm vehicle"
+            )
+        seen = document.zero_rate
+        if isinstance(seen, ZeroRates):
+            lines += [
+                f"  gyro {axis} zero rate {found.bias_deg_h:+.1f} +- {found.sigma_deg_h:.1f}"
+                " deg/h, less vertical Earth"
+                f" rate{'' if seen.heading_known else ', heading unknown'} ({seen.start_s:.0f} to"
+                f" {seen.end_s:.0f} s)"
+                for axis, found in seen.gyro.items()
+            ]
+        for phase in document.phases or ():
+            lines.append(f"  {phase.phase:20s}{phase.start_s:9.1f} to {phase.end_s:9.1f} s")
+        return lines
 
 
 def align(
@@ -175,40 +209,3 @@ def _no_table(unit: UnitInputs, run: Run, sigma_deg_h: NDArray | None) -> Reason
         technology=run.header.gyro_technology,
         sigma_deg_h=float(taken),
     )
-
-
-def summary(document: AlignmentDocument) -> list[str]:
-    """The result in a few lines for people."""
-    lines = [f"{document.run_id}: {document.verdict}"]
-    word = "note:" if document.verdict == AlignmentVerdict.ALIGNED else "because"
-    lines += [f"  {word} {reason}" for reason in document.reasons]
-    lines += [f"  note: {document.noise_note}"] if document.noise_note else []
-    if document.noise_fit is not None and not document.noise_fit.fits:
-        lines.append(f"  note: {document.noise_fit.text}")
-    for name, value, sigma in (
-        ("roll", document.roll_deg, document.sigma_roll_deg),
-        ("pitch", document.pitch_deg, document.sigma_pitch_deg),
-        ("heading", document.heading_deg, document.sigma_heading_deg),
-    ):
-        if np.isfinite(value):
-            lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
-    level = document.motion_level
-    if level is not None:
-        lines.append(
-            f"  used {document.used_percent:.0f} % of the parked seconds; place strays by"
-            f" {level.place_mm:.2g} mm (up to {level.largest_place_mm:.2g}), heading by"
-            f" {level.yaw_arcsec:.2g} arcsec (up to {level.largest_yaw_arcsec:.2g}): sigma"
-            f" {level.sigma_cost:.2f} times that on a calm vehicle"
-        )
-    seen = document.zero_rate
-    if isinstance(seen, ZeroRates):
-        lines += [
-            f"  gyro {axis} zero rate {found.bias_deg_h:+.1f} +- {found.sigma_deg_h:.1f}"
-            " deg/h, less vertical Earth"
-            f" rate{'' if seen.heading_known else ', heading unknown'} ({seen.start_s:.0f} to"
-            f" {seen.end_s:.0f} s)"
-            for axis, found in seen.gyro.items()
-        ]
-    for phase in document.phases or ():
-        lines.append(f"  {phase.phase:20s}{phase.start_s:9.1f} to {phase.end_s:9.1f} s")
-    return lines

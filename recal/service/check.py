@@ -127,7 +127,13 @@ class Check(Result[CheckReport]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """What the run holds, then one line for each problem."""
-        return report_lines(self.record)
+        result = self.record
+        lines = _held_lines(result.holds)
+        lines += [f"{p.level}: {p.text}" for p in result.problems]
+        lines += [
+            f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired
+        ]
+        return [*lines, f"{result.run}: {result.verdict.replace('_', ' ')}"]
 
 
 def check(
@@ -275,14 +281,6 @@ def _at_rest(seen: Inspection) -> RestHeld | None:
         expected=expected_rest(seen.header.site),
         speed_m_s=quiet.speed_m_s,
     )
-
-
-def report_lines(result: CheckReport) -> list[str]:
-    """The result for people: what the run holds, then one line for each problem."""
-    lines = _held_lines(result.holds)
-    lines += [f"{p.level}: {p.text}" for p in result.problems]
-    lines += [f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired]
-    return [*lines, f"{result.run}: {result.verdict.replace('_', ' ')}"]
 
 
 def error_lines(result: CheckReport) -> list[str]:

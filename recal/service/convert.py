@@ -65,7 +65,19 @@ class Converted(Result[ConvertReport]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Notes, repairs, problems, and what the run holds."""
-        return report_lines(self.record)
+        result = self.record
+        lines = [f"note: {note}" for note in result.notes]
+        lines += [
+            f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired
+        ]
+        lines += [f"{p.level}: {p.text}" for p in result.problems]
+        beside = f" (with {', '.join(result.streams)})" if result.streams else ""
+        lines.append(
+            f"{result.run or result.run_id}: {result.rows} rows, {result.rate_hz:.4g} Hz,"
+            f" {result.duration_s:.3f} s{beside}; log time {result.time_shift_s:.6f} s is run"
+            " time 0"
+        )
+        return lines
 
 
 def convert(
@@ -307,17 +319,3 @@ def summary(conversion: Conversion, output: AnyPath | None) -> ConvertReport:
         ),
         problems=conversion.findings,
     )
-
-
-def report_lines(result: ConvertReport) -> list[str]:
-    """The result for people."""
-    lines = [f"note: {note}" for note in result.notes]
-    lines += [f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired]
-    lines += [f"{p.level}: {p.text}" for p in result.problems]
-    beside = f" (with {', '.join(result.streams)})" if result.streams else ""
-    lines.append(
-        f"{result.run or result.run_id}: {result.rows} rows, {result.rate_hz:.4g} Hz,"
-        f" {result.duration_s:.3f} s{beside}; log time {result.time_shift_s:.6f} s is run"
-        " time 0"
-    )
-    return lines

@@ -98,9 +98,7 @@ def demo(
     told : callable
         Told what is being done.
     """
-    need_free_report(
-        output or Path("recal-demo"), "demo.json", DemoReport.schema, DEMO_FILES, force=force
-    )
+    need_free_report(output or Path("recal-demo"), DemoReport.schema, DEMO_FILES, force=force)
     directory = output_directory(output, "demo")
     runs, unit = _simulate(directory, seed, rate_hz, told)
     url = _store_url(directory)

@@ -1,7 +1,7 @@
 """`diagnose`: where simulator and logs disagree, which effect causes it, how the gap shrinks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
 from recal.service.inputs.twin_table import TwinTable, twin_and_table
-from recal.service.results.files import AnyPath, output_directory, program_version, write_files
+from recal.service.results.files import AnyPath, program_version
 from recal.service.results.result import Result
 from recal.service.twin.fit import noise_fit
 from simreal.evidence.overlap import overlapping
@@ -55,15 +55,9 @@ class FoundCause:
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
 class Diagnosed(Result[GapReport]):
-    """The gap between simulator and logs.
+    """The gap between simulator and logs; `files`: the twin with its causes, and its table."""
 
-    Parameters
-    ----------
-    files : Mapping
-        Texts by file name: diagnosis.json, diagnosis.html, twin.json and its table.
-    """
-
-    files: dict[str, str] = field(default_factory=dict)
+    FOLDER = "recal-diagnose"
 
     @property
     def gap_score(self) -> float:
@@ -79,12 +73,6 @@ class Diagnosed(Result[GapReport]):
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, where the gap lies, its causes."""
         return summary(self.record)
-
-    def write(self, output: AnyPath | None = None) -> Path:
-        """Write all files to a directory (made if need be; else `recal-diagnose`); returns it."""
-        directory = output_directory(None if output is None else Path(output), "diagnose")
-        write_files({directory / name: text for name, text in self.files.items()})
-        return directory
 
 
 def _cause(c: Cause) -> FoundCause:
@@ -239,8 +227,7 @@ def _noise_fit(found: Diagnosis, beside: TwinTable, asked: DiagnosisRequest) -> 
 
 
 def _made(record: GapReport, page: str, files: dict[str, str]) -> Diagnosed:
-    own = {"diagnosis.json": to_json(record), "diagnosis.html": page}
-    return Diagnosed(record, page=lambda: page, files=own | files)
+    return Diagnosed(record, page=lambda: page, files=files)
 
 
 def _distinct(paths: list[Path], runs: list[Run]) -> None:

@@ -1,21 +1,16 @@
 """`misalignment`: couplings of the level axes into each gyro, from stops on four azimuths."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from infield.misalignment.azimuth_biases import KnownAzimuths
+from infield.misalignment.azimuth_biases import KnownAzimuths as KnownAzimuths
 from infield.misalignment.azimuth_table import read_azimuth_table
 from infield.misalignment.reasons import MisalignmentVerdict
-from infield.misalignment.study import (
-    AzimuthSettings,
-    AzimuthStudy,
-    corrected_twin,
-    study_runs,
-    study_table,
-)
+from infield.misalignment.study import AzimuthSettings as AzimuthSettings
+from infield.misalignment.study import AzimuthStudy, corrected_twin, study_runs, study_table
 from infield.reports.documents.misalignment import MisalignmentDocument, misalignment_document
 from infield.reports.misalignment_page import render
 from infield.session.log import with_applied_table_undone
@@ -28,16 +23,7 @@ from ins.verdicts import Observability, measured_words
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.unit_inputs import opened, unit_inputs
 from recal.service.results.files import AnyPath, program_version
-from recal.service.results.result import Result, write_report
-
-__all__ = [
-    "AzimuthSettings",
-    "KnownAzimuths",
-    "Misaligned",
-    "known_azimuths",
-    "misalignment",
-    "misalignment_of_table",
-]
+from recal.service.results.result import Result
 
 
 @dataclass(frozen=True)
@@ -77,7 +63,22 @@ class Misaligned(Result[MisalignmentDocument]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, couplings with one sigma, the redundant equations."""
-        return summary(self.record)
+        document = self.record
+        lines = [f"{document.imu_serial or document.source}: {document.verdict}"]
+        lines += [f"  because {reason}" for reason in document.reasons]
+        lines += [f"  {note}" for note in document.notes]
+        for c in document.couplings:
+            if c.verdict == Observability.NOT_OBSERVABLE or c.value_arcsec is None:
+                continue
+            value = round(c.value_arcsec, 1) + 0.0  # no -0.0
+            said = measured_words(c.verdict, c.value_arcsec, c.sigma_arcsec)
+            lines.append(f"  {c.entry:6s}{value:+9.1f} +- {c.sigma_arcsec:.1f} arcsec ({said})")
+        if r := document.redundancy:
+            lines.append(
+                f"  redundancy: chi-square {r.chi2:.1f} of {r.dof}, limit {r.limit_999:.1f}"
+            )
+        lines += [f"  not observable: {row.what}: {row.why}" for row in document.not_observable]
+        return lines
 
     def write(self, output: AnyPath | None = None, *, twin_out: AnyPath | None = None) -> Path:
         """Write misalignment.json and misalignment.html to a directory (else
@@ -86,7 +87,7 @@ class Misaligned(Result[MisalignmentDocument]):
         twin = {}
         if twin_out is not None and self.twin is not None:
             twin = {str(Path(twin_out).absolute()): to_json(twin_to_dict(self.twin))}
-        return write_report(self, output or "recal-misalignment", "misalignment", twin)
+        return Result.write(replace(self, files=twin), output)
 
 
 def misalignment(
@@ -208,20 +209,3 @@ def known_azimuths(
 def _made(study: AzimuthStudy) -> Misaligned:
     found = misalignment_document(study, version=program_version())
     return Misaligned(found, page=lambda: render(found), study=study)
-
-
-def summary(document: MisalignmentDocument) -> list[str]:
-    """The result in a few lines for people."""
-    lines = [f"{document.imu_serial or document.source}: {document.verdict}"]
-    lines += [f"  because {reason}" for reason in document.reasons]
-    lines += [f"  {note}" for note in document.notes]
-    for c in document.couplings:
-        if c.verdict == Observability.NOT_OBSERVABLE or c.value_arcsec is None:
-            continue
-        value = round(c.value_arcsec, 1) + 0.0  # no -0.0
-        said = measured_words(c.verdict, c.value_arcsec, c.sigma_arcsec)
-        lines.append(f"  {c.entry:6s}{value:+9.1f} +- {c.sigma_arcsec:.1f} arcsec ({said})")
-    if r := document.redundancy:
-        lines.append(f"  redundancy: chi-square {r.chi2:.1f} of {r.dof}, limit {r.limit_999:.1f}")
-    lines += [f"  not observable: {row.what}: {row.why}" for row in document.not_observable]
-    return lines

@@ -5,7 +5,6 @@ seen.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
-from pathlib import Path
 
 from ins.records import InputError, Run, Site, TwinModel
 from ins.twin_file import default_twin
@@ -13,7 +12,7 @@ from ins.units import DEG
 from recal.service.inputs.records import AnyRun, runs_of
 from recal.service.inputs.twin_table import TwinTable, twin_and_table
 from recal.service.results.files import AnyPath, program_version
-from recal.service.results.result import Result, write_report
+from recal.service.results.result import Result
 from simreal.evidence.run_view import RunView, view_run
 from simreal.plan.flights import check_technology, plan_flights
 from simreal.plan.pairs import CLASSICAL, read_pair
@@ -32,10 +31,6 @@ class Planned(Result[PlanReport]):
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Pair by pair what to record, and what would be seen."""
         return summary(self.record)
-
-    def write(self, output: AnyPath | None = None) -> Path:
-        """Write plan.json and plan.html to a directory (else `recal-plan`); returns it."""
-        return write_report(self, output or "recal-plan", "plan")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from ins.units import DEG
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, with_thermal_model
 from recal.service.results.files import AnyPath, program_version
-from recal.service.results.result import Result, write_report
+from recal.service.results.result import Result
 from trajectories.runs.directory import read_reference
 from trajectories.runs.stream_files import write_columns
 
@@ -77,7 +77,36 @@ class Replayed(Result[ReplayDocument]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, drift with each table, the aided solution."""
-        return summary(self.record)
+        document = self.record
+        lines = [f"{document.run_id}: {verdict_words(document)}"]
+        lines += [f"  because {reason}" for reason in document.reasons]
+        lines += [f"  {note}" for note in document.notes]
+        for t in document.tables:
+            drift, predicted = t.parked, t.predicted
+            line = f"  {t.role:9s}{t.origin}: "
+            if drift is None:
+                lines.append(line + f"alignment {t.alignment.verdict}, no parked drift")
+                continue
+            expected = f" (predicted 1 sigma {predicted.sigma_nm_h:.3f})" if predicted else ""
+            lines.append(
+                line + f"{drift.rate_nm_h:.3f} NM/h{expected}, RMS rate {drift.rms_rate_nm_h:.3f}"
+                " NM/h, "
+                f"{drift.end_speed_kt:.2f} kt, class {drift.drift_class}{_realign(t)}"
+            )
+            if (schuler := t.schuler) and not schuler.reason:
+                lines.append(
+                    f"           Schuler period {schuler.period_min:.1f} +-"
+                    f" {schuler.sigma_period_min:.1f} min"
+                )
+        difference = document.difference
+        if difference and (rate := difference.rate_nm_h):
+            sigma = difference.sigma_rate_nm_h
+            spread = "" if sigma is None else f" +- {sigma:.3f}"
+            lines.append(
+                f"  previous to active: {rate.previous:.3f} -> {rate.active:.3f} NM/h, change"
+                f" {rate.change:+.3f}{spread}, heading {difference.heading_mrad:+.2f} mrad"
+            )
+        return lines + _aided_lines(document.aided)
 
     def write(self, output: AnyPath | None = None, *, kml: bool = False, csv: bool = False) -> Path:
         """Write replay.json, replay.html, navigation.parquet and navigation_aided.parquet; where it
@@ -98,7 +127,7 @@ class Replayed(Result[ReplayDocument]):
             The directory.
         """
         more = {"track.kml": track_kml(self.flown)} if kml else {}
-        directory = write_report(self, output or "recal-replay", "replay", more)
+        directory = Result.write(replace(self, files=more), output)
         for ending in (".parquet", ".csv") if csv else (".parquet",):
             _write_navigation(directory / f"navigation{ending}", self.flown)
             flown = self.flown.aided
@@ -277,39 +306,6 @@ def _write_aided(path: Path, aided: AidedResult | None) -> None:
         path.unlink(missing_ok=True)
         return
     write_columns(path, aided_columns(aided))
-
-
-def summary(document: ReplayDocument) -> list[str]:
-    """The result in a few lines for people."""
-    lines = [f"{document.run_id}: {verdict_words(document)}"]
-    lines += [f"  because {reason}" for reason in document.reasons]
-    lines += [f"  {note}" for note in document.notes]
-    for t in document.tables:
-        drift, predicted = t.parked, t.predicted
-        line = f"  {t.role:9s}{t.origin}: "
-        if drift is None:
-            lines.append(line + f"alignment {t.alignment.verdict}, no parked drift")
-            continue
-        expected = f" (predicted 1 sigma {predicted.sigma_nm_h:.3f})" if predicted else ""
-        lines.append(
-            line + f"{drift.rate_nm_h:.3f} NM/h{expected}, RMS rate {drift.rms_rate_nm_h:.3f}"
-            " NM/h, "
-            f"{drift.end_speed_kt:.2f} kt, class {drift.drift_class}{_realign(t)}"
-        )
-        if (schuler := t.schuler) and not schuler.reason:
-            lines.append(
-                f"           Schuler period {schuler.period_min:.1f} +-"
-                f" {schuler.sigma_period_min:.1f} min"
-            )
-    difference = document.difference
-    if difference and (rate := difference.rate_nm_h):
-        sigma = difference.sigma_rate_nm_h
-        spread = "" if sigma is None else f" +- {sigma:.3f}"
-        lines.append(
-            f"  previous to active: {rate.previous:.3f} -> {rate.active:.3f} NM/h, change"
-            f" {rate.change:+.3f}{spread}, heading {difference.heading_mrad:+.2f} mrad"
-        )
-    return lines + _aided_lines(document.aided)
 
 
 def _realign(table: FlownTableDocument) -> str:

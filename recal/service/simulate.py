@@ -102,7 +102,7 @@ class Simulation(Result[SimulateReport]):
         """The factory table of the unit."""
         return table_from_dict(self.table_dict, name="table")
 
-    def write(
+    def write(  # type: ignore[override]
         self, path: AnyPath | None, *, table: AnyPath | None = None, truth: AnyPath | None = None
     ) -> "Simulation":
         """Write the run with its reference as a run directory.

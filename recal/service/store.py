@@ -7,64 +7,35 @@ import os
 from dataclasses import replace
 from datetime import datetime
 
-from infield.session.disagreement import SessionEvidence, utc
-from infield.store.database import holds_store, parsed_url, require_folder, store_name
-from infield.store.errors import (
-    WORTH_ANOTHER_TRY,
-    StoreBusy,
-    StoreConflict,
-    StoreError,
-    StoreRefused,
-    UnknownUnit,
-)
-from infield.store.proposal_rows import Decided
-from infield.store.proposals import signed_note
+from infield.session.disagreement import SessionEvidence as SessionEvidence
+from infield.session.disagreement import utc
+from infield.store.database import holds_store as holds_store
+from infield.store.database import parsed_url
+from infield.store.database import require_folder as require_folder
+from infield.store.database import store_name as store_name
+from infield.store.errors import WORTH_ANOTHER_TRY as WORTH_ANOTHER_TRY
+from infield.store.errors import StoreBusy as StoreBusy
+from infield.store.errors import StoreConflict as StoreConflict
+from infield.store.errors import StoreError as StoreError
+from infield.store.errors import StoreRefused as StoreRefused
+from infield.store.errors import UnknownUnit as UnknownUnit
+from infield.store.proposal_rows import Decided as Decided
+from infield.store.proposals import signed_note as signed_note
 from infield.store.rows import unit_of_table
-from infield.store.table_store import (
-    FullProposal,
-    MergedRun,
-    Proposal,
-    Revision,
-    TableStore,
-    UnitKey,
-    UnitRecord,
-    UnitSummary,
-    store_exists,
-)
-from ins.errors.table import DEFAULT_SIGMA_deg_h
+from infield.store.table_store import FullProposal as FullProposal
+from infield.store.table_store import MergedRun as MergedRun
+from infield.store.table_store import Proposal as Proposal
+from infield.store.table_store import Revision as Revision
+from infield.store.table_store import TableStore as TableStore
+from infield.store.table_store import UnitKey as UnitKey
+from infield.store.table_store import UnitRecord as UnitRecord
+from infield.store.table_store import UnitSummary as UnitSummary
+from infield.store.table_store import store_exists as store_exists
+from ins.errors.table import DEFAULT_SIGMA_deg_h as DEFAULT_SIGMA_deg_h
 from ins.records import InputError
 from ins.verdicts import Outcome
 from recal.service.inputs.new_units import require_unit
 from recal.service.update import Update, commit_update
-
-__all__ = [
-    "WORTH_ANOTHER_TRY",
-    "DEFAULT_SIGMA_deg_h",
-    "Decided",
-    "FullProposal",
-    "MergedRun",
-    "Proposal",
-    "Revision",
-    "SessionEvidence",
-    "Store",
-    "StoreBusy",
-    "StoreConflict",
-    "StoreError",
-    "StoreRefused",
-    "TableStore",
-    "UnitKey",
-    "UnitRecord",
-    "UnitSummary",
-    "UnknownUnit",
-    "absolute_store",
-    "holds_store",
-    "moment",
-    "open_store",
-    "require_folder",
-    "signed_note",
-    "store_exists",
-    "store_name",
-]
 
 
 class Store(TableStore):

@@ -12,21 +12,14 @@ from infield.reports.drawing import Line, Panel
 from infield.reports.figures import BLACK, GREY, NEW, OLD, drawn_temperatures
 from infield.reports.page import render_page
 from infield.reports.update_figures import BIAS_AXIS, TEMPERATURE_AXIS, table_curve
-from infield.store.table_store import Revision
+from infield.store.table_store import Revision, TableStore
 from infield.table.file import read_table_csv, read_table_dict, table_from_dict, table_sha256
 from infield.table.thermal_table import ThermalTable
 from ins.documents import UNWRITTEN, written_as
 from ins.records import AXES, InputError, TableDocument
 from ins.verdicts import differs
 from recal.service.results.result import Result
-from recal.service.tables import (
-    AxisDifference,
-    change_between,
-    find_revision,
-    line_of,
-    need,
-    open_tables,
-)
+from recal.service.tables import AxisDifference, change_between, find_revision, line_of, need
 
 ENDINGS = (".json", ".csv")  # of what is a file and no revision
 NO_PARENT = "1970-01-01T00:00:00Z"  # a CSV holds no date
@@ -150,7 +143,7 @@ def table_diff(
         if names[k].endswith(ENDINGS):
             found[k] = _file_table(Path(names[k]), wanted)
             continue
-        with open_tables(store) as opened:
+        with TableStore.open(store) as opened:
             found[k] = find_revision(opened, names[k], *wanted)
     old, new = found[0], found[1]
     units = [unit_name(side.table) for side in (old, new)]
@@ -247,9 +240,8 @@ def _descends(young: Revision | FileTable, old: Revision | FileTable, store: str
     """Whether a table was made from another one, by updates alone."""
     if young.sha256 == old.sha256 or not isinstance(young, Revision):
         return old.sha256 in (young.sha256, young.parent_sha256)
-    unit = young.unit.imu_serial, young.unit.gyro_technology, young.unit.gyro_mode
-    with open_tables(store) as opened:
-        history = opened.history(*unit)
+    with TableStore.open(store) as opened:
+        history = opened.history(*young.unit.key)
     for revision in reversed(history[: young.number]):
         if revision.sha256 == old.sha256:
             return True

@@ -8,13 +8,10 @@ from enum import StrEnum
 from pathlib import Path
 
 from infield.store.table_store import Revision, TableStore, require_same_unit
-from infield.table.autopilot_params import (
-    MAX_DEVICE_ID,
-    MAX_PARAMETER_BYTES,
-    NUMBERS,
-    PARAMETER_ENDINGS,
-    read_cubic,
-)
+from infield.table.autopilot_params import MAX_DEVICE_ID as MAX_DEVICE_ID
+from infield.table.autopilot_params import MAX_PARAMETER_BYTES, read_cubic
+from infield.table.autopilot_params import NUMBERS as NUMBERS
+from infield.table.autopilot_params import PARAMETER_ENDINGS as PARAMETER_ENDINGS
 from infield.table.autopilot_table import (
     CubicDocument,
     CubicExport,
@@ -37,18 +34,6 @@ from ins.user_input import read_bounded
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
 from recal.service.tables import need, other_technology
-
-__all__ = [
-    "MAX_DEVICE_ID",
-    "NUMBERS",
-    "PARAMETER_ENDINGS",
-    "CubicRequest",
-    "Exported",
-    "TableFile",
-    "export_cubic_table",
-    "import_table",
-    "write_table",
-]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from infield.store.database import holds_store
 from infield.store.errors import StoreRefused
 from infield.store.policy import Approval, PolicyRecord
-from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
-from infield.store.verify import StoreCheck, StoreVerdict, UnitCheck
-from infield.table.file import export_command
+from infield.store.table_store import FullProposal, Proposal, TableStore
+from infield.store.table_store import Revision as Revision
+from infield.store.verify import StoreCheck, UnitCheck
+from infield.store.verify import StoreVerdict as StoreVerdict
+from infield.table.file import export_command as export_command
 from infield.table.thermal_table import ThermalTable
 from ins.documents import INLINE, OMIT_NONE, to_json
 from ins.json_file import JsonObject, read_json_object
@@ -21,37 +23,11 @@ from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_files
 
-__all__ = [
-    "AxisDifference",
-    "Revision",
-    "StoreVerdict",
-    "change_between",
-    "check_document",
-    "decide",
-    "export_command",
-    "find_revision",
-    "key_of",
-    "line_of",
-    "need",
-    "open_tables",
-    "other_technology",
-    "policy_line",
-    "proposed_document",
-    "revision_number",
-    "set_policy",
-    "verify",
-    "write_proposal",
-]
-
 APPROVAL_WORDS = {
     Approval.TWO_PEOPLE: "two people: somebody else than its proposer approves an update",
     Approval.ONE_PERSON: "one person may put an update forward and approve it",
 }
 MAX_DIGITS = 10  # of a revision number, less one: 9 digits fit 32 bits (2,147,483,647)
-
-
-def open_tables(url: str, *, any_clock: bool = False) -> TableStore:
-    return TableStore.open(url, any_clock=any_clock)
 
 
 def other_technology(opened: TableStore, table: TableDocument) -> str | None:
@@ -68,7 +44,7 @@ def other_technology(opened: TableStore, table: TableDocument) -> str | None:
 def set_policy(url: str, one_person: bool | None, *, by: str, reason: str) -> PolicyRecord:
     """The store's rule, a new one first where it is given; NoStore where there is no store."""
     if one_person is None or not holds_store(url):
-        with open_tables(url) as opened:
+        with TableStore.open(url) as opened:
             return opened.policy()
     approval = Approval.ONE_PERSON if one_person else Approval.TWO_PEOPLE
     with TableStore.open(url, create=True) as opened:
@@ -88,14 +64,14 @@ def find_revision(
     opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None
 ) -> Revision:
     """A revision by number or tag; InputError where there is none."""
-    key = key_of(opened.active(serial, technology, mode))
+    key = opened.active(serial, technology, mode).unit.key
     if name == "previous":
         found = opened.previous(*key)
         if found is None:
             raise InputError(f"serial {key[0]}: revision 1 is active, there is none before it")
         return found
     if name in ("active", "factory"):
-        record = next(u for u in opened.units() if key_of(u.active) == key)
+        record = next(u for u in opened.units() if u.unit.key == key)
         return opened.revision(
             {"active": record.active.number, "factory": record.factory_number}[name], *key
         )
@@ -142,11 +118,6 @@ def change_between(before: HasTable, after: HasTable, axis: str) -> AxisDifferen
         sigma_before_deg_h=old.sigma_deg_h(axis, T),
         sigma_after_deg_h=new.sigma_deg_h(axis, T),
     )
-
-
-def key_of(revision: Revision) -> tuple[str, str, str]:
-    unit = revision.unit
-    return unit.imu_serial, unit.gyro_technology, unit.gyro_mode
 
 
 def line_of(r: Revision) -> str:

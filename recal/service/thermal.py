@@ -3,7 +3,7 @@ run.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -33,7 +33,7 @@ from recal.service.inputs.records import AnyRun, AnyTwin, read_one, twin_of
 from recal.service.inputs.twin_table import twin_of_unit
 from recal.service.inputs.unit_inputs import opened
 from recal.service.results.files import AnyPath, program_version
-from recal.service.results.result import Result, write_report
+from recal.service.results.result import Result
 from trajectories.runs.directory import write_run
 
 NEEDED_INSTABILITY_DEG_H = 0.001  # what a gradient term may be where the twin states no instability
@@ -46,27 +46,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
 class ThermalFit(Result[FogDocument | RlgDocument]):
-    """Fitted thermal coefficients of one unit.
+    """Fitted thermal coefficients of one unit."""
 
-    Parameters
-    ----------
-    files : dict
-        Texts by file name, the report left out.
-    name : str
-        Of the result: `thermal_rlg` or `thermal_fog`.
-    """
-
-    files: dict[str, str] = field(default_factory=dict)
-    name: str = ""
+    FOLDER = "recal-thermal"
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, coefficients per gyro, what is left on the runs to test on."""
         found = self.record
         return _fog_summary(found) if isinstance(found, FogDocument) else _rlg_summary(found)
-
-    def write(self, output: AnyPath | None = None) -> Path:
-        """Write JSON, page and tables to a directory (else `recal-thermal`); returns it."""
-        return write_report(self, output or "recal-thermal", self.name, self.files)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +152,7 @@ def fit_fog(
         worst = worst_rounding(model, tables, max(run.rate for run in study.fast))
         header = to_c_header(tables, worst, serial=found.imu_serial)
         files = {"thermal_fog.h": header, "thermal_fog.csv": to_csv(tables)}
-    return ThermalFit(found, page=lambda: fog_page.render(found), files=files, name="thermal_fog")
+    return ThermalFit(found, page=lambda: fog_page.render(found), files=files)
 
 
 def fit_rlg(
@@ -221,7 +208,7 @@ def fit_rlg(
         model = model_from_document(plain(found))
         checks = [held_out_run(read_one(run), model, study.axes, noise) for run in check]
         found = rlg_document(study, checks=checks, version=program_version())
-    return ThermalFit(found, page=lambda: rlg_page.render(found), name="thermal_rlg")
+    return ThermalFit(found, page=lambda: rlg_page.render(found))
 
 
 @dataclass(frozen=True, kw_only=True)

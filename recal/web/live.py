@@ -18,7 +18,7 @@ from ins.records import InputError
 from recal.service.results.pages import page_environment, update_html
 from recal.service.watch.records import GYRO_HEAD, WatchState, gyro_rows, rows
 from recal.web import guard
-from recal.web.connections import server_config
+from recal.web.guard import server_config
 from recal.web.settings import ServeSettings
 from recal.web.site import framed
 

@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, HTTPException, Query
@@ -18,11 +18,11 @@ from recal.service.results.pages import (
     stored_update_html,
 )
 from recal.service.store import FullProposal, Revision, TableStore, UnitKey
-from recal.web import health, views
+from recal.web import views
 from recal.web.drawings import TableLine
-from recal.web.health import Show, UnitHealth
 from recal.web.reports import DOCUMENT, PAGE
 from recal.web.site import SCRIPT_PATH, ReaderVisit, ReviewSite, framed
+from recal.web.views import Show, UnitHealth
 
 LINE_WORDS = {
     "factory": "factory table",
@@ -39,7 +39,7 @@ State = Literal[
 ]  # of proposals that are listed
 Number = Annotated[int, Query(ge=1, le=10**9)]
 SORTS: dict[Sort, Callable[[UnitHealth], Any]] = {
-    "next": health.urgency,
+    "next": views.urgency,
     "serial": lambda row: row.unit.unit,
     "technology": lambda row: row.unit.unit.gyro_technology,
     "changed": lambda row: row.unit.created_utc,
@@ -62,24 +62,12 @@ router = APIRouter()
 Reader = Annotated[ReaderVisit, Depends()]
 
 
-@dataclass(frozen=True)
-class UnitAddress:
+def asked_unit(serial: str, technology: str, mode: str = "") -> UnitKey:
     """The unit that an address names."""
-
-    serial: str
-    technology: str
-    mode: str = ""
-
-    @property
-    def unit(self) -> UnitKey:
-        return UnitKey(imu_serial=self.serial, gyro_technology=self.technology, gyro_mode=self.mode)
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        return self.serial, self.technology, self.mode
+    return UnitKey(imu_serial=serial, gyro_technology=technology, gyro_mode=mode)
 
 
-Unit = Annotated[UnitAddress, Depends()]
+Unit = Annotated[UnitKey, Depends(asked_unit)]
 
 
 @router.get("/")
@@ -96,7 +84,7 @@ def units(
         forecast = reader.site.forecasts.at_hand(opened)
     wanted = q.casefold().strip()
     listed = [u for u in everything if wanted in f"{u.unit} {u.sha256}".casefold()]
-    found = health.chosen(health.unit_health(listed, forecast, datetime.now(UTC)), show)
+    found = views.chosen(views.unit_health(listed, forecast, datetime.now(UTC)), show)
     found.sort(key=SORTS["serial"])
     found.sort(key=SORTS[sort], reverse=down)
     last = max(1, -(-len(found) // PAGE_ROWS))
@@ -120,9 +108,8 @@ def units(
 
 @router.get("/unit")
 def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
-    named = asked.unit
     with reader.site.tables() as opened:
-        summary = [u for u in opened.overview() if u.unit == named]
+        summary = [u for u in opened.overview() if u.unit == asked]
         only_proposed = any(not u.active_number for u in summary)
         history = [] if only_proposed else opened.history(*asked.key)
         proposals = opened.proposals(*asked.key)
@@ -140,9 +127,9 @@ def unit(reader: Reader, asked: Unit, done: str = "") -> HTMLResponse:
         history=history[::-1][:MOST_SHOWN],
         proposals=proposals[::-1],
         done=done,
-        state=health.unit_health(summary, forecast, datetime.now(UTC))[0].words,
+        state=views.unit_health(summary, forecast, datetime.now(UTC))[0].words,
         diagnoses=[
-            e for e in reader.site.reports.all() if e.document.get("imu_serial") == asked.serial
+            e for e in reader.site.reports.all() if e.document.get("imu_serial") == asked.imu_serial
         ],
     )
 
@@ -164,7 +151,7 @@ def forecast(reader: Reader) -> HTMLResponse:
         shown=len(document.units),
         trends=trend_strips(document),
         date_words=date_words,
-        unit_page=views.forecast_address,
+        unit_page=partial(views.address, "/unit"),
         drawn=site.drawings.trend(key, document) if document.units else "",
     )
 

@@ -1,9 +1,11 @@
-"""What the templates show, as plain values: rows of tables, provenance, addresses. Reads nothing,
-decides nothing.
+"""What the templates show, as plain values: rows of tables, provenance, addresses, the health of
+each unit of a store. Reads nothing, decides nothing.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from enum import IntEnum, StrEnum
 from typing import Any
 from urllib.parse import quote, urlencode
 
@@ -11,15 +13,18 @@ import numpy as np
 
 from ins.records import AXES
 from recal.service.inputs.records import TableDocument, ThermalTable
-from recal.service.priors.records import UnitForecast
+from recal.service.priors.records import ForecastReport, UnitForecast
 from recal.service.results.pages import decimals_for
-from recal.service.store import FullProposal, Revision, SessionEvidence, UnitKey
+from recal.service.store import FullProposal, Revision, SessionEvidence, UnitKey, UnitSummary
 from recal.service.tables import change_between
 
 STATE_LOOKS = {"open": "fair", "out of date": "none", "approved": "good", "rejected": "bad"}
 
 
 NodeRow = tuple[float, ...]  # of a table
+OLD_DAYS = 365.0  # of a table; chosen: 1 year, a laboratory's usual interval (docs/serve.md)
+SOON_DAYS = 90.0  # before the drift passes the limit; chosen: 3 months (docs/serve.md)
+DAY_S = 86400.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,20 +64,9 @@ class ContradictionRow:
 
 def address(path: str, unit: UnitKey | None = None, **more: Any) -> str:
     """A link: any serial fits into it."""
-    key = (
-        {}
-        if unit is None
-        else {"serial": unit.imu_serial, "technology": unit.gyro_technology, "mode": unit.gyro_mode}
-    )
+    key = {} if unit is None else dict(zip(("serial", "technology", "mode"), unit.key))
     query = urlencode({**key, **more}, quote_via=quote)
     return f"{path}?{query}" if query else path
-
-
-def forecast_address(row: UnitForecast) -> str:
-    """The page of a unit of a forecast."""
-    return address(
-        "/unit", serial=row.imu_serial, technology=row.gyro_technology, mode=row.gyro_mode
-    )
 
 
 def table_rows(table: ThermalTable) -> TableRows:
@@ -151,3 +145,124 @@ def contradiction_rows(
             )
         )
     return rows
+
+
+class Health(IntEnum):
+    """What a unit needs, the most urgent first: what a person has to decide, then what the
+    forecast says; NO_FORECAST where nothing else is known and no forecast of it holds today.
+    """
+
+    CONTRADICTED = 0
+    WAITS = 1
+    BEYOND = 2
+    SOON = 3
+    NO_TABLE = 4
+    OLD = 5
+    NO_FORECAST = 6
+    GOOD = 7
+
+
+class Show(StrEnum):
+    """Which units a list is of."""
+
+    ALL = "all"
+    NEXT = "next"
+    WAITING = "waiting"
+    NO_TWIN = "no_twin"
+
+
+HEALTH_WORDS: Mapping[Health, tuple[str, str, str]] = {  # word, look, what to do
+    Health.CONTRADICTED: ("contradicted", "bad", "Sessions contradict its table: look at them."),
+    Health.BEYOND: ("beyond the limit", "bad", "Recalibrate it from its next session."),
+    Health.WAITS: ("to decide", "fair", "A proposed update waits for a decision."),
+    Health.SOON: ("near the limit", "fair", "Its drift passes the limit within a quarter."),
+    Health.NO_TABLE: ("no table", "none", "It runs on the default of its technology."),
+    Health.OLD: ("old table", "none", "Its table is older than a year."),
+    Health.NO_FORECAST: ("unknown", "none", "No forecast of its drift holds today."),
+    Health.GOOD: ("good", "good", ""),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitHealth:
+    """A unit of the list: what the store holds of it, what it needs, how old its table is, and its
+    predicted drift where a forecast is at hand.
+    """
+
+    unit: UnitSummary
+    health: Health
+    age_days: float
+    forecast: UnitForecast | None
+
+    @property
+    def words(self) -> tuple[str, str, str]:
+        """The health in a word, its look, what to do."""
+        return HEALTH_WORDS[self.health]
+
+    @property
+    def drift_nm_h(self) -> float:
+        """Predicted drift now; -1 where there is no forecast, so that it sorts last."""
+        return -1.0 if self.forecast is None else self.forecast.drift_now_nm_h
+
+
+def unit_health(
+    units: Sequence[UnitSummary], forecast: ForecastReport | None, now: datetime
+) -> list[UnitHealth]:
+    """The health of each unit."""
+    limit = None if forecast is None else forecast.limit_nm_h
+    drifts = {} if forecast is None else {f.key: f for f in forecast.units}
+    found = []
+    for unit in units:
+        drift = drifts.get(unit.unit.key)
+        age = _days(unit.created_utc, now)
+        health = _health(unit, drift, limit, age, now)
+        found.append(UnitHealth(unit=unit, health=health, age_days=age, forecast=drift))
+    return found
+
+
+def chosen(rows: Sequence[UnitHealth], show: Show) -> list[UnitHealth]:
+    """The units that a filter lets through."""
+    match show:
+        case Show.NEXT:
+            return [row for row in rows if row.health < Health.NO_FORECAST]
+        case Show.WAITING:
+            return [row for row in rows if row.unit.undecided]
+        case Show.NO_TWIN:
+            return [row for row in rows if not row.unit.has_twin]
+    return list(rows)
+
+
+def urgency(row: UnitHealth) -> tuple[int, float, float]:
+    """What orders units by urgency: health, then drift, then age of the table."""
+    return row.health, -row.drift_nm_h, -row.age_days
+
+
+def _health(
+    unit: UnitSummary,
+    drift: UnitForecast | None,
+    limit_nm_h: float | None,
+    age_days: float,
+    now: datetime,
+) -> Health:
+    beyond = drift is not None and limit_nm_h is not None and drift.drift_now_nm_h > limit_nm_h
+    until = None if drift is None else drift.date_95_utc
+    tests = (
+        (Health.CONTRADICTED, unit.contradictions > 0),
+        (Health.WAITS, unit.undecided > 0),
+        (Health.BEYOND, beyond),
+        (Health.SOON, until is not None and -_days(until, now) < SOON_DAYS),
+        (Health.NO_TABLE, not unit.active_number),
+        (Health.OLD, age_days > OLD_DAYS),
+        (Health.NO_FORECAST, drift is None),
+    )
+    return next((health for health, holds in tests if holds), Health.GOOD)
+
+
+def _days(utc: str, now: datetime) -> float:
+    """Days since a date of the store; 0 where there is none."""
+    if not utc:
+        return 0.0
+    date = datetime.fromisoformat(utc.replace("Z", "+00:00"))
+    if date.tzinfo is None:
+        date = date.replace(tzinfo=now.tzinfo)
+    return (now - date).total_seconds() / DAY_S

@@ -16,7 +16,7 @@ from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
 from recal.web.app import build_app
-from recal.web.connections import server_config
+from recal.web.guard import server_config
 from recal.web.settings import ServeSettings, token_of
 
 TOKEN, NAMED_TOKEN = "0123456789abcdef-shared", "0123456789abcdef-of-her"

@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from recal.cli.check import command
+from recal.cli.logs import check as command
 from tests.infield.sessions import simulated
 from tests.recal.verbs import check
 from tests.trajectories.run_cases import (

@@ -16,7 +16,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.json_file import read_toml
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
-from recal.cli.convert import command
+from recal.cli.logs import convert as command
 from recal.service.convert import convert
 from tests.recal.verbs import check
 from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run

@@ -8,7 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from ins.records import InputError
-from recal.cli.convert import command
+from recal.cli.logs import convert as command
 from tests.trajectories.run_cases import F_B, W_B
 from trajectories.runs.directory import read_run
 

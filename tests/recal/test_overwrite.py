@@ -77,8 +77,8 @@ def test_results_do_not_go_between_the_files_of_a_run(folder):
     (folder / "run-1").mkdir()
     (folder / "run-1/run.json").write_text("{}")
     with pytest.raises(InputError, match=r"run-1: holds a run, .* name another folder"):
-        need_free_report(folder / "run-1", "alignment.json", "recal.alignment/1")
-    need_free_report(folder / "run-1", "alignment.json", "recal.alignment/1", force=True)
+        need_free_report(folder / "run-1", "recal.alignment/1")
+    need_free_report(folder / "run-1", "recal.alignment/1", force=True)
 
 
 def test_a_diagnosis_does_not_write_over_the_twin_that_it_reads(folder):
@@ -149,7 +149,7 @@ def test_files_and_folders(tmp_path):
             need_free_file(file, mark)
     (tmp_path / "empty").mkdir()
     need_free_run(tmp_path / "empty", is_simulated, "a simulated run")
-    need_free_report(tmp_path / "nowhere", "demo.json", "recal.demo/1", ("recal.db",))
+    need_free_report(tmp_path / "nowhere", "recal.demo/1", ("recal.db",))
     (tmp_path / "recal.db").touch()
     with pytest.raises(InputError, match=r"recal\.db: exists"):
-        need_free_report(tmp_path, "demo.json", "recal.demo/1", ("recal.db",))
+        need_free_report(tmp_path, "recal.demo/1", ("recal.db",))

@@ -16,7 +16,7 @@ from ins.earth import gravity_magnitude
 from ins.records import InputError
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
-from recal.cli.convert import command
+from recal.cli.logs import convert as command
 from tests.recal.verbs import align, check
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.directory import read_run

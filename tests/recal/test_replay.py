@@ -19,14 +19,14 @@ from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from ins.records import InputError
 from ins.units import DEG
-from recal.cli import replay
+from recal.cli import navigation
 from tests.infield.test_replay import never_rests, simulated
 from trajectories.runs.directory import write_run
 from trajectories.simulator.motions import Park, Stop, Straight, lay
 from trajectories.simulator.session import SimulatedRun
 
 app = typer.Typer()
-app.command()(replay.command)
+app.command()(navigation.replay)
 COLUMNS = [
     "time_s",
     "lat_deg",

@@ -8,7 +8,7 @@ pytest.importorskip("fastapi")
 
 from recal.service.priors.records import DriftTrend, ForecastReport, UnitForecast
 from recal.service.store import UnitKey, UnitSummary
-from recal.web.health import HEALTH_WORDS, Health, Show, chosen, unit_health, urgency
+from recal.web.views import HEALTH_WORDS, Health, Show, chosen, unit_health, urgency
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
 

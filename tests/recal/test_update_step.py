@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
-from recal.cli.update import command
+from recal.cli.update import update as command
 from tests.infield.sessions import TWIN, factory_dict, shifted, simulated, unit
 from trajectories.runs.directory import write_run
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from recal.service.align import align as align_run
 from recal.service.check import check as check_run
 from recal.service.replay import replay as replay_run
-from recal.service.results.files import output_directory, write_text
 from recal.service.simulate import simulate as simulate_run
 from recal.service.update import UpdateRequest, update_in_store
 
@@ -18,7 +17,7 @@ def check(path, *, serial=None):
 def align(run, *, store_url, twin=None, output=None):
     """recal.alignment/1; writes alignment.json."""
     aligned = align_run(run, twin=twin, store=store_url)
-    write_text(output_directory(output, "align") / "alignment.json", aligned.to_json())
+    aligned.write(output)
     return aligned.document
 
 

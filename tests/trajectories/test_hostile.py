@@ -24,8 +24,8 @@ from ins.documents import to_json
 from ins.json_file import MAX_DEPTH, MAX_JSON_BYTES, read_json_object, read_toml
 from ins.records import InputError
 from ins.twin_file import read_twin, table_path, twin_to_dict
-from recal.cli import check as check_module
-from recal.cli.diagnose import command as diagnose_command
+from recal.cli.gap import diagnose as diagnose_command
+from recal.cli.logs import check as check_command
 from recal.service.check import check as check_run
 from recal.service.inputs.unit_inputs import TwinModel
 from tests.recal.verbs import check
@@ -376,7 +376,7 @@ def test_the_program_ends_with_one_line_and_code_3(tmp_path):
     )
     assert said.returncode == 3 and "Traceback" not in said.stderr
     assert "run.json: not valid JSON" in said.stdout
-    assert check_module.command.__doc__
+    assert check_command.__doc__
 
 
 def test_nothing_is_run_from_a_file():

@@ -1,7 +1,7 @@
 """A flight log to a run: choose the reader, complete the header, check what came out."""
 
 import hashlib
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -108,11 +108,7 @@ def conversion_of(
     options: the map that it was read by.
     """
     findings, label = Findings(), path.name
-    header, errors, unknown = header_from_json(
-        _header(log, given, path), name="options and map [run]"
-    )
-    if header is None or unknown:
-        raise InputError((errors + unknown)[0])
+    header = run_header(log.header, given, path.name, log.notes)
     rate = RateScan(1.0 / log.imu.rate_hz, lambda k: f"{label}: row {k + 1}", label)
     rate.feed(log.imu.time_s)
     findings.error(*rate.lines)
@@ -184,19 +180,39 @@ def _lost(imu: ImuLog, label: str) -> list[str]:
     ]
 
 
-def _header(
-    log: ConvertedLog, given: Mapping[str, str | float | None], path: Path
-) -> dict[str, Any]:
-    """run.json from the log, the map and the command line, the last one winning."""
+def run_header(
+    said: Mapping[str, Any],
+    given: Mapping[str, str | float | None],
+    name: str,
+    notes: Sequence[str] = (),
+) -> RunHeader:
+    """The header of a run from what its log or map says and from the options, which win.
+
+    Parameters
+    ----------
+    said : mapping
+        Keys of run.json.
+    given : mapping
+        Keys of run.json, those of its site among them; None where an option was not given.
+    name : str
+        Of the log, which the run is called by.
+    notes : sequence of str
+        What the reader noticed: one may say why a key is missing.
+
+    Raises
+    ------
+    InputError
+        Names what is missing, unknown or wrong.
+    """
     known = {k: v for k, v in given.items() if v is not None}
     position = {k: known.pop(k) for k in SITE_KEYS if k in known}
     header = {
         "schema": SCHEMA,
-        "run_id": path.name.split(".")[0],
+        "run_id": name.split(".")[0],
         "tail": "",
         "lever_arms_m": {},
         "applied_table_sha256": None,
-        **log.header,
+        **said,
         **known,
     }
     site = header.get("site", {})
@@ -206,20 +222,21 @@ def _header(
         site = {**{k: v for k, v in site.items() if k not in less}, **position}
         if "lat_deg" in site:
             site = dict.fromkeys(NEXT_TO_NOTHING, 0.0) | site
-    header["site"] = site
-    if isinstance(header["site"], dict):
-        missing = _missing(header, header["site"])
+        missing = _missing(header, site)
         if missing:
             told = ", ".join(f"{k} ({RUN_OPTIONS[k]})" for k in missing)
             reasons = [TELLING[key] for key in (*missing, "") if key in TELLING]
-            why = next((f" ({n})" for r in reasons for n in log.notes if about(n) is r), "")
-            strange = unknown_keys(header, header["site"])
+            why = next((f" ({n})" for r in reasons for n in notes if about(n) is r), "")
+            strange = unknown_keys(header, site)
             if strange:
                 why = f" (nothing is called {', '.join(strange)})"
-            raise InputError(
-                f"{path.name}: needed from the options or [run] in the map: {told}{why}"
-            )
-    return header
+            raise InputError(f"{name}: needed from the options or [run] in the map: {told}{why}")
+    checked, errors, unknown = header_from_json(
+        {**header, "site": site}, name="options and map [run]"
+    )
+    if checked is None or unknown:
+        raise InputError((errors + unknown)[0])
+    return checked
 
 
 def _taken_as_zero(

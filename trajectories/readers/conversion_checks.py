@@ -5,6 +5,10 @@ Gravity holds the accelerometers to one unit all along (feet are not told from a
 gyros, whose mean may be anything once they move, the noise shows it: it changes by the factor
 between two units from one row to the next, and that of the accelerometers does not.
 
+Fixes, their velocities and a wheel speak of the same motion: units and axes of a map that rest does
+not show. Positions are the yardstick: a receiver's velocity is that of its positions, and a wheel's
+speed that of the velocity.
+
 Decision: docs/decisions/0040-known-by-gravity.md.
 """
 

@@ -5,6 +5,10 @@ The file has the columns of a run's `reference` stream, as CSV or Parquet; a CSV
 has them in that order. Attitude and velocity are what the run follows; its position is their
 integral from the file's first place on, for a profile whose position and velocity disagree cannot
 be followed in both (`departure` says by how much it departs).
+
+The ranges of the numbers of a scenario, by the unit in their key's name, are those of vehicles and
+units on Earth with room to spare. They keep powers of a number that occur here (a fifth of a time,
+a square of a speed) and the products with the rows of a run within what a float64 holds.
 """
 
 import re

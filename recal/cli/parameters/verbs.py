@@ -6,10 +6,10 @@ signature and the numpydoc of `recal.service`, and a command says only what diff
     @made_from("recal.service.align", "align")
     def command(shown, run, /, store, twin, output, force): ...
 
-A name before the slash is an argument, one after it an option; `**given` stands for all that the
-verb documents besides. A name is declared by the command (Annotated, as typer has it), else by the
-options that commands share, else by the verb. What the command's own signature and numpydoc say of
-it goes before what the verb says.
+A name before the slash is an argument, one after it an option; `**given` stands for the names in
+`asks`, else for all that the verb documents besides. A name is declared by the command (Annotated,
+as typer has it), else by the options that commands share, else by the verb. What the command's own
+signature and numpydoc say of it goes before what the verb says.
 
 The verb's module is read, not imported: it takes 1 to 3 s to import one, and 0.02 s to read it.
 
@@ -20,7 +20,7 @@ import ast
 import inspect
 import re
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property, partial
@@ -68,7 +68,7 @@ class Said:
 
 
 def made_from(
-    module: str = "", verb: str = "", *more: inspect.Parameter, **metavars: str
+    module: str = "", verb: str = "", *more: inspect.Parameter, asks: str = "", **metavars: str
 ) -> Callable[[Callable[..., None]], "Made"]:
     """A decorator that makes a command of a function and a verb.
 
@@ -79,10 +79,13 @@ def made_from(
         the command says all that the shared options do not.
     *more : Parameter
         Options that the commands of a group share.
+    asks : str
+        Names of the options that the command takes together, as **given.
     **metavars : str
         What follows an option in its help.
     """
-    return lambda function: Made(function, (module, verb), SHARED | by_name(*more), metavars)
+    shared = SHARED | by_name(*more)
+    return lambda function: Made(function, (module, verb), shared, metavars, asks.split())
 
 
 class Made:
@@ -94,9 +97,10 @@ class Made:
         verb: tuple[str, str],
         shared: Mapping[str, inspect.Parameter],
         metavars: Mapping[str, str],
+        asks: Sequence[str],
     ) -> None:
         self._function, self._verb = function, verb
-        self._shared, self._metavars = shared, metavars
+        self._shared, self._metavars, self._asks = shared, metavars, asks
         self._text = inspect.getdoc(function) or ""
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__doc__ = SECTION.sub("", self._text).strip()
@@ -121,36 +125,33 @@ class Made:
     @cached_property
     def __signature__(self) -> inspect.Signature:
         of_verb = said_by_verb(*self._verb) if self._verb[0] else {}
-        documented_here = documented(self._text)
-        found = []
+        listed: list[inspect.Parameter] = []
         for own in self._own:
-            kind, words = documented_here.get(own.name, ("", ""))
             if own.kind is own.VAR_KEYWORD:
-                found += self._all_of(of_verb)
-            elif get_origin(own.annotation) is Annotated:
-                found.append(own.replace(kind=own.KEYWORD_ONLY))
-            elif own.name in self._shared and not words:
-                shared = self._shared[own.name]
-                default = shared.default if own.default is NOT_SAID else own.default
-                found.append(shared.replace(default=default))
+                named = {other.name for other in self._own}
+                documented_there = (name for name, said in of_verb.items() if said.words)
+                more = self._asks or [name for name in documented_there if name not in named]
+                listed += [own.replace(name=name, kind=own.KEYWORD_ONLY) for name in more]
             else:
-                said = Said(own.annotation, own.default, kind, words)
-                said = said.over(of_verb.get(own.name, Said()))
-                is_place = own.kind is own.POSITIONAL_ONLY
-                metavar = self._metavars.get(own.name)
-                found.append(declared(own.name, said, metavar, is_place=is_place))
+                listed.append(own)
+        found = [self._taken(own, of_verb) for own in listed]
         names = {parameter.name for parameter in found}
         found += [SHARED[name] for name in AT_THE_END if name not in names]
         return inspect.Signature(found)
 
-    def _all_of(self, verb: Mapping[str, Said]) -> list[inspect.Parameter]:
-        """What the verb documents and the command does not name."""
-        named = {own.name for own in self._own}
-        return [
-            self._shared.get(name) or declared(name, said, self._metavars.get(name))
-            for name, said in verb.items()
-            if said.words and name not in named
-        ]
+    def _taken(self, own: inspect.Parameter, of_verb: Mapping[str, Said]) -> inspect.Parameter:
+        """A parameter of the command as typer takes it."""
+        kind, words = documented(self._text).get(own.name, ("", ""))
+        if get_origin(own.annotation) is Annotated:
+            return own.replace(kind=own.KEYWORD_ONLY)
+        if own.name in self._shared and not words:
+            shared = self._shared[own.name]
+            return shared.replace(
+                default=shared.default if own.default is NOT_SAID else own.default
+            )
+        said = Said(own.annotation, own.default, kind, words).over(of_verb.get(own.name, Said()))
+        is_place = own.kind is own.POSITIONAL_ONLY
+        return declared(own.name, said, self._metavars.get(own.name), is_place=is_place)
 
 
 def declared(

@@ -16,6 +16,7 @@ from recal.cli.console import Command, Shown, finish, login_name, say
 from recal.cli.parameters.verbs import made_from
 from recal.cli.table.files import export, import_
 from recal.cli.table.options import REVISIONS, of_table
+from recal.cli.table.proposals import app as proposals
 
 if TYPE_CHECKING:
     from recal.service.store import Revision, UnitRecord
@@ -37,11 +38,12 @@ def list_(shown: Shown, /, store, serial) -> None:
 
     Example: recal table list --store sqlite:///recal.db
     """
-    from recal.service.tables import key_of, need, open_tables, policy_line
+    from recal.service.store import TableStore
+    from recal.service.tables import need, policy_line
 
-    with open_tables(store) as opened:
+    with TableStore.open(store) as opened:
         units = [u for u in opened.units() if serial in (None, u.unit.imu_serial)]
-        histories = [opened.history(*key_of(u.active)) for u in units]
+        histories = [opened.history(*u.unit.key) for u in units]
         rule = opened.policy()
     need(units or serial is None, f"no table for serial {serial}")
     result = {
@@ -83,9 +85,10 @@ def show(shown: Shown, /, store, serial, technology, mode, revision) -> None:
 
     Example: recal table show --serial SN-0042
     """
-    from recal.service.tables import find_revision, line_of, open_tables
+    from recal.service.store import TableStore
+    from recal.service.tables import find_revision, line_of
 
-    with open_tables(store) as opened:
+    with TableStore.open(store) as opened:
         found = find_revision(opened, revision, serial, technology, mode)
     table = found.table
     lines = [
@@ -145,14 +148,12 @@ def diff(
     to
         The newer revision, where B is left out.
     """
-    from recal.service.results.overwrite import need_free_report
-    from recal.service.results.result import write_report
     from recal.service.table_diff import table_diff
 
     if output is not None:
-        need_free_report(output, "diff.json", "recal.diff/1", ("diff.html",), force=force)
+        shown.folder(output, "recal.diff/1", "diff.html", force=force)
     found = table_diff(a or from_, b or to, store, (serial, technology, mode))
-    report = None if output is None else write_report(found, output, "diff") / "diff.html"
+    report = None if output is None else found.write(output) / "diff.html"
     shown.answer(found.record, found.lines(), report)
 
 
@@ -219,9 +220,10 @@ def rollback(
     to
         The revision that becomes active again.
     """
-    from recal.service.tables import line_of, open_tables, revision_number
+    from recal.service.store import TableStore
+    from recal.service.tables import line_of, revision_number
 
-    with open_tables(store, any_clock=any_clock) as opened:
+    with TableStore.open(store, any_clock=any_clock) as opened:
         wanted = to if to in ("factory", "previous") else revision_number(to)
         found = opened.rollback(serial, wanted, technology, mode, by=by, reason=reason)
     lines = [
@@ -276,3 +278,4 @@ def verify_lines(result: VerifyReport) -> list[str]:
 
 app.command(cls=Command)(export)
 app.command("import", cls=Command)(import_)
+app.add_typer(proposals)

@@ -12,7 +12,7 @@ import typer
 
 from recal.cli.console import REFUSED_EXIT, Shown, login_name
 from recal.cli.table.options import of_table
-from recal.cli.terminal.help import ADVANCED, INPUT, OUTPUT
+from recal.cli.terminal.help import ADVANCED, OUTPUT
 
 if TYPE_CHECKING:
     from recal.service.table_files import CubicRequest, TableFile
@@ -24,11 +24,6 @@ class Form(StrEnum):
 
     json = "json"
     csv = "csv"
-    px4 = "px4"
-    ardupilot = "ardupilot"
-
-
-class Autopilot(StrEnum):
     px4 = "px4"
     ardupilot = "ardupilot"
 
@@ -81,8 +76,9 @@ def export(
     """
     from ins.documents import plain
     from recal.service.results.overwrite import CSV_TABLE, PARAMETERS, need_free_file
+    from recal.service.store import TableStore
     from recal.service.table_files import CubicRequest, write_table
-    from recal.service.tables import find_revision, line_of, open_tables
+    from recal.service.tables import find_revision, line_of
 
     form = _form(output, to)
     assert output is not None
@@ -90,7 +86,7 @@ def export(
         for name, given in (("--imu", imu), ("--device-id", device_id), ("--range", range_)):
             if given is not None:
                 raise typer.BadParameter("goes with --to px4 or --to ardupilot", param_hint=name)
-    with open_tables(store) as opened:
+    with TableStore.open(store) as opened:
         found = find_revision(opened, revision, serial, technology, mode)
     if form in (Form.json, Form.csv):
         need_free_file(output, CSV_TABLE if form == Form.csv else "recal.table/1", force=force)
@@ -123,12 +119,7 @@ def import_(
     technology,
     mode,
     note,
-    from_: Annotated[
-        Autopilot | None,
-        typer.Option(
-            "--from", rich_help_panel=INPUT, help="Whose parameters to read, where a file has both."
-        ),
-    ] = None,
+    from_: str | None = None,
     imu,
     sigma: float | None = None,
     override_technology: bool = False,
@@ -155,6 +146,8 @@ def import_(
         A table, .json or .csv, or an autopilot's .params or .parm.
     twin
         Twin file to keep as the unit's record.
+    from_ : {'px4', 'ardupilot'}
+        Whose parameters to read, where a file has both.
     sigma : float in [0, ]
         1 sigma of an autopilot's cubic [deg/h].
     override_technology
@@ -171,7 +164,7 @@ def import_(
         serial=serial,
         technology=technology,
         mode=mode,
-        autopilot=from_.value if from_ else None,
+        autopilot=from_,
         number=imu,
         sigma_deg_h=sigma,
         any_size=any_size,

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-PROPOSAL_STATES = ("open", "out of date", "approved", "rejected")
-
 
 @app.command(cls=Command)
 @of_table(number="[NUMBER]", state="STATE")
@@ -54,24 +52,18 @@ def proposals(
     ----------
     number : int in [1, ]
         One of them, in full.
-    state
+    state : {'open', 'out of date', 'approved', 'rejected'}
         Only proposals of this state: open, out of date, approved, rejected. Default: all.
     """
-    from recal.service.results.overwrite import need_free_report
     from recal.service.store import TableStore
 
-    if state not in (None, *PROPOSAL_STATES):
-        raise typer.BadParameter(
-            f"{state!r}, needed one of {', '.join(PROPOSAL_STATES)}", param_hint="--state"
-        )
     if output is not None and number is None:
         raise typer.BadParameter("needs the NUMBER of the proposal to write", param_hint="-o")
     with TableStore.open(store) as opened:
         if number is not None:
             full = opened.proposal(number, serial, technology, mode)
             if output is not None:
-                others = ("update.html",)
-                need_free_report(output, "update.json", "recal.update/1", others, force=force)
+                shown.folder(output, "recal.update/1", "update.html", force=force)
             _show(shown, full, output)
             return
         found = opened.proposals(serial, technology, mode, state=state)

@@ -19,7 +19,8 @@ class Progress:
     """A bar on standard error with what is being done, which step of how many, and since when; call
     it with the words as each step begins.
 
-    steps: how many there are; None where nobody knows, then the bar only moves. compiles: whether
+    steps: how many there are; 0 where `count` will say it, None where nobody knows, then the bar
+    only moves. compiles: whether
     the work runs kernels, which the first run on a machine compiles.
     """
 
@@ -27,7 +28,7 @@ class Progress:
         self, title: str, *, quiet: bool, steps: int | None = None, compiles: bool = True
     ) -> None:
         self._compiles = compiles
-        self._title, self._steps, self._begun = title, steps, 0
+        self._title, self.steps, self.begun = title, steps, 0
         self._bar: Bar | None = None
         self._task: TaskID | None = None
         self._compiled_s: Callable[[], float] | None = None
@@ -38,7 +39,7 @@ class Progress:
         life.clear()
         if self._bar is not None:
             self._bar.start()
-            self._task = self._bar.add_task(self._title, total=self._steps)
+            self._task = self._bar.add_task(self._title, total=self.steps or None)
             self._watch_compiling()
         return self
 
@@ -55,11 +56,19 @@ class Progress:
         if compiled_s > 0.0:
             self._say(f"compiled in {compiled_s:.0f} s, kept for the next run")
 
+    def count(self, steps: int, done: int) -> None:
+        """How many steps there are, where that is known only now, and how many are done; from here
+        on it is called as each one ends.
+        """
+        self.steps, self.begun = steps, done + 1
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, total=steps, completed=done)
+
     def __call__(self, what: str) -> None:
         life.log.info("%s", one_line(what))
         if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, description=one_line(what), completed=self._begun)
-            self._begun += 1
+            self._bar.update(self._task, description=one_line(what), completed=self.begun)
+        self.begun += 1
 
     def _watch_compiling(self) -> None:
         if not self._compiles:

@@ -20,8 +20,7 @@ from typing import BinaryIO
 
 from ins.documents import from_json, plain
 from ins.records import InputError
-from recal.fleet.document_records import CallTiming, EarlierCall, UnitReport
-from recal.fleet.records import CallSettings, RunOutcome
+from recal.fleet.records import CallSettings, CallTiming, EarlierCall, RunOutcome, UnitReport
 
 NAME = "journal.jsonl"
 

@@ -17,7 +17,6 @@ from pathlib import Path
 
 from ins.records import InputError
 from ins.verdicts import Outcome
-from recal.fleet.document_records import UnitReport
 from recal.fleet.records import (
     MERGED,
     FleetOutcome,
@@ -25,6 +24,7 @@ from recal.fleet.records import (
     RunOutcome,
     RunTask,
     Task,
+    UnitReport,
     outcome_of,
 )
 from recal.fleet.unit_summary import summarise_unit
@@ -232,7 +232,7 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
     with TableStore.open(task.store_url) as store:
         if not store.has_run(outcome.sha256, key.imu_serial):
             return outcome
-        history = store.history(key.imu_serial, key.gyro_technology, key.gyro_mode)
+        history = store.history(*key.key)
     by = next(
         (r for r in reversed(history) if any(run.sha256 == outcome.sha256 for run in r.runs)), None
     )

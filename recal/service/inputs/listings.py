@@ -2,30 +2,17 @@
 
 from pathlib import Path
 
-from ins.json_file import (
-    JsonObject,
-    StrictModel,
-    Written,
-    parse,
-    read_csv_rows,
-    read_json_object,
-    read_small_text,
-    read_toml,
-)
+from ins.json_file import JsonObject as JsonObject
+from ins.json_file import StrictModel as StrictModel
+from ins.json_file import Written as Written
+from ins.json_file import parse as parse
+from ins.json_file import read_csv_rows as read_csv_rows
+from ins.json_file import read_json_object as read_json_object
+from ins.json_file import read_small_text as read_small_text
+from ins.json_file import read_toml as read_toml
 from ins.records import InputError, RunHeader
+from trajectories.runs.limits import unpack_limit as unpack_limit
 from trajectories.runs.schema import header_from_json
-
-__all__ = [
-    "JsonObject",
-    "StrictModel",
-    "Written",
-    "parse",
-    "read_csv_rows",
-    "read_header",
-    "read_json_object",
-    "read_small_text",
-    "read_toml",
-]
 
 
 def read_header(run: Path) -> RunHeader:

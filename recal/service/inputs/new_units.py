@@ -1,6 +1,8 @@
 """A store, or a unit in it, that an update would make without being asked to.
 
-A mistyped store must not pass for a new one, nor a unit with an invented table for its own.
+A mistyped store must not pass for a new one, nor a unit with an invented table for its own. What
+identifies a unit comes out of the reports that a store keeps of its sessions: its history begins
+anew where a table came from outside; reports of older versions hold no marks and say nothing.
 
 Decision: docs/decisions/0022-sqlite-journal.md.
 """
@@ -49,7 +51,7 @@ def require_unit(store: TableStore | None, key: UnitKey) -> None:
 
 def known_marks(store: TableStore, key: UnitKey) -> tuple[UnitMarks, ...]:
     """The marks of the sessions that a unit's table holds, oldest first."""
-    revisions = store.reports(key.imu_serial, key.gyro_technology, key.gyro_mode)
+    revisions = store.reports(*key.key)
     begun = [k for k, one in enumerate(revisions) if one.kind in ("factory", "import")]
     found: list[UnitMarks] = []
     for revision in reversed(revisions[begun[-1] :] if begun else revisions):

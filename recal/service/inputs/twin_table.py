@@ -1,4 +1,9 @@
-"""A twin for the unit that made runs, and the table that lies beside its file."""
+"""A twin for the unit that made runs, the table that lies beside its file, and the effects that it
+lists, as an update takes them out of its runs.
+
+Carried are those that are in every run and that a table over temperature cannot hold: what is a
+function of the temperature alone is what the update itself learns, and a noise has no columns.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ from recal.service.look.series import series_of, shown_noise
 from recal.service.look.uses import LookFindings, convert_command, uses_of
 from recal.service.results.files import AnyPath, program_version
 from recal.service.results.plots import figure_of
-from recal.service.results.result import Result, write_report
+from recal.service.results.result import Result
 from simreal.report.twin_document import FitReport, twin_fit_document
 from simreal.report.twin_page import allan_panels
 from simreal.twin.fit.fit import NoRest
@@ -33,7 +33,7 @@ from recal.service.results.overwrite import need_free_file
 from recal.service.results.pages import page_environment
 from simreal.report.twin_document import PARAMETER_NAMES, size_words
 from trajectories.readers.columns.starter_map import starter_map
-from trajectories.readers.registry import UnknownLog
+from trajectories.readers.registry import UnknownLog as UnknownLog
 
 LOOK_STEPS = 5  # that `told` is told of
 OPTIONS = {  # of `recal convert`, by the key of run.json
@@ -80,7 +80,6 @@ CAPTIONS = {
     " with those: no geoid model is used.",
     "odometer": "Speed along the vehicle.",
 }
-__all__ = ["UnknownLog", "write_starter"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -113,13 +112,25 @@ class Looked(Result[LookReport]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """What the log is, what is wrong with it, and each use with its command."""
-        return summary(self.record)
-
-    def write(self, output: AnyPath | None = None) -> Path:
-        """Write look.json and look.html to a directory, made if need be (else `recal-look`);
-        returns the directory.
-        """
-        return write_report(self, output or "recal-look", "look")
+        document = self.record
+        imu = document.holds.imu
+        size = "" if imu is None else f", {imu.duration_s / 60.0:.1f} min at {imu.rate_hz:.4g} Hz"
+        lines = [
+            f"{document.run_id}: {document.verdict.replace('_', ' ')}",
+            f"  {document.format}, {document.gyro_technology} unit {document.imu_serial}{size},"
+            f" {document.rest_s / 60.0:.1f} min at rest",
+        ]
+        for one in document.assumed:
+            value = one.value if isinstance(one.value, str) else f"{one.value:g}"
+            value += f" +- {one.sigma:.2g}" if one.sigma else ""
+            lines.append(f"  assumed: {one.key} {value} ({one.text}); give it with {one.option}")
+        lines += [f"  note: {note}" for note in document.notes]
+        lines += [f"  {p.level}: {p.text}" for p in document.problems]
+        for use in document.uses:
+            lines.append(f"  {use.use:10s}{use.fit:7s} {use.why}")
+        commands = [document.convert, *(use.command for use in document.uses)]
+        lines += ["  next:", *(f"    {command}" for command in commands if command)]
+        return lines
 
 
 def look(
@@ -257,28 +268,6 @@ def _told_noise(fitted: FitReport | None) -> list[NoiseNumber]:
         for p in fitted.parameters
         if p.identified
     ]
-
-
-def summary(document: LookReport) -> list[str]:
-    """The result in a few lines for people."""
-    imu = document.holds.imu
-    size = "" if imu is None else f", {imu.duration_s / 60.0:.1f} min at {imu.rate_hz:.4g} Hz"
-    lines = [
-        f"{document.run_id}: {document.verdict.replace('_', ' ')}",
-        f"  {document.format}, {document.gyro_technology} unit {document.imu_serial}{size},"
-        f" {document.rest_s / 60.0:.1f} min at rest",
-    ]
-    for one in document.assumed:
-        value = one.value if isinstance(one.value, str) else f"{one.value:g}"
-        value += f" +- {one.sigma:.2g}" if one.sigma else ""
-        lines.append(f"  assumed: {one.key} {value} ({one.text}); give it with {one.option}")
-    lines += [f"  note: {note}" for note in document.notes]
-    lines += [f"  {p.level}: {p.text}" for p in document.problems]
-    for use in document.uses:
-        lines.append(f"  {use.use:10s}{use.fit:7s} {use.why}")
-    commands = [document.convert, *(use.command for use in document.uses)]
-    lines += ["  next:", *(f"    {command}" for command in commands if command)]
-    return lines
 
 
 def look_html(document: LookReport) -> str:

@@ -46,7 +46,7 @@ from recal.service.priors.records import (
 from recal.service.priors.stored_sessions import EPOCH, stored_units
 from recal.service.priors.use import APPROVED, DEFAULT, chosen_priors
 from recal.service.results.files import program_version
-from recal.service.results.result import Result, write_report
+from recal.service.results.result import Result
 
 # Mean temperature of a session below or above which it counts as a cold or a hot start: packaged
 # starts at -5, 20 and 45 degC lie on either side (trajectories/simulator/thermal.py).
@@ -74,7 +74,7 @@ class ForecastRequest:
         The store of tables.
     limit_nm_h : float
         The limit of the drift in NM/h.
-    technology : str, optional
+    technology : {'rlg', 'fog', 'mems'}, optional
         Only units of rlg, fog or mems. Default: all.
     priors : str
         As of `recal update`.
@@ -101,6 +101,8 @@ class ForecastRequest:
 @dataclass(frozen=True, repr=False, eq=False)
 class Forecast(Result[ForecastReport]):
     """Units by urgency."""
+
+    FOLDER = "recal-fleet-forecast"
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """The most urgent units first."""
@@ -129,7 +131,7 @@ def forecast(
     document = forecast_of(store, request, told)
     told("writing the report")
     result = Forecast(document, page=lambda: forecast_html(document))
-    write_report(result, request.output or "recal-fleet-forecast", "forecast")
+    result.write(request.output)
     return result
 
 
@@ -227,10 +229,7 @@ class _Technology:
         theta = np.array([logs_of({n: v[n].value for n in OF_POINTS}) for v in values])
         self._evidence = FleetLikelihood(units)(theta)
         self._candidates = _candidates(units) if request.sessions else {}
-        self._active = {
-            (r.unit.imu_serial, r.unit.gyro_technology, r.unit.gyro_mode): r.active
-            for r in store.units()
-        }
+        self._active = {record.unit.key: record.active for record in store.units()}
 
     def forecasts(self, told: Callable[[str], None]) -> list[UnitForecast]:
         """Of the most urgent units."""

@@ -31,7 +31,7 @@ from recal.service.priors.document import (
 from recal.service.priors.reasons import NothingKept, PriorsReason
 from recal.service.priors.stored_sessions import stored_units
 from recal.service.results.files import program_version
-from recal.service.results.result import Result, write_report
+from recal.service.results.result import Result
 
 LEARN_STEPS = 3  # that `told` is told of
 PRIORS_VERDICTS = {"proposed": ("Learnt", "fair", "◆"), "refused": ("Refused", "none", "■")}
@@ -64,11 +64,18 @@ MOST_UNITS = 60  # rows of a table of units
 class LearntPriors(Result[PriorsReport]):
     """What was learnt; `kept`: the records in the store, one a technology."""
 
+    FOLDER = "recal-fleet-learn"
     kept: Sequence[PriorsRecord] = ()
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, and for each technology its parameters beside the defaults."""
-        return summary(self.record)
+        document = self.record
+        lines = [f"priors: {document.verdict}", *(f"  because {why}" for why in document.reasons)]
+        for priors in document.technologies:
+            lines += _technology_lines(priors)
+        whys = Counter(item.why for item in document.left_out)
+        lines += [f"  {count} sessions left out: {why}" for why, count in whys.items()]
+        return lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +86,7 @@ class LearnRequest:
     ----------
     store_url : str
         The store of tables.
-    technology : str, optional
+    technology : {'rlg', 'fog', 'mems'}, optional
         Only units of rlg, fog or mems. Default: all.
     serial : str, optional
         Only the unit of this serial. Default: all.
@@ -192,18 +199,8 @@ def _written(
 ) -> LearntPriors:
     """The result, its JSON and its page in the folder."""
     result = LearntPriors(document, page=lambda: priors_html(document), kept=kept)
-    write_report(result, request.output or "recal-fleet-learn", "priors")
+    result.write(request.output)
     return result
-
-
-def summary(document: PriorsReport) -> list[str]:
-    """The result in a few lines for people."""
-    lines = [f"priors: {document.verdict}", *(f"  because {why}" for why in document.reasons)]
-    for priors in document.technologies:
-        lines += _technology_lines(priors)
-    whys = Counter(item.why for item in document.left_out)
-    lines += [f"  {count} sessions left out: {why}" for why, count in whys.items()]
-    return lines
 
 
 def _technology_lines(priors: TechnologyPriors) -> list[str]:

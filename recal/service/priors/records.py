@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from infield.store.errors import NoStore
 from infield.store.priors_rows import PriorsRecord
-from infield.store.table_store import TableStore
+from infield.store.table_store import TableStore, UnitKey
 from ins.documents import OMIT_NONE
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.stored_sessions import SessionLeftOut
@@ -57,7 +57,7 @@ def decide(
     ----------
     store_url : str
         The store of tables.
-    technology : str
+    technology : {'rlg', 'fog', 'mems'}
         The technology: rlg, fog or mems.
     number : int
         The number of the priors.
@@ -99,15 +99,12 @@ class BestSession:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnitForecast:
+class UnitForecast(UnitKey):
     """One unit. drift_now_nm_h: median, 5 % exceed drift_now_95_nm_h; expected_bias_deg_h: RMS of
     what the sessions say the table in use is off by; date_50_utc: by then half the paths have
     passed the limit, date_95_utc: until then 95 % stay below it; None: beyond the horizon.
     """
 
-    imu_serial: str
-    gyro_technology: str
-    gyro_mode: str
     revision: int
     sessions: int
     last_session_utc: str | None

@@ -49,10 +49,9 @@ def stored_units(store: TableStore) -> tuple[list[StoredUnit], list[SessionLeftO
     left_out: list[SessionLeftOut] = []
     for record in store.units():
         of_unit = _Unit(record, left_out)
-        key = (record.unit.imu_serial, record.unit.gyro_technology, record.unit.gyro_mode)
-        for revision in store.reports(*key):
+        for revision in store.reports(*record.unit.key):
             of_unit.take(revision)
-        of_unit.remember(store.contradictions(*key))
+        of_unit.remember(store.contradictions(*record.unit.key))
         units += of_unit.ended()
     return units, left_out
 

@@ -21,6 +21,11 @@ def program_version() -> str:
         return "not installed"
 
 
+def schema_name(schema: str) -> str:
+    """What the files of a document are called: `plan` of `recal.plan/1`."""
+    return schema.partition(".")[2].partition("/")[0]
+
+
 def output_directory(path: Path | None, command: str) -> Path:
     """The output directory, created; default recal-COMMAND."""
     directory = path if path is not None else Path(f"recal-{command}")

@@ -1,5 +1,4 @@
 """Who issues the reports, as the command line names them. Loads nothing."""
 
-from infield.reports.issuer import Issuer, set_issuer
-
-__all__ = ["Issuer", "set_issuer"]
+from infield.reports.issuer import Issuer as Issuer
+from infield.reports.issuer import set_issuer as set_issuer

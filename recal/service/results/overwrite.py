@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ins.records import InputError
 from ins.user_input import open_regular, read_bounded
+from recal.service.results.files import schema_name
 
 MAX_PEEKED_BYTES = 200_000_000  # a result of a fleet has some 10 MB
 MARKED_BYTES = 1000  # where a file says what it is
@@ -38,7 +39,7 @@ Own = Callable[[Peeked], bool]
 
 
 def need_free_report(
-    folder: Path, name: str, schema: str, others: Sequence[str] = (), *, force: bool = False
+    folder: Path, schema: str, others: Sequence[str] = (), *, name: str = "", force: bool = False
 ) -> None:
     """A folder may take a command's files: its `name` is of `schema`, or none of them is there, and
     it holds no run, of whose files results would be foreign ones.
@@ -47,12 +48,12 @@ def need_free_report(
     ----------
     folder : Path
         Where the command writes; need not exist.
-    name : str
-        The JSON document of the command.
     schema : str
-        What that document says of itself.
+        What the JSON document of the command says of itself.
     others : sequence of str
         What else the command writes there.
+    name : str
+        Of that document, where it is not that of its schema.
     force : bool
         Whether the user allows what exists to be written over.
 
@@ -63,6 +64,7 @@ def need_free_report(
     """
     if force:
         return
+    name = name or f"{schema_name(schema)}.json"
     document = folder / name
     if (folder / "run.json").exists():
         raise InputError(

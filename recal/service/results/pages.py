@@ -1,77 +1,40 @@
 """The figures and the page environment that reports, fleet and web share."""
 
-from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
-from infield.reports.documents.update_records import MethodDocument, UpdateDocument, update_of
-from infield.reports.drawing import (
-    DASHED,
-    DOTTED,
-    Boxes,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    Uprights,
-    panels,
-    script_texts,
-)
-from infield.reports.figures import (
-    BLUE,
-    GREEN,
-    GREY,
-    NEW,
-    OLD,
-    ORANGE,
-    PALE,
-    VERMILLION,
-    drawn_temperatures,
-    robust_limits,
-    thinned,
-)
-from infield.reports.page import decimals_for, page_environment
-from infield.reports.update_page import estimated_of, update_html
-from infield.session.disagreement import BiasStep
+from infield.reports.documents.update import NM_H_PER_DEG_H as NM_H_PER_DEG_H
+from infield.reports.documents.update import level_change as level_change
+from infield.reports.documents.update_records import MethodDocument as MethodDocument
+from infield.reports.documents.update_records import UpdateDocument as UpdateDocument
+from infield.reports.documents.update_records import update_of as update_of
+from infield.reports.drawing import DASHED as DASHED
+from infield.reports.drawing import DOTTED as DOTTED
+from infield.reports.drawing import Boxes as Boxes
+from infield.reports.drawing import Item as Item
+from infield.reports.drawing import Line as Line
+from infield.reports.drawing import Marks as Marks
+from infield.reports.drawing import Panel as Panel
+from infield.reports.drawing import Uprights as Uprights
+from infield.reports.drawing import panels as panels
+from infield.reports.drawing import script_texts as script_texts
+from infield.reports.figures import BLUE as BLUE
+from infield.reports.figures import GREEN as GREEN
+from infield.reports.figures import GREY as GREY
+from infield.reports.figures import NEW as NEW
+from infield.reports.figures import OLD as OLD
+from infield.reports.figures import ORANGE as ORANGE
+from infield.reports.figures import PALE as PALE
+from infield.reports.figures import VERMILLION as VERMILLION
+from infield.reports.figures import drawn_temperatures as drawn_temperatures
+from infield.reports.figures import robust_limits as robust_limits
+from infield.reports.figures import thinned as thinned
+from infield.reports.page import decimals_for as decimals_for
+from infield.reports.page import page_environment as page_environment
+from infield.reports.update_page import estimated_of as estimated_of
+from infield.reports.update_page import update_html as update_html
+from infield.session.disagreement import BiasStep as BiasStep
 from ins.documents import from_json
-from ins.json_file import JsonObject
-from ins.verdicts import sentence
+from ins.json_file import JsonObject as JsonObject
+from ins.verdicts import sentence as sentence
 from simreal.report.diagnosis_document import GapReport, summary
-
-__all__ = [
-    "BLUE",
-    "DASHED",
-    "DOTTED",
-    "GREEN",
-    "GREY",
-    "NEW",
-    "NM_H_PER_DEG_H",
-    "OLD",
-    "ORANGE",
-    "PALE",
-    "VERMILLION",
-    "BiasStep",
-    "Boxes",
-    "Item",
-    "JsonObject",
-    "Line",
-    "Marks",
-    "MethodDocument",
-    "Panel",
-    "UpdateDocument",
-    "Uprights",
-    "decimals_for",
-    "diagnosis_lines",
-    "drawn_temperatures",
-    "estimated_of",
-    "level_change",
-    "page_environment",
-    "panels",
-    "robust_limits",
-    "script_texts",
-    "sentence",
-    "stored_update_html",
-    "thinned",
-    "update_html",
-    "update_of",
-]
 
 
 def stored_update_html(document: JsonObject) -> str:

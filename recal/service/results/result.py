@@ -10,10 +10,16 @@ from functools import cached_property
 from html import escape
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from ins.documents import plain, to_json
-from recal.service.results.files import AnyPath, output_directory, write_files, write_text
+from recal.service.results.files import (
+    AnyPath,
+    output_directory,
+    schema_name,
+    write_files,
+    write_text,
+)
 
 SHOWN_LINES = 8  # of a result's summary in its repr; chosen: a third of a screen of 25 lines
 
@@ -31,10 +37,14 @@ class Result(Generic[Record]):
         The result, a field for each key of its JSON file, units in the names.
     page : callable or None
         Draws the report as one HTML page; None where the verb has no report.
+    files : Mapping
+        Texts by file name that are written beside the JSON and the report.
     """
 
+    FOLDER: ClassVar[str] = ""  # that is written to by default; else recal-NAME, of its JSON
     record: Record
     page: Callable[[], str] | None = field(default=None, kw_only=True)
+    files: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
@@ -87,6 +97,18 @@ class Result(Generic[Record]):
             raise NotImplementedError(f"{type(self).__name__} has no report; its JSON is to_json()")
         return write_text(Path(fspath(path)), self.page())
 
+    def write(self, output: AnyPath | None = None) -> Path:
+        """Write its JSON, its report where there is one, and `files` to a directory, made if need
+        be (else FOLDER); returns the directory.
+        """
+        name = schema_name(str(getattr(self.record, "schema", "")))
+        directory = output_directory(Path(output or self.FOLDER or f"recal-{name}"), name)
+        texts = {f"{name}.json": self.to_json()}
+        if self.page is not None:
+            texts[f"{name}.html"] = self.page()
+        write_files({directory / file: text for file, text in {**texts, **self.files}.items()})
+        return directory
+
     def __repr__(self) -> str:
         said = self.lines()
         more = [f"  ... {len(said) - SHOWN_LINES} more lines"] if len(said) > SHOWN_LINES else []
@@ -94,17 +116,3 @@ class Result(Generic[Record]):
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
-
-
-def write_report(
-    found: Result[Any], folder: AnyPath, name: str, more: Mapping[str, str] | None = None
-) -> Path:
-    """Write NAME.json, its report NAME.html where there is one, and more texts by file name to a
-    directory, made if need be; returns it.
-    """
-    directory = output_directory(Path(folder), "")
-    texts = {f"{name}.json": found.to_json()}
-    if found.page is not None:
-        texts[f"{name}.html"] = found.page()
-    write_files({directory / file: text for file, text in {**texts, **(more or {})}.items()})
-    return directory

@@ -1,4 +1,6 @@
-"""`twin fit`: the noise of a unit from its own parked logs."""
+"""`twin fit` and `twin check`: the noise of a unit from its own parked logs, and whether a noise
+model fits them.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

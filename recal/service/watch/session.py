@@ -19,12 +19,12 @@ from recal.service.watch.interim import InterimRequest, begin, estimated
 from recal.service.watch.monitor import Monitor
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import Estimated, WatchState
+from trajectories.readers.conversion import SITE_KEYS, run_header
 from trajectories.readers.live.mavlink_source import Fix, MavlinkSource
 from trajectories.readers.live.rows import Source
 from trajectories.readers.live.text_source import RunSource, TableSource
 from trajectories.readers.rows.column_map import LogOptions
 from trajectories.runs.directory import inspect_run
-from trajectories.runs.schema import SCHEMA, header_from_json, unknown_keys
 
 SHOWN_S = 1.0  # how often rows go to the disk and the state is told: a kill costs 1 s
 WAIT_S = 0.2  # for rows
@@ -34,7 +34,6 @@ LEAST_S = 10.0  # between two estimates, by the clock; chosen: 10 times what one
 FIRST_S = 90.0  # of a session, before its first one: 60 s of rest, and its start
 FIX_S = 10.0  # of messages in which a first fix is waited for: 10 of one a second
 PORTS = ("udp:", "tcp:", "serial:")
-NEEDED = {"imu_serial": "--serial", "gyro_technology": "--technology", "lat_deg": "--lat-deg"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,41 +319,17 @@ def header_of(request: WatchRequest, said_by_source: LogOptions) -> RunHeader:
     """run.json of what the options say over what the source says. InputError names what is
     missing.
     """
-    given = said_by_source.keys
-    serial = request.serial or given.get("imu_serial")
-    said = {
-        "schema": SCHEMA,
-        "run_id": request.run.name,
-        "tail": "",
-        "lever_arms_m": {},
-        "applied_table_sha256": None,
-        "start_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-        **given,
+    said = {"start_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}", **said_by_source.keys}
+    place = {key: said.pop(key) for key in SITE_KEYS if key in said}
+    said["site"] = {**said.get("site", {}), **place}
+    serial = request.serial or said.get("imu_serial")
+    technology = request.technology or said.get("gyro_technology")
+    given = {
         "imu_serial": serial,
-        "gyro_technology": request.technology
-        or given.get("gyro_technology")
-        or _technology(request.store_url, serial),
+        "gyro_technology": technology or _technology(request.store_url, serial),
+        "lat_deg": request.lat_deg,
     }
-    places = ("lat_deg", "lon_deg", "height_m", "sigma_lat_deg", "lat_source")
-    site = {**given.get("site", {}), **{k: said.pop(k) for k in places if k in said}}
-    if request.lat_deg is not None:
-        site = {"lon_deg": 0.0, "height_m": 0.0} | {
-            k: v for k, v in site.items() if k in ("lon_deg", "height_m")
-        }
-        site["lat_deg"] = request.lat_deg
-    elif "lat_deg" in site:
-        site = {"lon_deg": 0.0, "height_m": 0.0} | site
-    said["site"] = site
-    missing = [flag for key, flag in NEEDED.items() if said.get(key, site.get(key)) is None]
-    if missing:
-        raise InputError(f"needed: {', '.join(missing)}")
-    header, errors, _ = header_from_json(said, name="options and map [run]")
-    if header is None:
-        raise InputError(errors[0])
-    strange = unknown_keys(said, site)
-    if strange:
-        raise InputError(f"map: run.{strange[0]}: no key of run.json")
-    return header
+    return run_header(said, given, request.run.name)
 
 
 def _technology(store_url: str, serial: str | None) -> str | None:

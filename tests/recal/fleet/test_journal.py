@@ -8,9 +8,8 @@ import pytest
 
 from ins.records import InputError
 from recal.fleet.document import Timing
-from recal.fleet.document_records import TemperatureBand, UnitReport
 from recal.fleet.pools.journal import Journal
-from recal.fleet.records import CallSettings, RunOutcome
+from recal.fleet.records import CallSettings, RunOutcome, TemperatureBand, UnitReport
 
 SETTINGS = CallSettings(
     store="sqlite:///a.db", mode="commit", joint=False, config=None, version="1"

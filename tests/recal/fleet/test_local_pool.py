@@ -9,8 +9,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from recal.fleet.manifest import listed_runs
-from recal.fleet.plan import plan_fleet
+from recal.fleet.plan import listed_runs, plan_fleet
 from recal.fleet.pools.local_pool import Done, LocalPool, Lost
 from recal.fleet.records import RunTask
 from tests.recal.fleet.made_fleet import history

@@ -7,9 +7,8 @@ import pytest
 
 from infield.store.rows import UnitKey
 from ins.records import InputError
-from recal.fleet.manifest import listed_runs
-from recal.fleet.plan import plan_fleet, wrong_clock
-from recal.fleet.pools.dispatch import UnitQueue
+from recal.fleet.plan import listed_runs, plan_fleet, wrong_clock
+from recal.fleet.pools.local_pool import UnitQueue
 from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome
 from recal.fleet.update import run_folder, unit_folder
 

@@ -15,10 +15,16 @@ from infield.store.rows import UnitKey
 from recal.cli.console import EXIT_CODES
 from recal.cli.fleet import summary as summary_lines
 from recal.fleet.document import MAX_POINTS, Timing, fleet_document, fleet_verdict, plain_reason
-from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBand, UnitReport
-from recal.fleet.figures import progress_panel
-from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
-from recal.fleet.report import SHOWN_UNITS, fleet_html
+from recal.fleet.records import (
+    FleetRequest,
+    FleetTiming,
+    FleetVerdict,
+    RunOutcome,
+    TableDrift,
+    TemperatureBand,
+    UnitReport,
+)
+from recal.fleet.report import SHOWN_UNITS, fleet_html, progress_panel
 from recal.service.priors.records import DriftTrend, ForecastReport, UnitForecast
 from tests.drawn import column, unscripted
 

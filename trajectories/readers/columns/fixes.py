@@ -1,4 +1,12 @@
-"""Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows."""
+"""Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows.
+
+Fixes without velocity get differences of their positions, which hold nothing that the positions do
+not. Their sigma takes the errors of two fixes as independent, where those of a receiver go on for
+minutes and mostly cancel in a difference: too large, so that counting position and velocity claims
+no more than that.
+
+Decision: docs/decisions/0040-known-by-gravity.md.
+"""
 
 from dataclasses import dataclass, replace
 from typing import TypedDict
@@ -107,6 +115,20 @@ def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
         sigmas=None if raw.sigmas is None else raw.sigmas[:, rows],
         fix_type=None if raw.fix_type is None else raw.fix_type[rows],
     )
+
+
+def first_site(
+    lat_deg: NDArray, lon_deg: NDArray, height_m: NDArray
+) -> dict[str, dict[str, float]]:
+    """The site of run.json by the first place of rows (n,) each that is one; empty without any."""
+    with np.errstate(invalid="ignore"):
+        placed = (np.abs(lat_deg) <= 90) & (np.abs(lon_deg) <= 180)
+        placed &= ((lat_deg != 0) | (lon_deg != 0)) & (np.abs(height_m) < MAX_HEIGHT_M)
+    if not placed.any():
+        return {}
+    k = int(np.argmax(placed))
+    place = (float(lat_deg[k]), float(lon_deg[k]), float(height_m[k]))
+    return {"site": dict(zip(("lat_deg", "lon_deg", "height_m"), place))}
 
 
 def largest(values: NDArray) -> float:

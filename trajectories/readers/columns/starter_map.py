@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES, InputError
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
-from trajectories.readers.columns.layouts import content_format, read_columns
+from trajectories.readers.columns.layouts import content_format, flat_names, read_columns
 from trajectories.readers.columns.named_columns import NamedColumn, named, triad
-from trajectories.readers.columns.parquet_columns import flat_names
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,

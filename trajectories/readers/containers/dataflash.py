@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from ins.user_input import open_regular
-from trajectories.readers.containers.file_bytes import read_whole
+from trajectories.readers.containers.unpacking import read_whole
 from trajectories.runs.notes import About, Note, labelled
 from trajectories.runs.text_rows import LISTED_ROWS
 

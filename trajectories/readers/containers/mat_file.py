@@ -1,7 +1,10 @@
 """MATLAB files: which they are, and what is in them, read by libraries in a child.
 
-Version 5 to 7.2 are MATLAB's own layout (`mat_elements`, `mat_level5`), version 7.3 is HDF5
-(`mat_hdf5`).
+Version 5 to 7.2 are MATLAB's own layout: a head of 128 bytes and elements: type and length (4 bytes
+each), then that many bytes, an array or one that zlib has packed. An array begins with its flags,
+dimensions and name, again elements. What follows is for a library (`mat_level5`), a variable at a
+time, so that a damaged or cut-off one costs no other. Version 7.3 is HDF5 (`mat_hdf5`). Source:
+MathWorks, MAT-File Format (R2019b), chapter 1.
 """
 
 import os

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from ins.user_input import open_regular
 from trajectories.readers.containers.dataflash import skipped_lines
-from trajectories.readers.containers.file_bytes import read_whole
+from trajectories.readers.containers.unpacking import read_whole
 from trajectories.runs.notes import About, Note, labelled
 
 ULOG_HEAD = b"ULog\x01\x12\x35"

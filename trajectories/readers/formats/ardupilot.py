@@ -25,8 +25,8 @@ from trajectories.readers.containers import dataflash, dataflash_text
 from trajectories.readers.containers.dataflash import Tables
 from trajectories.readers.containers.mat_file import is_matlab, read_arrays, variable_names
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.clocks import going_on, gps_seconds, unix_seconds
-from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.clocks import going_on, gps_seconds, nearest, unix_seconds
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, imu_map
 from trajectories.runs.notes import About, Note, about
 
 TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
@@ -95,8 +95,10 @@ def log_from_tables(
     temperature, temperature_notes = _temperature(table, label)
     columns |= temperature
     units = _units(tables, name.split()[0], table, label)
-    keys_of_columns = _map(units, "temperature" in columns, stretch_of(keys))
-    log = converted(columns, column_map(keys_of_columns), label=label, notes=[])
+    warm = "temperature" if temperature else ""
+    of_sensors = (units["GyrX"], units["AccX"])
+    keys_of_columns = imu_map(keys, GYRO_FIELDS, ACCEL_FIELDS, units=of_sensors, warm=warm)
+    log = converted(columns, keys_of_columns, label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
     removed = {"gyro_level_removed": True} if level_removed else {}
     header = {
@@ -189,19 +191,6 @@ def _units(
             )
         found[name] = known.get(declared_label or "", found[name])
     return found
-
-
-def _map(
-    units: Mapping[str, str], with_temperature: bool, stretch: Mapping[str, float]
-) -> LogOptions:
-    """The column map of an IMU's table."""
-    keys = {
-        "time": {"column": "time"},
-        "gyro": {"columns": list(GYRO_FIELDS), "unit": units["GyrX"]},
-        "accel": {"columns": list(ACCEL_FIELDS), "unit": units["AccX"]},
-    }
-    warm = {"temperature": {"columns": ["temperature"]}} if with_temperature else {}
-    return LogOptions({**keys, **warm, **stretch})
 
 
 def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, NDArray], list[str]]:
@@ -389,18 +378,10 @@ def _sigmas(tables: Mapping[str, Table], time_s: NDArray) -> NDArray | None:
         clock = log_clock(table, ("TimeUS", "TimeMS"))
         if clock is not None and clock.size >= 2 and set(columns) <= set(table):
             clock = going_on(clock)[0]
-            nearest = _nearest(clock, time_s)
-            sigmas = np.stack([table[k][nearest] for k in columns])
-            return np.where(np.abs(clock[nearest] - time_s) <= MATCH_S, sigmas, np.nan)
+            beside = nearest(clock, time_s)
+            sigmas = np.stack([table[k][beside] for k in columns])
+            return np.where(np.abs(clock[beside] - time_s) <= MATCH_S, sigmas, np.nan)
     return None
-
-
-def _nearest(clock: NDArray, time_s: NDArray) -> NDArray:
-    """Index of the value of an ascending clock (disorder costs a match, no more) nearest to each
-    time.
-    """
-    after = np.clip(np.searchsorted(clock, time_s), 1, clock.size - 1)
-    return after - (time_s - clock[after - 1] < clock[after] - time_s)
 
 
 READERS = (

@@ -26,13 +26,7 @@ from trajectories.readers.columns.rtklib_solution import is_solution, on_gps_wee
 from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.clocks import dated, gps_seconds, unix_seconds, week_unwrapped
-from trajectories.readers.rows.column_map import (
-    LayoutKeys,
-    LogOptions,
-    StretchKeys,
-    column_map,
-    stretch_of,
-)
+from trajectories.readers.rows.column_map import LayoutKeys, LogOptions, StretchKeys, imu_map
 from trajectories.readers.rows.increment_rows import (
     are_increments,
     head_doubles,
@@ -43,11 +37,7 @@ from trajectories.readers.rows.increment_rows import (
 DTHETA_COLUMNS = [f"dtheta_{a}" for a in AXES]
 DVEL_COLUMNS = [f"dvel_{a}" for a in AXES]
 ROW_COLUMNS = ["time", *DTHETA_COLUMNS, *DVEL_COLUMNS]
-MAP = {
-    "time": {"column": "time"},
-    "gyro": {"columns": DTHETA_COLUMNS, "unit": "rad"},
-    "accel": {"columns": DVEL_COLUMNS, "unit": "m/s"},
-}
+INCREMENTS = ("rad", "m/s")
 PLACE, SPEED, SIGMA, SPEED_SIGMA = (
     [f"{stem}{k}" for k in range(3)] for stem in ("place", "speed", "sigma", "speed_sigma")
 )
@@ -74,9 +64,8 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log, with the fixes and the truth of other files."""
     keys = options.parsed(KfginsKeys)
     columns, notes = _table(path, {7: ROW_COLUMNS[1:]}, "time, dtheta x y z, dvel x y z")
-    log = converted(
-        columns, column_map(LogOptions(MAP | stretch_of(keys))), label=path.name, notes=notes
-    )
+    keys_of_columns = imu_map(keys, DTHETA_COLUMNS, DVEL_COLUMNS, units=INCREMENTS)
+    log = converted(columns, keys_of_columns, label=path.name, notes=notes)
     start, told = _date(keys.gps_week, log.time_shift_s, path.name)
     log = replace(log, header={**start, **keys.run}, notes=(*log.notes, *told))
     if keys.gnss is not None:

@@ -11,9 +11,8 @@ from pathlib import Path
 from ins.columns import GYRO_DEGC, INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.records import InputError
 from trajectories.readers.columns.imu_columns import converted
-from trajectories.readers.columns.layouts import content_format, read_columns
+from trajectories.readers.columns.layouts import content_format, flat_names, read_columns
 from trajectories.readers.columns.mat_columns import leaves, shapes
-from trajectories.readers.columns.parquet_columns import flat_names
 from trajectories.readers.columns.rtklib_solution import is_solution, on_clock, read_solution
 from trajectories.readers.columns.side_streams import with_fixes, with_side_streams
 from trajectories.readers.columns.text_columns import header_names

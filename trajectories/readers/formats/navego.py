@@ -25,16 +25,11 @@ from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_o
 from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, imu_map
 from trajectories.runs.notes import About, Note
 
 W = [f"wb_{a}" for a in AXES]
 F = [f"fb_{a}" for a in AXES]
-MAP = {
-    "time": {"column": "t"},
-    "gyro": {"columns": W, "unit": "rad/s"},
-    "accel": {"columns": F, "unit": "m/s2"},
-}
 IMU_FIELDS = ("t", "fb", "wb")
 GNSS_FIELDS = ("t", "lat", "lon", "h")
 ATTITUDE_FIELDS = ("roll", "pitch", "yaw")
@@ -68,12 +63,8 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
             f"{path.name}: {name}: t has {columns['t'].size} rows, wb {len(w)}, fb {len(f)}, needed"
             " as many"
         )
-    log = converted(
-        columns,
-        column_map(LogOptions(MAP | stretch_of(keys))),
-        label=f"{path.name}: {name}",
-        notes=notes,
-    )
+    keys_of_columns = imu_map(keys, W, F, time="t")
+    log = converted(columns, keys_of_columns, label=f"{path.name}: {name}", notes=notes)
     several = {"run_id": f"{path.stem}-{name}"} if len(imus) > 1 else {}
     log = replace(log, header={**several, **keys.run})
     log = _with_reference(log, values)

@@ -106,12 +106,8 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     known = _type(held, keys, raw, path.name)
     counts, units, more = _columns(raw, known, keys)
     notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(held, keys, path.name))]
-    shape = {
-        "time": {"column": "time"},
-        **units.keys,
-        "axes": (keys.axes or VEHICLE_AXES).model_dump(),
-        **stretch_of(keys),
-    }
+    axes = (keys.axes or VEHICLE_AXES).model_dump()
+    shape = {"time": {"column": "time"}, **units.keys, "axes": axes, **stretch_of(keys)}
     log = converted(
         counts, column_map(LogOptions(shape)), label=path.name, notes=[*held.notes, *notes]
     )

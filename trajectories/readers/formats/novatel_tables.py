@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from ins.user_input import open_regular
 from trajectories.readers.columns.fix_types import NOVATEL, NOVATEL_NAMES, fix_types
-from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.novatel_frames import CONFIG, Frames, has_frame, read_frames
 from trajectories.readers.containers.novatel_lines import (
     Lines,
@@ -29,6 +28,7 @@ from trajectories.readers.containers.novatel_lines import (
     of_width,
     read_lines,
 )
+from trajectories.readers.containers.unpacking import read_whole
 from trajectories.runs.notes import About, Note
 
 RAW_LOGS = ("RAWIMUSX", "RAWIMUX", "RAWIMUS", "RAWIMU")
@@ -244,6 +244,10 @@ class ImuType:
     rate_hz: float
 
 
+# What a count of RAWIMU is worth, by the type of the IMU: OEM7 documentation, table "Raw IMU Scale
+# Factors" (RAWIMUS), as NovAtel's own driver has it (novatel_oem7_driver, oem7_imu.cpp and
+# oem7_imu.hpp); FSAS, ADIS16488, STIM300, ISA-100C and G320 again in Apollo (drivers/gnss,
+# GetImuParameter). Rates from RAWIMUS. ft is the international foot; the Epson types log rates.
 _HG1700 = ((2.0**-33, "rad"), (2.0**-27, "ft/s"))
 _KVH = ((0.1 / (3600 * 256), "rad"), (0.05 * 2.0**-15, "m/s"))
 _LITEF = ((1e-9, "rad"), (2e-8, "m/s"))

@@ -26,7 +26,7 @@ from trajectories.readers.columns.mat_columns import Leaves, leaves, leaves_at_o
 from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import AxesKeys, LogOptions, StretchKeys, imu_map
 from trajectories.readers.rows.increment_rows import (
     are_increments,
     head_rows,
@@ -45,12 +45,7 @@ from trajectories.runs.text_rows import (
 W = [f"wm_{a}" for a in AXES]
 V = [f"vm_{a}" for a in AXES]
 ROW = [*W, *V, "t"]
-MAP = {
-    "time": {"column": "t"},
-    "gyro": {"columns": W, "unit": "rad"},
-    "accel": {"columns": V, "unit": "m/s"},
-    "axes": {"x": "y", "y": "x", "z": "-z"},
-}
+RIGHT_FORWARD_UP = AxesKeys(x="y", y="x", z="-z")
 # ".*PSINS.*SIMU" would begin anew at every PSINS of a long line
 SIMU_HEAD = rb"\A%(?:(?!PSINS).)*PSINS.*SIMU"
 IMU_NAMES = ("imu", "trj.imu")
@@ -80,9 +75,8 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
         columns = dict(zip(ROW, _matrix(values, IMU_NAMES, (7,), path).T))
     else:
         columns, notes = _rows(path, (7,), "wm x y z, vm x y z, t")
-    log = converted(
-        columns, column_map(LogOptions(MAP | stretch_of(keys))), label=path.name, notes=notes
-    )
+    keys_of_columns = imu_map(keys, W, V, units=("rad", "m/s"), time="t", axes=RIGHT_FORWARD_UP)
+    log = converted(columns, keys_of_columns, label=path.name, notes=notes)
     place = {} if site is None else {"site": site}
     log = replace(log, header={**place, **keys.run})
     if keys.gnss is not None:

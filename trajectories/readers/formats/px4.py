@@ -20,7 +20,8 @@ from trajectories.readers.columns.fixes import LoggedFixes, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import converted, plausible_degC, second_means
 from trajectories.readers.containers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.clocks import nearest
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, imu_map
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.checks import MIN_RATE_HZ, RATE_TOLERANCE
 from trajectories.runs.notes import About, Note, about
@@ -37,11 +38,7 @@ FIX_TYPE_3D = 3  # PX4, sensor_gps.msg: 3 is a 3D fix, those above are better
 # rows is that of another moment
 SLOWEST_ACCEL = 0.45
 US = 1e-6
-MAP = {
-    "time": {"column": "time"},
-    "gyro": {"columns": [f"w{a}" for a in AXES], "unit": "rad/s"},
-    "accel": {"columns": [f"f{a}" for a in AXES], "unit": "m/s2"},
-}
+W, F = ([f"{sensor}{a}" for a in AXES] for sensor in "wf")
 Columns = dict[str, NDArray]
 
 
@@ -74,7 +71,7 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     notes = [] if topic == RAW_TOPIC else _compensation(tables, topic, label)
     make = {RAW_TOPIC: _raw, INTEGRATED: _integrated, COMBINED: _combined}[topic]
     columns, more = make(tables, keys.imu - 1, label)
-    log = converted(columns, column_map(LogOptions(MAP | stretch_of(keys))), label=label, notes=[])
+    log = converted(columns, imu_map(keys, W, F), label=label, notes=[])
     found, gps_notes = _fixes(tables, path.name)
     gyro_degC, degC_notes = _temperature(tables, topic, keys.imu - 1, log, label)
     serial = f"{tables.information.get('sys_uuid') or path.stem}-imu{keys.imu}"
@@ -176,17 +173,10 @@ def _raw(tables: UlogTables, instance: int, label: str) -> tuple[Columns, list[s
     if accel is None:
         raise InputError(f"{label}: no sensor_accel {instance + 1} beside it")
     time_s, accel_s = _clock(gyro), _clock(accel)
-    order = np.argsort(accel_s, kind="stable")
-    after = (
-        np.clip(np.searchsorted(accel_s[order], time_s), 1, max(accel_s.size - 1, 1))
-        if accel_s.size > 1
-        else None
-    )
-    if after is None:
+    if accel_s.size < 2:
         raise InputError(f"{label}: one row of sensor_accel, needed at least 2")
-    before_s, after_s = accel_s[order][after - 1], accel_s[order][after]
-    nearest = order[after - (time_s - before_s < after_s - time_s)]
-    apart_s = np.abs(accel_s[nearest] - time_s)
+    beside = nearest(accel_s, time_s)
+    apart_s = np.abs(accel_s[beside] - time_s)
     rate_hz, accel_hz = _rate_hz(gyro), _rate_hz(accel)
     if not accel_hz > SLOWEST_ACCEL * rate_hz:
         raise InputError(
@@ -197,7 +187,7 @@ def _raw(tables: UlogTables, instance: int, label: str) -> tuple[Columns, list[s
     if np.count_nonzero(usable) < 2:
         raise InputError(f"{label}: no rows with sensor_accel beside them")
     columns = {"time": time_s} | {f"w{a}": _field(gyro, a, label) for a in AXES}
-    columns |= {f"f{a}": _field(accel, a, label)[nearest] for a in AXES}
+    columns |= {f"f{a}": _field(accel, a, label)[beside] for a in AXES}
     alone = np.flatnonzero(~usable)
     notes = (
         [f"{label}: {row_ranges(alone)} dropped: no sensor_accel beside them (lost)"]

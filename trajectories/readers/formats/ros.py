@@ -35,27 +35,23 @@ from trajectories.readers.containers.ros_messages import (
     Topic,
 )
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.clocks import UNIX_S, utc_text
+from trajectories.readers.rows.clocks import UNIX_S, nearest, utc_text
 from trajectories.readers.rows.column_map import (
     AxesKeys,
     LogOptions,
     StretchKeys,
     axis_matrix,
-    column_map,
-    stretch_of,
+    imu_map,
 )
 from trajectories.runs.limits import Room
 from trajectories.runs.notes import About, Note
 
 FLU = AxesKeys(x="x", y="-y", z="-z")  # REP-103: x forward, y left, z up
-MAP = {
-    "time": {"column": "time"},
-    "gyro": {"columns": [f"w{a}" for a in AXES], "unit": "rad/s"},
-    "accel": {"columns": [f"f{a}" for a in AXES], "unit": "m/s2"},
-}
+W, F = ([f"{sensor}{a}" for a in AXES] for sensor in "wf")
 UNKNOWN = -1.0  # first element of a covariance: the message has no such value
 MAX_FILES = 10_000
-TEMPERATURE_MATCH_S = 1.0  # between the readings of three thermometers
+# between the readings of three thermometers; chosen: they come at 1 Hz or faster
+TEMPERATURE_MATCH_S = 1.0
 Clock = Callable[[Topic], NDArray]
 Chosen = tuple[Topic | None, Topic | None]
 
@@ -85,10 +81,8 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     label = f"{path.name}: {topic.name}"
     clock = _Clock(topic, keys.stamp, label, bag)
     columns = {"time": clock.seconds(topic)} | _columns(topic, label)
-    keys_of_columns = {**MAP, "axes": vars(keys.axes), **stretch_of(keys)}
-    log = converted(
-        columns, column_map(LogOptions(keys_of_columns)), label=label, notes=[], base_s=clock.base_s
-    )
+    keys_of_columns = imu_map(keys, W, F, axes=keys.axes)
+    log = converted(columns, keys_of_columns, label=label, notes=[], base_s=clock.base_s)
     gyro_degC = temperature(
         bag, keys.temperature_topics, topic, keys.axes, clock.seconds, log, path.name
     )
@@ -155,8 +149,7 @@ def _columns(topic: Topic, label: str) -> dict[str, NDArray]:
                 f"{label}: has no {name} (its covariance begins with -1), needed both sensors in"
                 " one topic"
             )
-    names = [f"{kind}{a}" for kind in "wf" for a in AXES]
-    return dict(zip(names, values[:, [0, 1, 2, 4, 5, 6]].T))
+    return dict(zip([*W, *F], values[:, [0, 1, 2, 4, 5, 6]].T))
 
 
 def _frame_notes(topic: Topic, keys: RosKeys, log: ConvertedLog, label: str) -> list[str]:
@@ -321,28 +314,18 @@ def _velocity(topic: Topic | None, time_s: NDArray, clock: Clock) -> tuple[NDArr
     """North, east, down (n, 3) and their sigma (n,) of the message nearest to each time."""
     if topic is None:
         return np.full((time_s.size, 3), np.nan), np.full(time_s.size, np.nan)
-    nearest, near = _nearest(clock(topic), time_s, MATCH_S)
+    beside = nearest(clock(topic), time_s)
+    near = np.abs(clock(topic)[beside] - time_s) <= MATCH_S
     values = topic.values
-    enu = values[nearest, :3]
+    enu = values[beside, :3]
     v_n = np.where(near[:, None], np.stack([enu[:, 1], enu[:, 0], -enu[:, 2]], axis=1), np.nan)
     with np.errstate(invalid="ignore"):
         sigma = (
-            np.sqrt(values[nearest, 3:].mean(axis=1))
+            np.sqrt(values[beside, 3:].mean(axis=1))
             if values.shape[1] > 3
             else np.full(time_s.size, np.nan)
         )
     return v_n, sigma
-
-
-def _nearest(clock_s: NDArray, time_s: NDArray, within_s: float) -> tuple[NDArray, NDArray]:
-    """Index of the reading nearest to each time, and whether it is near."""
-    order = np.argsort(clock_s, kind="stable")
-    ascending = clock_s[order]
-    after = np.clip(np.searchsorted(ascending, time_s), 1, max(ascending.size - 1, 1))
-    before = after - 1
-    after = np.minimum(after, ascending.size - 1)
-    k = np.where(time_s - ascending[before] < ascending[after] - time_s, before, after)
-    return order[k], np.abs(ascending[k] - time_s) <= within_s
 
 
 def temperature(
@@ -387,8 +370,9 @@ def _gyro_temperatures(
     raw = np.empty((time_s.size, 3))
     for k in range(3):
         topic = topics[k % len(topics)]
-        nearest, near = _nearest(clock(topic), time_s, TEMPERATURE_MATCH_S)
-        raw[:, k] = np.where(near, topic.values[nearest, 0], np.nan)
+        beside = nearest(clock(topic), time_s)
+        near = np.abs(clock(topic)[beside] - time_s) <= TEMPERATURE_MATCH_S
+        raw[:, k] = np.where(near, topic.values[beside, 0], np.nan)
     with np.errstate(invalid="ignore"):
         sane = (raw >= PLAUSIBLE_DEGC[0]) & (raw <= PLAUSIBLE_DEGC[1])
     if not sane.all():

@@ -108,6 +108,17 @@ def _period(t: NDArray, k: int, periods: dict[float, str]) -> float:
     return 0.0
 
 
+def nearest(clock_s: NDArray, time_s: NDArray) -> NDArray:
+    """Index of the reading, of one or more on any clock, that is nearest to each time."""
+    order = np.argsort(clock_s, kind="stable")
+    ascending = clock_s[order]
+    after = np.clip(np.searchsorted(ascending, time_s), 1, max(ascending.size - 1, 1))
+    before = after - 1
+    after = np.minimum(after, ascending.size - 1)
+    is_before = time_s - ascending[before] < ascending[after] - time_s
+    return np.asarray(order[np.where(is_before, before, after)])
+
+
 def unwrapped(
     time_s: NDArray, start_s: float, end_s: float, periods_s: tuple[float, ...]
 ) -> NDArray:

@@ -6,7 +6,7 @@ column is named as in the file; in a MATLAB file as `imu.wb[0]` or `imu.wb(:,1)`
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -300,6 +300,44 @@ def stretch_of(keys: StretchKeys) -> dict[str, float]:
     """The stretch that a map asks for, as keys of a column map; none where it asks for none."""
     given = {"from_s": keys.from_s, "to_s": keys.to_s}
     return {name: value for name, value in given.items() if np.isfinite(value)}
+
+
+def imu_map(
+    keys: StretchKeys,
+    gyro: Sequence[str],
+    accel: Sequence[str],
+    *,
+    units: tuple[str, str] = ("rad/s", "m/s2"),
+    time: TimeKeys | str = "time",
+    axes: AxesKeys | None = None,
+    warm: str = "",
+) -> ColumnMap:
+    """The map of a format whose columns are known.
+
+    Parameters
+    ----------
+    keys : StretchKeys
+        The keys of a log's own map, of which the stretch is taken.
+    gyro, accel : sequence of three str
+        Names of the columns x, y, z.
+    units : (str, str)
+        Of gyros and accelerometers.
+    time : TimeKeys or str
+        The column of times; a name: in seconds.
+    axes : AxesKeys, optional
+        Else those of the log are the body's.
+    warm : str
+        Name of the column of the gyros' temperature; empty where there is none.
+    """
+    clock = TimeKeys(column=time) if isinstance(time, str) else time
+    sensors = {
+        "time": clock.model_dump(),
+        "gyro": {"columns": list(gyro), "unit": units[0]},
+        "accel": {"columns": list(accel), "unit": units[1]},
+        "axes": (axes or AxesKeys()).model_dump(),
+    }
+    warmth = {"temperature": {"columns": [warm]}} if warm else {}
+    return column_map(LogOptions(sensors | warmth | stretch_of(keys)))
 
 
 def axis_matrix(axes: AxesKeys) -> NDArray:

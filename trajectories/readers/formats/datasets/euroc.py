@@ -20,14 +20,14 @@ from ins.user_input import open_regular
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.text_columns import heading
-from trajectories.readers.containers.file_bytes import is_own_file
+from trajectories.readers.containers.unpacking import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
     AxesKeys,
     LogOptions,
     StretchKeys,
-    column_map,
-    stretch_of,
+    TimeKeys,
+    imu_map,
 )
 
 TIME_NAME = "#timestamp [ns]"
@@ -82,15 +82,11 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
             text = stream.read(MAX_YAML).decode("utf-8", "replace")
     is_vi = "ADIS16448" in text
     axes = keys.axes or (VI_SENSOR if is_vi else FLU_SENSOR)
-    shape = {
-        "time": {"column": "time", "unit": "ns", "epoch": "unix"},
-        "gyro": {"columns": [f"w_{a}" for a in AXES], "unit": "rad/s"},
-        "accel": {"columns": [f"a_{a}" for a in AXES], "unit": "m/s2"},
-        "axes": axes.model_dump(),
-        **stretch_of(keys),
-    }
+    w, f = ([f"{sensor}_{a}" for a in AXES] for sensor in "wa")
+    clock = TimeKeys(column="time", unit="ns", epoch="unix")
+    keys_of_columns = imu_map(keys, w, f, time=clock, axes=axes)
     named = {name: columns[theirs] for name, theirs in ours.items()}
-    log = converted(named, column_map(LogOptions(shape)), label=label, notes=notes)
+    log = converted(named, keys_of_columns, label=label, notes=notes)
     known = {"gyro_technology": "mems"} if is_vi else {}
     header = {**known, **log.header, **keys.run}
     others = tuple(p for p in (file, yaml) if p.is_file() and p != path)

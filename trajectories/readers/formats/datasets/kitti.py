@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from ins.records import AXES, InputError
 from ins.units import DEG
 from ins.user_input import open_regular, read_bounded
+from trajectories.readers.columns.fixes import first_site
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.side_streams import with_reference
-from trajectories.readers.containers.file_bytes import is_own_file
+from trajectories.readers.containers.unpacking import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.clocks import dated
 from trajectories.readers.rows.column_map import (
@@ -34,8 +35,7 @@ from trajectories.readers.rows.column_map import (
     LayoutKeys,
     LogOptions,
     StretchKeys,
-    column_map,
-    stretch_of,
+    imu_map,
 )
 from trajectories.readers.rows.increment_rows import head_rows
 from trajectories.readers.rows.row_cleaning import row_ranges
@@ -85,22 +85,16 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
         table, notes = _tracking(path)
         time_s, day_s, others = np.arange(1, len(table) + 1) / TRACKING_HZ, None, ()
     columns = {name: table[:, k] for k, name in enumerate(OXTS_NAMES)} | {"time": time_s}
-    shape = {
-        "time": {"column": "time"},
-        "gyro": {"columns": OXTS_RATES, "unit": "rad/s"},
-        "accel": {"columns": OXTS_FORCES, "unit": "m/s2"},
-        "axes": keys.axes.model_dump(),
-        **stretch_of(keys),
-    }
+    keys_of_columns = imu_map(keys, OXTS_RATES, OXTS_FORCES, axes=keys.axes)
     label = path.name
     imu = {name: columns[name] for name in ("time", *OXTS_RATES, *OXTS_FORCES)}
-    log = converted(imu, column_map(LogOptions(shape)), label=label, notes=notes)
+    log = converted(imu, keys_of_columns, label=label, notes=notes)
     start, told = ({}, []) if day_s is None else dated(day_s + log.time_shift_s, label)
     if start:
         told = [f"{label}: {STAMPS} names no time zone: taken as UTC"]
     log = replace(
         log,
-        header={**start, **_site(columns), **keys.run},
+        header={**start, **first_site(columns["lat"], columns["lon"], columns["alt"]), **keys.run},
         notes=(*log.notes, *told),
         other_files=others,
     )
@@ -175,17 +169,6 @@ def _tracking(path: Path) -> tuple[NDArray, list[str]]:
     columns, notes = read_columns(path, layout, list(OXTS_NAMES))
     told = f"{path.name}: no times: rows {TRACKING_HZ:g} a second (tracking benchmark)"
     return np.column_stack([columns[name] for name in OXTS_NAMES]), [*notes, told]
-
-
-def _site(columns: Mapping[str, NDArray]) -> dict[str, dict[str, float]]:
-    place = [columns[name] for name in ("lat", "lon", "alt")]
-    with np.errstate(invalid="ignore"):
-        sane = (np.abs(place[0]) <= 90) & (np.abs(place[1]) <= 180) & (np.abs(place[2]) < 30_000)
-    rows = np.flatnonzero(sane & ((place[0] != 0) | (place[1] != 0)))
-    if not rows.size:
-        return {}
-    lat, lon, height = (float(values[rows[0]]) for values in place)
-    return {"site": {"lat_deg": lat, "lon_deg": lon, "height_m": height}}
 
 
 def _with_reference(log: ConvertedLog, columns: Mapping[str, NDArray], label: str) -> ConvertedLog:

@@ -38,8 +38,8 @@ from trajectories.readers.rows.column_map import (
     AxesKeys,
     LogOptions,
     StretchKeys,
-    column_map,
-    stretch_of,
+    TimeKeys,
+    imu_map,
 )
 
 NS = 1e-9
@@ -135,17 +135,13 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     columns, notes = _columns(path, _are_of_imu, "timeStartup and rates, forces or increments")
     gyro, accel = next((g, a) for g, a in SENSOR_PAIRS if _has(columns, g) and _has(columns, a))
     notes.append(f"{path.name}: {gyro} and {accel} taken: {_told(gyro)}")
-    shape = {
-        "time": {"column": "startup", "unit": "ns"},
-        "gyro": _sensor(gyro, "deg" if gyro == "dtheta" else "rad/s"),
-        "accel": _sensor(accel, "m/s" if accel == "dvel" else "m/s2"),
-        "axes": keys.axes.model_dump(),
-        **stretch_of(keys),
-    }
-    if np.isfinite(columns.get("temperature", np.empty(0))).any():
-        shape["temperature"] = {"columns": ["temperature"]}
+    warm = "temperature" if np.isfinite(columns.get("temperature", np.empty(0))).any() else ""
+    w, f = ([f"{stem}_{a}" for a in AXES] for stem in (gyro, accel))
+    units = ("deg", "m/s") if gyro == "dtheta" else ("rad/s", "m/s2")
+    clock = TimeKeys(column="startup", unit="ns")
+    keys_of_columns = imu_map(keys, w, f, units=units, time=clock, axes=keys.axes, warm=warm)
     beside = dict(columns)
-    log = converted(dict(columns), column_map(LogOptions(shape)), label=path.name, notes=notes)
+    log = converted(dict(columns), keys_of_columns, label=path.name, notes=notes)
     label = path.name
     if keys.gnss is not None:
         other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
@@ -177,10 +173,6 @@ def _told(gyro: str) -> str:
     if gyro == "gyro":
         return "less the unit's own bias estimates, which change on the way"
     return "increments over the interval before their row"
-
-
-def _sensor(stem: str, unit: str) -> dict[str, list[str] | str]:
-    return {"columns": [f"{stem}_{a}" for a in AXES], "unit": unit}
 
 
 def _start(columns: Columns, shift_s: float) -> dict[str, str]:

@@ -22,18 +22,13 @@ from pydantic import Field
 
 from ins.records import InputError
 from ins.units import DEG
+from trajectories.readers.columns.fixes import first_site
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.text_columns import Heading, heading
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.clocks import UNIX_S, going_on, utc_text
-from trajectories.readers.rows.column_map import (
-    AxesKeys,
-    LogOptions,
-    StretchKeys,
-    column_map,
-    stretch_of,
-)
+from trajectories.readers.rows.column_map import AxesKeys, LogOptions, StretchKeys, imu_map
 from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
 
 COUNTER, FINE_CLOCK = "PacketCounter", "SampleTimeFine"
@@ -95,27 +90,24 @@ def read(path: Path, options: LogOptions) -> ConvertedLog:
     columns, notes = read_columns(path, found.layout, [n for n in wanted if n in found.names])
     columns["time"], told = _times(columns, found, keys, path.name)
     unit, more = _unit(columns, keys, path.name)
-    shape = {
-        "time": {"column": "time"},
-        "gyro": {"columns": GYR, "unit": unit},
-        "accel": {"columns": ACC, "unit": "m/s2"},
-        "axes": keys.axes.model_dump(),
-        **stretch_of(keys),
-    }
-    if np.isfinite(columns.get("Temperature", np.empty(0))).any():
-        shape["temperature"] = {"columns": ["Temperature"]}
+    is_warm = np.isfinite(columns.get("Temperature", np.empty(0))).any()
+    warm = "Temperature" if is_warm else ""
+    keys_of_columns = imu_map(keys, GYR, ACC, units=(unit, "m/s2"), axes=keys.axes, warm=warm)
     beside = {
         name: columns[name]
         for name in (*PLACE_COLUMNS, *UTC_COLUMNS, UTC_NANO, "time")
         if name in columns
     }
-    log = converted(
-        columns, column_map(LogOptions(shape)), label=path.name, notes=[*notes, *told, *more]
-    )
-    site, placed = _site(beside, path.name)
+    log = converted(columns, keys_of_columns, label=path.name, notes=[*notes, *told, *more])
+    site, placed = {}, []
+    if set(PLACE_COLUMNS) <= set(beside):
+        site = first_site(*(beside[name] for name in PLACE_COLUMNS))
+    if site:
+        own = "Latitude, Longitude, Altitude are the unit's solution: the site, and no fixes"
+        placed = [f"{path.name}: {own}"]
     header = {**_serial(found), **site, **_start(beside, log.time_shift_s), **keys.run}
-    axes = f"{path.name}: axes taken as x forward, y left, z up; otherwise: axes in the map"
-    return replace(log, header=header, notes=(*log.notes, axes, *placed))
+    turned = f"{path.name}: axes taken as x forward, y left, z up; otherwise: axes in the map"
+    return replace(log, header=header, notes=(*log.notes, turned, *placed))
 
 
 def _times(
@@ -189,22 +181,6 @@ def _turns(columns: dict[str, NDArray]) -> NDArray | None:
 def _serial(found: Heading) -> dict[str, str]:
     named = [m for m in map(DEVICE.search, found.before) if m is not None]
     return {"gyro_technology": "mems", **({"imu_serial": named[0][1]} if named else {})}
-
-
-def _site(columns: dict[str, NDArray], label: str) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """The first place that the unit's own solution shows."""
-    if not set(PLACE_COLUMNS) <= set(columns):
-        return {}, []
-    lat, lon, height = (columns[name] for name in PLACE_COLUMNS)
-    with np.errstate(invalid="ignore"):
-        good = (np.abs(lat) <= 90) & (np.abs(lon) <= 180) & ((lat != 0) | (lon != 0))
-        rows = np.flatnonzero(good & (np.abs(height) < 30_000))
-    if not rows.size:
-        return {}, []
-    k = rows[0]
-    place = {"lat_deg": float(lat[k]), "lon_deg": float(lon[k]), "height_m": float(height[k])}
-    told = f"{label}: Latitude, Longitude, Altitude are the unit's solution: the site, and no fixes"
-    return {"site": place}, [told]
 
 
 def _start(columns: dict[str, NDArray], shift_s: float) -> dict[str, str]:

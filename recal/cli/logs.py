@@ -1,12 +1,13 @@
-"""What the commands that read a log of another program are told of it, and its options."""
+"""`recal look`, `recal convert`, `recal check`: logs of other programs, and runs."""
 
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
+from recal.cli.console import Shown, say
 from recal.cli.parameters.shared import option
 from recal.cli.parameters.verbs import Made, made_from
 
@@ -125,3 +126,90 @@ reads_log: Callable[..., Callable[..., Made]] = partial(
     technology="rlg|fog|mems",
     accepted_accelerometer_scale="SHARE",
 )
+
+
+@reads_log()
+def look(shown: Shown, log: Path, /, output, *, force, **given) -> None:
+    """Say what a log of any known format holds, how its sensors behave, and what it can be used
+    for, each use with the next command. Of a table that it does not know it writes a column map to
+    begin with. Exit code 0, 3 where something is wrong, 4 where it is fit for nothing.
+
+    Example: recal look flight.bin -o flight-look
+
+    Parameters
+    ----------
+    log
+        A flight log of any known format, or a run directory.
+    """
+    from recal.service.look import look as service
+    from recal.service.results.files import output_directory
+
+    folder = output_directory(output, "look")
+    shown.folder(folder, "recal.look/1", "look.html", force=force)
+    said = of_log(**given)
+    with shown.progress("reading", service.LOOK_STEPS) as told:
+        try:
+            looked = service.look(log, **said, told=told)
+        except service.UnknownLog as unknown:
+            service.write_starter(
+                log, folder / f"{log.name.split('.')[0]}.toml", unknown, force=force
+            )
+            raise
+        report = looked.write(folder) / "look.html"
+    shown.end(looked, report)
+
+
+@reads_log()
+def convert(
+    shown: Shown,
+    log: Path,
+    /,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
+    split: bool = False,
+    *,
+    force,
+    **given,
+) -> None:
+    """Convert a flight log of a known format, or by a column map, to a run; list all that was
+    dropped or repaired.
+
+    Example: recal convert flight.bin -o runs/flight-imu3 --imu 3
+
+    Parameters
+    ----------
+    log
+        A flight log.
+    split
+        Write a run for each stretch between gaps of over 1 s: run-1, run-2, ... in the folder -o.
+    """
+    from recal.service import convert as service
+    from recal.service.results.overwrite import need_free_run
+
+    folders = sorted(output.glob("run-*")) if split else [output]
+    for folder in folders:
+        need_free_run(
+            folder, lambda run: service.made_of(run, log), f"made of {log.name}", force=force
+        )
+    make = service.split if split else service.convert
+    steps = None if split else service.CONVERT_STEPS
+    said = of_log(**given)
+    with shown.progress("converting", steps, compiles=False) as told:
+        converted = make(log, output, **said, told=told)
+    shown.answer(converted.document, converted.lines())
+
+
+@made_from("recal.service.check", "check")
+def check(shown: Shown, run, /, serial) -> None:
+    """Read a run, and say what it holds, what is wrong and where. Exit code 0, or 3 where something
+    is wrong.
+
+    Example: recal check flights/2026-03-01 --json
+    """
+    from recal.service import check as service
+
+    with shown.progress("reading the run", service.CHECK_STEPS, compiles=False) as told:
+        found = service.check(run, serial=serial, told=told)
+    if shown.quiet and not shown.as_json:
+        for line in service.error_lines(found.record):
+            say(line)
+    shown.end(found)

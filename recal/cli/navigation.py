@@ -1,4 +1,6 @@
-"""`recal replay`: navigate a log with the stored table and with the one before it."""
+"""`recal align` and `recal replay`: attitude and heading of a run, and its navigation with the
+stored table and with the one before it.
+"""
 
 import math
 from collections.abc import Sequence
@@ -15,8 +17,28 @@ REPLAY_STEPS = 5  # reading, two tables, satellite fixes, the report
 ANY_VEHICLE = "other"  # nothing is known of its wheels
 
 
+@made_from("recal.service.align", "align")
+def align(shown: Shown, run, /, store, twin, output, force) -> None:
+    """Find roll, pitch and heading of a parked unit with their sigmas, and the phases of the run.
+
+    Example: recal align run-1 --json
+
+    Parameters
+    ----------
+    run : path
+        A run directory.
+    """
+    from recal.service.align import ALIGN_STEPS
+    from recal.service.align import align as aligned_run
+
+    folder = shown.folder(output, "recal.alignment/1", default="recal-align", force=force)
+    with shown.progress("aligning", ALIGN_STEPS) as told:
+        aligned = aligned_run(run, twin=twin, store=store, told=told)
+    shown.end(aligned, aligned.write(folder) / "alignment.json")
+
+
 @made_from("recal.service.replay", "Aided", outage="START:LENGTH")
-def command(
+def replay(
     shown: Shown,
     run: Path,
     /,
@@ -55,15 +77,13 @@ def command(
     csv
         Also write the navigation files as CSV.
     """
-    from recal.service.replay import replay
-    from recal.service.results.overwrite import need_free_report
+    from recal.service.replay import replay as replayed
 
-    folder = output or Path("recal-replay")
     navigation = ("navigation.parquet", "navigation_aided.parquet", "navigation_smoothed.parquet")
     others = ("replay.html", *navigation, "track.kml")
-    need_free_report(folder, "replay.json", "recal.replay/1", others, force=force)
+    folder = shown.folder(output, "recal.replay/1", *others, force=force)
     with shown.progress("replaying", REPLAY_STEPS) as told:
-        flown = replay(
+        flown = replayed(
             run,
             twin=twin,
             store=store,
@@ -72,7 +92,7 @@ def command(
             told=told,
         )
         told("drawing the report")
-        written = flown.write(output, kml=kml, csv=csv)
+        written = flown.write(folder, kml=kml, csv=csv)
     shown.end(flown, written / "replay.html")
 
 

@@ -18,14 +18,6 @@ app = typer.Typer(
 )
 
 
-class Source(StrEnum):
-    """Whose noise file it is."""
-
-    kalibr = "kalibr"
-    imu_utils = "imu_utils"
-    datasheet = "datasheet"
-
-
 class Target(StrEnum):
     """Whose form a twin is written in."""
 
@@ -46,7 +38,8 @@ def fit(shown: Shown, runs, /, start, output, force) -> None:
 
     twin = twin_path(output)
     others = (twin.name, f"{twin.stem}.html")
-    need_free_report(twin.parent, f"{twin.stem}_fit.json", "recal.twin_fit/1", others, force=force)
+    name = f"{twin.stem}_fit.json"
+    need_free_report(twin.parent, "recal.twin_fit/1", others, name=name, force=force)
     with shown.progress("fitting", len(runs) + TWIN_FIT_STEPS) as told:
         fitted = fit_twin(runs, start, told=told)
         written = fitted.write(output)
@@ -68,32 +61,19 @@ def check(shown: Shown, runs, /, twin: Path, output, force) -> None:
     twin
         Twin file whose noise is judged.
     """
-    from recal.service.results.files import output_directory, write_text
-    from recal.service.results.overwrite import need_free_report
     from recal.service.twin.fit import check_twin
 
     if output is not None:
-        need_free_report(output, "twin_check.json", "recal.twin_check/1", force=force)
+        shown.folder(output, "recal.twin_check/1", force=force)
     checked = check_twin(runs, twin)
     if output is not None:
-        write_text(output_directory(output, "twin") / "twin_check.json", checked.to_json())
+        checked.write(output)
     shown.end(checked)
 
 
 @app.command("import", cls=Command)
 @made_from("recal.service.twin.exchange", "import_twin")
-def import_(
-    shown: Shown,
-    source: Path,
-    /,
-    form: Annotated[
-        Source, typer.Option("--from", rich_help_panel=METHOD, help="Whose file it is.")
-    ],
-    technology,
-    serial,
-    output,
-    force,
-) -> None:
+def import_(shown: Shown, source: Path, /, from_: str, technology, serial, output, force) -> None:
     """Make a twin from a noise model of Kalibr, imu_utils or a data sheet.
 
     Example: recal twin import imu.yaml --from kalibr --serial SN-7 -o twin.json
@@ -102,6 +82,8 @@ def import_(
     ----------
     source
         Noise file: key: number, one a line.
+    from_ : {'kalibr', 'imu_utils', 'datasheet'}
+        Whose file it is.
     """
     from recal.service.results.overwrite import need_free_file
     from recal.service.twin.exchange import import_twin, twin_document
@@ -111,7 +93,7 @@ def import_(
     need_free_file(written_to, "recal.twin/1", force=force)
     # a fitted twin is more than an import can bring back
     need_free_file(written_to.with_name(f"{written_to.stem}_fit.json"), None, force=force)
-    twin = import_twin(source, form, technology=technology, serial=serial)
+    twin = import_twin(source, from_, technology=technology, serial=serial)
     written = write_twin(twin, output)
     shown.answer(twin_document(twin), [f"{written}: {technology} twin with the noise of {source}"])
 

@@ -1,4 +1,4 @@
-"""`recal simulate`: a run from a scenario file and a twin."""
+"""`recal demo` and `recal simulate`: sessions of a simulated unit."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,8 +6,26 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import Shown
+from recal.cli.console import Shown, finish
+from recal.cli.parameters.shared import SEED_OPTION
 from recal.cli.parameters.verbs import made_from
+
+DEFAULT_SEED = 42
+DEMO_STEPS = 4  # three sessions, one update
+
+
+@made_from("recal.service.demo", "demo", SEED_OPTION)
+def demo(shown: Shown, /, output, force, *, rate_hz: float = 50.0, seed=DEFAULT_SEED) -> None:
+    """Simulate three sessions of one aged unit, recalibrate its table from them, and report.
+
+    Example: recal demo -o recal-demo
+    """
+    from recal.service.demo import demo as demonstrated
+
+    with shown.progress("simulating", DEMO_STEPS) as told:
+        found = demonstrated(output, seed=seed, rate_hz=rate_hz, force=force, told=told)
+    shown.answer(found.document, found.lines(), Path(found.record.report))
+    finish(found.verdict)
 
 
 @made_from(
@@ -19,7 +37,7 @@ from recal.cli.parameters.verbs import made_from
     table_out="FILE",
     environment="KIND[:STRENGTH]",
 )
-def command(
+def simulate(
     shown: Shown,
     scenario: str | None = None,
     /,
@@ -74,7 +92,8 @@ def command(
         Seed of the random generator. Default: the scenario's.
     """
     from recal.service.results.overwrite import TRUTH, is_simulated, need_free_file, need_free_run
-    from recal.service.simulate import SIMULATE_STEPS, scenarios, simulate
+    from recal.service.simulate import SIMULATE_STEPS, scenarios
+    from recal.service.simulate import simulate as simulated_session
 
     if listed:
         known = scenarios()
@@ -94,7 +113,7 @@ def command(
         if file is not None:
             need_free_file(file, schema, force=force)
     with shown.progress("simulating", SIMULATE_STEPS + 1, compiles=False) as told:
-        simulated = simulate(
+        simulated = simulated_session(
             scenario, seed=seed, twin=twin, table=table, environments=environment or None, told=told
         )
         told("writing the run")

@@ -1,1 +1,0 @@
-"""`recal twin`: one module a command, `app` the group."""
