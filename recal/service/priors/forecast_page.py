@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 from infield.reports.drawing import DASHED, INKS, Band, Line, Panel
 from infield.reports.figures import BLUE, GREY, PALE
 from infield.reports.page import render_page
-from recal.service.priors.forecast_records import ForecastReport, UnitForecast
+from recal.service.priors.records import ForecastReport, UnitForecast
 
 NOT_LEARNT = "no priors are approved: recal fleet learn"  # of what a forecast rests on
 UNITS_DRAWN = 6  # units with their trend in the drawing

@@ -7,11 +7,11 @@ import pytest
 
 from infield.store.rows import UnitKey
 from ins.records import InputError
-from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet, wrong_clock
 from recal.fleet.pools.dispatch import UnitQueue
 from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome
+from recal.fleet.update import run_folder, unit_folder
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 

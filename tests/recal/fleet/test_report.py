@@ -19,7 +19,7 @@ from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBan
 from recal.fleet.figures import progress_panel
 from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
-from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
+from recal.service.priors.records import DriftTrend, ForecastReport, UnitForecast
 from tests.drawn import column, unscripted
 
 UNITS = 240

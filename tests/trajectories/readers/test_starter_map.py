@@ -7,7 +7,7 @@ from ins.json_file import read_toml
 from ins.records import InputError
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from recal.service.convert import convert
-from recal.service.look.starter import write_starter
+from recal.service.look.look import write_starter
 from trajectories.readers.columns.named_columns import named
 from trajectories.readers.columns.starter_map import starter_map
 from trajectories.readers.registry import UnknownLog, read_log
