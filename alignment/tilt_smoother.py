@@ -95,9 +95,7 @@ def smoothed_tilt_rates(
 
 
 def _sigma(cov: NDArray, turned: NDArray, walked: NDArray, walk_variance: float) -> float:
-    """Sigma of the estimated turn as a measure of the rate's own: error of the turn less the walk
-    in it, correlated.
-    """
+    """Sigma of the estimated turn as a measure of the rate's own."""
     error, both = turned @ cov @ turned.T, turned @ cov @ walked.T
     return float(np.sqrt(np.mean(np.diag(error - 2.0 * both)) + walk_variance))
 

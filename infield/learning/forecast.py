@@ -246,9 +246,7 @@ def expected_passage(
 
 
 def _drawn(learnt: Learnt, rng: np.random.Generator) -> NDArray:
-    """Values of a parameter, one a path, from its uncertainty: wide towards zero where the sessions
-    set an upper bound alone.
-    """
+    """Values of a parameter, one a path, from its uncertainty."""
     z = rng.standard_normal(PATHS)
     low, high = (abs(np.log(end / learnt.value)) / TWO_SIDED_95 for end in learnt.interval_95)
     return np.asarray(learnt.value * np.exp(np.where(z < 0.0, low, high) * z))

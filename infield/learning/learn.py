@@ -285,9 +285,7 @@ def _check(draws: Draws) -> DrawCheck:
 
 
 def _of_technology(draws: Draws, laplace: Normal, used: bool, spread: float) -> list[_Marginal]:
-    """By the quantiles of the draws, widened by `spread`: the units that were seen are some of
-    many. By the curvature where the draws are not used.
-    """
+    """By the quantiles of the draws, widened by `spread`."""
     found = []
     for k, (mean, sigma) in enumerate(zip(laplace.mean, laplace.sigma)):
         low, middle, high = mean - TWO_SIDED_95 * sigma, mean, mean + TWO_SIDED_95 * sigma

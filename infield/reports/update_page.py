@@ -350,9 +350,7 @@ def _bias_panels(
 def _shape_panels(
     document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
 ) -> list[Panel]:
-    """Of sessions without a heading: the shapes alone, which the levels of their power-ons would
-    hide.
-    """
+    """Of sessions without a heading: the shapes alone."""
     if before is None or all(s.zero_rate is None for s in estimated_of(document)):
         return []
     new = after if _changed(document) else None

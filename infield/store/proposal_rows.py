@@ -165,9 +165,7 @@ def record_of_decision(
 
 
 def _read(c: Connection, units: Any) -> list[Proposal]:
-    """The proposals of some units, in three queries however many there are; decisions first, as
-    others write meanwhile.
-    """
+    """The proposals of some units, in three queries however many there are."""
     decided: dict[int, list[Any]] = {}
     for stored in c.execute(select(decision).order_by(decision.c.unit_id, decision.c.number)).all():
         decided.setdefault(stored.unit_id, []).append(stored)

@@ -229,9 +229,7 @@ def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str) -
 
 
 def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | None:
-    """The proposal of this very update that still waits; AlreadyRejected if the last one was and
-    nobody says more.
-    """
+    """The proposal of this very update that still waits."""
     keys = ("parent_sha256", "sha256")
     runs = [tuple(run) for run in json.loads(values["runs_json"])]
     same = [

@@ -305,9 +305,7 @@ def _rate_window(temperature: GyroTemperature, time_s: NDArray) -> float:
 
 
 def _rate_sigma(temperature: GyroTemperature, time_s: NDArray, window: float) -> NDArray:
-    """Sigma (3,) of a rate in the middle of the run [degC/min]; 0 for an axis without
-    thermometer.
-    """
+    """Sigma (3,) of a rate in the middle of the run [degC/min]."""
     out = np.zeros(3)
     middle = float(time_s[time_s.size // 2]) if time_s.size else 0.0
     half = 0.5 * float(temperature.time_s[1] - temperature.time_s[0])

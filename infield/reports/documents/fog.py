@@ -309,9 +309,7 @@ def _axis(
 
 
 def _sigma_shape(a: RampFit, pair: PiecewisePair) -> NDArray:
-    """Sigma of K_T less its mean. Where the data call for knees, a smooth curve cannot follow them:
-    what it is off the pieces is as uncertain as that.
-    """
+    """Sigma of K_T less its mean."""
     c, T = a.curves, a.curves.temperature_degC
     centre = np.eye(T.size) - 1.0 / T.size
     assert c.K_T_covariance is not None

@@ -141,12 +141,7 @@ def solved(session: FlownSession, start: Start) -> tuple[FlownPass, Antenna]:
 def _with_vertical(
     session: FlownSession, last: FilterPass, fixes: FlightFixes, flt: ErrorFilter
 ) -> tuple[ErrorFilter, FlownSession]:
-    """The session under the likeliest deflection of the vertical, and the filter; as it is where
-    that is not likelier by what a nuisance has to gain.
-
-    Constants are as good as free in the search (restricted likelihood; Harville 1977, JASA 72): a
-    gyro that is off must not be taken for hills.
-    """
+    """The session under the likeliest deflection of the vertical, and the filter."""
     usual = session.priors.assumed
     levels = [
         Level(name, grid, getattr(usual, name))

@@ -132,9 +132,7 @@ def _widened(
     usual: FlightEvidence,
     estimated: Callable[[RunInputs], FlightEvidence],
 ) -> FlightEvidence:
-    """The flight once more with a wider prior where its gyros hardly read as at rest; of two
-    estimates their mean, each as it is believed.
-    """
+    """The flight once more with a wider prior where its gyros hardly read as at rest."""
     doubt = None if usual.joined is None else suspected_shift(usual.carried)
     if usual.joined is None or doubt is None:
         return usual
@@ -155,9 +153,7 @@ def _between(rests: tuple[Where, ...], start_s: float, end_s: float) -> list[Whe
 
 
 def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
-    """Rows of the solution under way, from where its errors are small on; MIN_PARKED_S and
-    more.
-    """
+    """Rows of the solution under way, from where its errors are small on; MIN_PARKED_S and more."""
     tilt = np.sqrt(np.maximum(history.phi_covariance[:, 0, 0], history.phi_covariance[:, 1, 1]))
     heading = np.sqrt(history.phi_covariance[:, 2, 2])
     usable = (tilt < LINEAR_TILT_RAD) & (heading < LINEAR_HEADING_RAD)
@@ -243,9 +239,7 @@ def _begun(result: AidedResult) -> BegunInMotion:
 def _all_bins(
     known: RunInputs, parked: SessionBins | None, spans: list[Where]
 ) -> tuple[SessionBins, NDArray]:
-    """Bins of rests and ways in order of time, and which of them are under way (N,). parked: bins
-    of the rests, None where there are none.
-    """
+    """Bins of rests and ways in order of time, and which of them are under way (N,). parked."""
     of_rests = () if parked is None else (parked.start_s, parked.end_s)
     under_way_s = sum(b - a for a, b in spans)
     bin_s = float(np.clip(under_way_s / BINS_AWAY, SHORTEST_AWAY_BIN_S, known.settings.bin_s))
@@ -338,10 +332,7 @@ def _layout(every: Layout, antenna: Antenna) -> Layout:
 
 
 def _noise(known: RunInputs, flown: AidedNoise) -> AidedNoise:
-    """The noise that the log was flown with, less what is a state here: the slope of the
-    accelerometers over temperature. Where it was flown without slow errors of the receiver, they
-    are as large as assumed, for the likelihood of a flight does not show small ones.
-    """
+    """The noise that the log was flown with, less what is a state here."""
     gnss, priors = known.twin.gnss, known.settings.flight
     unheld = flown.accel_walk**2 - warmed_accel_walk(known.run) ** 2
     noise = replace(flown, accel_walk=float(np.sqrt(max(unheld, 0.0))))
@@ -395,9 +386,7 @@ def _joined(
 
 
 def _placed(parked: ParkedEvidence, bins: SessionBins, is_away: NDArray) -> ParkedEvidence:
-    """The rests' evidence at their places among all bins; -1 is no stretch. A short rest that a way
-    holds is not left out.
-    """
+    """The rests' evidence at their places among all bins; -1 is no stretch."""
     stretch = np.full(is_away.size, -1)
     rate, used_s = np.full((is_away.size, 3), np.nan), np.zeros(is_away.size)
     stretch[~is_away], rate[~is_away] = parked.stretch, parked.rate_deg_h

@@ -158,12 +158,7 @@ def _set_3(
 def _heading_from_taxi(
     history: NavHistory, kind: NDArray, twin: TwinModel, aligned: Alignment, prior_rad_s: float
 ) -> tuple[float, float, ChainNote]:
-    """(l): least squares of cross-track velocity while rolling and of both velocities at stops.
-
-    Unknowns: bias error eps along the parked east axis (psi = -eps / Omega cosL), level
-    accelerometer biases, crab. A bias fixed to the body is cancelled by the alignment on the parked
-    heading and appears as the heading changes.
-    """
+    """(l): least squares of cross-track velocity while rolling and of both velocities at stops."""
     rolling = np.flatnonzero(kind == ROLLING)
     lat = float(history.lat_rad[0])
     coupling = EARTH_RATE_RAD_S * np.cos(lat)

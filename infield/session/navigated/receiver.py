@@ -136,9 +136,7 @@ def receiver_errors(
 
 
 def _heard(log: GnssLog, stood: tuple[float, float]) -> NDArray:
-    """Fixes (n,) of the standing vehicle that are whole and no repetition of the one before: a
-    receiver that freezes while it stands says nothing of its errors.
-    """
+    """Fixes (n,) of the standing vehicle that are whole and no repetition of the one before."""
     inside = (log.time_s >= max(stood[0], stood[1] - HEARD_S)) & (log.time_s <= stood[1])
     inside &= np.isfinite(log.lat_rad) & np.isfinite(log.lon_rad) & np.isfinite(log.height_m)
     inside &= np.isfinite(log.v_n_m_s[:, :2]).all(axis=1)

@@ -225,9 +225,7 @@ class CentreLineAid:
 
 
 def _way_variance(views: StepViews) -> float:
-    """Variance of a step's way by sway, which the wheels do not see: the vehicle's jitter at both
-    ends [m^2].
-    """
+    """Variance of a step's way by sway, which the wheels do not see."""
     return LATERAL_FLOOR_M**2 + 2.0 * views.jitter_m**2
 
 

@@ -331,9 +331,7 @@ def _curves(fit: CurveFit, grid: NDArray, rate_share: float) -> Curves:
 def _closed_forms(
     fast: Sequence[RampRun], slow: Sequence[RampRun], k: int, twin: TwinModel, grid: NDArray
 ) -> tuple[Curves | None, Curves | None, Curves | None]:
-    """Subtraction and exact separation, up with up, down with down, the two then averaged; and the
-    fast ramp up and down.
-    """
+    """Subtraction and exact separation, up with up, down with down, the two then averaged."""
     ramps = {
         (role, way): _ramp_curve(runs, way, k, twin, grid)
         for role, runs in (("fast", fast), ("slow", slow))

@@ -134,9 +134,7 @@ def _too_short(run: GradientRun) -> tuple[Reason, ...]:
 
 
 def _one_sided(T: NDArray, rate: NDArray) -> tuple[Reason, ...]:
-    """Warming alone (or cooling alone) along one curve of temperature: the rate says nothing that
-    temperature does not.
-    """
+    """Warming alone (or cooling alone) along one curve of temperature."""
     up, down = T[rate > MOVING_degC_min], T[rate < -MOVING_degC_min]
     both = min(up.max(), down.max()) - max(up.min(), down.min()) if up.size and down.size else 0.0
     if both >= BOTH_WAYS_degC:
