@@ -19,8 +19,7 @@ from infield.learning.learn import TWO_SIDED_95, Learnt, Parameters
 from infield.learning.parameters import PriorName
 from infield.learning.stored_sessions import StoredSession, StoredUnit, covering, curve_rows
 from infield.table.merge import session_covariance
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable
+from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable, smooth_kernel
 from ins.noise import FLICKER_FLOOR
 from ins.records import AXES, GyroNoise
 

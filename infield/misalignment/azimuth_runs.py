@@ -21,8 +21,8 @@ from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import speed_disagreement
 from alignment.motion.stillness import PIVOT_RAD_S, classify
+from infield.misalignment.geometry import SHORTEST_STOP_S
 from infield.misalignment.reasons import StopReason
-from infield.misalignment.settings import SHORTEST_STOP_S
 from infield.session.log import compensated_imu, compensated_seconds, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
 from ins.earth import gravity_magnitude, omega_ie_n

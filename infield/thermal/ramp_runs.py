@@ -17,11 +17,11 @@ from alignment.motion.inertial import REST_FORCE_M_S2
 from alignment.motion.seconds import seconds_of
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
+    NoTemperature,
     gyro_temperature,
     no_thermometer,
     too_short,
 )
-from infield.thermometer.reasons import NoTemperature
 from ins.attitude import dcm_from_euler
 from ins.documents import UNWRITTEN
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n

@@ -16,26 +16,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
+from alignment.reasons import AlignmentReason, AlignmentVerdict
+from alignment.result import Alignment
 from infield.aided.flight import AidedResult, navigate_aided, warmed_accel_walk
 from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
-from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
+from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEarth, SessionEstimate
 from infield.session.flown.aided_reference import reference
-from infield.session.flown.flight import Flight
+from infield.session.flown.flight import Flight, RunInputs
 from infield.session.flown.gates import against, carried, suspected_shift, uncovered
 from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.priors import Further, Layout, laid_out
-from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
 from infield.session.log import compensated_imu
-from infield.session.parked.never_at_rest import never_at_rest
 from infield.session.parked.stretches import MIN_PARKED_S, StationarySegments
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.estimation import error_model as em
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.filters.aided_records import AidedHistory, AidedNoise
-from ins.records import ImuSource
+from ins.records import ImuSource, Span
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 from ins.verdicts import because
 
@@ -396,3 +396,46 @@ def _placed(parked: ParkedEvidence, bins: SessionBins, is_away: NDArray) -> Park
     held = [bool(((start_s <= m) & (m <= end_s)).any()) for m in middles]
     left_out = tuple(span for span, used in zip(parked.left_out, held) if not used)
     return replace(parked, stretch=stretch, rate_deg_h=rate, used_s=used_s, left_out=left_out)
+
+
+NOT_FOUND = float("nan")
+
+
+def never_at_rest(
+    bins: SessionBins, begun: BegunInMotion, left_out: tuple[Span, ...]
+) -> SessionEstimate:
+    """The session before anything was measured. bins: of its ways; left_out: short rests."""
+    count = bins.start_s.size
+    none = SessionEarth(
+        known=np.zeros((0, 3)),
+        covariance=np.zeros((0, 0)),
+        of_heading=np.zeros((0, 0)),
+        heading_deg_h=np.zeros(0),
+        down_b=np.zeros((0, 3)),
+    )
+    parked = ParkedEvidence(
+        stretches=(),
+        stretch=np.zeros(0, dtype=np.int64),
+        rate_deg_h=np.zeros((0, 3)),
+        used_s=np.zeros(0),
+        earth=none,
+        turns=(),
+        left_out=left_out,
+        shape_dof=0,
+        shape_nis=0.0,
+        shape_nis_compensated=0.0,
+    )
+    return SessionEstimate(
+        bins=bins,
+        mean_deg_h=np.zeros(3 * count),
+        covariance=bins.prior,
+        alignment=Alignment(AlignmentVerdict.REFUSED, (because(AlignmentReason.BEGINS_IN_MOTION),)),
+        solution=None,
+        heading_error_rad=NOT_FOUND,
+        sigma_heading_rad=NOT_FOUND,
+        sigma_heading_before_rad=NOT_FOUND,
+        nis_mean=0.0,
+        dof=0,
+        parked=parked,
+        begun=begun,
+    )

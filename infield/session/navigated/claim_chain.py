@@ -9,7 +9,7 @@ merged. Steps (o) to (q) are `infield.table.merge` and the table's use.
 
 Set 1 is taken twice: by the Schuler bracket on windows of the velocity, (e) to (g) to the letter,
 and by a filter over the parked phase that is smoothed over the whole of it
-(`alignment.tilt_smoother`). Sets 2 and 3 go on with the smoothed rates.
+(`alignment.tilt_rate`). Sets 2 and 3 go on with the smoothed rates.
 
 Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is
 not removed), the windows do not share their common errors, accelerometer drift counts as tilt rate.
@@ -28,8 +28,7 @@ from scipy.linalg import solve_triangular
 from alignment.motion.kinds import ROLLING, STILL
 from alignment.motion.stillness import Motion
 from alignment.result import Alignment
-from alignment.tilt_rate import TiltRate, tilt_rates
-from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates
+from alignment.tilt_rate import SmoothedTiltRate, TiltRate, smoothed_tilt_rates, tilt_rates
 from infield.session.reasons import ChainNote
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews
-from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
-from infield.session.navigated.receiver import WHITE, ReceiverErrors
+from infield.session.navigated.receiver import WHITE, FixAid, ReceiverErrors, Sigmas
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.errors.catalogue import prior

@@ -8,8 +8,18 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from infield.reports.drawing import DASHED, INKS, Band, Item, Line, Panel
-from infield.reports.figures import BLUE, CURVE_COLOURS, GREY, PALE
+from infield.reports.drawing import (
+    BLUE,
+    CURVE_COLOURS,
+    DASHED,
+    GREY,
+    INKS,
+    PALE,
+    Band,
+    Item,
+    Line,
+    Panel,
+)
 from infield.reports.page import render_page
 from recal.service.priors.forecast_records import ForecastReport, UnitForecast
 

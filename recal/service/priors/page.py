@@ -3,8 +3,7 @@
 import numpy as np
 
 from infield.learning.parameters import PriorName
-from infield.reports.drawing import Boxes, Line, Marks, Panel, Uprights, rows_height
-from infield.reports.figures import BLUE, GREY
+from infield.reports.drawing import BLUE, GREY, Boxes, Line, Marks, Panel, Uprights, rows_height
 from infield.reports.page import render_page, significant
 from recal.service.priors.document import PriorsReport, TechnologyPriors
 

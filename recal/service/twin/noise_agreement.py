@@ -5,7 +5,7 @@ say of it in one line. The rest is what they found already; eight minutes of row
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from infield.reports.documents.noise_fit import NoiseFit
+from infield.reports.documents.alignment import NoiseFit
 from infield.session.log import find_rest
 from infield.table.thermal_table import ThermalTable
 from ins.records import Run, TwinModel
