@@ -19,8 +19,7 @@ from infield.learning.learn import TWO_SIDED_95, Learnt, Parameters
 from infield.learning.parameters import PriorName
 from infield.learning.stored_sessions import StoredSession, StoredUnit, covering, curve_rows
 from infield.table.merge import session_covariance
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable
+from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable, smooth_kernel
 from ins.noise import FLICKER_FLOOR
 from ins.records import AXES, GyroNoise
 
@@ -251,9 +250,7 @@ def expected_passage(
 
 
 def _drawn(learnt: Learnt, rng: np.random.Generator) -> NDArray:
-    """Values of a parameter, one a path, from its uncertainty: wide towards zero where the sessions
-    set an upper bound alone.
-    """
+    """Values of a parameter, one a path, from its uncertainty."""
     z = rng.standard_normal(PATHS)
     low, high = (abs(np.log(end / learnt.value)) / TWO_SIDED_95 for end in learnt.interval_95)
     return np.asarray(learnt.value * np.exp(np.where(z < 0.0, low, high) * z))

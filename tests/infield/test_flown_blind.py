@@ -12,7 +12,7 @@ from benchmarks import blind_flights as blind
 from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, receiver_states
 from infield.session.flown.gates import deflected
 from infield.session.flown.priors import Further
-from infield.session.navigated.fixes import FixAid, Sigmas
+from infield.session.navigated.receiver import FixAid, Sigmas
 from infield.session.one_run import take_run
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors, SessionSettings

@@ -12,10 +12,15 @@ from alignment.motion.inertial import between_turns
 from alignment.motion.seconds import seconds_of
 from alignment.motion.stillness import PIVOT_RAD_S
 from infield.misalignment.azimuth_biases import KnownAzimuths
-from infield.misalignment.azimuth_levelling import level_offsets
 from infield.misalignment.azimuth_runs import STOP_TURN_RAD, AzimuthStop, find_stops
 from infield.misalignment.reasons import MisalignmentNote
-from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs, study_table
+from infield.misalignment.study import (
+    AzimuthSettings,
+    corrected_twin,
+    level_offsets,
+    study_runs,
+    study_table,
+)
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
 from infield.session.log import find_rest, session_end

@@ -7,8 +7,7 @@ from datetime import date
 import numpy as np
 from markupsafe import Markup, escape
 
-from infield.reports.drawing import DASHED, INKS, Band, Line, Panel
-from infield.reports.figures import BLUE, GREY, PALE
+from infield.reports.drawing import BLUE, DASHED, GREY, INKS, PALE, Band, Line, Panel
 from infield.reports.page import render_page
 from recal.service.priors.records import ForecastReport, UnitForecast
 
