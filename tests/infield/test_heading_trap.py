@@ -133,39 +133,3 @@ def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_veloci
     for name, function in {**in_python, "system": dropped}.items():
         monkeypatch.setattr(fk, name, function)
     assert not holds(parked, estimated(STRAIGHT, seed))
-
-
-def test_without_the_lever_arm_in_the_turn_the_answer_is_wrong(monkeypatch):
-    """5 m of lever arm taken as known and zero; the turn then reads as lateral velocity."""
-    seed = 3
-    ideal = ideal_of(
-        (Park(duration_s=900.0), Turn(angle_deg=90.0), Straight(duration_s=120.0)), heading_deg=0.0
-    )
-    assert ideal.truth.wheel_reference_m == (0.0, 0.0, 0.0)
-    simulated = simulate(ideal, seed, twin=TWIN)
-    run = replace(
-        simulated.run, header=replace(simulated.run.header, wheel_reference_m=(-5.0, 0.0, 0.0))
-    )
-    known = replace(SETTINGS, sigma_lever_arm_m=1e-3)
-    nis = {}
-    cases = {
-        "right": (simulated.run, SETTINGS),
-        "wrong": (run, known),
-        "estimated": (run, SETTINGS),
-    }
-    for name, (used, settings) in cases.items():
-        estimate = estimate_session(
-            used,
-            prior_table(),
-            gyro_temperature(used.temperature),
-            TWIN,
-            settings,
-            rest=find_rest(used),
-            end_s=session_end(used),
-        )
-        tally = estimate.solution.filter.tally
-        rejected = sum(kind == "lateral" for _, kind in tally.rejected)
-        nis[name] = tally.nis["lateral"] / tally.dof["lateral"] + rejected
-    assert nis["right"] < 1.5
-    assert nis["estimated"] < 1.5
-    assert nis["wrong"] > 3.0

@@ -12,7 +12,7 @@ from infield.learning.draws import draw
 from infield.learning.hierarchy import Information, solve
 from infield.learning.learn import learn
 from infield.learning.likelihood import FleetLikelihood
-from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
+from infield.learning.parameters import OF_POINTS, PriorName, logs_of
 from infield.learning.stored_sessions import StoredUnit, covering
 from infield.table.merge import session_covariance
 from infield.table.thermal_table import AgeingModel
@@ -73,17 +73,6 @@ def test_the_filter_gives_the_likelihood_of_all_sessions_at_once(fleet):
     got = FleetLikelihood(units)(logs_of(value)).log_likelihood
     want = [dense_log_likelihood(unit, value) for unit in units]
     assert got == pytest.approx(want, abs=1e-5)
-
-
-def test_units_with_fewer_sessions_change_nothing_of_the_others(fleet):
-    made, value = fleet
-    theta = logs_of(value)
-    first, second = (m.kept for m in made[:2])
-    short = StoredUnit(**{**vars(second), "sessions": second.sessions[:2]})
-    together = FleetLikelihood([first, short])(theta)
-    alone = [FleetLikelihood([unit])(theta).log_likelihood[0] for unit in (first, short)]
-    assert together.log_likelihood == pytest.approx(alone, abs=1e-8)
-    assert (together.dof[1] > 0).tolist() == [True, True, False, False]
 
 
 def test_an_outlier_is_found_and_moves_nothing(fleet):
@@ -196,15 +185,3 @@ def test_a_fleet_teaches_what_its_sessions_show(fleet):
     nis = found.evidence.nis[sound].sum() / found.evidence.dof[sound].sum()
     assert nis == pytest.approx(1.0, abs=0.2)
     assert len(found.of_units) == 8 and set(found.types) == {"rlg"}
-
-
-def test_three_sessions_of_one_unit_leave_the_defaults(fleet):
-    """What they do not show stays where it was, and says so."""
-    made, _ = fleet
-    unit = StoredUnit(**{**vars(made[0].kept), "sessions": made[0].kept.sessions[:3]})
-    found = learn([unit])
-    defaults = defaults_of("rlg")
-    hidden = [n for n in OF_POINTS if not found.parameters[n].shown]
-    assert len(hidden) >= 3 and PriorName.OUTLIER_SHARE in hidden
-    for name in hidden:
-        assert abs(np.log(found.parameters[name].value / defaults[name])) < np.log(3.0), name

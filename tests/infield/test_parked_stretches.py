@@ -11,8 +11,6 @@ from scipy.stats import chi2
 
 from alignment.motion import turn_between
 from infield.reports.documents.update import Kept, update_document
-from infield.reports.documents.update_records import update_of
-from infield.reports.update_page import update_html
 from infield.session.bins import make_bins
 from infield.session.parked.stretches import parked_windows, stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -77,22 +75,6 @@ def test_both_stretches_are_used_and_nothing_of_the_flight():
     points = result.sessions[0].points
     assert points.temperature_degC.max() > 38.0 and points.temperature_degC.min() < 23.0
     assert not np.any((points.time_s > COLD_S) & (points.time_s < end - WARM_S))
-
-
-def test_what_lies_between_neither_widens_nor_narrows():
-    """The joint prior of the stretches' bins is that of the same bins cut from a log that is
-    covered all along.
-    """
-    e = first()[1].sessions[0].estimate
-    count = len(e.bins.start_s)
-    assert e.mean_deg_h.size == e.bins.prior.shape[0] == 3 * count == len(e.parked.stretch) * 3
-    gyro, x = TWIN.gyro, slice(0, None, 3)
-    own = (e.bins.own - e.bins.thermometer)[x, x]
-    lag = np.hypot(0.0, np.abs(np.subtract.outer(e.bins.centre_s, e.bins.centre_s)))
-    variogram = own.diagonal()[:, None] + own.diagonal()[None, :] - 2.0 * own
-    assert own.min() > 0.99 * gyro.turn_on_deg_h**2  # the turn-on is one
-    # flicker and walk went on in the gap
-    assert variogram[0, -1] > variogram[0, 1] > 0 and lag[0, -1] > 1200.0
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0, -60.0])
@@ -245,19 +227,6 @@ def test_all_phases_named_as_parked_count():
     assert parked_windows(meeting) == ((run.imu.start_s, COLD_S),)
 
 
-def test_a_short_rest_is_named():
-    run = landed(first()[0].run, 50.0)
-    rests = stationary_segments(run)
-    assert len(rests.stretches) == 1 and "needed 60 s" in sentence(rests.left_out[0].reason)
-    page = document_of(updated([run]))
-    assert page["sessions"][0]["zero_rate"]["left_out"][0]["end_s"] == pytest.approx(
-        run.imu.end_s, abs=3.0
-    )
-    early = run.imu.between(0.0, run.imu.end_s - WARM_S + 50.0)
-    bare = stationary_segments(replace(run, imu=early, phases=()))
-    assert len(bare.stretches) == 1 and "rest_too_short" in codes([bare.left_out[0].reason])[0]
-
-
 def test_a_shaken_rest_is_left_out_and_the_other_used():
     run = first()[0].run
     late = (run.imu.time_s > run.imu.end_s - WARM_S)[:, None]
@@ -286,30 +255,6 @@ def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():
     assert "turned by 1.6 rad" in p.stretches[0].seconds.moved
     assert p.turns[0].heading_rad == pytest.approx(0.5 * np.pi, abs=0.02)
     assert p.turns[0].sigma_rad < 0.05
-
-
-def test_the_report_lists_each_stretch():
-    found = document_of(first()[1])
-    zero_rate = found["sessions"][0]["zero_rate"]
-    cold, warm = zero_rate["stretches"]
-    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0)
-    assert warm["duration_s"] == pytest.approx(WARM_S, abs=8.0)
-    assert warm["start_s"] > 1300.0
-    assert warm["temperature_degC"][0] > 38.0
-    assert cold["turned_deg"] is None
-    assert warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
-    assert zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
-    covered = sum(row["seconds"] for row in found["sessions"][0]["coverage"] if row["axis"] == "x")
-    assert covered == pytest.approx(COLD_S + WARM_S, abs=20.0)
-    heading = {
-        r["axis"]: r["sigma_deg_h"]
-        for r in found["uncertainty_budget"]
-        if "unknown heading" in r["term"]
-    }
-    # a quarter turn between 3 and 2 min
-    assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
-    page = update_html(update_of(found))
-    assert "2 stretches of rest" in page and "deg, by the gyros" in page
 
 
 def test_an_unknown_unit_is_as_wide_as_its_warm_stretch_shows():

@@ -3,7 +3,6 @@ moved, every change found.
 """
 
 import json
-import threading
 
 import pytest
 
@@ -201,13 +200,6 @@ def test_a_decision_needs_a_name_and_a_reason(store, wrong):
         signed_note(wrong.get("by", ""), wrong.get("reason", ""))
 
 
-def test_no_proposal_is_said_so(store):
-    with pytest.raises(UnknownUnit, match="the store holds no proposal"):
-        store.proposal(1)
-    with pytest.raises(UnknownUnit, match="SN-1"):
-        decide(store, 1, serial="SN-1")
-
-
 @pytest.mark.parametrize(
     "column",
     [
@@ -268,49 +260,3 @@ def test_rollback_only_from_the_revision_that_was_seen(store):
         store.rollback(to="factory", active_number=1, **SIGNED)
     back = store.rollback(to="factory", active_number=2, **SIGNED)
     assert back.note == "rolled back by B: wrong run"
-
-
-def reviewers_race(url, *, reviewers):
-    """All decide the same proposal at once; what each was told."""
-    told = []
-
-    def work(k):
-        with TableStore.open(url) as store:
-            try:
-                told.append(
-                    decide(store, 1, ("approved", "rejected")[k % 2], by=f"reviewer {k}").state
-                )
-            except (InputError, StoreConflict) as refused:
-                told.append(type(refused).__name__)
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(reviewers)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return told
-
-
-def test_of_several_reviewers_one_decides(store, url):
-    first = store.import_table(table_to_dict(table()))
-    propose(store, first)
-    told = reviewers_race(url, reviewers=4)
-    final = store.proposals()[0]
-    assert len(told) == 4 and [t for t in told if t in ("approved", "rejected")] == [final.state]
-    assert store.active().number == (2 if final.state == "approved" else 1)
-
-
-def test_all_units_at_a_glance(store):
-    first = store.import_table(table_to_dict(table("B")))
-    for k in range(3):
-        propose(store, first, run=f"run-{k}")
-    decide(store, 1, "rejected")
-    decide(store, 2)
-    new = table("A")
-    propose(store, new, first_table=table_to_dict(new))
-    seen = [
-        (u.unit.imu_serial, u.active_number, u.kind, u.undecided, u.contradictions)
-        for u in store.overview()
-    ]
-    assert seen == [("A", 0, "", 1, 0), ("B", 2, "update", 1, 0)]
-    assert store.overview()[1].sha256 == store.active("B").sha256

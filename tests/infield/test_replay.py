@@ -18,7 +18,6 @@ from infield.replay.stops import StopInterval, stop_speed
 from infield.reports.documents.replay import replay_document
 from infield.reports.replay_page import render
 from infield.session.pipeline import update_calibration
-from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable, default_table
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
@@ -341,16 +340,6 @@ def test_a_steady_roll_is_no_stop_whoever_looks(outside):
     assert "realign: above" not in page
 
 
-def test_a_fast_stop_that_the_imu_alone_sees_is_said_to_be_one():
-    flown = replay(steady_roll("imu"), choices(flat()), QUIET, aided=False)
-    fast = replace(flown.tables[0].stops[0], ground_speed_m_s=5.0, max_m_s=5.1, realign=True)
-    flown = replace(flown, tables=(replace(flown.tables[0], stops=(fast,)),))
-    document = replay_document(flown, QUIET, store=None, version="1")
-    assert plain(document)["tables"][0]["realign_at"] == ["imu"]
-    page = render(document)
-    assert "at a stop that the IMU alone sees" in page and "may be a steady roll" in page
-
-
 def steady_roll(outside: str) -> Run:
     """Park 12 min, roll at 5 m/s, stop for a minute; with positions and velocities, positions only,
     wheels or nothing.
@@ -440,30 +429,6 @@ def test_applied_table_is_undone_by_its_hash():
         replay(done, choices(flat()), TwinModel())
 
 
-def test_temperature_beyond_the_table_is_said():
-    data = {
-        "schema": "recal.table/1",
-        "imu_serial": "SN-0042",
-        "gyro_technology": "rlg",
-        "created_utc": "2026-01-01T00:00:00Z",
-        "interpolation": "linear",
-        "covariance": None,
-        "axes": {
-            a: {
-                "temperature_degC": [60.0, 70.0],
-                "bias_deg_h": [0.0, 0.0],
-                "sigma_deg_h": [0.01, 0.01],
-            }
-            for a in "xyz"
-        },
-        "provenance": {"parent_sha256": None, "runs": []},
-    }
-    flown = replay(
-        parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()
-    ).tables[0]
-    assert len(flown.notes) == 3 and "beyond_the_tables_nodes" in codes(flown.notes)[0]
-
-
 # ---- the page
 
 
@@ -487,17 +452,3 @@ def test_page_shows_both_tables_and_is_the_same_twice():
     rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in plain(document)["tables"]]
     assert all(rate in page for rate in rates)
     assert "Aligned heading" in page and "error [NM]" in page
-
-
-def test_a_small_drift_is_drawn_in_metres():
-    """Without a table, so without a prediction; a true bias stands in for the table's error."""
-    run = parked(1200.0).run
-    bias = np.array([0.001, 0.0, 0.0]) * DEG_PER_HOUR
-    raw = [TableChoice(role="active", table=None, origin="none")]
-    run = replace(
-        run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None])
-    )
-    result = replay(run, raw, TwinModel())
-    page = render(replay_document(result, TwinModel(), store=None, version="1"))
-    assert 0.1 < result.tables[0].parked.radial_m.max() < 50.0
-    assert "error [m]" in page and "error [NM]" not in page

@@ -140,16 +140,6 @@ def test_extension_keeps_bits_and_says_what_sigma_says(interpolation):
     assert wide.extended_to(-30.0, 50.0) is wide
 
 
-def test_in_range():
-    table = default_table(
-        imu_serial="S",
-        gyro_technology="rlg",
-        created_utc=UTC,
-        span=EvenNodes(low_degC=0, high_degC=40),
-    )
-    assert table.in_range("x", [-0.1, 0.0, 40.0, 40.1]).tolist() == [False, True, True, False]
-
-
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_ageing_adds_a_common_and_a_smooth_random_walk(interpolation):
     table = default_table(
@@ -202,10 +192,3 @@ def test_refusals(change, clue):
     table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
     with pytest.raises(InputError, match=clue):
         table.replaced(**change)
-
-
-def test_table_cannot_be_changed():
-    table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
-    for array in (table.parameters, table.covariance, table.temperature_degC[0]):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0

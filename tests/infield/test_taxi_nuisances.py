@@ -12,7 +12,6 @@ from scipy.stats import chi2
 
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepPlan, views_of
-from infield.reports.documents.session import NUISANCE_UNITS, session_document
 from infield.session.navigated import nuisances
 from infield.session.navigated.nuisances import AS_DECLARED, CONSTANTS, WANDERING, Assumed
 from infield.session.navigated.receiver import ReceiverErrors, SlowError
@@ -336,24 +335,6 @@ def test_what_no_model_explains_is_not_merged(name):
     (s,) = sessions(name, 1)
     expected = "refused" if name == "dead wheel" else "inconsistent"
     assert str(s.result.verdict.outcome) == expected
-
-
-def test_the_document_says_what_was_estimated():
-    (s, _) = sessions("GNSS late by 0.3 s")
-    taxi_document = session_document(s.result).taxi
-    (late,) = taxi_document.needed
-    assert late.nuisance == "gnss_delay"
-    assert late.unit == "s"
-    assert late.value == pytest.approx([0.3, 0.3], abs=0.03)
-    assert late.prior_sigma == [0.3, 0.3]
-    assert "older than their stamps" in late.text
-    assert taxi_document.is_test
-    assert taxi_document.nis_mean_as_declared > 1.5
-    assert {x.nuisance for x in taxi_document.always} == {"crab", "wheel_arm_x", "wheel_scale"}
-
-
-def test_every_nuisance_has_a_unit():
-    assert set(NUISANCE_UNITS) == set(Nuisance)
 
 
 def test_savage_dickey_is_the_ratio_of_the_likelihoods(monkeypatch):

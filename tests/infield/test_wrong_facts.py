@@ -1,7 +1,6 @@
 """Wrong facts: the closed form against the full computation, chance, and whole sessions."""
 
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -221,12 +220,6 @@ def test_where_the_table_is_small_a_compensated_log_teaches_nothing_along_it():
         assert np.all(np.abs(off) < 3.0 * found.merged.table.sigma_deg_h(k, degC[:, k]))
 
 
-def test_a_raw_log_is_believed_where_its_table_is_large():
-    known = OnRecord(stored=factory())
-    found = take_run(simulated(seed=3).run, factory(), TWIN, SETTINGS, False, known)
-    assert found.verdict.accepted and not found.doubted
-
-
 def test_a_gyro_that_stepped_is_remembered_as_a_step():
     """x lower by 0.05 deg/h since the table was made, and a warm-up: a doubt of a lag, or of a step
     within the session, had let it pass.
@@ -272,34 +265,3 @@ def test_the_pattern_of_a_lag_is_that_of_its_differential_equation():
     for k, pattern in enumerate(_lags(bins)):
         exact = np.interp(bins.centre_s, seconds, behind[:, k])
         assert pattern.bias_deg_h[:, k] == pytest.approx(exact, abs=0.05 * np.abs(exact).max())
-
-
-def test_a_session_of_the_future_is_refused():
-    run = simulated(seed=3).run
-    start = datetime.fromisoformat(run.header.start_utc)
-    for now, refused in ((start - timedelta(days=2), True), (start - timedelta(hours=14), False)):
-        record = OnRecord(now=now.astimezone(UTC))
-        found = take_run(run, factory(), TWIN, SETTINGS, False, record)
-        codes = [reason.code for reason in found.verdict.reasons]
-        assert (codes == [SessionReason.STARTS_IN_FUTURE]) == refused
-        assert found.verdict.accepted != refused
-
-
-def test_temperatures_of_a_longer_run_are_refused():
-    """A third longer than the imu; 5 % longer may be a recorder that stops late."""
-    run = simulated(seed=3).run
-    log, ends_s = run.temperature, run.imu.end_s
-    for share, refused in ((0.05, False), (0.33, True)):
-        more = np.arange(log.time_s[-1] + 1.0, ends_s * (1.0 + share))
-        grown = replace(
-            log,
-            time_s=np.append(log.time_s, more),
-            gyro_degC=np.vstack([log.gyro_degC, np.repeat(log.gyro_degC[-1:], more.size, axis=0)]),
-            accel_degC=None,
-            block_degC=None,
-            gradient_degC=None,
-            ambient_degC=None,
-        )
-        found = take_run(replace(run, temperature=grown), factory(), TWIN, SETTINGS, False)
-        codes = [reason.code for reason in found.verdict.reasons]
-        assert (codes == [SessionReason.OTHER_TEMPERATURES]) == refused

@@ -16,7 +16,6 @@ from ins.records import (
     TemperatureNoise,
 )
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
-from trajectories.simulator import imperfections
 from trajectories.simulator.imperfections import (
     SLOW_RATE_HZ,
     accel_output,
@@ -230,11 +229,3 @@ def test_gnss_and_odometer_sigmas():
     rolled = OdometerLog(time_s=np.arange(n), speed_m_s=np.full(n, 10.0))
     read = odometer_output(rng, rolled, OdometerNoise(scale_ppm=500.0, noise_m_s=0.01))
     assert_variance(read.speed_m_s - 10.005, 0.01)
-
-
-def test_nothing_draws_from_a_global_seed():
-    def draw():
-        rng = np.random.default_rng(12)
-        return gyro_session_bias(rng, GyroNoise(), 50, rate_hz=imperfections.SLOW_RATE_HZ)
-
-    np.testing.assert_array_equal(draw(), draw())

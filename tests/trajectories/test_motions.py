@@ -72,11 +72,6 @@ def test_turn_keeps_its_radius_and_acceleration_its_limit():
     assert np.max(motion.speed_m_s.derivative()(t)) == pytest.approx(0.4, rel=1e-4)
 
 
-def test_short_turn_does_not_overshoot():
-    motion = lay([Turn(angle_deg=3.0), Stop(duration_s=1.0)])
-    assert np.max(motion.course_rad(np.linspace(0, motion.end_s, 2001))) <= 3.0 * DEG * (1 + 1e-12)
-
-
 def test_phases_cover_the_run_without_holes():
     motion = lay(FLIGHT, alignment_s=10.0)
     names = [p.phase for p in motion.phases]
@@ -109,12 +104,6 @@ def test_phases_cover_the_run_without_holes():
 def test_impossible_motions_are_refused_by_name(segments, word):
     with pytest.raises(InputError, match=word):
         lay(segments)
-
-
-def test_a_change_that_the_clock_cannot_hold_is_refused():
-    """After 3e12 s of parking a change that takes 0.1 ms begins and ends at one time."""
-    with pytest.raises(InputError, match="within 0 s, needed at least"):
-        lay([Park(duration_s=3e12), Straight(duration_s=10.0, speed_m_s=5e-5)])
 
 
 @pytest.mark.parametrize("name", REFERENCE_MOTIONS)

@@ -271,15 +271,6 @@ def test_bump_reaches_its_velocity_and_leaves_no_displacement(taxi):
     assert abs(moved.lat_rad[4000] - taxi.lat_rad[4000]) * 6.4e6 < 1e-6
 
 
-def test_gust_is_over_when_it_is_over(parked):
-    gust = Gust(time_s=1000.0, duration_s=500.0, sway_m_s=0.05)
-    moved = disturb(parked, VehicleNoise(**QUIET), (gust,), np.random.default_rng(10))
-    inside = (parked.time_s > 1100) & (parked.time_s < 1400)
-    assert 0.03 < np.std(moved.v_n_m_s[inside, :2]) < 0.08
-    outside = (parked.time_s < 1000) | (parked.time_s > 1500)
-    assert not moved.v_n_m_s[outside].any()
-
-
 def test_level_turns_with_the_displacement_as_the_frames_say():
     """rho = (cosL dlon, -dlat, -sinL dlon) is the rotation between the frames at the two places."""
     from ins.earth import dcm_en

@@ -10,8 +10,8 @@ from ins.records import ImuLog, InputError, NavState, Site
 from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG
 from tests.trajectories.test_scenario import small as minute
-from trajectories.simulator.environments.kinds import Environment, EnvironmentKind, environment_of
-from trajectories.simulator.environments.laying import draw_moves, lay_environments, lay_moves
+from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
+from trajectories.simulator.environments.laying import draw_moves, lay_environments
 from trajectories.simulator.motions import lay
 from trajectories.simulator.scenario import scenario_from_dict, simulate_scenario
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
@@ -196,15 +196,6 @@ def test_the_antenna_swings_with_the_body():
     assert np.std(up + simpson) < 0.05 * np.std(up)
 
 
-def test_several_environments_add_up(ideal):
-    both = draw_moves(
-        ideal, [Environment(kind="gusty"), Environment(kind="refuelling")], np.random.default_rng(2)
-    )
-    assert np.std(np.diff(both.q_rad, axis=0)) > 0 and len(both.lines) == 0
-    made = lay_moves(ideal, both)
-    assert made.swing_rad_s is not None
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -220,16 +211,3 @@ def test_wrong_environments_are_named_in_one_line(given, words):
         scenario_from_dict(small(environment=given), name="s.toml")
     line = str(error.value)
     assert "\n" not in line and line.startswith("s.toml") and all(word in line for word in words)
-
-
-@pytest.mark.parametrize("text", ["storm", "gusty:", "gusty:strong", "gusty:0", "gusty:nan"])
-def test_wrong_words_on_the_command_line_are_named(text):
-    with pytest.raises(InputError, match="environment"):
-        environment_of(text)
-    assert environment_of("boarding:1.5") == Environment(kind="boarding", strength=1.5)
-
-
-def test_a_vehicle_that_never_stands_has_no_environment():
-    truth = build_truth(lay([Straight(duration_s=60.0, speed_m_s=9.0)]), SITE)
-    with pytest.raises(InputError, match="never stands"):
-        laid(ideal_sensors(truth, 10.0), "calm")

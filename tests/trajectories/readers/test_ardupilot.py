@@ -2,8 +2,6 @@
 off and garbled.
 """
 
-import re
-
 import numpy as np
 import pytest
 
@@ -25,12 +23,6 @@ pytestmark = pytest.mark.usefixtures("forked")
 @pytest.fixture
 def old(tmp_path):
     return logs.write(tmp_path / "flight.bin", logs.old_messages())
-
-
-def rates(log, rows: int = logs.ROWS):
-    np.testing.assert_allclose(log.imu.dt_s, DT_S, rtol=1e-6)
-    assert log.imu.time_s.size == rows
-    return log.imu.dtheta_rad / DT_S, log.imu.dv_m_s / DT_S
 
 
 def check_parked(run, *, w=logs.W, decimals: float = 1e-6):
@@ -129,13 +121,6 @@ def test_matlab_form(tmp_path, suffix, compress):
     assert made.record.format == "ardupilot_mat"
     assert made.run.temperature is None  # it has no such column
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
-
-
-def test_start_later_in_the_log(old):
-    made = convert_log(old, {"from_s": 25.0}, {})
-    assert made.run.imu.rows == logs.ROWS - 250
-    assert made.record.time_shift_s == pytest.approx(24.98)
-    assert made.run.header.start_utc == "2015-11-21T23:45:07.980Z"
 
 
 @pytest.mark.parametrize(
@@ -272,35 +257,6 @@ def test_a_garbled_format_costs_its_messages_only(tmp_path):
     assert "message type 132 garbled" in notes[0]
 
 
-GARBLED = [(b"GPS", b"BIHBcLL", b"BIHBcnL"), (b"PARM", b"Nf", b"Nn"), (b"IMU", b"Iff", b"Inf")]
-
-
-@pytest.mark.parametrize(("name", "letters", "garbled"), GARBLED)
-def test_a_number_that_a_garbled_format_makes_a_text(tmp_path, name, letters, garbled):
-    """The length still fits, so the messages are read; the column is as if it were not there."""
-    messages = logs.old_messages()
-    k = next(i for i, m in enumerate(messages) if m[2] == 128 and m[5:9].rstrip(b"\0") == name)
-    messages[k] = messages[k].replace(letters, garbled, 1)
-    path = logs.write(tmp_path / "log.bin", messages)
-    if name == b"IMU":
-        with pytest.raises(InputError, match="no column GyrX"):
-            read_log(path, LogOptions({}))
-        return
-    _, log = read_log(path, LogOptions({"imu": 2}))
-    assert log.imu.rows == logs.ROWS and (log.gnss is None) == (name == b"GPS")
-
-
-def test_another_format_of_the_same_type_is_not_taken(tmp_path):
-    messages = logs.old_messages()
-    messages.insert(
-        20,
-        logs.fmt(131, "IMU", "IffffffIIf", "TimeMS,GyrY,GyrX,GyrZ,AccX,AccY,AccZ,ErrG,ErrA,Temp"),
-    )
-    tables, notes = read_tables(logs.write(tmp_path / "log.bin", messages), {"IMU"})
-    assert tables["IMU"]["GyrX"][100] == pytest.approx(logs.W[0])
-    assert "message type 131 (IMU)" in notes[0]
-
-
 def test_text_damage(tmp_path):
     path = logs.write_text(tmp_path / "flight.log")
     lines = path.read_bytes().split(b"\r\n")
@@ -310,72 +266,6 @@ def test_text_damage(tmp_path):
     _, log = read_log(path, LogOptions({}))
     assert log.imu.rows >= logs.ROWS - 3
     assert "lines 101, 201" in log.notes[0]
-
-
-def test_matlab_damage(tmp_path):
-    """A file cut off within IMU has none; one cut off later, or with another variable garbled, is
-    read without it.
-    """
-    path = logs.write_mat(tmp_path / "flight.mat", compress=False)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:5000])
-    with pytest.raises(InputError, match="cut off at byte 128: the last 4872 bytes"):
-        convert_log(path, {"format": "ardupilot_mat"}, {})
-    path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2))
-    with pytest.raises(InputError, match="no IMU 1, has none"):
-        convert_log(path, {"format": "ardupilot_mat"}, {})
-    path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2)[:-40])
-    with pytest.raises(InputError, match=r"cut off at byte \d+"):
-        convert_log(path, {"format": "ardupilot_mat"}, {})
-    gps = whole.index(b"GPS_label")
-    path.write_bytes(whole[:gps] + b"\xff" * 60 + whole[gps + 60 :])
-    made = convert_log(
-        path,
-        {},
-        {
-            "lat_deg": -35.0,
-            "lon_deg": 149.0,
-            "height_m": 500.0,
-            "start_utc": "2015-11-22T00:00:00Z",
-        },
-    )
-    assert made.run.imu.rows == logs.ROWS and made.run.gnss is None
-    assert "GPS has shape (50, 14)" in str(made.record.notes)
-    path.write_bytes(whole[:-40])
-    made = convert_log(path, {}, {})
-    check_parked(made.run)
-    assert any("cut off at byte" in n for n in made.record.notes)
-
-
-def test_a_packed_matlab_variable_that_is_garbled(tmp_path):
-    """The packed GPS array does not unpack: named by its place, the IMU read without it."""
-    path = logs.write_mat(tmp_path / "flight.mat")
-    data = bytearray(path.read_bytes())
-    at = 128
-    for _ in range(2):  # past IMU and IMU_label
-        at += 8 + int.from_bytes(data[at + 4 : at + 8], "little")
-    data[at + 200 : at + 260] = bytes(60)
-    path.write_bytes(data)
-    _, log = read_log(path, LogOptions({}))
-    assert log.imu.rows == logs.ROWS and log.gnss is None
-    assert any(
-        re.match(rf"flight\.mat: variable at byte {at} damaged \(.*\), not read", n)
-        for n in log.notes
-    )
-
-
-def test_other_matlab_files_are_named(tmp_path):
-    path = logs.write_mat(tmp_path / "a.mat", IMU=np.ones((50, 3)))
-    with pytest.raises(InputError, match=r"a\.mat: no IMU 1, has none"):
-        convert_log(path, {}, {})
-    logs.savemat(tmp_path / "b.mat", {"x": np.ones(3)})
-    with pytest.raises(InputError, match=r"needed --map .* x 1x3"):
-        convert_log(tmp_path / "b.mat", {}, {})
-    with pytest.raises(InputError, match=r"b\.mat: holds none of the messages"):
-        convert_log(tmp_path / "b.mat", {"format": "ardupilot_mat"}, {})
-    (tmp_path / "c.mat").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    with pytest.raises(InputError, match=r"c\.mat: HDF5 that cannot be opened"):
-        convert_log(tmp_path / "c.mat", {"format": "ardupilot_mat"}, {})
 
 
 # Units

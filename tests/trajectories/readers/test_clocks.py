@@ -18,7 +18,7 @@ from tests.trajectories.readers.hostile_rows import (
     noisy,
 )
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.readers.rows.clocks import evened, going_on, unwrapped
+from trajectories.readers.rows.clocks import evened, going_on
 from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
 
 PERIODS = [
@@ -43,16 +43,6 @@ def test_a_clock_that_starts_again_goes_on(tmp_path, name, period_s):
     np.testing.assert_allclose(made.run.imu.dtheta_rad, straight.run.imu.dtheta_rad, rtol=1e-3)
     assert [n for n in made.record.notes if f"starts again at row 3001 ({name})" in n]
     assert len(made.record.notes) == 1
-
-
-def test_many_wraps_of_a_short_clock():
-    t = np.arange(0.0, 1000.0, 0.01)
-    out, found = going_on(t % 65.536)
-    np.testing.assert_allclose(out, t, atol=1e-9)
-    assert [round(k * 0.01 / 65.536) for k, _, _ in found] == list(range(1, 16))
-    # a clock that is set back by a minute goes beyond one
-    out, found = going_on(np.concatenate([t[:9000], t[3000:9000]]))
-    assert found == []
 
 
 def test_everything_on_the_clock_wraps_with_it(tmp_path):
@@ -82,15 +72,6 @@ def test_everything_on_the_clock_wraps_with_it(tmp_path):
         np.testing.assert_allclose(made.run.temperature.gyro_degC[:, 0], slow["T"])
 
 
-def test_another_stream_that_begins_after_the_wrap():
-    np.testing.assert_allclose(
-        unwrapped(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
-    )
-    np.testing.assert_allclose(
-        unwrapped(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0]
-    )
-
-
 @pytest.mark.parametrize("back_s", [18.0, 59.99, 999.0])
 def test_a_clock_that_is_set_back_is_refused(tmp_path, back_s):
     """Half of the rows again before the others: nobody knows whether they were joined, swapped or
@@ -105,20 +86,6 @@ def test_a_clock_that_is_set_back_is_refused(tmp_path, back_s):
         convert(tmp_path, columns)
     made = convert(tmp_path, columns, {"from_s": 2000.0}) if back_s > 59 else None
     assert made is None or made.run.imu.rows == 3000
-
-
-def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
-    """150 of 18,000 rows have times that were written before: few, and a hole in the motion that
-    no time shows. Half a second of them is read.
-    """
-    columns = {name: np.concatenate([values] * 3) for name, values in noisy().items()}
-    steps = np.arange(3 * N) * 0.01
-    rng = np.random.default_rng(3)
-    columns["wz"] += 0.1 * rng.standard_normal(steps.size)  # no row is like another
-    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001"):
-        convert(tmp_path, columns | {"t": steps - 1.5 * (steps >= 90.0)})
-    made = convert(tmp_path, columns | {"t": steps - 0.5 * (steps >= 90.0)})
-    assert any("dropped: time repeats or goes back" in note for note in made.record.notes)
 
 
 def test_one_garbled_time_costs_one_row(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ins.records import InputError
-from ins.units import DEG, DEG_PER_HOUR
+from ins.units import DEG
 from tests.trajectories.run_cases import F_B, W_B
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.rows.column_map import (
@@ -14,13 +14,10 @@ from trajectories.readers.rows.column_map import (
     ACCEL_RATES,
     GYRO_INCREMENTS,
     GYRO_RATES,
-    AxesKeys,
     LogOptions,
-    axis_matrix,
     binary_type,
     column_map,
 )
-from trajectories.readers.rows.row_cleaning import row_ranges
 
 N, DT_S = 200, 0.01
 
@@ -253,30 +250,8 @@ def test_wrong_maps_are_refused(changes, line):
     assert line in str(caught.value)
 
 
-def test_a_wrong_map_is_not_taken_for_damaged_rows():
-    columns = raw_columns()
-    columns["wx"][:50] = 1e9
-    with pytest.raises(InputError, match="50 of 200 rows are damaged"):
-        convert(columns)
-
-
-def test_axis_matrix_takes_raw_into_body():
-    M = axis_matrix(AxesKeys(x="z", y="y", z="-x"))
-    np.testing.assert_array_equal(M @ [1.0, 2.0, 3.0], [3.0, 2.0, -1.0])
-
-
 def test_number_types_hold_no_objects():
     assert binary_type(">i2").itemsize == 2
     for text in ("O", "|O8", "V8", "<f8, O", "U10", "<f16", ""):
         with pytest.raises(InputError, match="map: dtype"):
             binary_type(text)
-
-
-def test_row_ranges():
-    assert row_ranges(np.array([6])) == "row 7"
-    assert row_ranges(np.array([6, 8, 9, 10])) == "rows 7, 9-11"
-    assert row_ranges(np.arange(0, 40, 2)).endswith("and 10 more stretches")
-
-
-def test_deg_per_hour_is_named_once():
-    assert GYRO_RATES["deg/h"] == DEG_PER_HOUR

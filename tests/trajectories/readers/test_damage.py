@@ -13,7 +13,6 @@ from ins.records import InputError
 from tests.trajectories.readers import damage
 from tests.trajectories.readers.damage import SAMPLES, Sample
 from trajectories.readers.columns.imu_columns import converted
-from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import ConvertedLog, read_log, readers
 from trajectories.readers.rows.column_map import LogOptions, column_map
 
@@ -198,23 +197,6 @@ def test_a_quarter_of_the_packets_lost(burst):
     assert all(any(a < t <= b for a, b in spans) for t in holes)
     # 0.1 rad/s over each hole
     assert np.abs(turned(log) - turned(whole)).max() < 0.1 * burst * 0.01 * np.sqrt(n / burst)
-
-
-def test_many_lost_rows_are_a_warning(tmp_path):
-    columns = noisy_columns()
-    keep = np.sort(np.random.default_rng(2).choice(2000, size=1500, replace=False))
-    path = tmp_path / "log.csv"
-    rows = np.column_stack([v[keep] for v in columns.values()]).tolist()
-    path.write_text(
-        ",".join(damage.COLUMNS) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
-    )
-    site = {"lat_deg": 30.0, "lon_deg": 7.0, "height_m": 250.0, "start_utc": "2026-03-01T05:00:00Z"}
-    made = convert_log(path, {}, {"imu_serial": "S", "gyro_technology": "mems", **site})
-    lost = round((columns["time_s"][keep[-1]] - columns["time_s"][keep[0]]) * 100) + 1 - 1500
-    assert any(
-        f.text.startswith(f"log.csv: {lost} of {1500 + lost} rows lost (25%)")
-        for f in made.findings
-    )
 
 
 @pytest.mark.parametrize(

@@ -163,12 +163,6 @@ def test_what_is_missing_or_wrong_is_named(tmp_path, options, given, line):
         convert_log(tmp_path / "imu.txt", options, given)
 
 
-def test_axes_the_wrong_way_up_are_refused(tmp_path):
-    """Forward, left, up: what a KF-GINS file is not."""
-    with pytest.raises(InputError, match=r"\+9\.\d+ m/s2 on z"):
-        convert_log(write_imu(tmp_path / "imu.txt", sign=-1.0), {}, GIVEN)
-
-
 def test_rates_are_not_taken_for_increments(tmp_path):
     """The same rows in rad/s and m/s2 are not recognised; forced, gravity gives them away."""
     np.savetxt(
@@ -180,30 +174,3 @@ def test_rates_are_not_taken_for_increments(tmp_path):
         convert_log(tmp_path / "imu.txt", {}, GIVEN)
     with pytest.raises(InputError, match=r"979\.6 m/s2, needed 9\.8"):
         convert_log(tmp_path / "imu.txt", {"format": "kfgins"}, GIVEN)
-
-
-def test_a_damaged_row_is_named(tmp_path):
-    text = write_imu(tmp_path / "imu.txt").read_text().splitlines()
-    (tmp_path / "imu.txt").write_text(
-        "\n".join([*text[:3000], "456280.0 1.0", *text[3000:]]) + "\n"
-    )
-    made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    check_parked(made.run, OUT)
-    assert "line 3001 (2 values, needed 7)" in str(made.record.notes)
-
-
-def test_a_few_garbled_lines_are_dropped_and_named(tmp_path):
-    """In the first lines, by which the format is known, and in the file of fixes too."""
-    for write, name, at in (
-        (write_imu, "imu.txt", (3, 70, 4000)),
-        (write_gnss, "gnss.txt", (7, 20)),
-    ):
-        lines = write(tmp_path / name).read_text().splitlines()
-        for k in at:
-            lines[k] = lines[k][:20] + "x" + lines[k][21:]
-        (tmp_path / name).write_text("\n".join(lines) + "\n")
-    made = convert_log(tmp_path / "imu.txt", {"gnss": {"file": "gnss.txt"}}, GIVEN)
-    assert made.run.imu.rows == OUT.rows - 3 and made.run.gnss.time_s.size == 58
-    notes = " ".join(made.record.notes)
-    assert "imu.txt: no row of 7 numbers in line 4, 71, 4001" in notes
-    assert "gnss.txt: no row of 7 numbers in line 8, 21" in notes

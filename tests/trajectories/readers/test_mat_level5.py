@@ -72,21 +72,6 @@ def test_what_a_file_holds(tmp_path, packed):
     assert set(read_arrays(tmp_path / "a.mat", ["matrix", "x"])[0]) == {"matrix"}
 
 
-def test_the_other_byte_order(tmp_path):
-    """A file as a big-endian machine writes it, laid down by hand."""
-    body = (
-        struct.pack(">IIII", 6, 8, 6, 0)
-        + struct.pack(">IIii", 5, 8, 1, 2)
-        + struct.pack(">HH4s", 1, 1, b"x\0\0\0")
-    )
-    body += struct.pack(">II2d", 9, 16, 1.5, -2.5)
-    path = tmp_path / "a.mat"
-    path.write_bytes(
-        b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + struct.pack(">II", 14, len(body)) + body
-    )
-    assert read_arrays(path)[0]["x"].tolist() == [[1.5, -2.5]]
-
-
 def lying(path, *, dims=(1, 2), kind=9, length=16, packed=False):
     body = (
         struct.pack("<IIII", 6, 8, 6, 0)
@@ -100,16 +85,6 @@ def lying(path, *, dims=(1, 2), kind=9, length=16, packed=False):
         element = struct.pack("<II", 15, len(element)) + element
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element)
     return path
-
-
-@pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize(
-    "changes", [{"dims": (2**31 - 1, 2**31 - 1)}, {"dims": (1, 3)}, {"length": 2**32 - 8}]
-)
-def test_lengths_that_lie(tmp_path, changes, packed):
-    found, notes = read_arrays(lying(tmp_path / "a.mat", **changes, packed=packed))
-    assert found == {} and len(notes) == 1 and "variable at byte 128 damaged (" in notes[0]
-    assert read_arrays(lying(tmp_path / "a.mat", packed=packed))[0]
 
 
 @pytest.mark.parametrize("packed", [False, True])

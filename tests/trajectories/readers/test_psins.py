@@ -199,36 +199,6 @@ def test_a_wrong_map_is_refused_with_the_right_one(tmp_path, technology):
     assert 'x = "y", y = "x", z = "-z"' in told
 
 
-def test_of_the_maps_that_the_refusal_names_the_second_is_right(tmp_path):
-    """Gravity and the vertical Earth rate cannot tell which, so both convert; they differ by a
-    quarter turn of heading.
-    """
-    path = text_file(tmp_path / "imu.txt")
-    named = convert_log(path, RFU_MAP | {"axes": {"x": "x", "y": "-y", "z": "-z"}}, GIVEN).run
-    true = convert_log(path, RFU_MAP | {"axes": {"x": "y", "y": "x", "z": "-z"}}, GIVEN).run
-    check_parked(true, OUT)
-    np.testing.assert_allclose(named.imu.dv_m_s[:, 2], true.imu.dv_m_s[:, 2])
-    np.testing.assert_allclose(named.imu.dtheta_rad[:, 0], true.imu.dtheta_rad[:, 1])
-
-
-def test_increments_taken_for_rates_are_refused(tmp_path):
-    rates = RFU_MAP | {"axes": {"x": "y", "y": "x", "z": "-z"}}
-    rates |= {
-        "gyro": {**RFU_MAP["gyro"], "unit": "rad/s"},
-        "accel": {**RFU_MAP["accel"], "unit": "m/s2"},
-    }
-    with pytest.raises(InputError, match=r"0\.09796 m/s2, needed 9\.8"):
-        convert_log(text_file(tmp_path / "imu.txt"), rates, GIVEN)
-
-
-def test_gyros_in_degrees_are_refused(tmp_path):
-    columns = imu_rows()
-    columns[:, :3] *= 180 / np.pi
-    np.savetxt(tmp_path / "imu.txt", columns, fmt="%.12e")
-    with pytest.raises(InputError, match=r"deg/s\?"):
-        convert_log(tmp_path / "imu.txt", {}, GIVEN)
-
-
 @pytest.mark.parametrize(
     ("change", "line"),
     [

@@ -284,13 +284,6 @@ def test_compensation_in_flight_leaves_the_raw_topics_usable(tmp_path):
     check_parked(convert_log(path, {}, {}).run, W + OFFSET)
 
 
-def test_a_turned_external_sensor_is_that_of_its_own_number_only(tmp_path):
-    parameters = {"CAL_GYRO1_ID": 101, "CAL_GYRO1_ROT": 6}
-    check_parked(
-        convert_log(write(tmp_path / "f.ulg", ulog(parameters=parameters)), {}, {}).run, W + OFFSET
-    )
-
-
 def test_the_same_as_pyulog(tmp_path):
     """Every topic and field of the wanted ones, bit for bit."""
     from pyulog import ULog
