@@ -12,14 +12,12 @@ from typer.testing import CliRunner
 from infield.reports.documents.fog import fit_models, fog_document
 from infield.reports.documents.rlg import rlg_document
 from infield.store.table_store import TableStore
-from infield.table.thermal_table import default_table
 from infield.thermal.fog.ramps import separate
 from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.stored_model import (
     prepared,
     read_thermal_model,
     removal,
-    seeded_table,
     with_model_sigma,
     without_rates,
 )
@@ -220,19 +218,6 @@ def test_replay_with_the_model_drifts_less(folder, updated):
         assert ("thermal_model" in document) == bool(words)
     assert drift[True] < 0.3 * drift[False]
     assert "left the log before the table" in (folder / "replay" / "replay.html").read_text()
-
-
-def test_a_unit_without_a_table_starts_from_the_settled_part(folder):
-    stored = read_thermal_model(folder / "model.json")
-    plain = default_table(
-        imu_serial="SN-1", gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z"
-    )
-    seeded = seeded_table(plain, stored)
-    T = plain.temperature_degC[2]
-    np.testing.assert_allclose(
-        seeded.bias_deg_h(2, T), stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, 2]
-    )
-    np.testing.assert_array_equal(seeded.covariance, plain.covariance)
 
 
 def test_what_is_not_known_of_the_terms_widens_the_turn_on_by_hand(folder):
