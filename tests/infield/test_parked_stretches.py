@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from alignment.motion import turn_between
 from infield.reports.documents.update import Kept, update_document
 from infield.session.bins import make_bins
-from infield.session.parked.stretches import parked_windows, stationary_segments
+from infield.session.parked.stretches import stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
@@ -20,7 +20,7 @@ from infield.table.file import table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import GnssLog, Phase, Survey
+from ins.records import GnssLog, Survey
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import codes, sentence
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
@@ -207,26 +207,6 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     assert "GNSS" in sentence(whole.why)
 
 
-def test_all_phases_named_as_parked_count():
-    run = landed(first()[0].run)
-    rests = stationary_segments(run)
-    assert len(parked_windows(run)) == len(rests.stretches) == 2
-    cold = replace(run, phases=run.phases[:2])
-    # the log says when it is parked, and nothing of the end
-    assert len(stationary_segments(cold).stretches) == 1
-    flown = replace(run, phases=(run.phases[1],))
-    assert [round(a) for a, _ in parked_windows(flown)] == [0, round(run.imu.end_s - WARM_S)]
-    assert len(stationary_segments(flown).stretches) == 2
-    meeting = replace(
-        run,
-        phases=tuple(
-            Phase(phase=n, start_s=a, end_s=b)
-            for n, a, b in (("alignment", 0.0, 60.0), ("extended_alignment", 60.5, COLD_S))
-        ),
-    )
-    assert parked_windows(meeting) == ((run.imu.start_s, COLD_S),)
-
-
 def test_a_shaken_rest_is_left_out_and_the_other_used():
     run = first()[0].run
     late = (run.imu.time_s > run.imu.end_s - WARM_S)[:, None]
@@ -310,38 +290,6 @@ def test_untold_turns_are_not_overconfident(turn_deg, monkeypatch):
     monkeypatch.setattr(turn_between, "TOLD_RAD", 0.0)
     *sums, _ = statistics(range(1000, 1200), turn_deg=turn_deg)
     assert all(total[0] < bounds(total)[1] for total in sums)
-
-
-def warm_error_deg_h(table, truth):
-    """RMS over the gyros of the error of warm less cold, which a start-up calibration leaves at the
-    end of a flight.
-    """
-    T = np.array([COLD_degC, WARM_degC])
-    off = [
-        np.diff(table.bias_deg_h(axis, T) - truth.bias_deg_h("xyz"[axis], T))[0]
-        for axis in range(3)
-    ]
-    return float(np.sqrt(np.mean(np.square(off))))
-
-
-def warm_errors(seeds):
-    """RMS of it over units: blank table, the first stretch alone, both."""
-    found = []
-    for seed in seeds:
-        run, truth = flight(seed).run, unit(seed)
-        alone = replace(run, imu=run.imu.between(0.0, COLD_S))
-        found.append(
-            [
-                warm_error_deg_h(t, truth)
-                for t in (blank(), updated([alone]).after, updated([run]).after)
-            ]
-        )
-    return np.sqrt(np.mean(np.square(found), axis=0))
-
-
-def test_the_second_stretch_is_what_shows_the_warm_end():
-    _, alone, both = warm_errors(range(100, 106))
-    assert both < 0.75 * alone
 
 
 def test_one_stretch_is_estimated_as_ever():

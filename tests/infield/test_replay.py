@@ -25,7 +25,6 @@ from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel,
 from ins.strapdown.compensation import compensate
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from ins.verdicts import codes, sentences
-from tests.drawn import specifications, unscripted
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
 from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
 from trajectories.simulator.sensors import ideal_sensors
@@ -404,15 +403,6 @@ def test_wrong_latitude_is_inconsistent_but_flown():
     assert result.tables[0].parked is not None
 
 
-def test_without_temperature_the_log_is_flown_raw():
-    run = replace(parked(1800.0).run, temperature=None)
-    result = replay(run, choices(flat(x=1.0), flat()), TwinModel())
-    assert result.verdict == "replayed" and "no_gyro_temperature" in codes(result.notes)[0]
-    assert [t.choice.table for t in result.tables] == [None] and result.tables[0].predicted is None
-    # the perfect unit's raw output; 1 deg/h was not subtracted
-    assert result.tables[0].parked.rate_nm_h < 0.01
-
-
 def test_applied_table_is_undone_by_its_hash():
     """A unit that had subtracted a table: the same flight as from its raw output; an unknown hash
     is bad input.
@@ -430,25 +420,3 @@ def test_applied_table_is_undone_by_its_hash():
 
 
 # ---- the page
-
-
-def test_page_shows_both_tables_and_is_the_same_twice():
-    truth = parked(2400.0)
-    pages = []
-    for _ in range(2):
-        result = replay(
-            truth.run, choices(flat(), flat(x=0.03)), TwinModel(), reference=truth.reference
-        )
-        document = replay_document(result, TwinModel(), store="sqlite:///x.db", version="1")
-        pages.append(render(document))
-    assert pages[0] == pages[1]
-    page = pages[0]
-    assert "previous table" in page
-    assert "scoring only" in page.lower()
-    assert "No stop of eight seconds" in page
-    # radial, wander; panels: velocities while parked and of the log, attitude; no track, no GNSS
-    assert len(specifications(page)) == 9
-    assert "http" not in unscripted(page)
-    rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in plain(document)["tables"]]
-    assert all(rate in page for rate in rates)
-    assert "Aligned heading" in page and "error [NM]" in page

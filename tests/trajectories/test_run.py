@@ -3,7 +3,6 @@ apart.
 """
 
 import gzip
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS, degrees_exact
+from ins.columns import RATE_COLUMNS, degrees_exact
 from ins.records import FixType, InputError, Run
 from ins.units import DEG
 from tests.trajectories.run_cases import (
@@ -32,7 +31,6 @@ from tests.trajectories.run_cases import (
 )
 from trajectories.runs import directory as run_module
 from trajectories.runs.directory import FORMATS, read_reference, read_run, write_run
-from trajectories.runs.schema import ConversionRecord
 from trajectories.runs.stream_files import StreamFile, write_columns
 
 
@@ -256,19 +254,6 @@ def test_increments_cover_a_dropout(tmp_path):
     np.testing.assert_allclose(kept.dv_m_s[1000], summed[3:], rtol=1e-15)
 
 
-def test_late_time_stamps_are_jitter_not_dropouts(tmp_path):
-    time_s = imu_log().time_s.copy()
-    time_s[500:3500:100] += 0.008  # a late stamp, the next on time
-    imu = imu_log()
-    columns = dict(zip(("time_s", *INCREMENT_COLUMNS), [time_s, *imu.dtheta_rad.T, *imu.dv_m_s.T]))
-    path = csv_run(tmp_path / "run")
-    (path / "imu.csv").unlink()
-    write_columns(path / "imu.parquet", columns)
-    read = read_run(path)
-    assert read.faults == ()
-    assert np.array_equal(read.imu.dv_m_s, imu.dv_m_s)
-
-
 def test_a_cut_off_file_is_read_up_to_the_cut(tmp_path):
     path = csv_run(tmp_path / "run")
     text = (path / "imu.csv").read_bytes()
@@ -280,21 +265,6 @@ def test_a_cut_off_file_is_read_up_to_the_cut(tmp_path):
     imu = read_run(path).imu
     assert 1000 < imu.time_s.size < 3000
     assert np.array_equal(imu.dtheta_rad, imu_log().dtheta_rad[: imu.time_s.size])
-
-
-def test_conversion_record_and_unknown_keys_do_not_stop_reading(tmp_path):
-    made = ConversionRecord(source="a.bin", source_sha256="ab", format="csv", time_shift_s=2.5)
-    write_run(tmp_path / "run", full_run(), conversion=made)
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["conversion"] == {
-        "source": "a.bin",
-        "source_sha256": "ab",
-        "format": "csv",
-        "time_shift_s": 2.5,
-        "notes": [],
-        "repaired": [],
-    }
-    edit_json(tmp_path / "run", lambda data: data.update(weather="rain"))
-    assert read_run(tmp_path / "run").header == header()
 
 
 def test_minimal_run(tmp_path):

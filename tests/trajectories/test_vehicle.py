@@ -141,15 +141,6 @@ def test_crab_is_heading_less_direction_of_rolling(taxi):
     np.testing.assert_allclose(wrap_pi(heading - course), 5 * MILLIRADIAN, rtol=1e-4)
 
 
-def test_course_of_rolling_turns_with_the_heading(taxi):
-    """A parked vehicle that has yawed still rolls along its own x axis afterwards: no side slip."""
-    yawed = (Boarding(time_s=20.0, heading_arcsec=300.0),)
-    moved = disturb(taxi, VehicleNoise(**QUIET), yawed, np.random.default_rng(1))
-    leg = (taxi.time_s > 120) & (taxi.time_s < 160)
-    v_b = np.einsum("nji,nj->ni", moved.C_nb[leg], moved.v_n_m_s[leg])
-    assert np.max(np.abs(v_b[:, 1])) < 1e-4  # 300 arcsec of 9.5 m/s would be 14 mm/s
-
-
 def test_a_push_moves_the_vehicle_its_distance_and_turn(parked):
     push = Push(time_s=20.0, distance_m=-3.0, speed_m_s=0.25, ramp_s=2.0, turn_deg=0.8)
     moved = disturb(parked, VehicleNoise(**QUIET), (push,), np.random.default_rng(1))
@@ -258,17 +249,6 @@ def test_boarding_settles_at_its_step_within_seconds(parked):
     np.testing.assert_allclose(
         settled, np.tile([100.0, -50.0, 20.0], (settled.shape[0], 1)), atol=0.1
     )
-
-
-def test_bump_reaches_its_velocity_and_leaves_no_displacement(taxi):
-    moved = disturb(
-        taxi,
-        VehicleNoise(**QUIET),
-        (Bump(time_s=20.0, velocity_m_s=0.2),),
-        np.random.default_rng(9),
-    )
-    assert np.max(np.abs(moved.v_n_m_s[:5000])) == pytest.approx(0.2 * np.cos(0.4), rel=0.01)
-    assert abs(moved.lat_rad[4000] - taxi.lat_rad[4000]) * 6.4e6 < 1e-6
 
 
 def test_level_turns_with_the_displacement_as_the_frames_say():

@@ -150,18 +150,6 @@ def test_people_make_the_gear_ring_at_its_modes(parked_hour):
     assert 0.8 < f[quick][np.argmax(power[quick])] < 1.2
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_strength_scales_every_motion(ideal, kind):
-    once, twice = (
-        draw_moves(ideal, [Environment(kind=kind, strength=s)], np.random.default_rng(5))
-        for s in (1.0, 2.0)
-    )
-    np.testing.assert_allclose(twice.q_rad, 2 * once.q_rad, atol=1e-18)
-    assert np.abs(once.q_rad).max() > 0
-    shaken = [laid(ideal, kind, strength=s).v_n_m_s[ideal.at_rest].std() for s in (0.5, 1.0)]
-    assert shaken[1] == pytest.approx(2 * shaken[0], rel=1e-2)
-
-
 def small(**changes):
     """A scenario of two minutes with a receiver, as a dict."""
     parked = [{"segment": "park", "duration_s": 120}]

@@ -12,8 +12,6 @@ from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.dataflash import read_tables
 from trajectories.readers.conversion import convert_log
 from trajectories.readers.formats.ardupilot_gnss import fixes
-from trajectories.readers.registry import read_log
-from trajectories.readers.rows.column_map import LogOptions
 
 DT_S = 0.02
 
@@ -213,24 +211,6 @@ def test_damage_within_is_read_around(tmp_path, damage):
     assert at - 50 <= first <= at
 
 
-def test_garbled_values_and_times_are_dropped_and_named(tmp_path):
-    """A time far ahead, an impossible rate, a temperature no sensor has."""
-    messages = logs.old_messages()
-    form = logs.OLD["IMU"]
-    rows = [k for k, m in enumerate(messages) if m[2] == form[0]]
-    good = (*logs.W, *F_B, 0, 0)
-    messages[rows[100]] = logs.message(form, 4_000_000_000, *good, 30.2)
-    messages[rows[200]] = logs.message(form, FIRST + 200 * 20, 1e30, *good[1:], 30.4)
-    messages[rows[300]] = logs.message(form, FIRST + 300 * 20, *good, 1e8)
-    made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
-    assert made.run.imu.rows == logs.ROWS - 2
-    told = " ".join(made.record.notes)
-    assert "IMU: row 101 dropped" in told
-    assert "IMU: row 201 dropped: beyond 100 rad/s" in told
-    assert np.all(np.abs(made.run.temperature.gyro_degC - 30.5) < 1.0)
-    assert [s.reason for s in made.run.faults] == ["dropout: 1 imu rows lost"] * 2
-
-
 FIRST = logs.FIRST_MS
 
 
@@ -245,27 +225,6 @@ def test_a_gps_fix_that_jumps_is_left_out(tmp_path):
     assert made.run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
     assert any("GPS row 1 left out: time or position jumps" in n for n in made.record.notes)
-
-
-def test_a_garbled_format_costs_its_messages_only(tmp_path):
-    messages = logs.old_messages()
-    k = next(i for i, m in enumerate(messages) if m[2] == 128 and m[5:9] == b"IMU2")
-    messages[k] = messages[k][:4] + b"\xff" + messages[k][5:]
-    path = logs.write(tmp_path / "log.bin", messages)
-    tables, notes = read_tables(path, {"IMU", "IMU2"})
-    assert tables["IMU"]["TimeMS"].size > logs.ROWS // 2 - 2 and "IMU2" not in tables
-    assert "message type 132 garbled" in notes[0]
-
-
-def test_text_damage(tmp_path):
-    path = logs.write_text(tmp_path / "flight.log")
-    lines = path.read_bytes().split(b"\r\n")
-    lines[100] = b"IMU, 1, garbled"
-    lines[200] = lines[200].replace(b"0", b"\xff", 1)
-    path.write_bytes(b"\r\n".join(lines)[:-20])
-    _, log = read_log(path, LogOptions({}))
-    assert log.imu.rows >= logs.ROWS - 3
-    assert "lines 101, 201" in log.notes[0]
 
 
 # Units
@@ -298,15 +257,6 @@ def test_declared_units_are_used(tmp_path):
     np.testing.assert_allclose(
         turned.imu.dtheta_rad / DT_S, np.tile(logs.W * np.pi / 180, (logs.ROWS, 1)), rtol=1e-6
     )
-
-
-@pytest.mark.parametrize(
-    ("gyro", "accel", "line"),
-    [("rev/s", "m/s/s", "GyrX is in 'rev/s'"), ("rad/s", "ft/s/s", "AccX is in 'ft/s/s'")],
-)
-def test_unknown_declared_units_are_refused(tmp_path, gyro, accel, line):
-    with pytest.raises(InputError, match=line):
-        convert_log(log_that_declares(tmp_path, gyro=gyro, accel=accel), {}, {})
 
 
 @pytest.mark.parametrize(("first", "taken"), [(3.0, 47.0), (1.0, 48.0)])

@@ -174,14 +174,6 @@ def test_any_wrapped_clock_goes_on(period_s, phase, seed):
     assert len(found) == int(t[-1] // period_s) - int(t[0] // period_s)
 
 
-@pytest.mark.parametrize(
-    "keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}]
-)
-def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
-    with pytest.raises(InputError, match=r"5000\.010 to 5060\.000 s"):
-        convert(tmp_path, noisy(), keys)
-
-
 def bursts(rng, rate_hz=100.0, seconds=60.0, of=4) -> np.ndarray:
     """Stamps of a host that reads a buffer of about so many rows at a time, 0.1 ms a row."""
     t = np.arange(0.0, seconds, 1.0 / rate_hz)

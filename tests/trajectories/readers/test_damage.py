@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ins.records import InputError
 from tests.trajectories.readers import damage
@@ -213,68 +211,3 @@ def test_corrupt_rows_are_named_and_only_those_are_gone(value, why):
     columns["gyro_x_rad_s"][:400] = value
     with pytest.raises(InputError, match=rf"rows are damaged \(first row 1: {why}"):
         convert(columns)
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_any_mixture_of_faults(seed):
-    """Rows doubled, swapped, garbled, lost and filled with zeros, clocks that jump and wrap: a good
-    log or one line.
-    """
-    rng = np.random.default_rng(seed)
-    table = np.column_stack(list(noisy_columns(seconds=6.0).values()))
-    for fault in rng.choice(len(ROW_FAULTS), size=rng.integers(1, 5)):
-        table = ROW_FAULTS[fault](table, rng)
-    try:
-        log = convert(dict(zip(damage.COLUMNS, table.T.copy())))
-    except InputError as error:
-        assert "\n" not in str(error)
-        return
-    assert log.imu.rows <= len(table)
-
-
-def _double(table, rng):
-    order = np.sort(
-        np.concatenate([np.arange(len(table)), rng.integers(len(table), size=rng.integers(1, 50))])
-    )
-    return table[order]
-
-
-def _swap(table, rng):
-    table, k = table.copy(), rng.integers(len(table) - 3, size=rng.integers(1, 30))
-    table[k], table[k + 1] = table[k + 1].copy(), table[k].copy()
-    return table
-
-
-def _garble(table, rng):
-    table = table.copy()
-    wild = np.array([np.nan, np.inf, -np.inf, 1e38, -1e308, 0.0, 1e-320, 2.0**32])
-    for _ in range(rng.integers(1, 8)):
-        table[rng.integers(len(table)), rng.integers(7)] = wild[rng.integers(wild.size)]
-    return table
-
-
-def _lose(table, rng):
-    return table[rng.random(len(table)) > rng.choice([0.05, 0.25])]
-
-
-def _fill(table, rng):
-    return np.concatenate(
-        [np.zeros((rng.integers(0, 30), 7)), table, np.zeros((rng.integers(0, 30), 7))]
-    )
-
-
-def _wrap(table, rng):
-    table, period = table.copy(), rng.choice([2**32 * 1e-6, 604_800.0, 86_400.0])
-    with np.errstate(invalid="ignore"):  # a garbled time may be infinite
-        table[:, 0] = (table[:, 0] + period - rng.uniform(0, 16)) % period
-    return table
-
-
-def _jump(table, rng):
-    table = table.copy()
-    table[rng.integers(len(table)) :, 0] += rng.choice([-5.0, -0.05, 0.05, 0.9, 5.0, 1e9])
-    return table
-
-
-ROW_FAULTS = (_double, _swap, _garble, _lose, _fill, _wrap, _jump)

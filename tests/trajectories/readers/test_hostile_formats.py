@@ -23,7 +23,6 @@ from tests.trajectories.readers.known_motion import (
 from tests.trajectories.readers.test_navego import gnss as navego_gnss
 from trajectories.readers.conversion import convert_log
 
-DATELESS = {k: v for k, v in GIVEN.items() if k != "start_utc"}
 ROWS = 2000
 
 
@@ -82,17 +81,6 @@ def test_ardupilot_over_the_wrap_of_its_milliseconds(tmp_path):
     np.testing.assert_allclose(a.gnss.time_s, b.gnss.time_s, atol=1e-6)
     # by whole seconds
     np.testing.assert_allclose(a.temperature.gyro_degC, b.temperature.gyro_degC, atol=0.01)
-
-
-@pytest.mark.parametrize("week", [0, ap.WEEK - 1024])
-def test_ardupilot_without_the_week(tmp_path, week):
-    messages = changed(ap.old_messages(rows=200), "GPS", lambda v: [*v[:2], week, *v[3:]])
-    with pytest.raises(InputError, match=r"start_utc .*GPS weeks that give no date"):
-        ardupilot(tmp_path, messages)
-    assert (
-        ardupilot(tmp_path, messages, {"start_utc": "2026-03-01T05:00:00Z"}).run.gnss.time_s.size
-        == 20
-    )
 
 
 def test_ardupilot_temperatures_that_are_none(tmp_path):
@@ -158,31 +146,6 @@ def test_texts_of_autopilots_and_receivers_as_editors_save_them(tmp_path):
         (tmp_path / name).write_bytes(data.decode().encode("utf-16"))
         with pytest.raises(InputError, match=rf"{name}: text in UTF-16, needed UTF-8"):
             convert_log(tmp_path / name, {}, given)
-
-
-def in_week(lines: list[str], week) -> list[str]:
-    """NovAtel lines with another week, and the check that goes with it."""
-    bodies = [
-        text[1:]
-        .rsplit("*", 1)[0]
-        .replace(f",{test_novatel.WEEK},", f",{week},")
-        .replace(f";{test_novatel.WEEK},", f";{week},")
-        for text in lines
-    ]
-    return [test_novatel.line(text[0], body) for text, body in zip(lines, bodies)]
-
-
-def test_novatel_without_the_week(tmp_path):
-    lines = test_novatel.raw_lines(parked(dt=0.005, start_s=200_000.0, seconds=20.0))
-    for week, line in (
-        (0, r"its clock shows the year 1980: no date"),
-        (1023, "its clock shows the year 1999: no date"),
-        ("", r"RAWIMUSX rows without GPS week and seconds"),
-    ):
-        with pytest.raises(InputError, match=line):
-            test_novatel.convert(tmp_path, in_week(lines, week), given=DATELESS)
-    made = test_novatel.convert(tmp_path, in_week(lines, 0))
-    assert made.run.imu.rows == 4000 and made.run.header.start_utc == GIVEN["start_utc"]
 
 
 OUT = parked(seconds=60.0, start_s=100.0)

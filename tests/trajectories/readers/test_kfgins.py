@@ -80,22 +80,6 @@ def test_a_right_turn_is_one(tmp_path):
     )
 
 
-def test_over_the_end_of_the_week(tmp_path):
-    late = parked(start_s=604_770.0)
-    path = write_imu(tmp_path / "imu.txt", late)
-    rows = np.loadtxt(path)
-    rows[:, 0] %= 604_800.0
-    np.savetxt(path, rows, fmt="%16.9f" + " %.12e" * 6)
-    made = convert_log(
-        path, {"gps_week": 2400}, {k: v for k, v in GIVEN.items() if k != "start_utc"}
-    )
-    check_parked(made.run, late)
-    assert any("clock starts again at row 3000 (GPS week)" in note for note in made.record.notes)
-    # Week 2400 began on 2026-01-04, so its last 30 s are those of Saturday 2026-01-10, less 18 leap
-    # seconds.
-    assert made.run.header.start_utc == "2026-01-10T23:59:12.000Z"
-
-
 def test_fixes_of_another_file_give_the_place(tmp_path):
     gnss = write_gnss(tmp_path / "gnss.txt")
     made = convert_log(write_imu(tmp_path / "imu.txt"), {"gnss": {"file": "gnss.txt"}}, PLACELESS)

@@ -95,22 +95,6 @@ def test_text(tmp_path, text, keys, packed):
     assert list(made.record.notes) == []
 
 
-def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
-    """Few are rows of missing values, and listed; many are a wrong map, and the first is named."""
-    rows = ["# head", *csv_text(rate_table()).splitlines()]
-    rows[10], rows[99] = "1,2,what,4,5,6,7", '5000.5,"1,2'
-    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
-    made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
-    assert made.run.imu.rows == N - 2
-    told, dropped = made.record.notes[:2]
-    assert "line 11, 100 (column wy: got 'what'" in told and "rows 9, 98 dropped" in dropped
-    assert [s.reason for s in made.run.faults] == ["dropout: 2 imu rows lost"]
-    rows[10:110] = ["1,2,what,4,5,6,7"] * 100
-    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
-    with pytest.raises(InputError, match=r"\(line 11\): column wy: got 'what'"):
-        convert(tmp_path / "log.csv", MAP | {"comment": "#"})
-
-
 def test_parquet(tmp_path):
     """By its content, not its name; a part of a record by its path."""
     columns = rate_table()
@@ -207,34 +191,6 @@ def struct_array(*elements: dict) -> np.ndarray:
         for name, value in element.items():
             out[name][k] = value
     return out
-
-
-@pytest.mark.parametrize(
-    ("column", "line"),
-    [
-        ("log.w[0]", r"no matrix log\.w"),
-        ("gyro[0]", "no matrix gyro"),
-        ("log.wb", r"which column: log\.wb\[0\]"),
-        ("log.wb[3]", r"log\.wb has 3 columns"),
-        ("log.wb(:,0)", r"log\.wb has 3 columns"),
-        ("log.wb(1,:)", r"map: column 'log\.wb\(1,:\)', needed a name such as"),
-        ("log.short", r"log\.short has 5 values"),
-    ],
-)
-def test_matlab_columns_that_are_not_there(tmp_path, column, line):
-    columns = rate_table()
-    w = np.column_stack([columns["w" + a] for a in "xyz"])
-    savemat(
-        tmp_path / "log.mat",
-        {"log": {"t": OUT.time_s[:, None], "wb": w, "fb": w, "short": np.ones((5, 1))}},
-    )
-    keys = {
-        "time": {"column": "log.t"},
-        "gyro": {"columns": [column, "log.wb[1]", "log.wb[2]"], "unit": "deg/h"},
-        "accel": {"columns": ["log.fb[0]", "log.fb[1]", "log.fb[2]"], "unit": "mg"},
-    }
-    with pytest.raises(InputError, match=line):
-        convert(tmp_path / "log.mat", keys)
 
 
 FIXES = {
@@ -375,21 +331,6 @@ def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
     made = convert(tmp_path / "log.csv", MAP | {"gnss": without})
     assert made.run.gnss is None
     assert "no sigma to give" in str(made.record.notes)
-
-
-def test_another_clock_is_said(tmp_path):
-    (tmp_path / "gps.csv").write_text(csv_text({"stamp": np.arange(60.0), **FIXES}))
-    (tmp_path / "log.csv").write_text(csv_text(rate_table()))
-    keys = MAP | {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
-    made = convert(tmp_path / "log.csv", keys)
-    assert made.run.gnss is None
-    assert "no gnss stream" in str(made.record.notes)
-    for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
-        with pytest.raises(InputError, match="another clock"):
-            convert(
-                tmp_path / "log.csv",
-                MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}},
-            )
 
 
 @pytest.mark.parametrize(

@@ -285,14 +285,6 @@ def test_bad_lines_are_dropped_and_listed(tmp_path):
     )
 
 
-def test_rows_before_the_receiver_knew_the_week(tmp_path):
-    early = [text.replace(f"{WEEK},", "0,", 2) for text in raw_lines()[:5]]
-    early = [line("%", text[1:].partition("*")[0]) for text in early]
-    made = convert(tmp_path, [*early, *raw_lines()[5:]])
-    assert "RAWIMUSX rows 1-5 dropped" in str(made.record.notes)
-    assert made.run.imu.rows == OUT.rows - 5
-
-
 def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
     """Speed grows by 0.1 m/s each second and is a quarter of a second old: at a position's time it
     is 0.025 m/s more.
@@ -329,15 +321,6 @@ def test_inertial_solutions_are_no_fixes(tmp_path):
     assert made.run.gnss.time_s.size == 20
     notes = " ".join(made.record.notes)
     assert "19 inertial solutions" in notes and "left out: no 3D fix" in notes
-
-
-def test_positions_without_velocity(tmp_path):
-    made = convert(
-        tmp_path, [*raw_lines(), *(position(SECONDS + k, k) for k in range(1, 50))], given=PLACELESS
-    )
-    # 1e-5 deg a second
-    np.testing.assert_allclose(made.run.gnss.v_n_m_s[1:-1, 0], 1.109, atol=0.002)
-    assert any("differences of their positions" in note for note in made.record.notes)
 
 
 def test_the_filters_solution_is_reference_only(tmp_path):

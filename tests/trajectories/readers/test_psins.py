@@ -216,19 +216,3 @@ def test_damaged_simu_files_are_named(tmp_path, change, line):
     path.write_text(change(path.read_text()))
     with pytest.raises(InputError, match=line):
         convert_log(path, {}, PLACELESS)
-
-
-@pytest.mark.parametrize(
-    ("held", "options", "line"),
-    [
-        ({"data": imu_rows()}, {"format": "psins"}, r"no matrix imu or trj\.imu"),
-        ({"imu": imu_rows()[:, :6]}, {"format": "psins"}, r"log\.mat: 6 columns, needed 7 \(imu\)"),
-        ({"imu": imu_rows(), "gps": gps_rows()[:, 1:]}, {}, "6 columns, needed 4 or 7"),
-        ({"imu": imu_rows(), "gps": gps_rows() * 57.3}, {}, r"latitude of a fix 34\.\d+ rad"),
-        ({"imu": imu_rows()}, {}, r"lat_deg \(--lat-deg\)"),
-    ],
-)
-def test_matrices_that_do_not_fit_are_named(tmp_path, held, options, line):
-    savemat(tmp_path / "log.mat", held)
-    with pytest.raises(InputError, match=line):
-        convert_log(tmp_path / "log.mat", options, PLACELESS)

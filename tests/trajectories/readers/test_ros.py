@@ -266,49 +266,6 @@ def test_cut_off(tmp_path, form, share):
     np.testing.assert_allclose(made.run.imu.dv_m_s[:, 2] / DT_S, -bags.f_flu()[2], rtol=1e-5)
 
 
-def test_an_unfinished_bag(tmp_path):
-    """ROS 1: no index yet, the last chunk open; MCAP: no footer. All is read."""
-    path = bags.write(tmp_path / "a.bag", "ros1")
-    data = path.read_bytes()
-    at = data.index(b"index_pos=") + 10
-    index = int.from_bytes(data[at : at + 8], "little")
-    path.write_bytes(data[:at] + bytes(8) + data[at + 8 : index])
-    made = convert(path)
-    check_motion(made.run)
-    assert any("recording not finished (no index)" in n for n in made.record.notes)
-    path = next(bags.write(tmp_path / "b", "mcap").glob("*.mcap"))
-    data = path.read_bytes()
-    path.write_bytes(data[: data.rindex(b"\x0f\x04\0\0\0\0\0\0\0")])  # from the end of data on
-    made = convert(path)
-    check_motion(made.run)
-    assert any("recording not finished (no end of data)" in n for n in made.record.notes)
-
-
-def test_a_flipped_byte_in_a_chunk(tmp_path):
-    """ROS 1 has no checksum: a garbled value is dropped as such. A packed chunk that does not
-    unpack is a gap, refused.
-    """
-    path = bags.write(tmp_path / "a.bag", "ros1")
-    data = bytearray(path.read_bytes())
-    at = [m.start() for m in re.finditer(rb"imu_link", bytes(data))][100] + 8
-    data[at + 104 + 7] = 0x7F  # the highest byte of the x rate: 1e300 or so
-    path.write_bytes(data)
-    notes = convert(path).record.notes
-    assert sum("dropped: beyond 100 rad/s" in n for n in notes) == 1
-    path = bags.write(tmp_path / "b.bag", "ros1-bz2")
-    data = bytearray(path.read_bytes())
-    at = [m.start() for m in re.finditer(b"BZh9", bytes(data))][5]
-    data[at + 30 : at + 40] = bytes(10)
-    path.write_bytes(data)
-    made = convert(path)
-    assert made.run.imu.rows < bags.ROWS - 20
-    assert any(
-        re.search(r"chunk at byte \d+ damaged \(bz2: .*\), it is dropped", n)
-        for n in made.record.notes
-    )
-    assert any("imu rows lost" in s.reason for s in made.run.faults)
-
-
 def test_a_bag_whose_libraries_are_missing_says_what_to_install(tmp_path, monkeypatch):
     path = bags.write(tmp_path / "b", "mcap-storage")
 
