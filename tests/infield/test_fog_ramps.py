@@ -290,17 +290,3 @@ def test_what_the_model_lacks_widens_the_sigma_and_is_said():
         np.diag(found.axes[0].curves.K_T_covariance).mean() for found in (study, clean)
     )
     assert variance > 1.5 * before
-
-
-def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
-    rng = np.random.default_rng(12)
-    truth = Truth(rng)
-    run = ramp(rng, truth)
-    wild = run.bias_deg_h + 0.5 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
-    study = separate([type(run)(**{**run.__dict__, "bias_deg_h": wild})], [], TWIN)
-    assert study.axes == ()
-    assert len(study.inconsistent) == 3
-    assert "residual_scatters" in codes(study.inconsistent)[0]
-    study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
-    (why,) = sentences(study.refused)
-    assert study.axes == () and "moving base" in why and "0.57 deg" in why

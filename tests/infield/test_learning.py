@@ -154,23 +154,6 @@ def test_draws_hold_what_a_fine_grid_holds():
         assert got == pytest.approx(want, abs=0.35)  # three sigmas of a quantile of 160 draws
 
 
-def test_an_early_outlier_is_found_by_later_sessions(fleet):
-    """The first session, shifted by what its own prior still allows, is believed until the others
-    disagree with it: it is the outlier then, not they.
-    """
-    made, value = fleet
-    theta = logs_of({**value, PriorName.TURN_ON: 1e-3, PriorName.OUTLIER_SHARE: 0.02})
-    sound = next(m.kept for m in made if not any(m.outliers))
-    first = sound.sessions[0]
-    shift = np.where(first.axis_index == 2, 0.0, 0.035)
-    shifted = type(first)(**{**vars(first), "bias_deg_h": first.bias_deg_h + shift})
-    unit = StoredUnit(**{**vars(sound), "sessions": (shifted, *sound.sessions[1:])})
-    alone = StoredUnit(**{**vars(sound), "sessions": (shifted,)})
-    assert FleetLikelihood([alone])(theta).outlier[0, 0] < 0.9
-    outlier = FleetLikelihood([unit])(theta).outlier[0]
-    assert outlier[0] > 0.9 and outlier[1:].max() < 0.2
-
-
 @pytest.mark.slow
 def test_a_fleet_teaches_what_its_sessions_show(fleet):
     """Within four sigmas each; the squared innovation comes to what is expected."""

@@ -112,24 +112,6 @@ def test_the_version_and_the_packaged_scenarios():
     assert CliRunner().invoke(app, ["simulate", "parked_only"]).exit_code == 2
 
 
-def test_a_shell_completes_commands_and_options():
-    """What typer's own completion asks of the program (recal --install-completion)."""
-    for words, wanted in (("recal up", "update"), ("recal update --thermal", "--thermal-model")):
-        done = subprocess.run(
-            [sys.executable, "-m", "recal"],
-            env={
-                **os.environ,
-                "PYTHONPATH": str(ROOT),
-                "_RECAL_COMPLETE": "complete_bash",
-                "COMP_WORDS": words,
-                "COMP_CWORD": str(len(words.split()) - 1),
-            },
-            capture_output=True,
-            text=True,
-        )
-        assert wanted in done.stdout.split(), done
-
-
 @pytest.mark.parametrize("words", ALL, ids=" ".join)
 def test_every_command_has_the_common_flags(words):
     command = get_command(app)

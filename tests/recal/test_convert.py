@@ -186,31 +186,6 @@ def test_binary_rows_with_a_header_and_a_cut_off_end(tmp_path, dtype, pack):
     assert "30 of 56 bytes" in note
 
 
-def test_damaged_text_is_named(tmp_path):
-    log = tmp_path / "log.txt"
-    rows = [" ".join(map(str, r)) for r in ROWS.tolist()]
-    log.write_text("\n".join(rows[:-1]) + "\n" + rows[-1][:20])
-    made = convert_log(log, options('format = "text"'), GIVEN)
-    assert made.run.imu.time_s.size == 499
-    (note,) = made.record.notes
-    assert "no line end" in note
-    log.write_text("\n".join([*rows[:-1], "1.0 2.0"]) + "\n")
-    made = convert_log(log, options('format = "text"'), GIVEN)
-    assert list(made.record.notes) == [
-        "log.txt: row 500 (line 500): 2 values, needed 7: last row dropped"
-    ]
-    log.write_text("\n".join([*rows[:10], "0.2 what 0 0 0 0 -9.8", *rows[10:]]) + "\n")
-    made = convert_log(log, options('format = "text"'), GIVEN)
-    told = (
-        "log.txt: no row of 7 numbers in line 11 (column wx: got 'what', needed a number): taken as"
-        " missing"
-    )
-    assert told in made.record.notes
-    log.write_text("\n".join([*rows[:10], *["0.2 what 0 0 0 0 -9.8"] * 9, *rows[10:]]) + "\n")
-    with pytest.raises(InputError, match=r"log\.txt.*row 11.*line 11.*'what'"):
-        convert_log(log, options('format = "text"'), GIVEN)
-
-
 def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
     source = csv_run(tmp_path / "source") / "imu.csv"
     said = invoke(

@@ -135,14 +135,6 @@ def test_of_a_log_with_gaps_the_longest_stretch_is_looked_at(simulated, tmp_path
     assert made.exit_code == 0
 
 
-def test_a_log_that_is_fit_for_nothing_is_refused(simulated, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = call(simulated / "shaken.csv")
-    assert done.exit_code == 4
-    assert done.stdout.startswith("shaken: refused\n")
-    assert (tmp_path / "recal-look" / "look.html").exists()
-
-
 def test_what_is_no_log_is_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "poem.txt").write_text("no numbers here\n" * 100)

@@ -71,19 +71,6 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folde
     assert specifications(page) and "http" not in unscripted(page) and "Measured" in page
 
 
-def test_the_same_biases_by_heading_are_the_same_answer(folder):
-    first = by_entry(result_of(*TABLE))
-    put(
-        HEADER.replace("north_to_west", "heading"),
-        (ROWS[0], "270" + ROWS[1][2:], ROWS[2], "90" + ROWS[3][3:]),
-    )
-    second = by_entry(result_of(*TABLE))
-    assert all(
-        second[e]["value_arcsec"] == pytest.approx(first[e]["value_arcsec"], abs=1e-9)
-        for e in first
-    )
-
-
 def test_the_error_that_headings_share_is_in_the_sigmas_by_default(folder):
     exact, found = (by_entry(result_of(*given)) for given in (TABLE, HEADINGS_UNKNOWN))
     for entry in ("xy", "yx"):

@@ -15,7 +15,6 @@ pytest.importorskip("fastapi")
 
 from infield.store.table_store import TableStore
 from recal.web import pages
-from recal.web.settings import token_of
 from tests.drawn import specifications
 from tests.infield import stores
 from tests.recal.serving import NAMED_TOKEN, Visitor, merged, put_unit, report, serving, shifted
@@ -108,13 +107,6 @@ def test_one_unit_shows_table_plot_history_and_proposals(visitor):
     assert "waits for a decision: proposal 1" in words and "waits" not in text_of(with_mode)
     assert "1e" not in "".join(re.findall(r"<text.*?</text>", with_mode.text, re.DOTALL))
     assert visitor.get("/unit?serial=SN-2&technology=fog").status_code == 404
-
-
-def test_two_revisions_are_compared(visitor):
-    words = text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=1&after=2"))
-    assert "revision 1 against 2" in words
-    assert re.search(r"Largest change: gyro x \+0\.0010* deg/h", words)
-    assert "same table" in text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=2&after=2"))
 
 
 @pytest.mark.parametrize(
@@ -257,20 +249,6 @@ def test_rejection_and_rollback_carry_the_name_of_the_token(fresh):
         assert store.proposals()[1].decision.decided_by == "R. Eviewer"
         assert store.active().note == "rolled back by R. Eviewer: wrong run"
         assert store.active().restored_number == 1
-
-
-def test_a_fresh_login_link_says_who_decides_from_now_on(tmp_path):
-    """In a browser where another person is signed in; a second click changes nothing."""
-    url, ticket = f"sqlite:///{tmp_path}/recal.db", "0123456789abcdef-ticket"
-    put_unit(url)
-    with (
-        serving(url, ticket=token_of(ticket, "B. Second", source="test")) as base,
-        Visitor(base, follow_redirects=True) as visitor,
-    ):
-        assert "B. Second" not in visitor.sign_in().text
-        for _ in range(2):
-            page = visitor.get(f"/login?ticket={ticket}")
-            assert page.status_code == 200 and "B. Second" in page.text
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 from infield.store.table_store import TableStore
 from ins.twin_file import default_twin, twin_to_dict
 from recal.cli.app import COMMANDS, GROUPS, app
-from recal.cli.console import linked
 from simreal.twin.exchange import kalibr_text
 from tests.recal.test_table import table_file
 
@@ -208,19 +207,6 @@ def test_the_result_goes_to_standard_output_and_nothing_else_does(name, folder):
     more = run(name, "-v")
     json.loads(more.stderr)
     assert more.stdout == said.stdout or name in ("table import", "table rollback")  # a number on
-
-
-def test_a_path_can_be_opened_by_a_click_on_a_terminal_only(monkeypatch, tmp_path):
-    page = tmp_path / "a page.html"
-    assert linked(page) == str(page)
-    master, slave = pty.openpty()
-    with os.fdopen(master, "rb"), os.fdopen(slave, "w") as terminal:
-        monkeypatch.setattr("sys.stdout", terminal)
-        monkeypatch.setenv("TERM", "xterm")
-        link = linked(page)
-        monkeypatch.setenv("TERM", "dumb")
-        assert linked(page) == str(page)
-    assert link == f"\x1b]8;;{page.as_uri()}\x1b\\{page}\x1b]8;;\x1b\\" and "a%20page" in link
 
 
 def test_progress_is_said_on_a_terminal_only(monkeypatch, capsys):

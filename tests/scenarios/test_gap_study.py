@@ -57,12 +57,6 @@ WRONG = cause("gyro_rate_ramp", "gyro_x", 0.95)
 LAG = cause("gyro_thermal_lag", "gyro_x", 0.95)
 
 
-def test_the_right_name_on_another_axis_is_wrong():
-    assert gap_scores.on_top(record(RIGHT))
-    assert not gap_scores.on_top(record(cause("gyro_thermal_rate", "gyro_y", 0.98)))
-    assert not gap_scores.on_top(record())
-
-
 def test_top_is_the_most_probable_then_the_largest():
     small = cause("gyro_rate_ramp", "gyro_z", 0.98, size=6.0)
     assert gap_scores.on_top(record(small, RIGHT))

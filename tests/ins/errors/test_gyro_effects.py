@@ -556,28 +556,6 @@ def test_what_no_log_of_this_format_holds():
     assert EFFECTS["gyro_dither_coning"].needs([parked_run(dt_s=0.002)], "gyro_x") == ""
 
 
-def test_needs_of_force_length_and_table():
-    assert (
-        EFFECTS["gyro_g_sensitivity"].needs([taxi_run()], "gyro_x")
-        == "changes of acceleration (flight, tumbling)"
-    )
-    assert EFFECTS["gyro_g_sensitivity"].needs([flight_run()], "gyro_x") == ""
-    assert (
-        EFFECTS["gyro_bias_instability"].needs([parked_run(600)], "gyro_x") == "a run of 30 minutes"
-    )
-    assert (
-        EFFECTS["gyro_quantization"].needs([parked_run(60, dt_s=10.0)], "gyro_x")
-        == "samples at 1 Hz"
-    )
-    flat = replace(parked_run(), table_deg_h=np.full((3600, 3), 0.1))
-    for key, target in (
-        ("compensation_misapplied", "gyro_x"),
-        ("temperature_sensor_error", "temperature"),
-    ):
-        assert EFFECTS[key].needs([flat], target) == "a gyro temperature that moves the table"
-        assert EFFECTS[key].needs([bare(flat)], target) == "a thermal table and a gyro temperature"
-
-
 @pytest.mark.parametrize(
     ("key", "target", "bare_needs"),
     [

@@ -3,7 +3,6 @@ groups of reasons.
 """
 
 import re
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +10,9 @@ import pytest
 
 from infield.session.disagreement import BiasStep
 from infield.store.rows import UnitKey
-from recal.cli.console import EXIT_CODES
-from recal.fleet.document import Timing, fleet_document, fleet_verdict, plain_reason
+from recal.fleet.document import Timing, fleet_document, plain_reason
 from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBand, UnitReport
-from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
+from recal.fleet.records import FleetRequest, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
 from tests.drawn import unscripted
 
@@ -108,16 +106,6 @@ def test_the_page_is_whole_and_fetches_nothing(document):
     assert "1 of 240 units moved by more than 3 times" in page
     assert "table disagrees with unit &lt;since&gt;" in page and "too short: # s" in page
     assert len(page) < 600_000
-
-
-def test_verdicts_have_exit_codes_and_go_by_the_best_then_the_worst():
-    assert set(FleetVerdict) <= set(EXIT_CODES)
-    assert EXIT_CODES[fleet_verdict(Counter(committed=1, inconsistent=5, bad_input=3))] == 0
-    assert fleet_verdict(Counter(already=3)) == "up_to_date" and EXIT_CODES["up_to_date"] == 0
-    assert fleet_verdict(Counter(already=3, refused=1)) == "refused"
-    assert EXIT_CODES[fleet_verdict(Counter(inconsistent=1, refused=5))] == 5
-    assert EXIT_CODES[fleet_verdict(Counter(bad_input=5))] == 3
-    assert EXIT_CODES[fleet_verdict(Counter(crashed=5))] == 1
 
 
 def test_reasons_are_grouped_without_names_and_numbers():

@@ -13,10 +13,8 @@ import pytest
 
 import recal
 from infield.table.file import json_text
-from ins.json_file import Written
 from ins.records import InputError
 from recal.service.update import UpdateRequest, update_in_store
-from recal.service.watch.feed import feed
 from recal.service.watch.interim import InterimRequest, estimated
 from recal.service.watch.monitor import Monitor, Phase
 from recal.service.watch.recording import Recording
@@ -235,38 +233,3 @@ def test_the_page_is_guarded_and_tells_the_state(interim, tmp_path):
         assert [row[0] for row in told["gyros"]] == ["x", "y", "z"]
         with pytest.raises(InputError):
             LivePage(int(page.url.rsplit(":", 1)[1].strip("/")))
-
-
-def test_a_session_is_sent_to_who_connects(simulated, tmp_path):
-    """By tcp, many times as fast, into a watch that ends when the sender does."""
-    import socket
-    import threading
-
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    address = f"tcp:127.0.0.1:{port}"
-    sender = threading.Thread(target=feed, args=(simulated.run, address), kwargs={"speed": 1e4})
-    sender.start()
-    request = WatchRequest(
-        source=address,
-        run=tmp_path / "out",
-        store_url="sqlite:///no.db",
-        serial="SN-0042",
-        technology="rlg",
-        lat_deg=Written("45.000"),
-        output=tmp_path / "report",
-    )
-    for _ in range(50):
-        try:
-            result = watch(request)
-            break
-        except InputError as error:
-            if "refused" not in str(error):
-                raise
-            time.sleep(0.2)
-    sender.join()
-    direct = recal.update(simulated.run)
-    for axis, seen in result.axes.items():
-        assert seen.sigma_after_deg_h == pytest.approx(
-            direct.axes[axis].sigma_after_deg_h, rel=0.02
-        )
