@@ -1,7 +1,5 @@
 """Specifications of figures: what plotly is given for panels, lines, bands, marks and texts."""
 
-import json
-
 import numpy as np
 import pytest
 from plotly.graph_objects import Figure
@@ -25,7 +23,7 @@ from infield.reports.drawing import (
     spanned,
     specification,
 )
-from tests.drawn import column, specifications, traces
+from tests.drawn import column, specifications
 
 X = np.linspace(0.0, 10.0, 11)
 HOSTILE = '</script><b onclick="x">&lt; <a href="javascript:x">SN</a>'
@@ -136,12 +134,6 @@ def test_a_heading_is_labelled_in_a_circle():
     np.testing.assert_allclose(column(found["data"][0]["customdata"]), [350, 359, 5, 11])
     below = drawn(Line(X[:2], np.array([-90.0, 90.0]), "#000000"), circle=True)
     assert below["layout"]["yaxis"]["labelalias"]["\u221290"] == "270"
-
-
-@pytest.mark.parametrize("y", [np.full(11, np.nan), np.zeros(11), np.zeros(0)])
-def test_nothing_to_see_is_drawn_too(y):
-    found = drawn(Line(X[: y.size], y, "#000000", low=y, high=y), title="empty")
-    assert "NaN" not in json.dumps(found, allow_nan=False) and traces(found, mode="lines")
 
 
 def test_limits_hold_all_with_room_and_decades_only_what_is_positive():

@@ -7,7 +7,6 @@ import pytest
 
 from infield.misalignment.closed_forms import document_angles, document_compensation
 from infield.misalignment.couplings import measure_misalignment
-from infield.misalignment.geometry import azimuth_geometry
 from infield.misalignment.harmonic_fit import (
     OWN_AXIS,
     azimuth_columns,
@@ -139,14 +138,6 @@ def test_too_few_or_too_far_gives_a_rank_report_and_no_number(heading_deg, told)
     result = measured(heading)
     assert result.verdict == "refused" and result.fit is None and not result.couplings
     assert told in sentences(result.reasons)[0] and "rank" in sentences(result.reasons)[0]
-
-
-def test_limit_of_two_degrees_and_eight_azimuths():
-    assert not azimuth_geometry(FOUR + [0, 2 * DEG, 0, 0]).reasons
-    assert azimuth_geometry(FOUR + [0, 2.1 * DEG, 0, 0]).reasons
-    eight = measured(np.arange(8) * 45.0 * DEG)
-    assert eight.fit.dof == 15 and values_mrad(eight)["zy"] == pytest.approx(-0.1)
-    assert azimuth_geometry(FOUR).condition == pytest.approx(np.sqrt(2.0))
 
 
 @pytest.mark.parametrize(("start_deg", "sum_seen"), [(0.0, False), (45.0, True)])

@@ -11,6 +11,8 @@ from scipy.stats import chi2
 
 from alignment.motion import turn_between
 from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update_records import update_of
+from infield.reports.update_page import update_html
 from infield.session.bins import make_bins
 from infield.session.parked.stretches import stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -313,3 +315,27 @@ def test_one_stretch_is_estimated_as_ever():
     gain = np.linalg.solve(bins.prior + R, bins.prior).T
     assert np.array_equal(gain @ p.rate_deg_h.ravel(), e.mean_deg_h)
     assert not {"stretches", "left_out"} & set(document_of(result)["sessions"][0]["zero_rate"])
+
+
+def test_the_report_lists_each_stretch():
+    found = document_of(first()[1])
+    zero_rate = found["sessions"][0]["zero_rate"]
+    cold, warm = zero_rate["stretches"]
+    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0)
+    assert warm["duration_s"] == pytest.approx(WARM_S, abs=8.0)
+    assert warm["start_s"] > 1300.0
+    assert warm["temperature_degC"][0] > 38.0
+    assert cold["turned_deg"] is None
+    assert warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
+    assert zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
+    covered = sum(row["seconds"] for row in found["sessions"][0]["coverage"] if row["axis"] == "x")
+    assert covered == pytest.approx(COLD_S + WARM_S, abs=20.0)
+    heading = {
+        r["axis"]: r["sigma_deg_h"]
+        for r in found["uncertainty_budget"]
+        if "unknown heading" in r["term"]
+    }
+    # a quarter turn between 3 and 2 min
+    assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
+    page = update_html(update_of(found))
+    assert "2 stretches of rest" in page and "deg, by the gyros" in page

@@ -12,7 +12,14 @@ from infield.reports.documents.fog import fit_models, fixed_tables, worst_roundi
 from infield.thermal.blocks import AxisBlocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.compensation import bias_deg_h
-from infield.thermal.fog.fixed_point import RATE_BITS, TEMPERATURE_BITS, fixed_table, to_c_header
+from infield.thermal.fog.fixed_point import (
+    RATE_BITS,
+    TEMPERATURE_BITS,
+    fixed_table,
+    to_c_header,
+    to_csv,
+)
+from infield.thermal.fog.model import FogModel
 from infield.thermal.fog.piecewise import Piecewise, piecewise_pair
 from infield.thermal.fog.ramps import separate
 from tests.infield.ramp_cases import TWIN, Truth, ramp
@@ -143,3 +150,10 @@ def test_the_c_header_computes_what_the_tables_say(model, tmp_path):
     T3, rate3 = (np.repeat(column[:, None], 3, axis=1) for column in (T, rate))
     error = np.abs(got * scale - bias_deg_h(model, T3, rate3, np.zeros_like(T3)))
     assert np.all(error.max(axis=0) <= list(worst.values())) and error.max() > 0
+
+
+def test_csv_holds_every_segment(model):
+    tables = fixed_tables(FogModel({"x": model.gyros["x"]}), 16)
+    rows = to_csv(tables).splitlines()
+    assert len(rows) == 1 + sum(len(t.shift) for t in tables.values())
+    assert {len(row.split(",")) for row in rows} == {len(rows[0].split(","))}

@@ -286,3 +286,10 @@ def _with_tally(flt, tally):
     other = copy.copy(flt)
     other.tally = tally
     return other
+
+
+def test_a_twin_of_another_unit_is_bad_input():
+    with pytest.raises(InputError, match="SN-9999"):
+        update_calibration([simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"))
+    with pytest.raises(InputError, match="fog"):
+        update_calibration([simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"))

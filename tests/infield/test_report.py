@@ -21,13 +21,12 @@ from infield.reports import update_figures, update_page
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.drawing import specification
-from infield.reports.figures import MAX_POINTS, thinned
+from infield.reports.figures import MAX_POINTS
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.documents import plain
 from ins.records import TwinModel
 from tests.drawn import column, specifications, unscripted
-from tests.recal.chromium import chromium
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.segments import Park
 
@@ -293,12 +292,6 @@ def test_no_curve_has_more_points_than_allowed(documents):
     assert len(panels) == 3 and max(sizes) == MAX_POINTS
 
 
-def test_thinning_keeps_both_ends_and_null_becomes_nan():
-    t, v = thinned(np.arange(10_001), np.array([None] + [1.0] * 10_000))
-    assert t.size == v.size == MAX_POINTS and t[0] == 0.0 and t[-1] == 10_000.0 and math.isnan(v[0])
-    assert [a.size for a in thinned([], [])] == [0, 0]
-
-
 def test_numbers_are_plain_or_not_available():
     assert report_page.number(-0.00004, 4) == "0.0000"
     assert report_page.number(-0.00004, 4, sign=True) == "+0.0000"
@@ -319,21 +312,3 @@ def test_commands_are_quoted_for_the_shell(documents):
         "recal table rollback --store 'sqlite:///my store.db; rm x' --serial SN-0042"
         in Page(page).text
     )
-
-
-def test_figures_are_drawn_when_a_reader_comes_to_them(pages, tmp_path):
-    """Of two runs the second is closed: its figures are drawn when it is opened."""
-    page = tmp_path / "update.html"
-    page.write_text(pages["committed"])
-    drawn = "document.querySelectorAll('figure.plot .main-svg').length > 0"
-    count = "document.querySelectorAll('figure.plot .js-plotly-plot').length"
-    figures = len(specifications(pages["committed"]))
-    with chromium(tmp_path / "profile") as browser:
-        browser.size(1280, 20_000)
-        browser.open(page.as_uri())
-        browser.until(drawn)
-        assert browser.evaluate(count) < figures
-        browser.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-        browser.size(1280, 40_000)
-        browser.until(f"{count} === {figures}")
-        assert not [e for e in browser.events if e["method"] == "Runtime.exceptionThrown"]

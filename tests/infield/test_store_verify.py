@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from infield.store.rows import record_sha256
-from infield.store.table_store import MergedRun, TableStore
+from infield.store.table_store import MergedRun
 from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
 from tests.infield.stores import EVIDENCE, SIGNED, commit, factory, rows, table, tamper, updated
@@ -205,18 +205,3 @@ def test_proposals_are_checked_too(store, url):
     assert faults(store)["SN-1"] == [
         "proposal 2: approved as revision 2, which does not hold its table"
     ]
-
-
-def test_a_damaged_file_is_one_line(tmp_path):
-    url = f"sqlite:///{tmp_path}/recal.db"
-    with TableStore.open(url, create=True) as store:
-        for k in range(20):
-            factory(store, f"SN-{k}")
-    data = bytearray((tmp_path / "recal.db").read_bytes())
-    data[len(data) // 2 : len(data) // 2 + 8192] = b"\x55" * 8192
-    (tmp_path / "recal.db").write_bytes(data)
-    try:
-        with TableStore.open(url) as store:
-            assert any("damaged" in line for line in faults(store)[""])
-    except InputError as error:
-        assert "malformed" in str(error) and "\n" not in str(error)

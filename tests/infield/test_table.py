@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from infield.table.prior import prior_covariance, smooth_kernel
+from infield.table.prior import smooth_kernel
 from infield.table.thermal_table import AgeingModel, EvenNodes, ThermalTable, default_table
 from ins.records import InputError
 from tests.infield.common_part import common_shift
@@ -77,23 +77,6 @@ def test_slope_covariances_are_derivatives_of_the_kernel():
     assert K[3:, 3:] == pytest.approx(D @ rho @ D.T, abs=1e-8)
     assert K[:3, 3:] == pytest.approx((rho @ D.T)[:3], abs=1e-8)
     assert np.linalg.eigvalsh(K)[0] > 0
-
-
-def test_draws_of_the_hermite_prior_are_smooth_curves():
-    nodes, sigma = np.arange(-20.0, 61.0, 10.0), 0.01
-    P = prior_covariance((nodes,) * 3, (np.full(9, sigma),) * 3, hermite=True)
-    table = ThermalTable(
-        imu_serial="S",
-        gyro_technology="rlg",
-        created_utc=UTC,
-        interpolation="hermite",
-        temperature_degC=(nodes,) * 3,
-        parameters=np.zeros(54),
-        covariance=P,
-    )
-    between = np.linspace(-20, 60, 161)
-    # stationary, between nodes too
-    assert table.sigma_deg_h("y", between) == pytest.approx(sigma, rel=2e-4)
 
 
 @pytest.mark.parametrize("technology, sigma", [("rlg", 0.01), ("fog", 0.05), ("mems", 30.0)])

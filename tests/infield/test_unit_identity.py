@@ -11,9 +11,11 @@ import pytest
 from infield.reports.documents.session import session_document
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import FORCE, UnitMarks, unit_marks
+from infield.session.log import applied_table_of
 from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, WrongFact
 from ins.documents import plain
+from ins.records import InputError
 from ins.units import DEG, MICRO_G
 from ins.verdicts import Outcome, codes
 from tests.infield.sessions import SETTINGS, TWIN, estimate_of, factory, simulated
@@ -141,3 +143,10 @@ def test_a_raw_log_that_is_declared_compensated_is_found_or_teaches_nothing():
             pattern = found.doubted[0].pattern
             W = [np.linalg.inv(one.estimate.covariance) for one in (found, sound)]
             assert pattern @ W[0] @ pattern < pattern @ W[1] @ pattern
+
+
+def test_a_table_of_another_unit_is_bad_input():
+    run = declared(simulated(seed=3).run)
+    other = factory().replaced(imu_serial="SN-7")
+    with pytest.raises(InputError, match=r"is a table of unit SN-7, needed one of SN-0042"):
+        applied_table_of(run, lambda sha256: other)

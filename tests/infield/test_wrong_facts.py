@@ -1,6 +1,7 @@
 """Wrong facts: the closed form against the full computation, chance, and whole sessions."""
 
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -20,16 +21,7 @@ from infield.session.wrong_facts import (
 )
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import Outcome
-from tests.infield.sessions import (
-    PARKED,
-    SETTINGS,
-    TWIN,
-    estimate,
-    estimate_of,
-    factory,
-    simulated,
-    unit,
-)
+from tests.infield.sessions import PARKED, SETTINGS, TWIN, estimate, estimate_of, factory, simulated
 
 SCALE, CLOCK, STEP_deg_h = 0.02, 2e-3, 0.15
 
@@ -204,22 +196,6 @@ def test_a_compensated_log_that_is_declared_raw_is_found():
     assert reason.values["size"] == pytest.approx(1.0, abs=4.0 * reason.values["sigma"])
 
 
-def test_where_the_table_is_small_a_compensated_log_teaches_nothing_along_it():
-    """A unit with a tenth of that table: the session is merged, its error within the sigmas."""
-    run, table, share = simulated(seed=3).run, factory(), 0.1
-    degC = run.temperature.gyro_degC
-    stored = table.replaced(parameters=share * table.parameters)
-    compensated = less(run, table.settled_deg_h(degC))
-    found = take_run(compensated, stored, TWIN, SETTINGS, False, OnRecord(stored=stored))
-    assert found.verdict.accepted
-    assert [s.fact for s in found.doubted][:1] == [WrongFact.COMPENSATED_BEFORE]
-    for k, axis in enumerate("xyz"):
-        truth = unit().bias_deg_h(axis, degC[:, k])
-        truth = truth - (1.0 - share) * table.bias_deg_h(k, degC[:, k])
-        off = found.merged.table.bias_deg_h(k, degC[:, k]) - truth
-        assert np.all(np.abs(off) < 3.0 * found.merged.table.sigma_deg_h(k, degC[:, k]))
-
-
 def test_a_gyro_that_stepped_is_remembered_as_a_step():
     """x lower by 0.05 deg/h since the table was made, and a warm-up: a doubt of a lag, or of a step
     within the session, had let it pass.
@@ -265,3 +241,14 @@ def test_the_pattern_of_a_lag_is_that_of_its_differential_equation():
     for k, pattern in enumerate(_lags(bins)):
         exact = np.interp(bins.centre_s, seconds, behind[:, k])
         assert pattern.bias_deg_h[:, k] == pytest.approx(exact, abs=0.05 * np.abs(exact).max())
+
+
+def test_a_session_of_the_future_is_refused():
+    run = simulated(seed=3).run
+    start = datetime.fromisoformat(run.header.start_utc)
+    for now, refused in ((start - timedelta(days=2), True), (start - timedelta(hours=14), False)):
+        record = OnRecord(now=now.astimezone(UTC))
+        found = take_run(run, factory(), TWIN, SETTINGS, False, record)
+        codes = [reason.code for reason in found.verdict.reasons]
+        assert (codes == [SessionReason.STARTS_IN_FUTURE]) == refused
+        assert found.verdict.accepted != refused
