@@ -12,7 +12,6 @@ from scipy.stats import chi2
 
 from alignment.motion.kinds import Witness
 from infield.replay.drift import REALIGN_M_S, drift_of
-from infield.replay.drift_prediction import predict_parked
 from infield.replay.free_inertial import TableChoice, heading_change, replay
 from infield.replay.stops import StopInterval, stop_speed
 from infield.reports.documents.replay import replay_document
@@ -21,8 +20,7 @@ from infield.session.pipeline import update_calibration
 from infield.table.thermal_table import ThermalTable, default_table
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
-from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
-from ins.strapdown.compensation import compensate
+from ins.records import AccelNoise, GyroNoise, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from ins.verdicts import codes, sentences
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
@@ -167,28 +165,6 @@ def test_tables_own_difference_predicts_heading_and_end_point(heading_deg):
     assert size > 400.0
     for axis in ("north", "east"):
         assert moved[axis]["seen"] == pytest.approx(moved[axis]["expected"], abs=0.01 * size)
-
-
-def test_prediction_of_a_constant_bias_is_the_closed_form():
-    """Response summed over the bins: R (t - sin(wt)/w) east for the north gyro, nothing for a
-    constant east gyro.
-    """
-    edges = np.linspace(0.0, 4200.0, 15)
-    made = predict_parked(
-        edges_s=edges,
-        covariance=np.zeros((42, 42)),
-        twin=NO_NOISE,
-        site=SITE,
-        C_nb=np.eye(3),
-        alignment=(0.0, 600.0),
-        end_s=4200.0,
-    )
-    x, y = (made.response_m_per_deg_h[:, k::3].sum(axis=1) for k in (0, 1))
-    t = 3600.0
-    closed = R * DEG_PER_HOUR * (t - np.sin(SCHULER_RAD_S * t) / SCHULER_RAD_S)
-    assert np.hypot(*x) == pytest.approx(closed, rel=0.02) and x[1] > 0.95 * closed
-    assert np.hypot(*y) < 1e-3 * closed
-    assert made.sigma_nm_h == 0.0
 
 
 @pytest.mark.slow
@@ -391,22 +367,6 @@ def test_wrong_latitude_is_inconsistent_but_flown():
     result = replay(wrong, choices(flat()), TwinModel())
     assert result.verdict == "inconsistent" and "wrong_latitude" in codes(result.reasons)[-1]
     assert result.tables[0].parked is not None
-
-
-def test_applied_table_is_undone_by_its_hash():
-    """A unit that had subtracted a table: the same flight as from its raw output; an unknown hash
-    is bad input.
-    """
-    run, table = parked(1800.0).run, flat(x=0.05, y=-0.03, z=0.01)
-    subtracted = compensate(run.imu, gyro_bias_rad_s=np.array([0.05, -0.03, 0.01]) * DEG_PER_HOUR)
-    done = replace(run, imu=subtracted, header=replace(run.header, applied_table_sha256="ab" * 32))
-    a = replay(run, choices(flat(x=0.01)), TwinModel()).tables[0]
-    b = replay(done, choices(flat(x=0.01)), TwinModel(), applied_table=lambda sha256: table).tables[
-        0
-    ]
-    assert b.parked.rate_nm_h == pytest.approx(a.parked.rate_nm_h, rel=1e-6)
-    with pytest.raises(InputError, match="abababababab is unknown"):
-        replay(done, choices(flat()), TwinModel())
 
 
 # ---- the page

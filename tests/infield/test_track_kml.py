@@ -8,10 +8,9 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import pytest
 
 from infield.replay.free_inertial import replay
-from infield.reports.track_kml import MOST_POINTS, NAMES, track_kml, tracks_of
+from infield.reports.track_kml import MOST_POINTS, NAMES, track_kml
 from tests.infield.aided_cases import flown, ideal, twin_of
 from tests.infield.test_replay import choices, flat
 
@@ -101,19 +100,6 @@ def test_values_are_those_of_the_schema():
     assert faults(track_kml(replace(result(), run=replace(result().run, gnss=lost)))) == []
 
 
-def test_solutions_that_are_not_finite_leave_no_coordinate():
-    """A free-inertial solution may end in NaN; its rows before stay."""
-    flown_tables = result().tables
-    history = flown_tables[0].history
-    broken = replace(history, height_m=np.where(history.time_s > 900.0, np.nan, history.height_m))
-    changed = replace(
-        result(), tables=(replace(flown_tables[0], history=broken), *flown_tables[1:])
-    )
-    track = next(t for t in tracks_of(changed) if t.key == flown_tables[0].choice.role)
-    assert 0 < track.time_s.size < history.time_s.size and track.time_s[-1] <= 900.0
-    assert faults(track_kml(changed)) == []
-
-
 def test_tracks_points_and_times():
     root = ET.fromstring(track_kml(result()))
     lines = [p for p in root.iter(NS + "Placemark") if p.find(NS + "LineString") is not None]
@@ -159,11 +145,3 @@ def test_long_tracks_are_thinned_and_longitude_stays_within_180():
     rows = [row.split(",") for line in lines for row in line.text.split()]
     assert len(rows) <= MOST_POINTS + 10
     assert max(abs(float(row[0])) for row in rows) <= 180.0
-
-
-@pytest.mark.parametrize("key", ["gnss", "aided"])
-def test_tracks_lie_on_each_other(key):
-    tracks = {t.key: t for t in tracks_of(result())}
-    t = tracks[key].time_s[300:400]
-    ref = np.interp(t, tracks["aided"].time_s, tracks["aided"].lat_rad)
-    assert np.abs(tracks[key].lat_rad[300:400] - ref).max() * 6.4e6 < 10.0

@@ -149,23 +149,6 @@ def test_a_log_without_gps_needs_the_site(tmp_path):
     assert convert_log(path, {}, site).run.gnss is None
 
 
-def test_accelerations_in_g_are_refused(tmp_path):
-    """Firmware or an export that changed units: the physics gate names them."""
-    messages = logs.head_of(logs.OLD)
-    messages += [
-        logs.message(logs.OLD["IMU"], 20 * k, *logs.W, *(F_B / 9.80665), 0, 0, 30.0)
-        for k in range(2000)
-    ]
-    site = {
-        "lat_deg": -35.0,
-        "lon_deg": 149.0,
-        "height_m": 500.0,
-        "start_utc": "2015-11-22T00:00:00Z",
-    }
-    with pytest.raises(InputError, match=r"0.9986 m/s2, needed 9.8: g"):
-        convert_log(logs.write(tmp_path / "log.bin", messages), {}, site)
-
-
 # Damage
 
 
@@ -209,22 +192,6 @@ def test_damage_within_is_read_around(tmp_path, damage):
     assert len(notes) == 1 and "damaged, skipped: bytes " in notes[0]
     first = int(notes[0].split("skipped: bytes ")[1].split("-")[0])
     assert at - 50 <= first <= at
-
-
-FIRST = logs.FIRST_MS
-
-
-def test_a_gps_fix_that_jumps_is_left_out(tmp_path):
-    messages = logs.old_messages()
-    form = logs.OLD["GPS"]
-    first = next(k for k, m in enumerate(messages) if m[2] == form[0])
-    messages[first] = logs.message(
-        form, 3, 0, 5, 9, 150, 500_000_000, 70_000_000, 12, 100, 200, 9000, -0.5, FIRST
-    )
-    made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
-    assert made.run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
-    assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
-    assert any("GPS row 1 left out: time or position jumps" in n for n in made.record.notes)
 
 
 # Units

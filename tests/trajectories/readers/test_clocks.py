@@ -154,15 +154,6 @@ def test_gps_time_of_utc_and_back():
     assert gps_of_unix(UNIX_S) == UNIX_S + GPS_LESS_UNIX_S
 
 
-def test_fixes_beyond_the_imu_are_said(tmp_path):
-    """A log by UTC and one by GPS time without a word of it: the 18 s show."""
-    (tmp_path / "gps.csv").write_text(csv_text({"stamp": 4982.01 + SECONDS, **FIXES}))
-    made = convert(
-        tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
-    )
-    assert "18 of 60 fixes" in str(made.record.notes)
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from([p for _, p in PERIODS]), st.floats(0, 1), st.integers(0, 2**32 - 1))
 def test_any_wrapped_clock_goes_on(period_s, phase, seed):
@@ -206,3 +197,25 @@ def test_lost_rows_are_no_bursts():
     rng, t = np.random.default_rng(1), np.arange(0.0, 60.0, 0.01)
     assert evened(t[rng.random(t.size) < 0.4]) is None
     assert evened(t + 0.003 * rng.random(t.size)) is None
+
+
+@pytest.mark.parametrize(
+    "keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}]
+)
+def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
+    with pytest.raises(InputError, match=r"5000\.010 to 5060\.000 s"):
+        convert(tmp_path, noisy(), keys)
+
+
+def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
+    """150 of 18,000 rows have times that were written before: few, and a hole in the motion that
+    no time shows. Half a second of them is read.
+    """
+    columns = {name: np.concatenate([values] * 3) for name, values in noisy().items()}
+    steps = np.arange(3 * N) * 0.01
+    rng = np.random.default_rng(3)
+    columns["wz"] += 0.1 * rng.standard_normal(steps.size)  # no row is like another
+    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001"):
+        convert(tmp_path, columns | {"t": steps - 1.5 * (steps >= 90.0)})
+    made = convert(tmp_path, columns | {"t": steps - 0.5 * (steps >= 90.0)})
+    assert any("dropped: time repeats or goes back" in note for note in made.record.notes)

@@ -15,6 +15,7 @@ from trajectories.readers.rows.column_map import (
     GYRO_INCREMENTS,
     GYRO_RATES,
     LogOptions,
+    binary_type,
     column_map,
 )
 
@@ -222,3 +223,10 @@ def test_wrong_maps_are_refused(changes, line):
     with pytest.raises(InputError) as caught:
         convert(raw_columns(), **changes)
     assert line in str(caught.value)
+
+
+def test_number_types_hold_no_objects():
+    assert binary_type(">i2").itemsize == 2
+    for text in ("O", "|O8", "V8", "<f8, O", "U10", "<f16", ""):
+        with pytest.raises(InputError, match="map: dtype"):
+            binary_type(text)

@@ -15,7 +15,7 @@ from trajectories.readers.registry import ConvertedLog, read_log, readers
 from trajectories.readers.rows.column_map import LogOptions, column_map
 
 pytestmark = pytest.mark.usefixtures("forked")
-NORMAL, LONG = 30, 3000  # mutations of each sample
+NORMAL, LONG = 10, 3000  # mutations of each sample
 IDS = [s.name for s in SAMPLES]
 
 
@@ -128,7 +128,7 @@ def test_cut_off_at_every_share(whole, tmp_path, sample):
     """
     data, before = whole[sample.name]
     rows = []
-    for share in np.linspace(0.02, 0.98, 9):
+    for share in np.linspace(0.02, 0.98, 5):
         path = tmp_path / f"log{sample.suffix}"
         path.write_bytes(data[: int(share * len(data))])
         rows.append(_rows(sample, path, before))

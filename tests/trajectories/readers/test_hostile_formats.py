@@ -7,11 +7,10 @@ import struct
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from ins.records import InputError
 from tests.trajectories.readers import ardupilot_logs as ap
-from tests.trajectories.readers import test_kfgins, test_navego, test_novatel, test_psins, test_px4
+from tests.trajectories.readers import test_kfgins, test_novatel, test_psins, test_px4
 from tests.trajectories.readers.known_motion import (
     GIVEN,
     LAT_DEG,
@@ -20,7 +19,6 @@ from tests.trajectories.readers.known_motion import (
     Output,
     parked,
 )
-from tests.trajectories.readers.test_navego import gnss as navego_gnss
 from trajectories.readers.conversion import convert_log
 
 ROWS = 2000
@@ -179,18 +177,3 @@ def test_kfgins_fixes(tmp_path):
         )
     with pytest.raises(InputError, match=r"lat_deg .*GPS rows 1-59 left out"):
         kfgins(tmp_path, [fix(t, sigma="nan") for t in np.arange(101.0, 160.0)])
-
-
-def test_receivers_of_nothing_but_nan(tmp_path):
-    """No warning of numpy, no fix, and a line that says so."""
-    gps = test_psins.gps_rows(3) * np.nan
-    savemat(tmp_path / "log.mat", {"imu": test_psins.imu_rows(OUT), "gps": gps})
-    made = convert_log(tmp_path / "log.mat", {}, GIVEN)
-    assert made.run.gnss is None and "GPS rows 1-3 left out" in str(made.record.notes)
-    receiver = navego_gnss()
-    for name in ("lat", "lon"):
-        savemat(
-            tmp_path / "log.mat",
-            {"imu1": test_navego.imu(OUT), "gnss": {**receiver, name: receiver[name] * np.nan}},
-        )
-        assert convert_log(tmp_path / "log.mat", {}, GIVEN).run.gnss is None

@@ -145,16 +145,3 @@ def test_what_is_missing_or_wrong_is_named(tmp_path, options, given, line):
     np.savetxt(tmp_path / "six.txt", np.ones((30, 6)))
     with pytest.raises(InputError, match=line):
         convert_log(tmp_path / "imu.txt", options, given)
-
-
-def test_rates_are_not_taken_for_increments(tmp_path):
-    """The same rows in rad/s and m/s2 are not recognised; forced, gravity gives them away."""
-    np.savetxt(
-        tmp_path / "imu.txt",
-        np.column_stack([OUT.time_s, OUT.dtheta / 0.01, OUT.dv / 0.01]),
-        fmt="%.12e",
-    )
-    with pytest.raises(InputError, match="format not recognised"):
-        convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    with pytest.raises(InputError, match=r"979\.6 m/s2, needed 9\.8"):
-        convert_log(tmp_path / "imu.txt", {"format": "kfgins"}, GIVEN)

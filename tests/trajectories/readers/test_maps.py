@@ -365,3 +365,24 @@ def test_wrong_units_and_axes_are_refused(tmp_path, keys, line):
     (tmp_path / "log.csv").write_text(csv_text(rate_table()))
     with pytest.raises(InputError, match=line):
         convert(tmp_path / "log.csv", MAP | keys)
+
+
+def test_another_clock_is_said(tmp_path):
+    (tmp_path / "gps.csv").write_text(csv_text({"stamp": np.arange(60.0), **FIXES}))
+    (tmp_path / "log.csv").write_text(csv_text(rate_table()))
+    keys = MAP | {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
+    made = convert(tmp_path / "log.csv", keys)
+    assert made.run.gnss is None
+    assert "no gnss stream" in str(made.record.notes)
+    for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
+        with pytest.raises(InputError, match="another clock"):
+            convert(
+                tmp_path / "log.csv",
+                MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}},
+            )
+
+
+def test_raw_numbers_are_not_taken_for_text(tmp_path):
+    np.column_stack(list(rate_table().values())).tofile(tmp_path / "log.dat")
+    with pytest.raises(InputError, match="binary, with columns and dtype"):
+        convert(tmp_path / "log.dat")

@@ -12,7 +12,6 @@ from scipy.io import savemat
 
 from ins.records import InputError
 from trajectories.readers.containers.mat_file import read_arrays, variable_names
-from trajectories.runs import limits
 
 pytestmark = pytest.mark.usefixtures("forked")
 
@@ -98,24 +97,3 @@ def test_a_type_that_ends_scipy_is_one_line(tmp_path, packed):
         assert re.fullmatch(told, str(error))
         return
     assert found == {} and "variable at byte 128 damaged (" in notes[0]
-
-
-def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
-    """Some kilobytes of one-byte zeros, which would take eight times what they unpack to; a name
-    that is not wanted costs its head alone.
-    """
-    monkeypatch.setattr(limits, "SMALL_BYTES", 1 << 20)
-    rows = 1 << 18
-    values = np.zeros((rows, 1), dtype=np.int8)
-    path = tmp_path / "a.mat"
-    savemat(path, {"imu": values, "x": np.array([[1.0]])}, do_compression=True)
-    size = path.stat().st_size
-    assert size < 1000
-    with pytest.raises(InputError, match=f"^a.mat: {size} bytes hold .*, needed at most 1048576"):
-        read_arrays(path)
-    assert set(read_arrays(path, ["x"])[0]) == {"x"}
-    with limits.unpack_limit(10):
-        assert read_arrays(path)[0]["imu"].shape == (rows, 1)
-    with pytest.raises(InputError, match="needed version 5"):
-        path.write_bytes(b"junk")
-        read_arrays(path)

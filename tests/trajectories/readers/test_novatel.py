@@ -336,3 +336,14 @@ def test_the_filters_solution_is_reference_only(tmp_path):
     np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
     np.testing.assert_allclose(reference.v_n_m_s[3], [1.0, 2.0, -0.5])
     assert any("50 rows" in note for note in made.record.notes)
+
+
+def test_fixes_of_a_log_of_their_own(tmp_path):
+    pairs = [
+        text
+        for k in range(1, 50)
+        for text in (position(SECONDS + k, k), velocity(SECONDS + k, 2.0))
+    ]
+    write(tmp_path / "gnss.log", pairs)
+    made = convert(tmp_path, raw_lines(), {"gnss": {"file": "gnss.log"}}, PLACELESS)
+    assert made.run.gnss.time_s.size == 49 and made.record.other_sources[0].source == "gnss.log"
