@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from infield.table.file import read_table_dict
 from ins.documents import to_json
-from ins.json_file import MAX_DEPTH, read_json_object, read_toml
+from ins.json_file import MAX_DEPTH, MAX_JSON_BYTES, read_json_object, read_toml
 from ins.records import InputError
 from ins.twin_file import read_twin, table_path, twin_to_dict
 from recal.cli.diagnose import command as diagnose_command
@@ -303,3 +303,23 @@ def test_a_twin_opens_nothing_but_its_own_table(tmp_path, name):
     )
     assert isinstance(said.exception, InputError) and "leaves the folder" in str(said.exception)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('{"a": 1' + "0" * 5000 + "}", "not valid JSON"),
+        ('{"\\ud800": 1}', "half a character in a text"),
+        ('{"a": ["\\udfff"]}', "half a character in a text"),
+        ('{"a": NaN}', "NaN is not a number in JSON"),
+        ('{"a": 1, "a": 2}', "appears twice"),
+        ("[1]", "needed an object"),
+        ('"' + "a" * 10, "not valid JSON"),
+        ("\x00", "not valid JSON"),
+        ('{"a": "' + "b" * MAX_JSON_BYTES + '"}', f"more than {MAX_JSON_BYTES} bytes"),
+    ],
+)
+def test_odd_json(tmp_path, text, line):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InputError, match=line):
+        read_json_object(tmp_path / "a.json")

@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import os
 import subprocess
 import sys
 import time
@@ -16,7 +15,6 @@ from scipy.io import savemat
 
 import recal
 from ins.records import InputError
-from recal.cli.app import app
 from tests.trajectories.run_cases import csv_run, full_run
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.text_columns import text_columns
@@ -134,23 +132,6 @@ def test_the_limit_is_raised_by_an_option(tmp_path, monkeypatch):
         monkeypatch.setenv(limits.VARIABLE, wrong)
         with pytest.raises(InputError, match=f"{limits.VARIABLE}: got '{wrong}', needed 1 to"):
             most_unpacked(1)
-
-
-def test_the_option_of_the_command_line(tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    monkeypatch.setattr(limits, "SMALL_BYTES", 10_000)
-    run = csv_run(tmp_path / "run")
-    for old in run.glob("odometer.*"):
-        old.unlink()
-    rows = "".join(f"{k / 10:.1f},0\n" for k in range(2000))
-    (run / "odometer.csv.gz").write_bytes(gzip.compress(f"time_s,speed_m_s\n{rows}".encode()))
-    monkeypatch.setattr(limits, "MAX_GROWTH", 1)
-    said = CliRunner().invoke(app, ["check", str(run)])
-    assert said.exit_code == 3 and "--max-unpacked-mb" in said.output
-    again = CliRunner().invoke(app, ["--max-unpacked-mb", "1", "check", str(run)])
-    assert "--max-unpacked-mb" not in again.output
-    assert limits.VARIABLE not in os.environ
 
 
 @pytest.mark.parametrize("ending", ("csv", "csv.gz", "parquet"))

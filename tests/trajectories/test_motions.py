@@ -13,7 +13,6 @@ from trajectories.simulator.segments import (
     Descend,
     Landing,
     Park,
-    Pivot,
     Stop,
     Straight,
     TakeOff,
@@ -124,11 +123,3 @@ def test_realistic_taxi_is_that_of_the_requirements():
     np.testing.assert_allclose(headings, [90.0, 180.0, 90.0], atol=1e-9)
     speed = motion.speed_m_s(np.linspace(0, motion.end_s, 50_001))
     assert 9.0 <= speed.max() <= 10.0
-
-
-def test_pivot_turns_without_rolling():
-    motion = lay(
-        [Park(duration_s=10.0), Pivot(angle_deg=-90.0, duration_s=60.0), Park(duration_s=10.0)]
-    )
-    assert np.all(motion.speed_m_s(np.linspace(0, 80, 801)) == 0)
-    assert motion.course_rad(75.0) == pytest.approx(-90 * DEG) and motion.end_s == 80.0

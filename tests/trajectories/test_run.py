@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -150,21 +149,6 @@ def test_the_hash_knows_the_recording_not_its_packing(tmp_path):
     assert read_run(tmp_path / "c").sha256 != known
 
 
-def test_pandas_files_are_read(tmp_path):
-    """Other producers write with pandas; its metadata and its CSV quoting are no obstacle."""
-    write_run(tmp_path / "a", full_run())
-    for name in ("imu", "temperature", "phases"):
-        frame = pd.read_parquet(tmp_path / "a" / f"{name}.parquet")
-        frame.to_parquet(tmp_path / "a" / f"{name}.parquet", index=False)
-    known = read_run(tmp_path / "a")
-    for name in ("imu", "temperature", "phases"):
-        frame = pd.read_parquet(tmp_path / "a" / f"{name}.parquet")
-        (tmp_path / "a" / f"{name}.parquet").unlink()
-        frame.to_csv(tmp_path / "a" / f"{name}.csv.gz", index=False)
-    assert read_run(tmp_path / "a").sha256 == known.sha256
-    assert read_run(tmp_path / "a").phases == known.phases
-
-
 def test_a_failed_write_leaves_nothing_and_keeps_the_old_run(tmp_path, monkeypatch):
     write_run(tmp_path / "run", full_run())
     before = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
@@ -298,3 +282,12 @@ def test_a_row_without_its_time_is_dropped_and_named(tmp_path, name):
 
 def arrays(log):
     return {key: value for key, value in vars(log).items() if isinstance(value, np.ndarray)}
+
+
+def test_a_type_that_no_fix_has_is_refused_by_its_row(tmp_path):
+    run = full_run()
+    types = np.full(run.gnss.time_s.size, float(FixType.FLOAT))
+    write_run(tmp_path / "run", replace(run, gnss=replace(run.gnss, fix_type=types)), fmt="csv")
+    set_cell(tmp_path / "run" / "gnss.csv", row=4, column="fix_type", value="2")
+    with pytest.raises(InputError, match=r"row 4.*line 5.*fix_type.*got 2.*needed 3"):
+        read_run(tmp_path / "run")

@@ -14,7 +14,7 @@ from ins.records import ImuLog, InputError, NavState, Site, VehicleNoise
 from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG, MILLIRADIAN
 from trajectories.simulator.motions import lay
-from trajectories.simulator.segments import Climb, Cruise, Park, Stop, Straight, TakeOff, Turn
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.vehicle import (
@@ -224,19 +224,6 @@ def test_side_noise_acts_along_body_y_and_only_while_rolling(taxi):
     np.testing.assert_allclose(extra_b[:, [0, 2]], 0.0, atol=1e-15)
     assert not extra_b[taxi.speed_m_s < 0.5, 1].any()
     assert 0.02 < np.std(extra_b[taxi.speed_m_s > 1.5, 1]) < 0.08
-
-
-def test_nothing_shakes_a_vehicle_in_the_air():
-    ideal = ideal_sensors(
-        build_truth(lay([TakeOff(), Climb(height_m=300.0), Cruise(duration_s=30.0)]), SITE), 10.0
-    )
-    noise = VehicleNoise(crab_mrad=5.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.1)
-    moved = disturb(
-        ideal, noise, (Gust(time_s=0.0, duration_s=100.0, sway_m_s=1.0),), np.random.default_rng(11)
-    )
-    extra = moved.v_n_m_s - ideal.v_n_m_s
-    assert not extra[ideal.on_wheels < 1e-9].any()
-    assert np.abs(extra[ideal.on_wheels == 1.0]).max() > 0.1
 
 
 def test_boarding_settles_at_its_step_within_seconds(parked):

@@ -10,7 +10,7 @@ from ins.records import ImuLog, InputError, NavState, Site
 from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG
 from tests.trajectories.test_scenario import small as minute
-from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
+from trajectories.simulator.environments.kinds import Environment, EnvironmentKind, environment_of
 from trajectories.simulator.environments.laying import draw_moves, lay_environments
 from trajectories.simulator.motions import lay
 from trajectories.simulator.scenario import scenario_from_dict, simulate_scenario
@@ -199,3 +199,10 @@ def test_wrong_environments_are_named_in_one_line(given, words):
         scenario_from_dict(small(environment=given), name="s.toml")
     line = str(error.value)
     assert "\n" not in line and line.startswith("s.toml") and all(word in line for word in words)
+
+
+@pytest.mark.parametrize("text", ["storm", "gusty:", "gusty:strong", "gusty:0", "gusty:nan"])
+def test_wrong_words_on_the_command_line_are_named(text):
+    with pytest.raises(InputError, match="environment"):
+        environment_of(text)
+    assert environment_of("boarding:1.5") == Environment(kind="boarding", strength=1.5)
