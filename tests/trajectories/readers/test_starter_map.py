@@ -138,17 +138,6 @@ def test_what_nothing_shows_is_left_open_and_refused(tmp_path):
         convert(path, map_file=tmp_path / "map.toml", header=UNIT)
 
 
-def test_options_say_what_the_map_leaves_open(tmp_path):
-    time_s, w, f = at_rest()
-    path = written(tmp_path / "l.csv", named_table(time_s, w, f, ("t", "w{}", "a{}")), decimals=12)
-    (tmp_path / "map.toml").write_text(starter_map(path).text)
-    with pytest.raises(InputError, match=r"run\.gyro_technology, run\.start_utc, run\.site"):
-        convert(path, map_file=tmp_path / "map.toml", header={"imu_serial": "SN-1"})
-    assert (
-        convert(path, map_file=tmp_path / "map.toml", header=UNIT).run.header.imu_serial == "SN-1"
-    )
-
-
 def test_fixes_and_temperatures_come_with_their_units(tmp_path):
     time_s, w, f = at_rest()
     columns = named_table(time_s, w, f, ("t", "w{}", "a{}"))
