@@ -325,7 +325,7 @@ def size_words(p: Parameter) -> str:
     if p.identified:
         return f"{p.value:.4g} +- {p.sigma:.2g}{tail}"
     limit = f", below {p.high:.3g}" if math.isfinite(p.high) else ""
-    return f"{p.value:.3g}{tail} taken{limit}"
+    return f"{p.value:.3g}{tail} assumed{limit}"
 
 
 def _loudness(line: SpectralLine) -> float:

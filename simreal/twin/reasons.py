@@ -29,7 +29,7 @@ class Lacking(ReasonCode):
 
     POWER_ONS = ("power_ons", "needs {count:.0f} power-ons of a unit, each: {recording}")
     RECORDING = "recording", "needs one recording: {recording}"
-    NO_RECORDING = "no_recording", "no parked recording of 128 h or less would"
+    NO_RECORDING = "no_recording", "no parked recording up to 128 h suffices"
 
 
 class FitReason(ReasonCode):
