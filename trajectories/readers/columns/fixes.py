@@ -1,4 +1,7 @@
-"""Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows."""
+"""Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows.
+
+Decision: docs/decisions/0040-known-by-gravity.md.
+"""
 
 from dataclasses import dataclass, replace
 from typing import TypedDict
