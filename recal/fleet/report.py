@@ -16,7 +16,7 @@ from recal.fleet.records import (
     TemperatureBand,
     UnitRow,
 )
-from recal.service.priors.forecast_page import closer_panel, date_words, trend_panels, trend_strips
+from recal.service.priors.forecast_page import date_words, trend_panels, trend_strips
 from recal.service.results.pages import (
     BLUE,
     GREEN,
@@ -273,7 +273,6 @@ def fleet_html(document: FleetReport) -> str:
             ranking=ranking_panel(document),
             counts=[panel for panel in counts if panel],
             trend=trend_panels(document.forecast) if document.forecast else [],
-            closer=closer_panel(document.forecast) if document.forecast else None,
             trends=trend_strips(document.forecast) if document.forecast else [],
             date_words=date_words,
             name=_name,

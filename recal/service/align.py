@@ -80,10 +80,10 @@ class Aligned(Result[AlignmentDocument]):
         level = document.motion_level
         if level is not None:
             lines.append(
-                f"  used {document.used_percent:.0f} % of the parked seconds; place strays by"
-                f" {level.place_mm:.2g} mm (up to {level.largest_place_mm:.2g}), heading by"
-                f" {level.yaw_arcsec:.2g} arcsec (up to {level.largest_yaw_arcsec:.2g}): sigma"
-                f" {level.sigma_cost:.2f} times that on a calm vehicle"
+                f"  used {document.used_percent:.0f} % of the parked seconds; the vehicle moves by"
+                f" {level.place_mm:.2g} mm RMS (at most {level.largest_place_mm:.2g}) and yaws by"
+                f" {level.yaw_arcsec:.2g} arcsec (at most {level.largest_yaw_arcsec:.2g}): sigma"
+                f" {level.sigma_cost:.2f} times that of a still one"
             )
         seen = document.zero_rate
         if isinstance(seen, ZeroRates):

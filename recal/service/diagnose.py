@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
-from infield.reports.documents.noise_fit import NoiseFit
+from infield.reports.documents.alignment import NoiseFit
 from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json

@@ -165,7 +165,7 @@ def update(
 
     Notes
     -----
-    Source: US 5,527,003; what is estimated and judged stands in docs, theory.
+    Source: US 5,527,003; what is estimated and judged: physics.md, section 6.
     """
     settings, ageing = read_config(None if config is None else Path(config))
     read = runs_of(runs)

@@ -132,7 +132,7 @@ def test_what_an_hour_cannot_tell_is_named_with_the_recording_that_would():
     walk = rest["gyro.rate_random_walk_deg_h_sqrt_h"]
     assert walk.needed > 4200.0 and walk.value < walk.high
     assert rest["gyro.turn_on_deg_h"].needed == 9.0
-    assert result.twin.fit["not_identified"][walk.name].startswith("cannot be told from these runs")
+    assert walk.name in result.twin.fit["not_identified"]
     assert result.twin.gyro.turn_on_deg_h == 0.003
 
 
@@ -362,7 +362,7 @@ def test_no_number_is_told_of_rows_filtered_below_the_seconds():
     simulated, _ = fitted()
     found = recal.fit_twin(filtered(simulated, one_pole(0.5)))
     assert not any(p.identified for p in found.parameters if p.name.startswith("gyro."))
-    assert any("contradict any model of the gyro noise" in note for note in found.record.notes)
+    assert any("model of the gyro noise" in note for note in found.record.notes)
 
 
 @pytest.mark.slow

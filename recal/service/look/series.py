@@ -9,8 +9,7 @@ from itertools import cycle
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.drawing import Item, Line, Panel
-from infield.reports.figures import BLACK, CURVE_COLOURS
+from infield.reports.drawing import BLACK, CURVE_COLOURS, Item, Line, Panel
 from ins.records import AXES, GnssLog, ImuSource, Run, TemperatureLog
 from ins.units import DEG
 from simreal.report.twin_document import FitReport

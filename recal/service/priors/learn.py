@@ -13,8 +13,7 @@ import numpy as np
 from infield.learning.learn import learn
 from infield.learning.parameters import UNITS, PriorName
 from infield.learning.stored_sessions import StoredUnit
-from infield.reports.drawing import Boxes, Line, Marks, Panel, Uprights, rows_height
-from infield.reports.figures import BLUE, GREY
+from infield.reports.drawing import BLUE, GREY, Boxes, Line, Marks, Panel, Uprights, rows_height
 from infield.reports.page import render_page, significant
 from infield.store.errors import NoStore
 from infield.store.priors_rows import PriorsRecord

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from infield.reports.documents.noise_fit import NoiseFit
+from infield.reports.documents.alignment import NoiseFit
 from infield.session.log import find_rest
 from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json

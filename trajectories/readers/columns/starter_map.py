@@ -38,6 +38,8 @@ CALM_SHARE = 0.2
 TURNS_AGREE = 0.7  # least correlation of gravity's turns with the rates; noise alone has 0.1
 LEVEL = 0.9  # of gravity along one axis: a unit within 25 deg of it
 UNIX_S = (1.6e9, 2.5e9)  # September 2020 on; seconds of GPS time get there in 2030
+COLDEST, HOTTEST = -76.0, 400.0  # -60 degC in degF, 127 degC in K (docs/log_formats.md)
+SLOW = 0.02  # of all its change in one row; white noise has 0.2 (tests/trajectories)
 OFTEN_HZ = (10.0, 2000.0)  # rates of loggers: what a run may have (formats.md)
 SIGHTED_BYTES = 1 << 16  # of the text's beginning
 SIGHTED_ROWS = 20  # that have to agree
@@ -115,6 +117,7 @@ class _Guess:
         self._known, self._columns = known, columns
         self._found, self._lines = StarterMap(), _layout_lines(layout)
         self._rate_hz = np.nan
+        self._taken: set[str] = set()
 
     def map(self) -> StarterMap | None:
         self._time()
@@ -138,7 +141,8 @@ class _Guess:
         self._lines += ["", f"# {why}", f"[{key}]"]
         self._lines += [f"{name} = {_toml(value)}" for name, value in values.items()]
         shown = values.get("columns", values.get("column", ""))
-        names = ", ".join(shown) if isinstance(shown, list) else shown
+        names = ", ".join(shown) if isinstance(shown, list) else str(shown)
+        self._taken |= set(names.split(", "))
         self._found.guesses.append((key, f"{names} [{values.get('unit', '')}]: {why}"))
         self._found.missing += [f"{key}.{k}" for k, v in values.items() if v == PLACEHOLDER]
 
@@ -207,6 +211,13 @@ class _Guess:
         size = float(np.nanmedian(np.linalg.norm(calm, axis=1)))
         return _Unit(PLACEHOLDER, 1.0, f"at rest |f| is {size:.4g}: no unit makes that gravity")
 
+    def _at_rest(self, calm: NDArray) -> NDArray:
+        """Median of the blocks' means: a turn at a steady rate is calm too, and shorter."""
+        rows = _block_rows(self._rate_hz)
+        blocks = max(len(calm) // rows, 1)
+        means = np.nanmean(calm[: blocks * rows].reshape(blocks, -1, calm.shape[1]), axis=1)
+        return np.asarray(np.nanmedian(means, axis=0))
+
     def _said_unit(self, names: Sequence[str]) -> str:
         return next(c.unit for c in self._known if c.name == names[0])
 
@@ -217,7 +228,7 @@ class _Guess:
         said = self._said_unit(names)
         units = GYRO_INCREMENTS if accel.increments else GYRO_RATES
         scale = self._rate_hz if accel.increments else 1.0
-        size = float(np.linalg.norm(np.nanmean(w[calm], axis=0)))
+        size = float(np.linalg.norm(self._at_rest(w[calm])))
         for unit, factor in units.items():
             rate_deg_h = size * factor * scale / DEG_PER_HOUR
             if abs(rate_deg_h * DEG_PER_HOUR / EARTH_RATE_RAD_S - 1.0) < OF_EARTH_RATE:
@@ -260,10 +271,7 @@ class _Guess:
         warm = triad(self._known, "temperature")
         warm = warm or [c for c in self._known if c.quantity == "temperature"][:1]
         if not warm:
-            self._lines += [
-                "",
-                "# No temperature: a thermal table cannot be renewed from this log.",
-            ]
+            self._temperature_by_values()
             return
         middle = float(np.nanmedian(self._columns[warm[0].name]))
         unit, why = warm[0].unit, f"reads {middle:.4g}"
@@ -271,6 +279,19 @@ class _Guess:
             unit = "K" if middle > 200.0 else "degC"
             why += f", which a unit has in {unit}"
         self._table("temperature", {"columns": [c.name for c in warm], "unit": unit}, why)
+
+    def _temperature_by_values(self) -> None:
+        """A column without a known name that reads and changes as a temperature does."""
+        bare = [c.name for c in self._known if not c.quantity and c.name not in self._taken]
+        slow = [name for name in bare if _like_temperature(self._columns[name])]
+        if not slow:
+            self._lines += ["", "# No temperature: this log cannot renew a thermal table."]
+            return
+        low, high = np.nanquantile(self._columns[slow[0]], (0.0, 1.0))
+        why = (
+            f"perhaps a temperature, {low:.4g} to {high:.4g}: degC, degF, K, or delete these lines"
+        )
+        self._table("temperature", {"column": slow[0], "unit": PLACEHOLDER}, why)
 
     def _gnss_and_run(self) -> None:
         """Fixes with velocities; the site is their first, else it is to be given."""
@@ -342,7 +363,7 @@ def _rises(values: NDArray) -> bool:
 
 def _calm(f: NDArray, rate_hz: float) -> NDArray:
     """Rows (n,) of the calmest blocks, by the scatter of the forces."""
-    rows = max(int(BLOCK_S * rate_hz), 10) if np.isfinite(rate_hz) else 100
+    rows = _block_rows(rate_hz)
     blocks = len(f) // rows
     if blocks < 2:
         return np.ones(len(f), dtype=bool)
@@ -352,6 +373,19 @@ def _calm(f: NDArray, rate_hz: float) -> NDArray:
     kept = np.zeros(len(f), dtype=bool)
     kept[: blocks * rows] = np.repeat(scatter <= limit, rows)
     return kept
+
+
+def _block_rows(rate_hz: float) -> int:
+    return max(int(BLOCK_S * rate_hz), 10) if np.isfinite(rate_hz) else 100
+
+
+def _like_temperature(values: NDArray) -> bool:
+    """Within what thermometers read in degC, degF or K, and slow against its whole change."""
+    finite = values[np.isfinite(values)]
+    if finite.size < 2 or finite.min() < COLDEST or finite.max() > HOTTEST:
+        return False
+    change = float(np.ptp(finite))
+    return change > 0.0 and float(np.std(np.diff(finite))) < SLOW * change
 
 
 def _turns(w: NDArray, f: NDArray, rate_hz: float) -> float:

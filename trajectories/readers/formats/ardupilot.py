@@ -4,6 +4,8 @@ what run.json needs.
 Axes are forward, right, down already; rates in rad/s, specific force in m/s2, both filtered samples
 of an instant. The autopilot has subtracted its start-up gyro offsets (INS_GYROFFS...), a constant
 of the session, from the rates.
+
+Decision: docs/decisions/0040-known-by-gravity.md.
 """
 
 import re
