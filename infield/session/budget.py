@@ -143,14 +143,9 @@ def _brought(
 
 def _departures(bins: SessionBins, twin: TwinModel, settings: SessionSettings) -> Parts:
     """The parts of T (3N, 3N), each made by the formula that made the whole."""
-    gyro, none = (
-        twin.gyro,
-        replace(
-            twin.gyro,
-            turn_on_deg_h=0.0,
-            bias_instability_deg_h=0.0,
-            rate_random_walk_deg_h_sqrt_h=0.0,
-        ),
+    gyro = twin.gyro
+    none = replace(
+        twin.gyro, turn_on_deg_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0
     )
 
     def of(noise: GyroNoise, misalignment_mrad: NDArray | float = 0.0) -> NDArray:

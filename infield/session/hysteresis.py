@@ -10,10 +10,6 @@ in the difference::
     sense  bias = table(T) + s sigma(T history)    sigma from -1 (cooling) to +1 (heating) over
                                                    WIDTH_degC of turn-round
 
-A rate term is physical and repeats: it is fitted, and the table becomes the bias at a steady
-temperature, with r estimated jointly and its uncertainty carried. True hysteresis depends on a past
-that the log may not hold: it is not fitted, the sigma of the points is widened by it instead.
-
 Per session, with x the bias beyond what was subtracted, the data say exp(-x'Lx/2 + e'x)
 (`measurement_information`); its own departure t ~ N(0, T) is integrated out::
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from infield.session.acceptance import assess_merge
 from infield.session.bins import rebinned
 from infield.session.disagreement import BiasStep, utc, widened_for
-from infield.session.flown.information_gain import FlightTerm
+from infield.session.flown.gates import FlightTerm
 from infield.session.hysteresis import (
     FOUND_SIGMAS,
     VAGUE_TERM,
@@ -262,10 +262,16 @@ def find_flight_terms(
     flown = [s for s in sessions if s.merged is not None and _aloft(s).any()]
     if len(flown) < LEAST_FLIGHTS:
         return ()
-    used = [_as_usual(s) for s in sessions if s.merged is not None]
+    used = [s for s in sessions if s.merged is not None]
+    for k, session in enumerate(used):
+        # a difference that each flight may have for itself says nothing of one that all have
+        if session.flight is not None and session.flight.as_usual is not None:
+            used[k] = replace(session, estimate=session.flight.as_usual)
     free = with_free_common(covering(table, used))
     data = likelihoods_of(used, free, twin, settings, walk)
-    found = joint_with(free, [(d, _columns(s)) for d, s in zip(data, used)])
+    found = joint_with(
+        free, [(d, np.kron(_aloft(s)[:, None], np.eye(3))) for d, s in zip(data, used)]
+    )
     sigma = np.sqrt(np.diag(found.terms_covariance))
     return tuple(
         FlightTerm(
@@ -279,13 +285,6 @@ def find_flight_terms(
     )
 
 
-def _as_usual(session: SessionResult) -> SessionResult:
-    """The session with its flight as the usual prior has it."""
-    if session.flight is None or session.flight.as_usual is None:
-        return session
-    return replace(session, estimate=session.flight.as_usual)
-
-
 def _aloft(session: SessionResult) -> NDArray:
     """Share of each bin (N,) that a joined flight spends in the air."""
     assert session.estimate is not None
@@ -295,8 +294,3 @@ def _aloft(session: SessionResult) -> NDArray:
     flight = evidence.flight
     shared = np.minimum(bins.end_s, flight.end_s) - np.maximum(bins.start_s, flight.start_s)
     return np.asarray(np.maximum(shared, 0.0) / bins.duration_s)
-
-
-def _columns(session: SessionResult) -> NDArray:
-    """What a term of 1 adds to each bin (3N, 3)."""
-    return np.kron(_aloft(session)[:, None], np.eye(3))

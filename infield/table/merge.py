@@ -218,14 +218,13 @@ def session_covariance(
     duration_s: ArrayLike,
     gyro: GyroNoise,
     run_length_s: float,
-    power_on_s: float = 0.0,
     sigma_misalignment_mrad: ArrayLike = 0.0,
 ) -> NDArray:
     """T: covariance of one session's departure from the table, averaged over each point, shape (m,
     m) [(deg/h)^2].
 
     Per axis, axes independent: turn-on (a constant), flicker of two-sided PSD B^2 / (2 pi f) down
-    to 1 / (4 run_length_s), rate random walk K^2 t since `power_on_s`, and (15 deg/h
+    to 1 / (4 run_length_s), rate random walk K^2 t since power-on, and (15 deg/h
     sigma_misalignment)^2 for Earth rate leaking in on this session's heading (one sigma, or one for
     each of x, y, z). Source: formats.md section 3, physics.md 6.8.
     """
@@ -242,9 +241,7 @@ def session_covariance(
         + misalignment[:, None] ** 2
         + gyro.bias_instability_deg_h**2
         * flicker_covariance(start, end, lowest_hz=0.25 / run_length_s)
-        + gyro.rate_random_walk_deg_h_sqrt_h**2
-        / HOUR
-        * random_walk_covariance(start - power_on_s, end - power_on_s)
+        + gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(start, end)
     )
     return T * (axis[:, None] == axis[None, :])
 
@@ -253,10 +250,8 @@ def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArra
     """Start and end of each point [s] from its centre and duration (at least 1 s, for flicker's
     sake).
     """
-    centre, half = (
-        np.asarray(time_s, dtype=float),
-        0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0),
-    )
+    centre = np.asarray(time_s, dtype=float)
+    half = 0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0)
     return centre - half, centre + half
 
 

@@ -9,7 +9,7 @@ from alignment.motion.kinds import ROLLING
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import filter_steps, plan_steps, views_of
 from benchmarks import blind_flights as blind
-from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY, receiver_states
+from infield.session.flown.flight import OF_POSITION, OF_VELOCITY, receiver_states
 from infield.session.flown.gates import deflected
 from infield.session.flown.priors import Further
 from infield.session.navigated.receiver import FixAid, Sigmas

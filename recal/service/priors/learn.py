@@ -12,7 +12,7 @@ from infield.learning.learn import learn
 from infield.learning.parameters import UNITS, PriorName
 from infield.learning.stored_sessions import StoredUnit
 from infield.store.errors import NoStore
-from infield.store.priors_rows import PriorsRecord
+from infield.store.priors import PriorsRecord
 from infield.store.table_store import TableStore
 from ins.documents import to_json
 from ins.verdicts import Outcome, Reason, because, sentence
