@@ -185,6 +185,7 @@ class Paths:
         self._ageing = np.zeros_like(rates)
         steps = np.sqrt(np.diff(LOOK_YEARS))[:, None]
         np.cumsum(rates[:, 1:] * steps, axis=1, out=self._ageing[:, 1:])
+        self._grown = rates[:, 1:2] * np.sqrt(LOOK_YEARS)[:, None]
         self._chance = rng.random((PATHS, LOOK_YEARS.size - 1))
         flicker = FLICKER_FLOOR * drawn[PriorName.FLICKER]
         self._start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + flicker**2)
@@ -202,6 +203,10 @@ class Paths:
         beyond = drift > limit_nm_h
         beyond[:, 1:] |= self._passed_between(error, drift, limit_nm_h)
         first = np.where(beyond.any(axis=1), LOOK_YEARS[np.argmax(beyond, axis=1)], np.inf)
+        # of one date the paths are scattered as one draw each, grown by the root of the time, which
+        # makes a smooth band of them
+        squared = np.sum((now[:, None, :] + self._grown) ** 2, axis=2) / n
+        drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
         median, high = np.quantile(drift, [0.5, 0.95], axis=0)
         return Outlook(LOOK_YEARS, median, high, first)
 

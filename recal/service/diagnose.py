@@ -11,10 +11,9 @@ from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
 from recal.service.inputs.twin_table import TwinTable, twin_and_table
-from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, output_directory, program_version, write_files
 from recal.service.results.result import Result
-from recal.service.twin.noise_agreement import noise_fit
+from recal.service.twin.fit import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core

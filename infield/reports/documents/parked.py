@@ -273,9 +273,9 @@ def effect_words(found: ZeroRateEffect) -> str:
     """One line of it for people."""
     low, high = found.temperature_degC
     return (
-        f"over {low:.0f} to {high:.0f} degC the table's level moves by"
-        f" {found.level_change_deg_h:.3g} deg/h (left: {found.level_left_sigma_deg_h:.3g}),"
-        f" its shape by {found.shape_change_deg_h:.3g} deg/h (left:"
-        f" {found.shape_left_sigma_deg_h:.3g}), RMS over the gyros; each start adds its turn-on"
+        f"over {low:.0f} to {high:.0f} degC the table's level changes by"
+        f" {found.level_change_deg_h:.3g} deg/h (sigma now {found.level_left_sigma_deg_h:.3g}),"
+        f" its shape by {found.shape_change_deg_h:.3g} deg/h (sigma now"
+        f" {found.shape_left_sigma_deg_h:.3g}), RMS over the gyros; each start adds a turn-on"
         f" of {found.turn_on_deg_h:g}"
     )
