@@ -3,7 +3,7 @@
 Decision: docs/decisions/0013-latitude-alarm.md.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,13 +97,10 @@ def align(
         return _refused(because(AlignmentReason.NEVER_RESTS))
     means = coarse.earth_rate_means(imu.between(*rest))
     arw = gyro_densities(twin.gyro).white
-    sigma = (
-        np.full(3, np.nan)
-        if bias_sigma_deg_h is None
-        else np.asarray(bias_sigma_deg_h, dtype=float)
-    )
     if bias_sigma_deg_h is None:
-        sigma[:] = unknown_bias_sigma_deg_h(twin, means, usual=RAW_BIAS_DEG_H)
+        sigma = np.full(3, unknown_bias_sigma_deg_h(twin, means))
+    else:
+        sigma = np.asarray(bias_sigma_deg_h, dtype=float)
     prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=imu.end_s + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
@@ -198,16 +195,14 @@ def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> Bia
     return BiasPrior(edges, np.kron(shape, np.diag(sigma_rad_s**2)))
 
 
-def unknown_bias_sigma_deg_h(
-    twin: TwinModel, means: coarse.RestMeans, *, usual: Mapping[str, float]
-) -> float:
+def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
     """Bias sigma of a unit without a table: what is usual of its technology, or the excess of
     ``|omega|`` over Earth rate where that is more: its bias along one axis, beside noise.
     """
     excess = coarse.latitude_from_rates(means)[1] / DEG_PER_HOUR
     noise = twin.gyro.arw_deg_sqrt_h / np.sqrt(means.seconds / 3600.0)
     seen = max(excess**2 - noise**2, 0.0)
-    return max(usual[twin.gyro_technology], float(np.sqrt(seen)))
+    return max(RAW_BIAS_DEG_H[twin.gyro_technology], float(np.sqrt(seen)))
 
 
 def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
@@ -275,29 +270,24 @@ def _latitude_test(
         apart = LATITUDE_SIGMAS * abs(found - site.lat_rad) / near
         if apart < DOUBTFUL_SIGMAS:
             return result
-        return replace(result, reasons=(*result.reasons, _doubtful(site, found, sigma, apart)))
+        values = _latitudes(site, found, sigma)
+        doubtful = because(AlignmentReason.LATITUDE_DOUBTFUL, apart=apart, **values)
+        return replace(result, reasons=(*result.reasons, doubtful))
     reasons = (*result.reasons, _wrong_latitude(site, found, sigma))
     return replace(result, verdict=AlignmentVerdict.INCONSISTENT, reasons=reasons)
 
 
-def _doubtful(site: Site, found_rad: float, sigma_rad: float, apart: float) -> Reason:
-    return because(
-        AlignmentReason.LATITUDE_DOUBTFUL,
-        entered_deg=site.lat_rad / DEG,
-        found_deg=found_rad / DEG,
-        sigma_deg=sigma_rad / DEG,
-        apart=apart,
-    )
-
-
-def _wrong_latitude(site: Site, found_rad: float, sigma_rad: float) -> Reason:
-    """What was entered in place of the latitude that the gyros show."""
-    near = LATITUDE_SIGMAS * sigma_rad
-    values = {
+def _latitudes(site: Site, found_rad: float, sigma_rad: float) -> dict[str, float]:
+    return {
         "entered_deg": site.lat_rad / DEG,
         "found_deg": found_rad / DEG,
         "sigma_deg": sigma_rad / DEG,
     }
+
+
+def _wrong_latitude(site: Site, found_rad: float, sigma_rad: float) -> Reason:
+    """What was entered in place of the latitude that the gyros show."""
+    near, values = LATITUDE_SIGMAS * sigma_rad, _latitudes(site, found_rad, sigma_rad)
     if abs(site.lat_rad / DEG - found_rad) <= near:
         return because(AlignmentReason.LATITUDE_IN_RADIANS, **values)
     if abs(site.lon_rad - found_rad) <= near:

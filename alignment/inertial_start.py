@@ -3,15 +3,6 @@ is signal there, not noise::
 
     C_nb(0) = C_ne C_ei(0) C_ib0, f_i = C_ib0 C_b0b(t) f_b, -g_i(t) = C_ie(t) C_en (0, 0, -g)
 
-The gyros carry C_b0b(t), so that whatever tilts or turns the body drops out; Earth rate turns
-gravity in the inertial frame by 15 deg/h, and that turn is the heading. Means of the specific force
-over overlapping windows, in the frame of the body as it stood at the start, are matched with
-gravity in the Earth-fixed inertial frame by Wahba's problem, solved by Davenport's q-method.
-
-A raised cosine weighs each window: by parts, an acceleration of bounded position x enters as x w'',
-so a sway of 1 cm at 0.3 Hz over 30 s tilts a mean by less than 1e-5 rad. Windows far from the
-others' attitude (a push, a start-up) lose weight by Cauchy's function.
-
 Sources: Wahba (1965); Davenport's q-method in Markley and Crassidis, "Fundamentals of Spacecraft
 Attitude Determination and Control" (2014), section 5.3; vectors carried in the inertial frame: Gu,
 El-Sheimy, Hassan, Syed, "Coarse alignment for marine SINS using gravity in the inertial frame as a

@@ -1,12 +1,5 @@
 """The parked filter under the level of motion that its own residuals show.
 
-The local level (`alignment.motion.level`) says how far place and heading stray within half a
-minute. What is slower (a place that people leave for another, a gust that leans on the vehicle) is
-a walk of place and heading. Its size, the scale of the local level and that of the unit's own noise
-are found by the likelihood of the filter's innovations: a parameter leaves its quiet value, and
-only upwards, where that is e^SURE_NATS times as likely. Single steps that still stand out are given
-the variance that they show (Student's t), once.
-
 Source: innovations likelihood, Schweppe (1965); t-distributed weights, Lange, Little, Taylor
 (1989), section 3. Pinned by: tests/alignment/test_parked_level.py
 """
@@ -154,11 +147,10 @@ class SearchInputs:
         """How the vehicle would be held were it as calm as declared."""
         held = self.constraint(QUIET)
         place = np.minimum(held.displacement_sigma_m, self.calm_m)
-        return replace(
-            held, displacement_sigma_m=place, yaw_jitter_rad=float(np.min(held.yaw_jitter_rad))
-        )
+        quiet = float(np.min(held.yaw_jitter_rad))
+        return replace(held, displacement_sigma_m=place, yaw_jitter_rad=quiet)
 
-    def constraint(self, scale: Scale, gate: float = np.inf) -> ParkedConstraint:
+    def constraint(self, scale: Scale) -> ParkedConstraint:
         """How the vehicle is held under a scale."""
         place, yaw = self.level.place_m[self.plan.last], self.level.yaw_rad[self.plan.last]
         dt = self.time_s[self.plan.last] - self.time_s[self.plan.first]
@@ -174,7 +166,7 @@ class SearchInputs:
             hold_heading=self.hold_heading,
             place_walk_m=walk,
             yaw_walk_rad=turn,
-            gate=gate,
+            gate=np.inf,
             mooring=scale.mooring,
             swing_m=scale.swing_m,
         )
@@ -292,7 +284,8 @@ class _Search:
     def _with_unit(self, scale: Scale, best: float) -> tuple[Scale, float]:
         """The likeliest level beside one scale of the unit's noise, and its penalised value."""
         best = max(best, self._value(scale))
-        gains = {own: self._most_to_gain(own, scale) for own in self._shown()}
+        shown = ("place", "yaw") if self._stretch.hold_heading else ("place",)
+        gains = {own: self._most_to_gain(own, scale) for own in shown}
         # what is most off first: it spoils the states that the other is judged by
         for own in sorted(gains, key=lambda own: -gains[own]):
             if self._most_to_gain(own, scale) < 0.5 * SURE_NATS:
@@ -313,10 +306,6 @@ class _Search:
             if self._value(found) - penalty > best:
                 best, scale = self._value(found) - penalty, found
         return scale, best
-
-    def _shown(self) -> tuple[str, ...]:
-        """What the vehicle is held by."""
-        return ("place", "yaw") if self._stretch.hold_heading else ("place",)
 
     def _wanders(self, scale: Scale) -> bool:
         """Whether a place that may walk freely walks farther than a vehicle that stands can."""

@@ -1,12 +1,6 @@
 """The navigation-mode filter: what a free-running solution shows while the vehicle stands and
 rolls.
 
-One sweep over a navigation solution: errors propagate by `ins.estimation.error_model`; a standing
-vehicle has no velocity (its displacement since the stop) and keeps its heading up to a slow creep
-(parked-attitude constraint); what a rolling vehicle shows is added by aids (lateral motion,
-odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid down as a
-`Tape` first, with numpy over the whole run, and worked through in one go.
-
 Decision: docs/decisions/0007-parked-position.md.
 """
 
@@ -67,19 +61,7 @@ class StepPlan:
 
     def until(self, count: int) -> "StepPlan":
         """The first steps alone."""
-
-        def cut(column: NDArray | None) -> NDArray | None:
-            return None if column is None else column[:count]
-
-        return StepPlan(
-            self.first[:count],
-            self.last[:count],
-            self.kind[:count],
-            self.bin_index[:count],
-            self.jolt_rad[:count],
-            cut(self.velocity_jump_m_s),
-            cut(self.turn_jump_rad),
-        )
+        return StepPlan(*(None if c is None else c[:count] for c in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -88,7 +70,7 @@ class StepViews:
 
     Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth,
     and turn about north and east (K, 2) [rad]; at the step's end C_nb (K, 3, 3), v_n, lat, lon,
-    height, heading; v_start_n at its start; C_mean (K, 3, 3) over it; turn_rad: by the vertical
+    height, heading; C_mean (K, 3, 3) over it; turn_rad: by the vertical
     gyro, Earth rate included; kind as in `stillness`; jolt_rad and the jumps: as in the plan;
     jitter_m: sway of the vehicle's position; history: the solution.
     """
@@ -108,7 +90,6 @@ class StepViews:
     C_nb: NDArray
     C_mean: NDArray
     v_n: NDArray
-    v_start_n: NDArray
     lat_rad: NDArray
     lon_rad: NDArray
     height_m: NDArray
@@ -214,12 +195,13 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
         displacement_b_m=summed(history.displacement_b_m),
         displacement_n_m=summed(history.displacement_n_m),
         heading_change_rad=wrap_pi(heading[b] - heading[a]),
-        level_turn_rad=_level_turn(history.C_nb[a], history.C_nb[b]),
+        level_turn_rad=rotation_vector_from_dcm(
+            history.C_nb[b] @ np.swapaxes(history.C_nb[a], 1, 2)
+        )[:, :2],
         heading_rad=heading[b],
         C_nb=history.C_nb[b],
         C_mean=summed(history.C_nb_dt) / (end_s - start_s)[:, None, None],
         v_n=history.v_n_m_s[b],
-        v_start_n=history.v_n_m_s[a],
         lat_rad=history.lat_rad[b],
         lon_rad=history.lon_rad[b],
         height_m=history.height_m[b],
@@ -227,12 +209,6 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
         jitter_m=jitter_m,
         history=history,
     )
-
-
-def _level_turn(before: NDArray, after: NDArray) -> NDArray:
-    """Turn about north and east (K, 2) [rad] from one attitude C_nb (K, 3, 3) to another."""
-    turned = after @ np.swapaxes(before, 1, 2)
-    return rotation_vector_from_dcm(turned)[:, :2]
 
 
 def filter_steps(views: StepViews) -> Steps:

@@ -18,7 +18,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import NavHistory
 from ins.units import DEG_PER_HOUR
 
-RATE_WINDOW_S = 300.0
+RATE_WINDOW_S = 300.0  # chosen: 5 min, as long as a bin of `recal update`
 # variance of a parabola's rate over ARW^2 / window: 6/5 for a random walk of the angle
 WALK_FACTOR = 1.2
 
@@ -37,12 +37,7 @@ class TiltRate:
 
 
 def tilt_rates(
-    history: NavHistory,
-    still: NDArray,
-    *,
-    arw: float,
-    velocity_sigma_m_s: float,
-    window_s: float = RATE_WINDOW_S,
+    history: NavHistory, still: NDArray, *, arw: float, velocity_sigma_m_s: float
 ) -> list[TiltRate]:
     """Tilt rates over successive windows of a parked solution, epochs that are not `still` left
     out.
@@ -50,29 +45,27 @@ def tilt_rates(
     still: (k,) bool per epoch; arw [rad/sqrt(s)]; velocity_sigma: noise of the one-second velocity
     [m/s]. A window with less than three quarters of its epochs still is skipped.
     """
-    found = []
-    for start in np.arange(history.time_s[0], history.time_s[-1] - window_s + 1.0, window_s):
-        if not enough_still(history, still, start, window_s):
-            continue
-        rows = _inside(history, start, window_s) & still
-        found.append(
-            _window(history, rows, start + 0.5 * window_s, window_s, arw, velocity_sigma_m_s)
-        )
+    found, last_s = [], history.time_s[-1] - RATE_WINDOW_S
+    for start in np.arange(history.time_s[0], last_s + 1.0, RATE_WINDOW_S):
+        if enough_still(history, still, start):
+            rows = _inside(history, start) & still
+            centre = start + 0.5 * RATE_WINDOW_S
+            found.append(_window(history, rows, centre, arw, velocity_sigma_m_s))
     return found
 
 
-def enough_still(history: NavHistory, still: NDArray, start_s: float, window_s: float) -> bool:
+def enough_still(history: NavHistory, still: NDArray, start_s: float) -> bool:
     """Three quarters of the window's epochs, and at least thirty, are still."""
-    inside = _inside(history, start_s, window_s)
+    inside = _inside(history, start_s)
     return bool((inside & still).sum() >= max(0.75 * inside.sum(), 30))
 
 
-def _inside(history: NavHistory, start_s: float, window_s: float) -> NDArray:
-    return (history.time_s > start_s) & (history.time_s <= start_s + window_s)
+def _inside(history: NavHistory, start_s: float) -> NDArray:
+    return (history.time_s > start_s) & (history.time_s <= start_s + RATE_WINDOW_S)
 
 
 def _window(
-    history: NavHistory, rows: NDArray, centre: float, window_s: float, arw: float, sigma_v: float
+    history: NavHistory, rows: NDArray, centre: float, arw: float, sigma_v: float
 ) -> TiltRate:
     """Parabola through both velocities; velocity, acceleration (e) and acceleration rate (f) at the
     centre, then (g).
@@ -85,9 +78,9 @@ def _window(
     coriolis = 2.0 * EARTH_RATE_RAD_S * np.sin(lat)
     u_north = (jerk[1] + g / transverse * v[1] - coriolis * a[0]) / g
     u_east = -(jerk[0] + g / meridian * v[0] + coriolis * a[1]) / g
-    from_velocity = sigma_v * np.sqrt(720.0 / rows.sum()) / (g * window_s**2)
-    sigma = np.sqrt(WALK_FACTOR * arw**2 / window_s + from_velocity**2)
-    return TiltRate(float(centre), float(window_s), float(u_north), float(u_east), float(sigma))
+    from_velocity = sigma_v * np.sqrt(720.0 / rows.sum()) / (g * RATE_WINDOW_S**2)
+    sigma = np.sqrt(WALK_FACTOR * arw**2 / RATE_WINDOW_S + from_velocity**2)
+    return TiltRate(float(centre), RATE_WINDOW_S, float(u_north), float(u_east), float(sigma))
 
 
 def _parabola(t: NDArray, v: NDArray) -> tuple[NDArray, NDArray, NDArray]:
@@ -124,7 +117,6 @@ def smoothed_tilt_rates(
     vrw: float,
     velocity_sigma_m_s: float,
     rate_sigma_rad_s: float,
-    window_s: float = RATE_WINDOW_S,
 ) -> list[SmoothedTiltRate]:
     """Tilt rates over successive windows of a parked solution, epochs that are not `still` not
     measured.
@@ -137,7 +129,7 @@ def smoothed_tilt_rates(
     """
     edges = np.arange(history.time_s[0], history.time_s[-1] + 0.5, TILT_STEP_S)
     rows = np.minimum(np.searchsorted(history.time_s, edges - 1e-6), len(history.time_s) - 1)
-    steps_a_window = round(window_s / TILT_STEP_S)
+    steps_a_window = round(RATE_WINDOW_S / TILT_STEP_S)
     # this step's clone is theta at its beginning
     starts = np.arange(len(edges)) % steps_a_window == 1
     F, Q = _steps(history, len(edges), starts, arw, vrw, rate_sigma_rad_s)
@@ -150,17 +142,18 @@ def smoothed_tilt_rates(
     turned, walked = turned * STATE_UNITS, walked * STATE_UNITS
     found = []
     for end in range(steps_a_window, len(edges), steps_a_window):
-        if not enough_still(history, still, float(edges[end] - window_s), window_s):
+        if not enough_still(history, still, float(edges[end] - RATE_WINDOW_S)):
             continue
         turn = turned @ x_s[end]
         sigma, filtered = (
-            _sigma(c[end], turned, walked, arw**2 * window_s) / window_s for c in (cov_s, cov)
+            _sigma(c[end], turned, walked, arw**2 * RATE_WINDOW_S) / RATE_WINDOW_S
+            for c in (cov_s, cov)
         )
-        centre = float(edges[end]) - 0.5 * window_s
-        north, east = turn / window_s
+        centre = float(edges[end]) - 0.5 * RATE_WINDOW_S
+        north, east = turn / RATE_WINDOW_S
         found.append(
             SmoothedTiltRate(
-                centre, float(window_s), float(north), float(east), float(sigma), float(filtered)
+                centre, RATE_WINDOW_S, float(north), float(east), float(sigma), float(filtered)
             )
         )
     return found

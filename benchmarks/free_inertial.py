@@ -22,8 +22,7 @@ from infield.replay.drift import drift_against
 from infield.session.bins import make_bins
 from infield.session.log import compensated_imu
 from infield.session.settings import SessionSettings
-from infield.table.temperature_model import SettledCurve, TemperatureModel
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import SettledCurve, TemperatureModel, ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AXES, NavState, Site, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate

@@ -81,10 +81,8 @@ def _extremes(
 
     t = history.time_s
     lat, height = float(history.lat_rad[0]), float(history.height_m[0])
-    f_n, omega_n = (
-        np.array([0.0, 0.0, -gravity_magnitude(lat, height)]),
-        np.asarray(omega_ie_n(lat)),
-    )
+    f_n = np.array([0.0, 0.0, -gravity_magnitude(lat, height)])
+    omega_n = np.asarray(omega_ie_n(lat))
     dt = np.diff(t)[:, None]
     C_bn = history.C_nb[:-1].transpose(0, 2, 1)
     f_off = np.einsum("kij,kj->ki", C_bn, history.dv_f_n_m_s[1:] / dt - f_n)

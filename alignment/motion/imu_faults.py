@@ -1,12 +1,6 @@
 """What a sensor says that a parked vehicle cannot have done: clipping, shocks, and gaps that were
 bridged.
 
-A shake of a parked vehicle leaves no velocity behind, and what the gyros turn the accelerometers
-tilt. A transient of the raw rows that breaks either rule is no motion: what it left is measured by
-straight lines through 20 s of the integrated rows on either side, and taken out. Sigmas come from
-the same lines laid across the quiet rest of the log. Only up to the first real motion: a taxi
-begins with a velocity that stays, and takes longer than a shock.
-
 Decision: docs/decisions/0009-motion-two-ways.md.
 """
 
@@ -236,14 +230,10 @@ def _beside(seconds: QuietSeconds, a: int, b: int, window: int) -> tuple[NDArray
     """Quiet seconds next to [a, b): before and after, up to the next touched one; None where there
     are too few.
     """
-    before, after = (
-        np.arange(max(a - window, 0), a),
-        np.arange(b, min(b + window, len(seconds.touched))),
-    )
-    hit_before, hit_after = (
-        np.flatnonzero(seconds.touched[before]),
-        np.flatnonzero(seconds.touched[after]),
-    )
+    before = np.arange(max(a - window, 0), a)
+    after = np.arange(b, min(b + window, len(seconds.touched)))
+    hit_before = np.flatnonzero(seconds.touched[before])
+    hit_after = np.flatnonzero(seconds.touched[after])
     before = before[hit_before[-1] + 1 :] if hit_before.size else before
     after = after[: hit_after[0]] if hit_after.size else after
     return None if min(len(before), len(after)) < FEWEST else (before, after)

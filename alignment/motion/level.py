@@ -16,9 +16,8 @@ from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Disturbance
 from alignment.motion.stillness import (
     NEW_PLACE_RAD,
     PUSH_TURN_RAD,
-    ROLL_EDGE_S,
     Motion,
-    near,
+    beside_rolling,
     turn_about_down,
 )
 from ins.records import NavHistory
@@ -57,7 +56,7 @@ def standing(history: NavHistory, motion: Motion) -> Motion:
     for a, b in runs_of_true(kind == ROLLING):
         if _sways(history, motion.kind, a, b):
             kind[a:b] = STILL
-    apart = ~near(motion.time_s, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
+    apart = ~beside_rolling(motion.time_s, kind)
     for a, b in runs_of_true(kind == DISTURBED):
         stays = _stays(history, a, b)
         if (motion.jolt_rad[a:b] >= NEW_PLACE_RAD).any() and not stays:

@@ -257,7 +257,10 @@ def speed_disagreement(run: Run, motion: Motion) -> tuple[Reason, ...]:
     if run.odometer is not None:
         speed = np.abs(run.odometer.speed_m_s)
         found += _moving_at_rest(NAMES[Witness.WHEELS], run.odometer.time_s, speed, motion)
-        found += _dead(run.odometer.time_s, speed, motion)
+        rolling = _kind_at(run.odometer.time_s, motion) == ROLLING
+        rolling_s = _seconds(run.odometer.time_s, rolling)
+        if rolling_s >= LASTING_S and np.median(speed[rolling]) <= DEAD_M_S:
+            found.append(because(AlignmentReason.DEAD_ODOMETER, rolling_s=rolling_s))
     return tuple(found)
 
 
@@ -273,14 +276,6 @@ def _moving_at_rest(witness: str, time_s: NDArray, speed: NDArray, motion: Motio
         moving_s=seconds,
     )
     return [moves]
-
-
-def _dead(time_s: NDArray, speed: NDArray, motion: Motion) -> list[Reason]:
-    rolling = _kind_at(time_s, motion) == ROLLING
-    seconds = _seconds(time_s, rolling)
-    if seconds < LASTING_S or np.median(speed[rolling]) > DEAD_M_S:
-        return []
-    return [because(AlignmentReason.DEAD_ODOMETER, rolling_s=seconds)]
 
 
 def _kind_at(time_s: NDArray, motion: Motion) -> NDArray:

@@ -36,7 +36,9 @@ from alignment.motion.kinds import (
 from ins.records import AIRBORNE_PHASES, ImuSource, NavHistory, Phase, Span
 from ins.robust import robust_sigma, runs_of_true
 
-ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
+# beside rolling a shake belongs to the start or the stop; chosen: an airliner brakes from 10 kt
+# in 5 s
+ROLL_EDGE_S = 5.0
 # 2.9 deg: a vehicle that turned by more on the spot rolls; a tug's push turns by 1 deg at most in
 # the simulator (tests/alignment/test_stillness.py)
 PUSH_TURN_RAD = 0.05
@@ -109,22 +111,11 @@ class Motion:
         """What is left out of the parked time, guard included; each stretch with its causes."""
         return tuple(
             Span(
-                start_s=span.start_s,
-                end_s=span.end_s,
-                reason=", ".join(dict.fromkeys(self.cause[a:b])) or Disturbance.MOTION,
-            )
-            for span, (a, b) in zip(self.spans(DISTURBED, ""), runs_of_true(self.kind == DISTURBED))
-        )
-
-    def spans(self, kind: int, reason: str) -> tuple[Span, ...]:
-        """The stretches of one kind."""
-        return tuple(
-            Span(
                 start_s=float(self.time_s[max(a - 1, 0)]),
                 end_s=float(self.time_s[b - 1]),
-                reason=reason,
+                reason=", ".join(dict.fromkeys(self.cause[a:b])) or Disturbance.MOTION,
             )
-            for a, b in runs_of_true(self.kind == kind)
+            for a, b in runs_of_true(self.kind == DISTURBED)
         )
 
     def at(self, time_s: NDArray) -> "Motion":
@@ -179,7 +170,7 @@ def classify(
             imu, history, quiet=kind == STILL, parked=kind <= DISTURBED
         )
     if disturbed is not None:
-        apart = ~near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
+        apart = ~beside_rolling(t, kind)
         for name, seen in (
             (Disturbance.BUMP, disturbed.bump),
             (Disturbance.LOADING, disturbed.loading),
@@ -212,7 +203,11 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     is a tug's.
     """
     t, turn = history.time_s, turn_about_down(history)
-    felt = _felt(history, kind == STILL)
+    # epochs whose turn stands out of what the unit reads at rest
+    still, felt = kind == STILL, np.zeros(len(kind), bool)
+    if still[1:].any():
+        own, noise = _beside_rest(history, still)
+        felt = np.abs(own) > PIVOT_EDGE_SIGMAS * noise
     ends = []
     for a, b in runs_of_true(
         (np.abs(turn) > PIVOT_RAD_S * np.gradient(t))
@@ -231,14 +226,6 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
             for edge, way in ((a, -1), (b - 1, 1)):
                 _to_the_rest(kind, felt, edge, way)
     return ends
-
-
-def _felt(history: NavHistory, still: NDArray) -> NDArray:
-    """Epochs whose turn stands out of what the unit reads at rest."""
-    if not still[1:].any():
-        return np.zeros(len(still), bool)
-    own, noise = _beside_rest(history, still)
-    return np.asarray(np.abs(own) > PIVOT_EDGE_SIGMAS * noise)
 
 
 def _to_the_rest(kind: NDArray, felt: NDArray, edge: int, way: int) -> None:
@@ -266,12 +253,10 @@ def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
             or (kind[after] != STILL).any()
         ):
             continue
-        v0, v1, t0, t1 = (
-            v[before].mean(axis=0),
-            v[after].mean(axis=0),
-            t[before].mean(),
-            t[after].mean(),
-        )
+        v0 = v[before].mean(axis=0)
+        v1 = v[after].mean(axis=0)
+        t0 = t[before].mean()
+        t1 = t[after].mean()
         deviation = v[a:b] - (v0 + (v1 - v0) * ((t[a:b] - t0) / (t1 - t0))[:, None])
         if np.linalg.norm((deviation * np.gradient(t)[a:b, None]).sum(axis=0)) > PUSHED_M:
             found.append(a + int(np.argmax(np.linalg.norm(deviation, axis=1))))
@@ -289,11 +274,11 @@ def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str)
         kind[near] = np.where(kind[near] == STILL, DISTURBED, kind[near])
 
 
-def near(t: NDArray, seen: NDArray, before_s: float, after_s: float) -> NDArray:
-    """Epochs from `before_s` before to `after_s` after an epoch that was seen."""
+def beside_rolling(t: NDArray, kind: NDArray) -> NDArray:
+    """Epochs within ROLL_EDGE_S of one that rolls."""
     near = np.zeros(len(t), bool)
-    for a, b in runs_of_true(seen):
-        near |= (t > t[a] - before_s - 0.5) & (t <= t[b - 1] + after_s + 0.5)
+    for a, b in runs_of_true(kind >= ROLLING):
+        near |= (t > t[a] - ROLL_EDGE_S - 0.5) & (t <= t[b - 1] + ROLL_EDGE_S + 0.5)
     return near
 
 

@@ -1,11 +1,9 @@
 """Weighed draws from a posterior that is slow to ask and far from normal.
 
-A variance that the sessions hardly show has a tail towards zero that goes on until the prior ends
-it, and where two variances stand for each other the tail bends: no normal distribution, stretched
-or not, covers it. So the posterior's logarithm is fitted by a Gaussian process (a quadratic
-bowl and a smooth remainder, Rasmussen and Williams 2006, 2.7), the fit is sampled by many walkers
-(differential evolution, ter Braak 2006), and the posterior is asked where the walkers end, which
-mends the fit; in the end the draws are weighed by the posterior over what they were drawn from.
+So the posterior's logarithm is fitted by a Gaussian process (a quadratic bowl and a smooth
+remainder, Rasmussen and Williams 2006, 2.7), the fit is sampled by many walkers (differential
+evolution, ter Braak 2006), and the posterior is asked where the walkers end, which mends the fit;
+in the end the draws are weighed by the posterior over what they were drawn from.
 
 Decision: docs/decisions/0067-drawn-posterior.md.
 """

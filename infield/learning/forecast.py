@@ -5,8 +5,7 @@ The error e of a unit's table at the temperatures where it works is what the ses
 
     D(t) = 60 NM/h per deg/h * sqrt(mean over T of (e_x^2 + e_y^2) + 2 (turn-on^2 + flicker^2))
 
-(physics.md 6.3, 7: mean of a Schuler period, RMS over power-ons). Paths of e are drawn, each with
-parameters of its own from their uncertainty; a date is a quantile of the first passage of D.
+(physics.md 6.3, 7: mean of a Schuler period, RMS over power-ons).
 """
 
 from collections.abc import Sequence

@@ -5,11 +5,8 @@ A unit's table ages between its sessions (`ThermalTable.aged`), session i measur
 
     y_i = H_i x(t_i) + t_i + v_i,    t_i: turn-on, flicker, rate random walk;  v_i: measurement
 
-and x, t, v are integrated out by a filter over the sessions of each unit, all units side by side. A
-session is an outlier with a small probability: then each gyro is shifted as a whole by a large
-random amount. Which sessions are is summed over the histories that are likely; each has a filter of
-its own, because an early outlier is often found by later sessions only. Units: deg/h, years.
-Source: physics.md 6.8.
+and x, t, v are integrated out by a filter over the sessions of each unit, all units side by side.
+Units: deg/h, years. Source: physics.md 6.8.
 
 Decision: docs/decisions/0067-drawn-posterior.md.
 """

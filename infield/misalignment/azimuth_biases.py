@@ -94,7 +94,8 @@ def stop_biases(
         of_azimuth = _turn_covariance(runs, stops)
         heading = _found_headings(stops, site, covariance, taken, of_azimuth, scale_sigma(runs[0]))
         unknown = azimuth_columns(heading, rate) @ _membership(stops)
-    covariance += _azimuth_and_level(stops, heading, of_azimuth, site, twin)
+    columns = azimuth_columns(heading, rate)
+    covariance += columns @ of_azimuth @ columns.T + _level_covariance(stops, heading, site, twin)
     excess = excess_rad_s(stops, heading, site.lat_rad) / DEG_PER_HOUR - taken
     return StopBiases(
         heading_rad=np.mod(heading, 2 * np.pi),
@@ -104,15 +105,6 @@ def stop_biases(
         temperature_degC=T,
         notes=tuple(notes),
     )
-
-
-def _azimuth_and_level(
-    stops: Sequence[AzimuthStop], heading: NDArray, of_azimuth: NDArray, site: Site, twin: TwinModel
-) -> NDArray:
-    """Covariance (3m, 3m) that errors of azimuth, (m, m) [rad^2], and of level make."""
-    rate = level_rate_deg_h(site.lat_rad)
-    columns = azimuth_columns(heading, rate)
-    return columns @ of_azimuth @ columns.T + _level_covariance(stops, heading, site, twin)
 
 
 def _table_rows(

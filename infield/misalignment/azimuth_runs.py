@@ -9,7 +9,7 @@ then the azimuth of each run is unknown, and the turns within one are followed b
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,13 +72,14 @@ def find_stops(
     left_out: list[Reason] = []
     log = compensated_seconds(run, None, None, twin).between(-np.inf, session_end(run))
     for start_s, end_s in between_turns(log, turn_rad=STOP_TURN_RAD, rate_rad_s=PIVOT_RAD_S):
-        found = _rest_of(imu.between(start_s, end_s), run)
-        if isinstance(found, _Rest) and found.used_s >= shortest_s:
+        found = _rest_of(imu.between(start_s, end_s), run, index)
+        if isinstance(found, _Rest) and found.stop.used_s >= shortest_s:
             rests.append(found)
         elif end_s - start_s >= 0.5 * shortest_s:
             why = found
             if isinstance(found, _Rest):
-                why = because(StopReason.TOO_SHORT, used_s=found.used_s, needed_s=shortest_s)
+                used_s = found.stop.used_s
+                why = because(StopReason.TOO_SHORT, used_s=used_s, needed_s=shortest_s)
             left_out.append(
                 because(
                     StopReason.LEFT_OUT,
@@ -93,23 +94,12 @@ def find_stops(
             because(StopReason.NO_STRETCH, run_id=run.header.run_id, needed_s=shortest_s)
         )
     stops: list[AzimuthStop] = []
+    turn = variance = 0.0
     for k, rest in enumerate(rests):
-        turn, variance = (stops[-1].turn_rad, stops[-1].turn_variance_rad2) if k else (0.0, 0.0)
         if k:
             step, spread = _turned(imu, rests[k - 1], rest, run, twin)
             turn, variance = turn + step, variance + spread
-        stops.append(
-            AzimuthStop(
-                run=index,
-                start_s=rest.start_s,
-                end_s=rest.end_s,
-                used_s=rest.used_s,
-                gyro_rad_s=rest.gyro_rad_s,
-                f_m_s2=rest.f_m_s2,
-                turn_rad=turn,
-                turn_variance_rad2=variance,
-            )
-        )
+        stops.append(replace(rest.stop, turn_rad=turn, turn_variance_rad2=variance))
     return stops, left_out
 
 
@@ -119,16 +109,12 @@ class _Rest:
     end.
     """
 
-    start_s: float
-    end_s: float
-    used_s: float
-    gyro_rad_s: NDArray
-    f_m_s2: NDArray
+    stop: AzimuthStop
     excess_rad_s: NDArray
     C_nb: NDArray
 
 
-def _rest_of(imu: ImuLog, run: Run) -> _Rest | Reason:
+def _rest_of(imu: ImuLog, run: Run, index: int) -> _Rest | Reason:
     """The longest rest of a stretch between turns, or why there is none."""
     log = seconds_of(imu)
     found = first_rest(log)
@@ -155,12 +141,16 @@ def _rest_of(imu: ImuLog, run: Run) -> _Rest | Reason:
     gyro, f = (
         column[rows].sum(axis=0) / max(used_s, 1.0) for column in (imu.dtheta_rad, imu.dv_m_s)
     )
-    return _Rest(
+    stop = AzimuthStop(
+        run=index,
         start_s=float(history.time_s[a]),
         end_s=float(history.time_s[b]),
         used_s=used_s,
         gyro_rad_s=gyro,
         f_m_s2=f,
+    )
+    return _Rest(
+        stop=stop,
         excess_rad_s=gyro - history.C_nb[a].T @ omega_ie_n(run.header.site.lat_rad),
         C_nb=history.C_nb[b],
     )
@@ -177,13 +167,12 @@ def _turned(
     """
     bias = 0.5 * (before.excess_rad_s + after.excess_rad_s)
     apart = after.excess_rad_s[2] - before.excess_rad_s[2]
-    log = compensate(imu.between(before.end_s, after.start_s), gyro_bias_rad_s=bias)
-    start = NavState(
-        time_s=float(before.end_s), site=run.header.site, v_n_m_s=np.zeros(3), C_nb=before.C_nb
-    )
+    begin_s, end_s = before.stop.end_s, after.stop.start_s
+    log = compensate(imu.between(begin_s, end_s), gyro_bias_rad_s=bias)
+    start = NavState(time_s=begin_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=before.C_nb)
     history = navigate(log, start, epoch_s=None, vertical=VerticalChannel(mode="hold"))
     heading = np.unwrap(euler_from_dcm(history.C_nb)[2])
-    seconds, gyro = after.start_s - before.end_s, twin.gyro
+    seconds, gyro = end_s - begin_s, twin.gyro
     drift = seconds**2 * (apart**2 / 12.0 + gyro_densities(gyro).instability ** 2)
     return float(heading[-1] - heading[0]), float(drift + gyro_densities(gyro).white ** 2 * seconds)
 
@@ -221,10 +210,8 @@ def _without_edges(
     good = np.flatnonzero((off <= EDGE_SIGMAS * robust_sigmas(off)).all(axis=1))
     if not good.size:
         return a, a
-    first, last = (
-        a + good[0] * block,
-        min(a + (good[-1] + 1) * block, b) if good[-1] < count - 1 else b,
-    )
+    first = a + good[0] * block
+    last = min(a + (good[-1] + 1) * block, b) if good[-1] < count - 1 else b
     first = first if history.time_s[a] <= log_s[0] + 1.0 else first + int(TURN_GUARD_S)
     last = last if history.time_s[b] >= log_s[1] - 1.0 else last - int(TURN_GUARD_S)
     return (first, last) if last > first else (a, a)

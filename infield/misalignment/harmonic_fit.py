@@ -153,7 +153,11 @@ def fit_azimuths(
         )
     scale = np.array([1.0, level_rate_deg_h, level_rate_deg_h])
     design = np.vstack([np.kron(np.eye(3), row * scale) for row in harmonics(heading)])
-    root, A = _whitened(R, np.hstack([design, extra]))
+    try:
+        root = np.linalg.cholesky(R)
+    except np.linalg.LinAlgError:
+        raise InputError("covariance of the biases: not positive definite") from None
+    A = np.linalg.solve(root, np.hstack([design, extra]))
     y = np.linalg.solve(root, bias.ravel())
     stops = np.linalg.solve(root, azimuth_columns(heading, level_rate_deg_h))
     if own_axis_sigma_rad is not None:
@@ -175,15 +179,6 @@ def fit_azimuths(
         dof=fit.dof,
         rank=fit.rank,
     )
-
-
-def _whitened(R: NDArray, rows: NDArray) -> tuple[NDArray, NDArray]:
-    """Root of the covariance, and the rows divided by it."""
-    try:
-        root = np.linalg.cholesky(R)
-    except np.linalg.LinAlgError:
-        raise InputError("covariance of the biases: not positive definite") from None
-    return root, np.linalg.solve(root, rows)
 
 
 def harmonics(heading: NDArray) -> NDArray:

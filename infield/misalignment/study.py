@@ -7,6 +7,7 @@ misalignment`::
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -174,18 +175,24 @@ def study_runs(
     told("comparing the stops")
     biases = stop_biases(runs, stops, table, twin, known)
     site = runs[0].header.site
-    result, covariance, of_headings = _measured(
+    # an error of the latitude scales level Earth rate as an error of both scale factors would
+    own_axis = float(np.hypot(scale_sigma(runs[0]), np.tan(site.lat_rad) * site.sigma_lat_rad))
+    measured = partial(
+        measure_misalignment,
         biases.heading_rad,
         biases.bias_deg_h,
-        biases.covariance,
         level_rate_deg_h=level_rate_deg_h(site.lat_rad),
         unknown=biases.unknown,
-        # an error of the latitude scales level Earth rate as an error of both scale factors would
-        own_axis_sigma_rad=float(
-            np.hypot(scale_sigma(runs[0]), np.tan(site.lat_rad) * site.sigma_lat_rad)
-        ),
+        own_axis_sigma_rad=own_axis,
         settings=settings,
     )
+    of_headings: tuple[Reason, ...] = ()
+    if biases.unknown is None:
+        result, covariance, of_headings = _measured(
+            measured, biases.covariance, settings, own_axis_sigma_rad=own_axis
+        )
+    else:
+        result, covariance = measured(biases.covariance), biases.covariance
     if result.fit is None and left_out:
         result = replace(result, reasons=(*result.reasons, *left_out))
     mounting = settings.sigma_mounting_arcsec
@@ -206,33 +213,13 @@ def study_runs(
 
 
 def _measured(
-    heading_rad: NDArray,
-    bias_deg_h: NDArray,
+    measured: Callable[[NDArray], Misalignment],
     covariance: NDArray,
-    *,
-    level_rate_deg_h: float,
-    unknown: NDArray | None = None,
-    own_axis_sigma_rad: float | None = None,
     settings: AzimuthSettings,
+    own_axis_sigma_rad: float | None = None,
 ) -> tuple[Misalignment, NDArray, tuple[Reason, ...]]:
-    """The couplings, the covariance that they were fitted with, and what that says of headings that
-    were given (`unknown` None).
-    """
-
-    def measured(R: NDArray) -> Misalignment:
-        return measure_misalignment(
-            heading_rad,
-            bias_deg_h,
-            R,
-            level_rate_deg_h=level_rate_deg_h,
-            unknown=unknown,
-            own_axis_sigma_rad=own_axis_sigma_rad,
-            settings=settings,
-        )
-
+    """The couplings on given headings, the covariance that they were fitted with, and notes."""
     result = measured(covariance)
-    if unknown is not None:
-        return result, covariance, ()
     wider, notes = with_heading_errors(
         result, covariance, own_axis_sigma_rad=own_axis_sigma_rad, settings=settings
     )
@@ -298,31 +285,28 @@ class _Runs:
         return [contradicted]
 
     def study(self, result: Misalignment) -> AzimuthStudy:
-        header, m = self.runs[0].header, 0
+        header, known, azimuths = self.runs[0].header, self.known, because(Azimuths.FOUND)
+        if known is not None:
+            azimuths = because(
+                Azimuths.GIVEN,
+                sigma_stop_rad=known.sigma_stop_rad,
+                sigma_north_rad=known.sigma_north_rad,
+            )
         return AzimuthStudy(
             source="runs",
             unit={"imu_serial": header.imu_serial, "gyro_technology": header.gyro_technology},
             lat_rad=header.site.lat_rad,
             twin=self.twin,
             settings=self.settings,
-            azimuths=self._azimuths(),
+            azimuths=azimuths,
             result=result,
-            heading_rad=np.zeros(m),
-            bias_deg_h=np.zeros((m, 3)),
-            covariance=np.zeros((m, m)),
+            heading_rad=np.zeros(0),
+            bias_deg_h=np.zeros((0, 3)),
+            covariance=np.zeros((0, 0)),
             runs=tuple(self.runs),
             stops=tuple(self.stops),
             notes=tuple(self.left_out),
             why_no_levels=because(Unseen.NOT_FITTED),
-        )
-
-    def _azimuths(self) -> Reason:
-        if self.known is None:
-            return because(Azimuths.FOUND)
-        return because(
-            Azimuths.GIVEN,
-            sigma_stop_rad=self.known.sigma_stop_rad,
-            sigma_north_rad=self.known.sigma_north_rad,
         )
 
     def refused(self, reasons: list[Reason]) -> AzimuthStudy:
@@ -382,9 +366,10 @@ def study_table(
     sigma_heading_rad = settings.sigma_heading_deg * DEG
     common = azimuth_columns(heading_rad, rate).sum(axis=1) * sigma_heading_rad
     covariance = np.diag(np.ravel(sigma_deg_h) ** 2) + np.outer(common, common)
-    result, covariance, notes = _measured(
-        heading_rad, bias_deg_h, covariance, level_rate_deg_h=rate, settings=settings
+    measured = partial(
+        measure_misalignment, heading_rad, bias_deg_h, level_rate_deg_h=rate, settings=settings
     )
+    result, covariance, notes = _measured(measured, covariance, settings)
     return AzimuthStudy(
         source=source,
         unit={"imu_serial": twin.imu_serial, "gyro_technology": twin.gyro_technology},

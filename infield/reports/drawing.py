@@ -162,8 +162,22 @@ def _area_sample(colour: str, opacity: float) -> Markup:
     return _svg(Markup(rectangle).format(INKS.get(colour, colour), opacity))
 
 
+class _Edged:
+    """What has values y (n,) and, about them, a band or bars from low to high."""
+
+    y: NDArray
+    low: NDArray | None
+    high: NDArray | None
+
+    @property
+    def edges(self) -> tuple[NDArray, NDArray]:
+        """Least and greatest (n,), the values themselves where there is neither."""
+        low = self.y if self.low is None else self.low
+        return low, self.y if self.high is None else self.high
+
+
 @dataclass(frozen=True, eq=False)
-class Line:
+class Line(_Edged):
     """A line through points (n,); low, high (n,): the edges of a band around it."""
 
     x: NDArray
@@ -174,13 +188,6 @@ class Line:
     dash: str = ""
     low: NDArray | None = None
     high: NDArray | None = None
-
-    @property
-    def edges(self) -> tuple[NDArray, NDArray]:
-        """Least and greatest (n,), the values themselves where there is no band."""
-        return (self.y if self.low is None else self.low), (
-            self.y if self.high is None else self.high
-        )
 
     def traces(self) -> list[Trace]:
         """The band below, and the line."""
@@ -243,7 +250,7 @@ def _area(
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
+class Marks(_Edged):
     """A mark (a key of MARKS) at each point (n,); low, high (n,): the ends of a bar through it."""
 
     x: NDArray
@@ -255,13 +262,6 @@ class Marks:
     hollow: bool = False
     low: NDArray | None = None
     high: NDArray | None = None
-
-    @property
-    def edges(self) -> tuple[NDArray, NDArray]:
-        """Ends of the bars (n,), the values themselves where there are none."""
-        return (self.y if self.low is None else self.low), (
-            self.y if self.high is None else self.high
-        )
 
     def traces(self) -> list[Trace]:
         """The marks with their bars."""
@@ -484,16 +484,10 @@ def rows_height(rows: int, lines: int = 1) -> int:
     return FRAME_PX + (ROW_PX + LINE_PX * (lines - 1)) * rows
 
 
-def spanned(
-    values: Sequence[NDArray], room: float = ROOM_SHARE, log: bool = False
-) -> tuple[float, float]:
-    """Least and greatest of all, with room at either end; positive ones where `log`."""
+def spanned(values: Sequence[NDArray]) -> tuple[float, float]:
+    """Least and greatest of all, with room at either end."""
     found = np.concatenate([np.asarray(v, dtype=float).ravel() for v in values] or [np.zeros(0)])
     found = found[np.isfinite(found)]
-    if log:
-        decades = np.log10(found[found > 0.0])
-        low, high = spanned([decades], room) if decades.size else (-1.0, 0.0)
-        return 10.0**low, 10.0**high
     if not found.size:
         return 0.0, 1.0
     low, high = float(found.min()), float(found.max())
@@ -501,7 +495,7 @@ def spanned(
     if span <= 1e-9 * max(abs(low), abs(high), 1e-9):
         half = 0.05 * max(abs(low), abs(high)) or 0.05
         return low - half, high + half
-    return low - room * span, high + room * span
+    return low - ROOM_SHARE * span, high + ROOM_SHARE * span
 
 
 # ---- the specification

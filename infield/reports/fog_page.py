@@ -1,7 +1,6 @@
 """thermal_fog.html: the ramp document as one page that fetches nothing. Computes nothing."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from ins.documents import plain
 from ins.records import AXES
 
 INTERVAL_COLOUR = f"{ORANGE}20"  # an eighth of it
-K_T, K_DELTA = "K_T [deg/h]", "K_delta [deg/h per degC/min]"
+LABELS = {"K_T": "K_T [deg/h]", "K_delta": "K_delta [deg/h per degC/min]"}
 
 
 def render(document: FogDocument) -> str:
@@ -45,51 +44,15 @@ def render(document: FogDocument) -> str:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Coefficient:
-    """One coefficient of a gyro; subtracted: by the document's subtraction; less_mean: drawn so."""
-
-    name: str
-    label: str
-    value: Sequence[float]
-    sigma: Sequence[float]
-    subtracted: Sequence[float] | None
-    curve: Piecewise
-    less_mean: bool = False
-
-
-def _coefficients(fitted: FittedAxis) -> tuple[_Coefficient, _Coefficient]:
-    document, piecewise = fitted.document, fitted.piecewise
-    return (
-        _Coefficient(
-            name="K_T",
-            label=K_T,
-            value=fitted.K_T_deg_h,
-            sigma=fitted.sigma_K_T_deg_h,
-            subtracted=document.K_T_deg_h if document else None,
-            curve=piecewise.K_T,
-            less_mean=True,
-        ),
-        _Coefficient(
-            name="K_delta",
-            label=K_DELTA,
-            value=fitted.K_delta_deg_h_per_degC_min,
-            sigma=fitted.sigma_K_delta_deg_h_per_degC_min,
-            subtracted=document.K_delta_deg_h_per_degC_min if document else None,
-            curve=piecewise.K_delta,
-        ),
-    )
-
-
 def coefficient_panels(axis: str, fitted: FittedAxis) -> list[Panel]:
     """Both coefficients of one gyro over temperature: band, piecewise model with breakpoints, the
     document's subtraction.
     """
-    T = np.array(fitted.temperature_degC)
-    panels = []
-    for row in _coefficients(fitted):
-        value, sigma = np.array(row.value), np.array(row.sigma)
-        marks = row.curve.breakpoints
+    T, panels = np.array(fitted.temperature_degC), []
+    for name, key in (("K_T", "K_T_deg_h"), ("K_delta", "K_delta_deg_h_per_degC_min")):
+        value, sigma = (np.array(getattr(fitted, part)) for part in (key, f"sigma_{key}"))
+        curve: Piecewise = getattr(fitted.piecewise, name)
+        marks = curve.breakpoints
         spans = []
         for mark in marks:
             low, high = mark.interval_95_degC
@@ -99,19 +62,19 @@ def coefficient_panels(axis: str, fitted: FittedAxis) -> list[Panel]:
             Band(T, value - 2 * sigma, value + 2 * sigma, NEW, 0.25, "2 sigma"),
             Line(T, value, NEW, "exact separation"),
         ]
-        if row.subtracted is not None:
-            subtracted = np.array(row.subtracted, dtype=float)
+        if fitted.document is not None:
+            subtracted = np.array(getattr(fitted.document, key), dtype=float)
             items.append(Line(T, subtracted, OLD, "subtraction", dash=DASHED))
-        pieces = row.curve(T)
-        if row.less_mean:
+        pieces = curve(T)
+        if name == "K_T":
             pieces = pieces - np.mean(pieces)
         items.append(Line(T, pieces, BLACK, "piecewise", width=1.3, dash=DOTTED))
         panels.append(
             Panel(
                 items=items,
-                title=f"gyro {axis}: {row.name}",
+                title=f"gyro {axis}: {name}",
                 x_label="temperature [degC]",
-                y_label=row.label,
+                y_label=LABELS[name],
                 spans=spans,
                 group=f"gyro {axis}",
             )

@@ -21,7 +21,7 @@ from infield.reports.drawing import (
 )
 from infield.reports.fog_page import before_and_after
 from infield.reports.page import render_page
-from infield.thermal.gradient_runs import GradientRun
+from infield.thermal.ramp_runs import GradientRun
 from infield.thermal.reasons import ThermalVerdict
 from infield.thermal.rlg.fit import AxisModel, five_minute_means
 from infield.thermal.rlg.gradients import RlgHeldOut

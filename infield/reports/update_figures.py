@@ -4,13 +4,12 @@ section 5).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.reports.documents.session import HEATING_DEG_C_MIN
-from infield.reports.documents.session_records import ChainRow, EstimatedDocument, SessionDocument
+from infield.reports.documents.session_records import EstimatedDocument, SessionDocument
 from infield.reports.documents.update_records import PointDocument, UpdateDocument
 from infield.reports.drawing import (
     AXIS_COLOURS,
@@ -423,9 +422,17 @@ def chain_panel(session: SessionDocument, direction: str) -> Panel | None:
     if not chain or not chain.points:
         return None
     known = direction == "north" or chain.heading_error_mrad is not None
-    rows = _north if direction == "north" else partial(_east, known=known)
+    alone = "north" if direction == "north" else "east_relative"  # what the chain finds by itself
+    columns = (
+        "time_s",
+        f"{direction if known else alone}_deg_h",
+        "sigma_deg_h",
+        f"filter_{direction}_deg_h",
+        f"{alone}_deg_h",
+        f"bracket_{alone}_deg_h",
+    )
     t, value, sigma, by_filter, from_alignment, bracket = thinned(
-        *zip(*(rows(row) for row in chain.points))
+        *([getattr(row, name) for row in chain.points] for name in columns)
     )
     low, high = value - sigma, value + sigma
     minutes = t / MINUTE
@@ -447,32 +454,6 @@ def chain_panel(session: SessionDocument, direction: str) -> Panel | None:
         label=f"Claim chain beside the filter, {direction}",
         y_limits=robust_limits(np.concatenate([low, high, by_filter, [0.0]])),
         group=session.run_id,
-    )
-
-
-def _north(row: ChainRow) -> tuple[float | None, ...]:
-    """Time; the chain, its sigma, the filter [deg/h]; the chain from the alignment and the bracket
-    [deg/h].
-    """
-    return (
-        row.time_s,
-        row.north_deg_h,
-        row.sigma_deg_h,
-        row.filter_north_deg_h,
-        row.north_deg_h,
-        row.bracket_north_deg_h,
-    )
-
-
-def _east(row: ChainRow, *, known: bool) -> tuple[float | None, ...]:
-    """The same along east; relative where the heading error is not known."""
-    return (
-        row.time_s,
-        row.east_deg_h if known else row.east_relative_deg_h,
-        row.sigma_deg_h,
-        row.filter_east_deg_h,
-        row.east_relative_deg_h,
-        row.bracket_east_relative_deg_h,
     )
 
 

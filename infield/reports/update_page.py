@@ -172,8 +172,7 @@ def update_html(document: UpdateDocument) -> str:
     """The report of an update (`update.json`, formats.md section 5): committed, proposed, refused
     or inconsistent.
     """
-    before = _table(document.table_before, "table_before")
-    after = _table(document.table_after, "table_after")
+    drawn = _panels(document)
     known = table_uncertainty(document) if document.table_before else {}
     sessions = [_session(document, k) for k in range(len(document.sessions))]
     estimated = estimated_of(document)
@@ -186,8 +185,8 @@ def update_html(document: UpdateDocument) -> str:
         axes=[_axis(document, axis, known) for axis in AXES],
         decimals=_decimals(document),
         changed=_changed(document),
-        bias_panels=_bias_panels(document, before, after),
-        shape_panels=_shape_panels(document, before, after),
+        bias_panels=drawn["bias"],
+        shape_panels=drawn["shape"],
         without_points=[axis for axis in AXES if not figures.seen_points(document, axis)],
         run_key=_run_key(document),
         changes={axis: _changes(document, axis) for axis in AXES},
@@ -336,25 +335,21 @@ def _help(document: UpdateDocument, seen: AxisObservability | None) -> str:
     return seen.advice or "nothing more needed"
 
 
-def _bias_panels(
-    document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
-) -> list[Panel]:
-    """Bias against temperature, a panel a gyro."""
+def _panels(document: UpdateDocument) -> dict[str, list[Panel]]:
+    """Bias against temperature, a panel a gyro; of sessions without a heading also the shapes
+    alone, which the levels of their power-ons would hide.
+    """
+    before = _table(document.table_before, "table_before")
+    new = _table(document.table_after, "table_after") if _changed(document) else None
     if before is None:
-        return []
-    new = after if _changed(document) else None
-    return [figures.bias_panel(document, axis, before, new) for axis in AXES]
-
-
-def _shape_panels(
-    document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
-) -> list[Panel]:
-    """Of sessions without a heading: the shapes alone."""
-    if before is None or all(s.zero_rate is None for s in estimated_of(document)):
-        return []
-    new = after if _changed(document) else None
-    found = [figures.shape_panel(document, axis, before, new) for axis in AXES]
-    return [panel for panel in found if panel]
+        return {"bias": [], "shape": []}
+    shapes: list[Panel | None] = []
+    if any(s.zero_rate is not None for s in estimated_of(document)):
+        shapes = [figures.shape_panel(document, axis, before, new) for axis in AXES]
+    return {
+        "bias": [figures.bias_panel(document, axis, before, new) for axis in AXES],
+        "shape": [panel for panel in shapes if panel],
+    }
 
 
 def _run_key(document: UpdateDocument) -> list[tuple[int, str, str]]:
@@ -461,11 +456,10 @@ def _noise(document: UpdateDocument) -> list[tuple[str, str, str]]:
         if group not in TWIN_SECTIONS or not isinstance(values, Mapping):
             continue
         for key, value in values.items():
-            text = (
-                ", ".join(f"{v:g}" for v in value)
-                if isinstance(value, list | tuple)
-                else f"{value:g}"
-            )
+            if isinstance(value, list | tuple):
+                text = ", ".join(f"{v:g}" for v in value)
+            else:
+                text = f"{value:g}"
             rows.append((group, key, text))
     return rows
 

@@ -69,22 +69,14 @@ class SessionBins:
         asked for them.
         """
         k = np.repeat(kept, 3)
-        return SessionBins(
-            self.start_s[kept],
-            self.end_s[kept],
-            self.temperature_degC[kept],
-            self.rate_degC_min[kept],
-            self.H[k],
-            self.table_deg_h[k],
-            self.prior[np.ix_(k, k)],
-            self.own[np.ix_(k, k)],
-            self.thermometer[np.ix_(k, k)],
-            self.tied[kept],
-            self.sigma_temperature_degC[kept],
-            self.sigma_rate_degC_min[kept],
-            None if self.gradient_degC is None else self.gradient_degC[kept],
-            None if self.doubt is None else self.doubt[np.ix_(k, k)],
-        )
+        square = {"prior", "own", "thermometer", "doubt"}
+        found = {}
+        for name, values in vars(self).items():
+            if values is not None and name in square:
+                found[name] = values[np.ix_(k, k)]
+            elif values is not None:
+                found[name] = values[k if name in ("H", "table_deg_h") else kept]
+        return replace(self, **found)
 
     def doubted(self, doubt: NDArray | None) -> "SessionBins":
         """The bins with `doubt` (3N, 3N) [(deg/h)^2] more of what the session adds."""
@@ -140,11 +132,9 @@ def bins_between(
 ) -> SessionBins:
     """Bins between edges (N + 1,) [s]."""
     count, end_s = len(edges) - 1, float(edges[-1])
-    T, rate, H = (
-        np.empty((count, 3)),
-        np.empty((count, 3)),
-        np.empty((3 * count, table.n_parameters)),
-    )
+    T = np.empty((count, 3))
+    rate = np.empty((count, 3))
+    H = np.empty((3 * count, table.n_parameters))
     of_log = temperature.of_bins(edges)
     at_nodes = [table.basis(axis, temperature.temperature_degC[:, axis]) for axis in range(3)]
     tied = of_log.covered >= TIED_SHARE

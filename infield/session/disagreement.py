@@ -1,12 +1,6 @@
 """One wrong session is left out; several that agree with each other against the table say that the
 unit has changed.
 
-A session that contradicts the table is remembered as one mean bias per axis with its covariance
-(`SessionEvidence`). Where at least two of them agree and lie off the table on the same axis and
-side, the verdict says so ("table disagrees with unit"), from when and by how much. Nothing follows
-of itself: `recal update ... --accept-step` widens the table's common shift of that axis by the size
-of the step before the agreeing sessions are merged.
-
 Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 

@@ -3,15 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from alignment.motion.kinds import UNKNOWN
-from alignment.motion.parked_seconds import ParkedSeconds
+from alignment.motion.parked_seconds import ParkedSeconds, Sway
 from alignment.motion.stillness import Motion
-from alignment.motion.sway import Sway
 from alignment.motion.turn_between import HeadingChange
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
@@ -19,6 +19,7 @@ from infield.session.reasons import Nuisance, OwnErrorState, VarianceSource
 from infield.table.merge import UNOBSERVED, MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
 from ins.records import Span
+from ins.units import DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
 # of what a session took from its prior in any direction, after two estimates of it were averaged;
@@ -243,16 +244,41 @@ class SessionEstimate:
     covariance: NDArray
     alignment: Alignment
     solution: Solution | None
-    heading_error_rad: float
-    sigma_heading_rad: float
-    sigma_heading_before_rad: float
-    nis_mean: float
-    dof: int
+    heading_error_rad: float = float("nan")
+    sigma_heading_rad: float = float("nan")
+    sigma_heading_before_rad: float = float("nan")
+    nis_mean: float = 0.0
+    dof: int = 0
     parked: ParkedEvidence | None = None
     rolling: RollingEvidence | None = None
     sweep: Callable[[], Mapping[VarianceSource, NDArray]] | None = None
     begun: BegunInMotion | None = None
     own: OwnErrorsFound | None = None
+
+    @classmethod
+    def of_solution(
+        cls,
+        bins: SessionBins,
+        alignment: Alignment,
+        solution: Solution,
+        bias: tuple[NDArray, NDArray],
+        **found: Any,
+    ) -> "SessionEstimate":
+        """Of a navigated session; bias: mean and covariance of its bins [rad/s], found: the rest of
+        the fields.
+        """
+        tally = solution.filter.tally
+        dof = sum(tally.dof.values())
+        return cls(
+            bins=bins,
+            mean_deg_h=bias[0] / DEG_PER_HOUR,
+            covariance=bias[1] / DEG_PER_HOUR**2,
+            alignment=alignment,
+            solution=solution,
+            nis_mean=sum(tally.nis.values()) / max(dof, 1),
+            dof=dof,
+            **found,
+        )
 
     @cached_property
     def shares(self) -> Mapping[VarianceSource, NDArray]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from infield.session.acceptance import assess_merge
 from infield.session.bins import rebinned
 from infield.session.disagreement import BiasStep, utc, widened_for
-from infield.session.flown.information_gain import FlightTerm
+from infield.session.flown.gates import FlightTerm
 from infield.session.hysteresis import (
     FOUND_SIGMAS,
     VAGUE_TERM,
@@ -27,6 +27,7 @@ from infield.session.hysteresis import (
     joint_posterior,
     joint_with,
     posterior_with,
+    rates_of,
     with_free_common,
     with_terms,
 )
@@ -39,7 +40,6 @@ from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, Run, TwinModel
-from ins.verdicts import Observability
 
 # of an update; chosen: 1 flight alone is told by itself (`infield.session.flown.gates`)
 LEAST_FLIGHTS = 2
@@ -170,9 +170,7 @@ def _or_a_wrong_session(
     """
     plain, named = find_terms(table, data), list(terms or ())
     for k, term in enumerate(plain):
-        rates = np.concatenate(
-            [np.where(d.bins.tied[:, k], d.bins.rate_degC_min[:, k], 0.0) for d in data]
-        )
+        rates = rates_of(data, k)
         both = rates.min() < -MOVED_degC_min and rates.max() > MOVED_degC_min
         if both and term.found and named:
             named[k] = replace(term, action=ThermalAction.SPLIT_OR_WRONG_SESSION)
@@ -225,13 +223,14 @@ def _merged_again(
     found = joint_posterior(table, joint, ThermalKind.RATE, fitted)
     gained = [data.gained for data in joint if data.gained is not None]
     table = table.replaced(covariance=table.covariance + sum(gained))
-    unseen = [
-        a
-        for k, a in enumerate(AXES)
-        if all(s.seen[k].verdict is Observability.NOT_OBSERVABLE for s in sessions)
-    ]
-    change, P = hold_common(table, unseen, found.change, found.covariance)
+    change, P = hold_common(table, unseen_in_all(sessions), found.change, found.covariance)
     return again, table.replaced(parameters=table.parameters + change, covariance=0.5 * (P + P.T))
+
+
+def unseen_in_all(sessions: Sequence[SessionResult]) -> list[str]:
+    """The axes that none of some sessions shows."""
+    unseen = [unseen_axes(session.seen) for session in sessions]
+    return [axis for axis in AXES if all(axis in of_session for of_session in unseen)]
 
 
 def unfitted(terms: Sequence[ThermalTerm]) -> list[ThermalTerm]:
@@ -262,10 +261,16 @@ def find_flight_terms(
     flown = [s for s in sessions if s.merged is not None and _aloft(s).any()]
     if len(flown) < LEAST_FLIGHTS:
         return ()
-    used = [_as_usual(s) for s in sessions if s.merged is not None]
+    used = [s for s in sessions if s.merged is not None]
+    for k, session in enumerate(used):
+        # a difference that each flight may have for itself says nothing of one that all have
+        if session.flight is not None and session.flight.as_usual is not None:
+            used[k] = replace(session, estimate=session.flight.as_usual)
     free = with_free_common(covering(table, used))
     data = likelihoods_of(used, free, twin, settings, walk)
-    found = joint_with(free, [(d, _columns(s)) for d, s in zip(data, used)])
+    found = joint_with(
+        free, [(d, np.kron(_aloft(s)[:, None], np.eye(3))) for d, s in zip(data, used)]
+    )
     sigma = np.sqrt(np.diag(found.terms_covariance))
     return tuple(
         FlightTerm(
@@ -279,13 +284,6 @@ def find_flight_terms(
     )
 
 
-def _as_usual(session: SessionResult) -> SessionResult:
-    """The session with its flight as the usual prior has it."""
-    if session.flight is None or session.flight.as_usual is None:
-        return session
-    return replace(session, estimate=session.flight.as_usual)
-
-
 def _aloft(session: SessionResult) -> NDArray:
     """Share of each bin (N,) that a joined flight spends in the air."""
     assert session.estimate is not None
@@ -295,8 +293,3 @@ def _aloft(session: SessionResult) -> NDArray:
     flight = evidence.flight
     shared = np.minimum(bins.end_s, flight.end_s) - np.maximum(bins.start_s, flight.start_s)
     return np.asarray(np.maximum(shared, 0.0) / bins.duration_s)
-
-
-def _columns(session: SessionResult) -> NDArray:
-    """What a term of 1 adds to each bin (3N, 3)."""
-    return np.kron(_aloft(session)[:, None], np.eye(3))

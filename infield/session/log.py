@@ -10,8 +10,7 @@ from alignment.motion.inertial import REST_BLOCKS, first_rest
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.speeds import watched_seconds
 from alignment.motion.stillness import ALIGNMENT_S
-from infield.table.temperature_model import TemperatureModel
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import TemperatureModel, ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
 from ins.records import (
     AIRBORNE_PHASES,

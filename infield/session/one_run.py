@@ -14,8 +14,8 @@ from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.evidence import fly, fly_in_motion
 from infield.session.flown.flight import RunInputs
-from infield.session.flown.information_gain import FlightEvidence
-from infield.session.flown.without_heading import fly_never_at_rest
+from infield.session.flown.gates import FlightEvidence
+from infield.session.flown.without_heading import fly_without_heading
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks
 from infield.session.log import compensated_imu, find_rest, session_end
@@ -89,22 +89,19 @@ def take_run(
     temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
     if len(temperature.unusable) == 3:
         return SessionResult(run, acceptance.refuse(*no_thermometer(temperature)), temperature)
-    low, high = (
-        temperature.temperature_degC.min(axis=0).min(),
-        temperature.temperature_degC.max(axis=0).max(),
-    )
+    low = temperature.temperature_degC.min(axis=0).min()
+    high = temperature.temperature_degC.max(axis=0).max()
     table, end_s = table.extended_to(float(low), float(high)), session_end(run)
-    begun = _begun(RunInputs(run, table, temperature, twin, settings))
+    known = RunInputs(run, table, temperature, twin, settings)
+    begun = _begun(known)
     if isinstance(begun.estimate, Verdict):
         return SessionResult(run, begun.estimate, temperature, flight=begun.flight)
     estimate, flight = begun.estimate, begun.flight
-    chain = None
-    if settings.claim_chain:
-        chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    chain = _claim_chain(known, estimate, end_s) if settings.claim_chain else None
     marks = unit_marks(run, twin, estimate)
     alike = likeness(marks, on_record.marks) if settings.check_unit else None
     if flight is None:
-        flight = fly(RunInputs(run, table, temperature, twin, settings), estimate)
+        flight = fly(known, estimate)
     joined = None if flight is None else flight.joined
     estimate = joined or estimate
     if estimate.own is None:
@@ -225,7 +222,7 @@ def _unrested(known: RunInputs, rests: StationarySegments, refused: Verdict) -> 
     """A unit that finds no heading and of which no rest was taken: what it shows under way."""
     imu = known.run.imu
     against = _uncovered(known.temperature, [(imu.start_s, imu.end_s)])
-    flight = None if against is not None else fly_never_at_rest(known, rests)
+    flight = None if against is not None else fly_without_heading(known, rests)
     if flight is None:
         return _Begun(refused)
     joined = flight.joined or acceptance.refuse(*refused.reasons, *flight.reasons)
@@ -284,21 +281,14 @@ def _first_rest(run: Run, rests: StationarySegments | None) -> tuple[Where | Non
     return None, steady_roll(run) or because(SessionReason.NEVER_RESTS)
 
 
-def _claim_chain(
-    run: Run,
-    table: ThermalTable,
-    temperature: GyroTemperature,
-    twin: TwinModel,
-    estimate: SessionEstimate,
-    end_s: float,
-) -> ClaimChain | None:
+def _claim_chain(known: RunInputs, estimate: SessionEstimate, end_s: float) -> ClaimChain | None:
     """The patent's own path on the same data, for the report."""
     aligned = estimate.alignment
     if estimate.solution is None or aligned.C_nb is None or end_s - aligned.time_s < 600.0:
         return None
-    imu = compensated_imu(run, table, temperature, twin)
+    run, twin, temperature = known.run, known.twin, known.temperature
     return run_claim_chain(
-        imu,
+        compensated_imu(run, known.table, temperature, twin),
         ChainSpan(run.header.site, aligned, end_s),
         twin,
         temperature,

@@ -97,10 +97,8 @@ def update_calibration(
     outcome, reasons = _overall(taken.sessions)
     after, merged_runs = table, []
     if outcome is Outcome.ACCEPTED:
-        after, merged_runs = (
-            _with_provenance(taken, table, history.parent_sha256, steps),
-            taken.merged_runs,
-        )
+        after = _with_provenance(taken, table, history.parent_sha256, steps)
+        merged_runs = taken.merged_runs
     else:
         reasons = (*reasons, *(step.reason for step in steps))
     if accept_step and not steps:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from infield.session.acceptance import Verdict
 from infield.session.disagreement import BiasStep, SessionEvidence
 from infield.session.estimate import SessionEstimate
-from infield.session.flown.information_gain import FlightEvidence, FlightTerm
+from infield.session.flown.gates import FlightEvidence, FlightTerm
 from infield.session.hysteresis import ThermalTerm
 from infield.session.identity.history import Likeness
 from infield.session.identity.marks import UnitMarks

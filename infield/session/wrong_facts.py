@@ -8,9 +8,7 @@ posterior N(m, P), the evidence about b -> b + s x is::
 
     g = C^-1 m,   M = C^-1 - C^-1 P C^-1,   x = s'g / s'M s,   sigma_x = 1 / sqrt(s'M s)
 
-(information form; Bar-Shalom (2001), section 5.2). A session that resembles a wrong fact beyond the
-99.9 % bound is not merged. One that resembles it beyond the 98 % bound is merged with that pattern
-as one more uncertainty of its own: the table is taught nothing along it.
+(information form; Bar-Shalom (2001), section 5.2).
 
 Decision: docs/decisions/0016-contradicting-sessions.md.
 """
@@ -22,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.linearised import mean_attitudes
+from alignment.motion.seconds import LogSeconds
 from infield.session.bins import SessionBins
 from infield.session.estimate import SessionEstimate
 from infield.session.log import compensated_seconds
@@ -187,11 +186,7 @@ def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> R
     seconds = compensated_seconds(run, None, None, twin).between(*parked)
     if not seconds.end_s.size:
         return None
-    blocks = seconds.blocks()
-    force = np.linalg.norm(blocks.dv_m_s / blocks.seconds[:, None], axis=1)
-    site = run.header.site
-    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
-    excess_ug = float(np.median(force) - gravity) / MICRO_G
+    excess_ug = excess_force_ug(seconds, run.header.site)
     scale_ug = prior("accel_scale_factor", "session").each()[run.header.gyro_technology]
     sigma_ug = float(np.linalg.norm([twin.accel.turn_on_ug, ANOMALY_ug, HEIGHT_ug, scale_ug]))
     if abs(excess_ug) <= FORCE_SIGMAS * sigma_ug:
@@ -202,6 +197,14 @@ def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> R
         limit_ug=FORCE_SIGMAS * sigma_ug,
         share_percent=100.0 * excess_ug * MICRO_G / STANDARD_GRAVITY,
     )
+
+
+def excess_force_ug(seconds: LogSeconds, site: Site) -> float:
+    """Specific force of a unit at rest less normal gravity [micro-g]: median of ten-second sums."""
+    blocks = seconds.blocks()
+    force = np.linalg.norm(blocks.dv_m_s / blocks.seconds[:, None], axis=1)
+    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
+    return float(np.median(force) - gravity) / MICRO_G
 
 
 def with_suspicions(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspicion, ...]]:

@@ -90,11 +90,10 @@ class Database:
                     return work(connection)
             except DAMAGES as error:
                 if not _worth_a_retry(error):
-                    told = (
-                        "connection lost, look whether it was written"
-                        if getattr(error, "connection_invalidated", False)
-                        else "not written"
-                    )
+                    if getattr(error, "connection_invalidated", False):
+                        told = "connection lost, look whether it was written"
+                    else:
+                        told = "not written"
                     raise StoreError(f"store {self.name}: {told}: {self._line(error)}") from None
                 broken = self._line(error) if isinstance(error, exc.IntegrityError) else ""
                 if time.monotonic() > until:

@@ -11,9 +11,18 @@ from typing import Any
 
 from sqlalchemy import Connection, and_, func, insert, inspect, select
 
-from infield.store.database import NUMBERING_LOCK, store_name
+from infield.store.database import NUMBERING_LOCK
 from infield.store.errors import RowFault, SamePerson
-from infield.store.rows import MergedRun, UnitKey, key_of, now_of, row_sha256, text_sha256
+from infield.store.rows import (
+    BY_KEY,
+    MergedRun,
+    UnitKey,
+    chained_sha256,
+    key_of,
+    now_of,
+    row_fault,
+    text_sha256,
+)
 from infield.store.schema import decision, policy, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
@@ -116,12 +125,7 @@ def proposals_of_all(c: Connection) -> list[Proposal]:
     """All proposals by unit; none from a store older than the table of them."""
     if not inspect(c).has_table(proposal.name):
         return []
-    return _read(
-        c,
-        c.execute(
-            select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
-        ).all(),
-    )
+    return _read(c, c.execute(select(unit).order_by(*BY_KEY)).all())
 
 
 def read_full(c: Connection, row: Any, number: int) -> FullProposal:
@@ -149,20 +153,16 @@ def read_full(c: Connection, row: Any, number: int) -> FullProposal:
     )
 
 
-def record_of_proposal(key: UnitKey, values: Mapping[str, Any], before: str) -> str:
+def proposal_sha256(key: UnitKey, values: Mapping[str, Any], before: str) -> str:
     """The hash of a proposal's row without its texts (their hashes are in it), and of the record
     before it.
     """
-    content = {c.name: values[c.name] for c in LIGHT if c.name not in ("unit_id", "record_sha256")}
-    return row_sha256([before, vars(key), content])
+    return chained_sha256(values, before, vars(key), without=STORED_TEXTS)
 
 
-def record_of_decision(
-    key: UnitKey, values: Mapping[str, Any], of_proposal: str, before: str
-) -> str:
+def decision_sha256(key: UnitKey, values: Mapping[str, Any], of_proposal: str, before: str) -> str:
     """The hash of a decision's row, of its proposal's record and of the decision before it."""
-    content = {k: v for k, v in values.items() if k not in ("unit_id", "record_sha256")}
-    return row_sha256([before, of_proposal, vars(key), content])
+    return chained_sha256(values, before, of_proposal, vars(key))
 
 
 def _read(c: Connection, units: Any) -> list[Proposal]:
@@ -204,7 +204,7 @@ def _one_unit(
     """A unit's proposals with their decisions, both chains checked."""
     before, records = "", {}
     for stored in rows:
-        if stored.record_sha256 != record_of_proposal(key, stored._mapping, before):
+        if stored.record_sha256 != proposal_sha256(key, stored._mapping, before):
             raise _changed(c, key, f"proposal {stored.number}")
         before = records[stored.number] = stored.record_sha256
     decisions = _decisions(c, key, decided, records)
@@ -227,7 +227,7 @@ def _decisions(
     before, found = "", {}
     for number, stored in enumerate(decided, start=1):
         values = {k: v for k, v in stored._mapping.items() if k != "unit_id"}
-        record = record_of_decision(key, values, records.get(stored.proposal_number, ""), before)
+        record = decision_sha256(key, values, records.get(stored.proposal_number, ""), before)
         if stored.number != number or stored.record_sha256 != record:
             raise _changed(c, key, f"decision {stored.number}")
         before = stored.record_sha256
@@ -237,7 +237,7 @@ def _decisions(
 
 def _changed(c: Connection, key: UnitKey, row: str) -> RowFault:
     what = f"{row}: the row was changed or is missing, its hash does not match"
-    return RowFault(f"store {store_name(c.engine.url)}: {key} {what}", what)
+    return row_fault(c, what, f"{key} ")
 
 
 class Approval(StrEnum):
@@ -268,9 +268,9 @@ def policy_of(c: Connection) -> PolicyRecord:
         values = dict(row._mapping)
         record = values.pop("record_sha256")
         wrong_number = values["number"] != found.number + 1
-        if wrong_number or record != row_sha256([found.record_sha256, values]):
+        if wrong_number or record != chained_sha256(values, found.record_sha256):
             what = f"policy {values['number']}: the row was changed, its hash does not match"
-            raise RowFault(f"store {store_name(c.engine.url)}: {what}", what)
+            raise row_fault(c, what)
         values["approval"] = Approval(values["approval"])
         found = PolicyRecord(**values, record_sha256=record)
     return found
@@ -288,7 +288,7 @@ def set_policy(c: Connection, approval: Approval, *, by: str, reason: str = "") 
         "set_by": by,
         "reason": reason,
     }
-    record = row_sha256([before.record_sha256, values])
+    record = chained_sha256(values, before.record_sha256)
     c.execute(insert(policy).values(**values, record_sha256=record))
     return policy_of(c)
 

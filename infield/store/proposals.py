@@ -10,7 +10,6 @@ Decision: docs/decisions/0022-sqlite-journal.md.
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, insert
@@ -22,18 +21,19 @@ from infield.store.proposal_rows import (
     Decision,
     FullProposal,
     Proposal,
+    decision_sha256,
     next_number,
+    proposal_sha256,
     proposals_of,
     proposals_of_all,
     read_full,
-    record_of_decision,
-    record_of_proposal,
     require_second_person,
 )
 from infield.store.rows import (
     MergedRun,
     NewRevision,
     Revision,
+    active_revision,
     append_revision,
     find_unit,
     key_of,
@@ -41,7 +41,8 @@ from infield.store.rows import (
     now_of,
     runs_held,
     set_runs,
-    tagged,
+    signed_line,
+    signed_text,
     text_sha256,
     unit_of_table,
 )
@@ -49,11 +50,8 @@ from infield.store.schema import decision, proposal
 from infield.store.verify import lock_unit
 from infield.table.file import canonical_json, table_to_dict
 from infield.table.thermal_table import ThermalTable
-from ins.records import LONGEST_NAME, InputError, TableDocument
+from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
-
-# characters; chosen: two screens of 25 lines of 80
-LONGEST_STORED_REASON = 4000
 
 __all__ = ["Decision", "FullProposal", "Proposal", "ProposalStore"]
 
@@ -115,7 +113,7 @@ class ProposalStore:
                 "first_table_json": None if known else first,
             }
             numbered = {**values, "proposed_utc": now_of(c), "number": number, "unit_id": row.id}
-            record = record_of_proposal(
+            record = proposal_sha256(
                 key_of(row), numbered, before[-1].record_sha256 if before else ""
             )
             c.execute(insert(proposal).values(**numbered, **texts, record_sha256=record))
@@ -202,7 +200,7 @@ class ProposalStore:
                     _commit(c, row, full, by, reason) if verdict == Decided.APPROVED else None
                 ),
             }
-            record = record_of_decision(
+            record = decision_sha256(
                 full.unit, values, full.record_sha256, full.last_decision_sha256
             )
             c.execute(insert(decision).values(**values, record_sha256=record))
@@ -223,15 +221,14 @@ def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str) -
     report = json.loads(full.report_json)
     signed = {"proposal": full.number, "approved_by": by, "approved_because": reason}
     committed = {**report, "verdict": Outcome.COMMITTED.value, **signed}
-    approved = TableUpdate(
-        parent_sha256=full.parent_sha256,
+    approved = NewRevision(
+        kind="update",
         table_json=full.table_json,
         runs=full.runs,
         report_json=json.dumps(committed, indent=1, allow_nan=False) + "\n",
-        first_table_json=full.first_table_json,
+        note=signed_note(by, reason, f"proposal {full.number} approved by "),
     )
-    note = signed_note(by, reason, f"proposal {full.number} approved by ")
-    return commit_revision(c, row, approved, note=note).number
+    return commit_revision(c, row, full.parent_sha256, approved, full.first_table_json).number
 
 
 def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | None:
@@ -257,67 +254,24 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
     return None
 
 
-def signed_line(text: str, name: str, *, needed: bool = True) -> str:
-    """A name, trimmed; InputError where it is empty, too long or no single line."""
-    text = text.strip()
-    if (needed and not text) or len(text) > LONGEST_NAME or not text.isprintable():
-        raise InputError(
-            f"{name}: got {text[:40]!r}, needed a name of at most {LONGEST_NAME} printable"
-            " characters on one line"
-        )
-    return text
-
-
-def signed_text(text: str, name: str, *, needed: bool = True) -> str:
-    """A reason, trimmed; InputError where it is empty or too long."""
-    text = "\n".join(line.rstrip() for line in text.strip().splitlines())
-    if (
-        (needed and not text)
-        or len(text) > LONGEST_STORED_REASON
-        or not all(c.isprintable() or c in "\n\t" for c in text)
-    ):
-        raise InputError(
-            f"{name}: got {len(text)} characters, needed 1 to {LONGEST_STORED_REASON} printable"
-            " ones that say why"
-        )
-    return text
-
-
-@dataclass(frozen=True, kw_only=True)
-class TableUpdate:
-    """What a commit needs of an update. first_table_json: the table that a unit without revisions
-    begins with; its hash is the parent's.
-    """
-
-    parent_sha256: str
-    table_json: str
-    runs: Sequence[MergedRun]
-    report_json: str
-    first_table_json: str | None = None
-
-
-def commit_revision(c: Connection, row: Any, update: TableUpdate, *, note: str = "") -> Revision:
-    """Append the update of a locked unit and make it active.
+def commit_revision(
+    c: Connection, row: Any, parent_sha256: str, new: NewRevision, first_table_json: str | None
+) -> Revision:
+    """Append the update of a locked unit and make it active. first_table_json: the table that a
+    unit without revisions begins with; its hash is the parent's.
 
     Raises as `require_mergeable` does.
     """
-    if last_number(c, row) == 0 and update.first_table_json is not None:
-        first = NewRevision(
-            kind="factory", table_json=update.first_table_json, note="technology default"
+    if last_number(c, row) == 0 and first_table_json is not None:
+        factory = NewRevision(
+            kind="factory", table_json=first_table_json, note="technology default"
         )
-        append_revision(c, row, first)
-    require_mergeable(c, row, update.parent_sha256, update.runs)
+        append_revision(c, row, factory)
+    require_mergeable(c, row, parent_sha256, new.runs)
     held = runs_held(c, row)
-    new = NewRevision(
-        kind="update",
-        table_json=update.table_json,
-        runs=update.runs,
-        report_json=update.report_json,
-        note=note,
-    )
     append_revision(c, row, new)
-    set_runs(c, row, held | {run.sha256 for run in update.runs})
-    return tagged(c, row, "active")
+    set_runs(c, row, held | {run.sha256 for run in new.runs})
+    return active_revision(c, row)
 
 
 def require_mergeable(
@@ -326,7 +280,7 @@ def require_mergeable(
     """TableMoved if another table than the update's parent is active, RunAlreadyMerged if it
     holds one of the runs.
     """
-    if last_number(c, row) == 0 or tagged(c, row, "active").sha256 != parent_sha256:
+    if last_number(c, row) == 0 or active_revision(c, row).sha256 != parent_sha256:
         raise TableMoved(
             f"{key_of(row)}: the active table is not {parent_sha256[:12]} now; update again"
         )

@@ -8,7 +8,7 @@ Decision: docs/decisions/0022-sqlite-journal.md.
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
@@ -32,8 +32,8 @@ from infield.store.errors import RowFault, StoreError, UnknownUnit
 from infield.store.schema import contradiction, merged_run, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import INLINE, UNWRITTEN, written_as
-from ins.records import InputError, TableDocument
+from ins.documents import INLINE, UNWRITTEN, plain, written_as
+from ins.records import LONGEST_NAME, InputError, TableDocument
 
 # clocks of two machines; tests/infield/test_store_faults.py writes 4 min behind
 CLOCK_SLACK_S = 300.0
@@ -121,7 +121,7 @@ def append_revision(c: Connection, row: Any, new: NewRevision) -> None:
     `factory`).
     """
     last = last_number(c, row)
-    before = tagged(c, row, "active") if last else None
+    before = active_revision(c, row) if last else None
     now_utc = now_of(c)
     if before is not None and not c.get_execution_options().get("any_clock"):
         _require_later(before, now_utc)
@@ -138,7 +138,7 @@ def append_revision(c: Connection, row: Any, new: NewRevision) -> None:
         "report_json": new.report_json,
         "note": new.note,
     }
-    values["record_sha256"] = record_sha256(key_of(row), values, _record_before(c, row, last + 1))
+    values["record_sha256"] = revision_sha256(row, values, _record_before(c, row, last + 1))
     c.execute(insert(revision).values(**values))
     if last == 0:
         for name in ("factory", "active"):
@@ -164,11 +164,9 @@ def _require_later(before: Revision, now_utc: str) -> None:
         )
 
 
-def tagged(c: Connection, row: Any, name: str) -> Revision:
-    """The revision that a tag points at; InputError where `active` is not on the last."""
-    return read_revision(
-        c, row, active_number_of(c, row) if name == "active" else tag_number(c, row, name)
-    )
+def active_revision(c: Connection, row: Any) -> Revision:
+    """The revision in use; InputError where the tag `active` is not on the last."""
+    return read_revision(c, row, active_number_of(c, row))
 
 
 def active_number_of(c: Connection, row: Any) -> int:
@@ -196,11 +194,9 @@ def read_revision(c: Connection, row: Any, number: int) -> Revision:
     values = dict(stored._mapping)
     record = values.pop("record_sha256")
     content_intact = text_sha256(values["table_json"]) == values["sha256"]
-    if not content_intact or record != record_sha256(
-        key_of(row), values, _record_before(c, row, number)
-    ):
+    if not content_intact or record != revision_sha256(row, values, _record_before(c, row, number)):
         what = f"revision {number}: the row was changed, its hash does not match"
-        raise RowFault(f"store {store_name(c.engine.url)}: {key_of(row)} {what}", what)
+        raise row_fault(c, what, f"{key_of(row)} ")
     runs = tuple(MergedRun(run_id=i, sha256=s) for i, s in json.loads(values.pop("runs_json")))
     del values["unit_id"]
     return Revision(unit=key_of(row), runs=runs, **values)
@@ -215,6 +211,9 @@ def runs_of(c: Connection, row: Any, of: Revision) -> set[str]:
         held |= {run.sha256 for run in of.runs}
         of = read_revision(c, row, of.restored_number or of.number - 1)
     return held | provenance_runs(of.table_dict)
+
+
+BY_KEY = (unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
 
 
 def units_with(rows_of: Table) -> Select:
@@ -276,29 +275,19 @@ def key_of(row: Any) -> UnitKey:
 
 def unit_of_table(table: ThermalTable) -> UnitKey:
     """The unit that a table says it belongs to."""
-    return UnitKey(
-        imu_serial=table.imu_serial,
-        gyro_technology=table.gyro_technology,
-        gyro_mode=table.gyro_mode,
-    )
+    return key_of(table)
 
 
 def last_number(c: Connection, row: Any) -> int:
     """The number of a unit's newest revision, 0 where it has none."""
-    return (
-        c.execute(select(func.max(revision.c.number)).where(revision.c.unit_id == row.id)).scalar()
-        or 0
-    )
+    query = select(func.max(revision.c.number)).where(revision.c.unit_id == row.id)
+    return c.execute(query).scalar() or 0
 
 
 def tag_number(c: Connection, row: Any, name: str) -> int:
     """The revision number under a tag, 0 where it is not set."""
-    return (
-        c.execute(
-            select(tag.c.number).where(and_(tag.c.unit_id == row.id, tag.c.name == name))
-        ).scalar()
-        or 0
-    )
+    query = select(tag.c.number).where(and_(tag.c.unit_id == row.id, tag.c.name == name))
+    return c.execute(query).scalar() or 0
 
 
 def _record_before(c: Connection, row: Any, number: int) -> str:
@@ -308,11 +297,11 @@ def _record_before(c: Connection, row: Any, number: int) -> str:
     return c.execute(query).scalar() or ""
 
 
-def record_sha256(key: UnitKey, values: dict[str, Any], before: str) -> str:
-    content = {
-        k: v for k, v in values.items() if k not in ("unit_id", "record_sha256", "table_json")
-    }
-    return row_sha256([before, vars(key), content])
+def revision_sha256(key: Any, values: Mapping[str, Any], before: str) -> str:
+    """The hash of a revision's row without its table (whose hash is in it), of its unit (a row or
+    a key) and of the record before it.
+    """
+    return chained_sha256(values, before, vars(key_of(key)), without=("table_json",))
 
 
 def runs_held(c: Connection, row: Any) -> set[str]:
@@ -352,13 +341,21 @@ def now_of(c: Connection) -> str:
     return str(c.get_execution_options()["clock"]())
 
 
-def row_sha256(content: Any) -> str:
-    """SHA-256 of a row's columns; bytes, which no column of a store holds, give a hash that no row
-    was written with.
+def chained_sha256(values: Mapping[str, Any], *linked: Any, without: Sequence[str] = ()) -> str:
+    """SHA-256 of a row's columns and of what the row is linked to. The unit's number, the hash
+    itself and the columns `without` (texts that another column has the hash of) are left out;
+    bytes, which no column of a store holds, give a hash that no row was written with.
     """
+    left_out = {"unit_id", "record_sha256", *without}
+    content = [*linked, {k: v for k, v in values.items() if k not in left_out}]
     return text_sha256(
         json.dumps(content, sort_keys=True, default=lambda value: {"not a text": repr(value)})
     )
+
+
+def row_fault(c: Connection, what: str, owner: str = "") -> RowFault:
+    """What is wrong with which row; owner: what stands before that in the whole line."""
+    return RowFault(f"store {store_name(c.engine.url)}: {owner}{what}", what)
 
 
 def text_sha256(text: Any) -> str:
@@ -366,10 +363,6 @@ def text_sha256(text: Any) -> str:
     and equals no hash.
     """
     return hashlib.sha256(text.encode()).hexdigest() if isinstance(text, str) else "not a text"
-
-
-ARRAYS = ("temperature_degC", "bias_deg_h", "bend_deg_h", "covariance")
-RUN_TEXTS = ("run_id", "run_sha256", "start_utc")
 
 
 def append_contradictions(
@@ -387,13 +380,10 @@ def append_contradictions(
             "run_sha256": e.run_sha256,
             "recorded_utc": now_of(c),
             "table_sha256": table_sha256,
-            "evidence_json": _to_json(e),
+            "evidence_json": json.dumps(plain(e), sort_keys=True),
         }
-        c.execute(
-            insert(contradiction).values(
-                unit_id=row.id, **values, record_sha256=contradiction_sha256(row, values)
-            )
-        )
+        record = chained_sha256(values, vars(key_of(row)))
+        c.execute(insert(contradiction).values(unit_id=row.id, **values, record_sha256=record))
     return len(new)
 
 
@@ -405,22 +395,39 @@ def read_contradictions(c: Connection, row: Any) -> tuple[SessionEvidence, ...]:
         return ()
     held, found = runs_held(c, row), []
     for stored in c.execute(select(contradiction).where(contradiction.c.unit_id == row.id)).all():
-        values = dict(stored._mapping)
-        record, _ = values.pop("record_sha256"), values.pop("unit_id")
-        if record != contradiction_sha256(row, values):
-            what = f"the row of contradicting run {values['run_sha256'][:12]} was changed"
-            raise RowFault(f"store {store_name(c.engine.url)}: {key_of(row)}: {what}", what)
-        if values["run_sha256"] not in held:
-            found.append(SessionEvidence(**json.loads(values["evidence_json"])))
+        if stored.record_sha256 != chained_sha256(dict(stored._mapping), vars(key_of(row))):
+            what = f"the row of contradicting run {stored.run_sha256[:12]} was changed"
+            raise row_fault(c, what, f"{key_of(row)}: ")
+        if stored.run_sha256 not in held:
+            found.append(SessionEvidence(**json.loads(stored.evidence_json)))
     return tuple(found)
 
 
-def _to_json(evidence: SessionEvidence) -> str:
-    values = {name: getattr(evidence, name) for name in RUN_TEXTS}
-    return json.dumps(
-        {**values, **{name: getattr(evidence, name).tolist() for name in ARRAYS}}, sort_keys=True
-    )
+# characters; chosen: two screens of 25 lines of 80
+LONGEST_STORED_REASON = 4000
 
 
-def contradiction_sha256(row: Any, values: dict[str, Any]) -> str:
-    return row_sha256([vars(key_of(row)), values])
+def signed_line(text: str, name: str, *, needed: bool = True) -> str:
+    """A name, trimmed; InputError where it is empty, too long or no single line."""
+    text = text.strip()
+    if (needed and not text) or len(text) > LONGEST_NAME or not text.isprintable():
+        raise InputError(
+            f"{name}: got {text[:40]!r}, needed a name of at most {LONGEST_NAME} printable"
+            " characters on one line"
+        )
+    return text
+
+
+def signed_text(text: str, name: str, *, needed: bool = True) -> str:
+    """A reason, trimmed; InputError where it is empty or too long."""
+    text = "\n".join(line.rstrip() for line in text.strip().splitlines())
+    if (
+        (needed and not text)
+        or len(text) > LONGEST_STORED_REASON
+        or not all(c.isprintable() or c in "\n\t" for c in text)
+    ):
+        raise InputError(
+            f"{name}: got {len(text)} characters, needed 1 to {LONGEST_STORED_REASON} printable"
+            " ones that say why"
+        )
+    return text

@@ -29,19 +29,18 @@ from infield.store.proposals import (
     FullProposal,
     Proposal,
     ProposalStore,
-    TableUpdate,
     commit_revision,
-    signed_line,
     signed_note,
-    signed_text,
 )
 from infield.store.rows import (
+    BY_KEY,
     MergedRun,
     NewRevision,
     Revision,
     UnitKey,
     UnitRecord,
     active_number_of,
+    active_revision,
     append_contradictions,
     append_revision,
     find_unit,
@@ -50,11 +49,13 @@ from infield.store.rows import (
     provenance_runs,
     read_contradictions,
     read_revision,
+    row_fault,
     runs_held,
     runs_of,
     set_runs,
+    signed_line,
+    signed_text,
     tag_number,
-    tagged,
     text_sha256,
     unit_of_table,
     units_with,
@@ -89,20 +90,12 @@ def read_overview(c: Connection) -> list[UnitSummary]:
     undecided, contradicted = _undecided(c), _contradictions(c)
     active = and_(tag.c.unit_id == unit.c.id, tag.c.name == "active")
     tagged = and_(revision.c.unit_id == tag.c.unit_id, revision.c.number == tag.c.number)
-    named = (
-        unit.c.id,
-        unit.c.imu_serial,
-        unit.c.gyro_technology,
-        unit.c.gyro_mode,
-        unit.c.twin_sha256,
-    )
+    named = (unit.c.id, *BY_KEY, unit.c.twin_sha256)
     query = select(
         *named, revision.c.number, revision.c.kind, revision.c.created_utc, revision.c.sha256
     )
     joined = query.select_from(unit.outerjoin(tag, active).outerjoin(revision, tagged))
-    rows = c.execute(
-        joined.order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
-    ).all()
+    rows = c.execute(joined.order_by(*BY_KEY)).all()
     return [
         UnitSummary(
             unit=key_of(row),
@@ -215,15 +208,11 @@ class TableStore(ProposalStore, PriorsStore):
     def units(self) -> list[UnitRecord]:
         """All units, by key."""
         with self._database.reading() as c:
-            rows = c.execute(
-                units_with(revision).order_by(
-                    unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode
-                )
-            ).all()
+            rows = c.execute(units_with(revision).order_by(*BY_KEY)).all()
             return [
                 UnitRecord(
                     unit=key_of(row),
-                    active=tagged(c, row, "active"),
+                    active=active_revision(c, row),
                     factory_number=tag_number(c, row, "factory"),
                     has_twin=row.twin_json is not None,
                 )
@@ -244,7 +233,7 @@ class TableStore(ProposalStore, PriorsStore):
         where several.
         """
         with self._database.reading() as c:
-            return tagged(c, find_unit(c, serial, technology, mode), "active")
+            return active_revision(c, find_unit(c, serial, technology, mode))
 
     def previous(
         self, serial: str | None = None, technology: str | None = None, mode: str | None = None
@@ -276,7 +265,7 @@ class TableStore(ProposalStore, PriorsStore):
             for before, after in itertools.pairwise(revisions):
                 if after.parent_sha256 != before.sha256:
                     what = f"revision {after.number}: parent hash broken"
-                    raise RowFault(f"store {self.name}: {after.unit} {what}", what)
+                    raise row_fault(c, what, f"{after.unit} ")
             active_number_of(c, row)
             return revisions
 
@@ -384,13 +373,13 @@ class TableStore(ProposalStore, PriorsStore):
                         twin_table_sha256=text_sha256(text),
                     )
                 )
-            if last and (active := tagged(c, row, "active")).sha256 == text_sha256(text):
+            if last and (active := active_revision(c, row)).sha256 == text_sha256(text):
                 if note in ("", active.note):
                     return active
             kind = "import" if last else "factory"
             append_revision(c, row, NewRevision(kind=kind, table_json=text, note=note))
             set_runs(c, row, provenance_runs(table))
-            return tagged(c, row, "active")
+            return active_revision(c, row)
 
         return self._database.write(work)
 
@@ -419,16 +408,13 @@ class TableStore(ProposalStore, PriorsStore):
                 "provenance.parent_sha256 is not the parent that the update is committed to"
             )
 
-        new = TableUpdate(
-            parent_sha256=parent_sha256,
-            table_json=text,
-            runs=runs,
-            report_json=report_json,
-            first_table_json=None if first_table is None else canonical_json(first_table),
+        first = None if first_table is None else canonical_json(first_table)
+        new = NewRevision(
+            kind="update", table_json=text, runs=runs, report_json=report_json, note=note
         )
 
         def work(c: Connection) -> Revision:
-            return commit_revision(c, lock_unit(c, unit_of_table(table)), new, note=note)
+            return commit_revision(c, lock_unit(c, unit_of_table(table)), parent_sha256, new, first)
 
         return self._database.write(work)
 
@@ -441,7 +427,7 @@ class TableStore(ProposalStore, PriorsStore):
 
         def work(c: Connection) -> int:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
-            return append_contradictions(c, row, tagged(c, row, "active").sha256, evidence)
+            return append_contradictions(c, row, active_revision(c, row).sha256, evidence)
 
         return self._database.write(work)
 
@@ -502,7 +488,7 @@ class TableStore(ProposalStore, PriorsStore):
             )
             append_revision(c, row, restored)
             set_runs(c, row, runs_of(c, row, target))
-            return tagged(c, row, "active")
+            return active_revision(c, row)
 
         return self._database.write(work)
 

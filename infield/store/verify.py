@@ -18,14 +18,15 @@ from sqlalchemy import Connection, Table, and_, exc, insert, inspect, select, te
 
 from infield.store.database import schema_of, store_name
 from infield.store.errors import RowFault, StoreError
-from infield.store.priors_rows import priors_faults
+from infield.store.priors import priors_faults
 from infield.store.proposal_rows import policy_faults, proposals_of, read_full
 from infield.store.rows import (
+    BY_KEY,
     UnitKey,
-    contradiction_sha256,
+    chained_sha256,
     key_of,
     provenance_runs,
-    record_sha256,
+    revision_sha256,
     runs_held,
     text_sha256,
     unit_of_table,
@@ -87,9 +88,7 @@ class StoreCheck:
 
 def check_store(c: Connection) -> StoreCheck:
     """Everything in the store, read in one transaction."""
-    units = c.execute(
-        select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
-    ).all()
+    units = c.execute(select(unit).order_by(*BY_KEY)).all()
     return StoreCheck(tuple(_checked(c, row) for row in units), tuple(_store_faults(c)))
 
 
@@ -120,7 +119,7 @@ def _renamed(c: Connection) -> Iterable[str]:
     first = select(unit, revision).join(revision).where(revision.c.number == 1)
     for row in c.execute(first).all():
         values = {column.name: row._mapping[column] for column in revision.c}
-        if values["record_sha256"] != record_sha256(key_of(row), values, ""):
+        if values["record_sha256"] != revision_sha256(row, values, ""):
             yield f"{key_of(row)}: revision 1 is of another unit, or was changed"
 
 
@@ -191,16 +190,15 @@ def _check_unit(c: Connection, row: Any) -> UnitCheck:
         t.name: t.number for t in c.execute(select(tag).where(tag.c.unit_id == row.id)).all()
     }
     only_proposed = not rows and not tags and _has(c, proposal) and bool(proposals_of(c, row))
-    faults = (
-        []
-        if only_proposed
-        else [
+    if only_proposed:
+        faults = []
+    else:
+        faults = [
             *_holes(rows, tags),
             *(fault for k in rows for fault in _revision_faults(key_of(row), rows, k)),
             *_tag_faults(rows, tags),
             *_merged_faults(c, row, rows, tags),
         ]
-    )
     faults += [
         *_twin_faults(row, rows),
         *_contradiction_faults(c, row, rows),
@@ -229,9 +227,7 @@ def _revision_faults(key: UnitKey, rows: Rows, number: int) -> Iterable[str]:
         yield f"{name}: the table was changed, its hash does not match"
     if before is not None or number == 1:
         link = before["record_sha256"] if before else ""
-        if row["record_sha256"] != record_sha256(
-            key, {k: v for k, v in row.items() if k != "record_sha256"}, link
-        ):
+        if row["record_sha256"] != revision_sha256(key, row, link):
             yield (
                 f"{name}: the row, or its link to the one before, was changed: the record hash does"
                 " not match"
@@ -251,9 +247,7 @@ def _revision_faults(key: UnitKey, rows: Rows, number: int) -> Iterable[str]:
 def _text_faults(key: UnitKey, row: dict[str, Any], name: str) -> Iterable[str]:
     """The texts of a row: a table of this unit, a report of this table."""
     try:
-        if unit_of_table(table_from_dict(json.loads(row["table_json"]), name=name)) != UnitKey(
-            **vars(key)
-        ):
+        if unit_of_table(table_from_dict(json.loads(row["table_json"]), name=name)) != key:
             yield f"{name}: the table is of another unit"
     except (InputError, ValueError) as error:
         yield f"{name}: the table cannot be read: {error}"
@@ -326,9 +320,8 @@ def _contradiction_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
         return
     known = {r["sha256"] for r in rows.values()}
     for stored in c.execute(select(contradiction).where(contradiction.c.unit_id == row.id)).all():
-        values, name = dict(stored._mapping), f"contradicting run {stored.run_sha256[:12]}"
-        del values["unit_id"]
-        if values.pop("record_sha256") != contradiction_sha256(row, values):
+        name = f"contradicting run {stored.run_sha256[:12]}"
+        if stored.record_sha256 != chained_sha256(dict(stored._mapping), vars(key_of(row))):
             yield f"{name}: the row was changed, its hash does not match"
         elif stored.table_sha256 not in known:
             yield (
@@ -399,8 +392,6 @@ def report_faults(c: Connection, name: str, document: JsonObject) -> list[str]:
     added = {"revision", "rollback_command"}  # known only once it is committed
     stored = texts[0] or {}
     differ = [k for k in sorted({*document, *stored} - added) if document.get(k) != stored.get(k)]
-    return (
-        [f"{where}: the report differs from the stored one in {', '.join(differ)}"]
-        if differ
-        else []
-    )
+    if differ:
+        return [f"{where}: the report differs from the stored one in {', '.join(differ)}"]
+    return []

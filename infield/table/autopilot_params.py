@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.cubic_fit import stated_fit
-from infield.table.temperature_model import SettledCurve, TemperatureModel
+from infield.table.thermal_table import SettledCurve, TemperatureModel
 from ins.records import AXES, InputError
 from ins.units import DEG_PER_HOUR
 from ins.user_input import read_bounded
@@ -142,11 +142,10 @@ def read_parameters(path: Path) -> dict[str, float]:
     found: dict[str, float] = {}
     for number, line in enumerate(_text(path).splitlines(), start=1):
         cells = re.split(r"[\s,=]+", line.split("#")[0].strip())
-        name, value = (
-            (cells[2], cells[3])
-            if len(cells) == 5 and cells[0].isdecimal()
-            else (cells + ["", ""])[:2]
-        )
+        if len(cells) == 5 and cells[0].isdecimal():
+            name, value = (cells[2], cells[3])
+        else:
+            name, value = (cells + ["", ""])[:2]
         if not re.fullmatch(r"(TC_G\d|INS_TCAL\d)_\w+", name):
             continue
         try:

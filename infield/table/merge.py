@@ -179,8 +179,8 @@ def merge_posterior(
     delta = U @ innovation
     shrunk = G * np.sqrt(share)
     change, P_plus = hold_common(table, held_axes, G @ delta, table.covariance - shrunk @ shrunk.T)
-    news = _News(innovation, reduction, nis=float(np.sum(delta**2 / share)), dof=int(seen.sum()))
-    return _judged(table, news, change, P_plus)
+    nis, dof = float(np.sum(delta**2 / share)), int(seen.sum())
+    return _judged(table, (innovation, reduction), change, P_plus, nis=nis, dof=dof)
 
 
 def hold_common(
@@ -200,15 +200,10 @@ def common_parts(table: ThermalTable, axes: Sequence[str]) -> NDArray:
     """Projector (n, n) of a change onto the common parts of some axes."""
     T = np.zeros((table.n_parameters, table.n_parameters))
     for axis in axes:
-        T += _common_part(table, axis)
+        ones = np.zeros(table.n_parameters)
+        ones[table.values_of(axis)] = 1.0
+        T += np.outer(ones, table.common_weights(axis))
     return T
-
-
-def _common_part(table: ThermalTable, axis: str) -> NDArray:
-    """Projector (n, n) of a change onto the common part of one axis."""
-    ones = np.zeros(table.n_parameters)
-    ones[table.values_of(axis)] = 1.0
-    return np.outer(ones, table.common_weights(axis))
 
 
 def session_covariance(
@@ -218,14 +213,13 @@ def session_covariance(
     duration_s: ArrayLike,
     gyro: GyroNoise,
     run_length_s: float,
-    power_on_s: float = 0.0,
     sigma_misalignment_mrad: ArrayLike = 0.0,
 ) -> NDArray:
     """T: covariance of one session's departure from the table, averaged over each point, shape (m,
     m) [(deg/h)^2].
 
     Per axis, axes independent: turn-on (a constant), flicker of two-sided PSD B^2 / (2 pi f) down
-    to 1 / (4 run_length_s), rate random walk K^2 t since `power_on_s`, and (15 deg/h
+    to 1 / (4 run_length_s), rate random walk K^2 t since power-on, and (15 deg/h
     sigma_misalignment)^2 for Earth rate leaking in on this session's heading (one sigma, or one for
     each of x, y, z). Source: formats.md section 3, physics.md 6.8.
     """
@@ -242,9 +236,7 @@ def session_covariance(
         + misalignment[:, None] ** 2
         + gyro.bias_instability_deg_h**2
         * flicker_covariance(start, end, lowest_hz=0.25 / run_length_s)
-        + gyro.rate_random_walk_deg_h_sqrt_h**2
-        / HOUR
-        * random_walk_covariance(start - power_on_s, end - power_on_s)
+        + gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(start, end)
     )
     return T * (axis[:, None] == axis[None, :])
 
@@ -253,43 +245,35 @@ def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArra
     """Start and end of each point [s] from its centre and duration (at least 1 s, for flicker's
     sake).
     """
-    centre, half = (
-        np.asarray(time_s, dtype=float),
-        0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0),
-    )
+    centre = np.asarray(time_s, dtype=float)
+    half = 0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0)
     return centre - half, centre + half
 
 
-@dataclass(frozen=True)
-class _News:
-    """What a session says beyond the table: innovation, its covariance S, and how they agree."""
-
-    innovation: NDArray
-    S: NDArray
-    nis: float
-    dof: int
-
-
-def _judged(table: ThermalTable, news: _News, change: NDArray, P_plus: NDArray) -> MergeResult:
-    """The result, merged only where neither NIS nor the shift of any axis is beyond its 99.9 %
-    bound.
-
-    A NIS below its band is no reason to keep a session out: a table may well be better than its
-    sigma says.
-    """
+def _judged(
+    table: ThermalTable,
+    innovation: tuple[NDArray, NDArray],
+    change: NDArray,
+    P_plus: NDArray,
+    *,
+    nis: float,
+    dof: int,
+) -> MergeResult:
+    """The result, merged only where neither NIS nor the shift of any axis is beyond its bound."""
     candidate = table.replaced(parameters=table.parameters + change, covariance=_symmetric(P_plus))
     band = (0.0, 0.0)
-    if news.dof:
-        band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], news.dof))
+    if dof:
+        band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], dof))
     axis_z = _axis_shifts(table, change, table.covariance - candidate.covariance)
-    consistent = bool(news.nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
+    # a NIS below its band keeps no session out: a table may well be better than its sigma says
+    consistent = bool(nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
     return MergeResult(
         table=candidate if consistent else table,
         candidate=candidate,
-        innovation_deg_h=news.innovation,
-        innovation_covariance=news.S,
-        nis=news.nis,
-        dof=news.dof,
+        innovation_deg_h=innovation[0],
+        innovation_covariance=innovation[1],
+        nis=nis,
+        dof=dof,
         band=(float(band[0]), float(band[1])),
         axis_z=axis_z,
         consistent=consistent,

@@ -4,19 +4,15 @@ marginalised::
     y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k
     r = dT/dt [degC/min],   e ~ N(0, sigma_k^2),   t ~ N(0, C)
 
-C holds turn-on, flicker and rate random walk of each run over its bins
-(`merge.session_covariance`). Smooth curves are cubic B-splines under a penalty on differences of
-their coefficients, its weights averaged over their evidence (Eilers, Marx (1996); Wood (2017),
-section 6.2); any other basis goes unpenalised. A level common to all rows belongs to K_T.
+Smooth curves are cubic B-splines under a penalty on differences of their coefficients, its weights
+averaged over their evidence (Eilers, Marx (1996); Wood (2017), section 6.2); any other basis goes
+unpenalised.
 
 What no smooth curve follows (a ripple of the bias over temperature) is a variance component of
 either curve, the same in all runs and both ways::
 
     K_T(T) = B_T(T) theta_T + u_T(T),   K_d(T) = B_d(T) theta_d + u_d(T)
     E u(T) u(T + d) = s^2 (1 + a) exp(-a),   a = sqrt(3) d / ROUGH_LENGTH_degC      (Matern, 3/2)
-
-Its sizes s are those of best evidence, 0 where they gain less than ROUGH_NATS, against noise that
-is larger than declared everywhere; s^2 is part of the variance of a curve at a temperature.
 """
 
 from collections.abc import Callable, Sequence
@@ -277,12 +273,7 @@ def smooth_basis(
 
 
 def spline_basis(
-    breaks_degC: NDArray,
-    *,
-    degree: int,
-    multiplicity: int,
-    open_ends: bool = True,
-    derivative: int = 0,
+    breaks_degC: NDArray, *, degree: int, multiplicity: int, open_ends: bool = True
 ) -> Basis:
     """B-splines on breakpoints; inner ones repeated `multiplicity` times (degree: only the value is
     continuous).
@@ -305,11 +296,7 @@ def spline_basis(
             breaks[-1] + h * np.arange(1, degree + 1),
         ]
     splines = BSpline(knots, np.eye(knots.size - degree - 1), degree)
-    return _Evaluated(
-        splines.derivative(derivative) if derivative else splines,
-        float(breaks[0]),
-        float(breaks[-1]),
-    )
+    return _Evaluated(splines, float(breaks[0]), float(breaks[-1]))
 
 
 @dataclass(frozen=True)
@@ -321,14 +308,11 @@ class _Evaluated:
     def __call__(self, temperature_degC: NDArray) -> NDArray:
         return np.asarray(self.splines(np.clip(temperature_degC, self.low, self.high)))
 
-    def derivative(self, order: int) -> Basis:
-        return _Evaluated(self.splines.derivative(order), self.low, self.high)
 
-
-def derivative_rows(basis: Basis, temperature_degC: NDArray, order: int) -> NDArray:
-    """Rows (k, p) of the derivative of a basis made here."""
+def second_derivative_rows(basis: Basis, temperature_degC: NDArray) -> NDArray:
+    """Rows (k, p) of the second derivative of a basis made here."""
     assert isinstance(basis, _Evaluated)
-    return basis.derivative(order)(temperature_degC)
+    return replace(basis, splines=basis.splines.derivative(2))(temperature_degC)
 
 
 def _solve(

@@ -20,12 +20,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.temperature_model import TemperatureModel
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import TemperatureModel, ThermalTable
 from infield.thermal.compensation import BiasSeries, batch_series, causal_series, less
 from infield.thermal.fog import model as fog
 from infield.thermal.found_effects import with_wider_turn_on
-from infield.thermal.gradient_runs import gradient_lines
+from infield.thermal.ramp_runs import gradient_lines
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg import model as rlg
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -106,15 +105,14 @@ def check_usable(run: Run, stored: StoredModel) -> None:
             f"run {header.run_id}: thermal model {header.removed_model.sha256[:12]} was taken out"
             " of it, needed the raw run"
         )
-    logged = (
-        ()
-        if run.temperature.gradient_degC is None
-        else [
+    if run.temperature.gradient_degC is None:
+        logged = ()
+    else:
+        logged = [
             axis
             for axis, column in zip(AXES, run.temperature.gradient_degC.T)
             if np.isfinite(column).any()
         ]
-    )
     lacking = [f"gradient_{axis}_degC" for axis in stored.model.lines if axis not in logged]
     if lacking:
         raise InputError(
@@ -132,11 +130,10 @@ def removed_from(run: Run, stored: StoredModel, *, part: str, batch: bool) -> Ru
             f"run {run.header.run_id}: applied_table_sha256 is set, needed raw gyro output, or the"
             " part rates"
         )
-    series = (
-        batch_series(stored.model, log, gyro_temperature(log), part=part)
-        if batch
-        else causal_series(stored.model, log, part=part)
-    )
+    if batch:
+        series = batch_series(stored.model, log, gyro_temperature(log), part=part)
+    else:
+        series = causal_series(stored.model, log, part=part)
     header = replace(
         run.header,
         removed_model=RemovedModel(sha256=stored.sha256, part=part, run_sha256=run.sha256),

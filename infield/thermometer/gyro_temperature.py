@@ -293,11 +293,10 @@ def _near_readings(nodes_s: NDArray, time_s: NDArray) -> NDArray:
     """Nodes (n,) between two readings that are not far apart, or close to one."""
     after = np.searchsorted(time_s, nodes_s)
     before, behind = time_s[np.maximum(after - 1, 0)], time_s[np.minimum(after, time_s.size - 1)]
-    bridged = (
-        max(BRIDGED_HOLE_S, 5.0 * float(np.median(np.diff(time_s))))
-        if time_s.size > 1
-        else BRIDGED_HOLE_S
-    )
+    if time_s.size > 1:
+        bridged = max(BRIDGED_HOLE_S, 5.0 * float(np.median(np.diff(time_s))))
+    else:
+        bridged = BRIDGED_HOLE_S
     nearest = np.minimum(np.abs(nodes_s - before), np.abs(nodes_s - behind))
     return (behind - before <= bridged) & (nearest <= bridged)
 
@@ -331,11 +330,9 @@ def _filled(nodes_s: NDArray, T: NDArray, usable: NDArray, log: TemperatureLog) 
 def _as_read(nodes_s: NDArray, log: TemperatureLog, axis: int) -> NDArray:
     """The readings of an axis as they are, where no thermometer can be used."""
     read = np.isfinite(log.gyro_degC[:, axis])
-    return (
-        np.interp(nodes_s, log.time_s[read], log.gyro_degC[read, axis])
-        if read.any()
-        else np.zeros(nodes_s.size)
-    )
+    if read.any():
+        return np.interp(nodes_s, log.time_s[read], log.gyro_degC[read, axis])
+    return np.zeros(nodes_s.size)
 
 
 def _gradient(nodes_s: NDArray, log: TemperatureLog) -> NDArray | None:

@@ -117,11 +117,10 @@ class _Readings:
     def __init__(self, nodes_s: NDArray, time_s: NDArray, reading: NDArray, step: float) -> None:
         self.dt, self.n = float(nodes_s[1] - nodes_s[0]), nodes_s.size
         second = np.floor(time_s - time_s[0]).astype(np.int64)
-        level = (
-            np.unique(reading, return_inverse=True)[1]
-            if step > 0.0
-            else np.zeros(reading.size, dtype=np.int64)
-        )
+        if step > 0.0:
+            level = np.unique(reading, return_inverse=True)[1]
+        else:
+            level = np.zeros(reading.size, dtype=np.int64)
         _, group = np.unique(second * (int(level.max()) + 1) + level, return_inverse=True)
         self.count = np.bincount(group).astype(float)
         t = np.bincount(group, time_s) / self.count

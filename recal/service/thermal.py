@@ -20,8 +20,7 @@ from infield.store.table_store import TableStore, UnknownUnit
 from infield.thermal.fog.fixed_point import to_c_header, to_csv
 from infield.thermal.fog.model import held_out
 from infield.thermal.fog.ramps import separate
-from infield.thermal.gradient_runs import gradient_run
-from infield.thermal.ramp_runs import ramp_run
+from infield.thermal.ramp_runs import gradient_run, ramp_run
 from infield.thermal.rlg.gradients import fit_gradients, held_out_run
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.stored_model import check_usable, read_thermal_model, removed_from

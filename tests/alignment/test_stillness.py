@@ -210,8 +210,8 @@ def test_spans_and_seconds_by_hand():
         jolt_rad=np.zeros(6),
         sigma_v_m_s=1e-3,
     )
-    (span,) = motion.spans(DISTURBED, "motion")
-    assert (span.start_s, span.end_s, span.reason) == (1.0, 3.0, "motion")
+    (span,) = motion.excluded()
+    assert (span.start_s, span.end_s, span.reason) == (1.0, 3.0, stillness.Disturbance.MOTION)
     assert motion.seconds(STILL) == 2.0
     assert motion.seconds(ROLLING) == 1.0
 

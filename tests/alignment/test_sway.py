@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from alignment.motion.parked_seconds import ParkedSeconds
-from alignment.motion.sway import averages, sway_of
+from alignment.motion.parked_seconds import ParkedSeconds, averages, sway_of
 from ins.units import DEG_PER_HOUR
 
 SECONDS, BIN_S = 3600, 120.0

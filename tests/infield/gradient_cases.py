@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.ramp_runs import RampRun
+from infield.thermal.ramp_runs import GradientRun, RampRun
 from ins.records import GyroNoise, TwinModel
 from tests.infield.ramp_cases import flicker
 

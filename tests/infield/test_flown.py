@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from infield.session import one_run
-from infield.session.flown.fixes import usable
+from infield.session.flown.flight import usable
 from infield.session.flown.priors import Further
 from infield.session.joint_update import find_flight_terms
 from infield.session.one_run import take_run

@@ -8,8 +8,7 @@ from scipy.stats import multivariate_normal
 
 from infield.table.autopilot_params import PX4, AutopilotCubic
 from infield.table.least_squares import NormalEquations, fit_correlated, fit_rows
-from infield.table.temperature_model import TemperatureModel
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, TemperatureModel, default_table
 from ins.records import AXES
 
 

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from infield.reports.documents.rlg import rlg_document
 from infield.table.least_squares import NormalEquations
 from infield.thermal.compensation import batch_series, bias_deg_h
-from infield.thermal.gradient_runs import GradientRun
+from infield.thermal.ramp_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import AxisModel
 from infield.thermal.rlg.gradients import fit_gradients

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from infield.store.rows import record_sha256
+from infield.store.rows import revision_sha256
 from infield.store.table_store import MergedRun
 from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
@@ -139,7 +139,7 @@ def test_a_row_rewritten_with_its_hash_breaks_the_next_link(full, url):
     found = rows(url, f"SELECT {names} FROM recal_revision WHERE number = 3")[0]
     before = rows(url, "SELECT record_sha256 FROM recal_revision WHERE number = 2")[0][0]
     values = {**dict(zip(names.split(", "), found)), "note": "forged"}
-    forged = record_sha256(key, values, before)
+    forged = revision_sha256(key, values, before)
     tamper(
         url,
         (

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.thermal.compensation import batch_series, causal_series, less
-from infield.thermal.fog.model import model_from_document
-from infield.thermal.ramp_runs import ramp_run
-from infield.thermometer.causal_rate import (
+from infield.thermal.compensation import (
     CausalRate,
     QUIET_RATE_degC_min,
+    batch_series,
     causal_rates,
+    causal_series,
+    less,
     time_constant_s,
 )
+from infield.thermal.fog.model import model_from_document
+from infield.thermal.ramp_runs import ramp_run
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.thermal.gradient_runs import gradient_lines, gradient_run
+from infield.thermal.ramp_runs import gradient_lines, gradient_run
 from ins.records import InputError, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR

@@ -7,8 +7,7 @@ from infield.reports.documents.session_records import (
     FlightAgainstRest,
     FlightDocument,
 )
-from infield.session.flown.gates import Carried
-from infield.session.flown.information_gain import FlightEvidence
+from infield.session.flown.gates import Carried, FlightEvidence
 from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further
 from infield.session.results import SessionResult
 from ins.records import AXES

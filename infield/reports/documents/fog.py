@@ -12,7 +12,7 @@ from infield.reports.documents.thermal import (
     NoiseModelDocument,
     ThermalDocument,
     ThermalLevel,
-    noise_model,
+    said_of,
 )
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
@@ -21,7 +21,6 @@ from infield.thermal.fog.ramps import Curves, Hysteresis, RampFit, RampStudy
 from infield.thermal.ramp_runs import Leg, RampRun
 from ins.documents import UNWRITTEN
 from ins.records import AXES, Span
-from ins.verdicts import codes, sentences
 
 DAY_S = 86400.0
 
@@ -216,20 +215,10 @@ def fog_document(
 ) -> FogDocument:
     """The result of a study, refused or fitted."""
     runs = [("fast", r) for r in study.fast] + [("slow", r) for r in study.slow]
-    first = runs[0][1]
     export = FogExport(allowed_deg_h, word_bits)
     return FogDocument(
-        verdict=study.verdict,
-        reasons=sentences(study.reasons),
-        reason_codes=codes(study.reasons),
-        notes=sentences(study.notes),
-        note_codes=codes(study.notes),
-        version=version,
-        imu_serial=first.imu_serial,
-        gyro_technology=first.gyro_technology,
+        **said_of(study, study.notes, runs[0][1], version),
         runs=[_run(role, run) for role, run in runs],
-        remounted=study.remounted,
-        noise_model=noise_model(study.twin),
         axes={a.axis: _axis(a, pairs[a.axis], model, study, export) for a in study.axes},
         check=[_check(found) for found in checks],
         held_out=checks,

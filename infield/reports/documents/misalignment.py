@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.misalignment.closed_forms import DocumentAngles, document_angles, document_compensation
+from infield.misalignment.closed_forms import document_angles, document_compensation
 from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
 from infield.misalignment.geometry import Geometry
 from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, north_to_west_rad
@@ -21,7 +21,7 @@ from infield.reports.documents.update_records import RunDocument
 from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG
-from ins.verdicts import Observability, Reason, because, codes, sentence, sentences
+from ins.verdicts import Observability, because, codes, sentence, sentences
 
 SCHEMA = "recal.misalignment/1"
 
@@ -159,7 +159,9 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
         gyros={} if fit is None else _gyros(fit),
         couplings=list(result.couplings) if shown else [],
         not_observable=_not_observable(study),
-        redundancy=None if fit is None else _redundancy(fit),
+        redundancy=None
+        if fit is None
+        else RedundancyDocument(chi2=fit.chi2, dof=fit.dof, limit_999=fit.band),
         closed_forms=_closed_forms(study),
         accelerometers=study.levels,
         misalignment_mrad=dict(zip(ENTRIES, gyro.misalignment_mrad)),
@@ -170,10 +172,6 @@ def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentD
         notes=sentences(notes),
         note_codes=codes(notes),
     )
-
-
-def _redundancy(fit: AzimuthFit) -> RedundancyDocument:
-    return RedundancyDocument(chi2=fit.chi2, dof=fit.dof, limit_999=fit.band)
 
 
 def _stops(study: AzimuthStudy) -> list[AzimuthStopDocument]:
@@ -244,11 +242,9 @@ def _not_observable(study: AzimuthStudy) -> list[UnseenDocument]:
         rows.append(("accelerometer x, y offsets", study.why_no_levels))
     elif study.settings.sigma_mounting_arcsec is None:
         rows.append(("accelerometer x, y biases alone", because(Unseen.MOUNTING)))
-    return [_unseen(what, why) for what, why in rows]
-
-
-def _unseen(what: str, why: Reason) -> UnseenDocument:
-    return UnseenDocument(what=what, why=sentence(why), why_code=why.code.value)
+    return [
+        UnseenDocument(what=what, why=sentence(why), why_code=why.code.value) for what, why in rows
+    ]
 
 
 def _why_unseen(c: CouplingEstimate) -> Unseen:
@@ -267,15 +263,14 @@ def _closed_forms(study: AzimuthStudy) -> ClosedFormsDocument | NoClosedFormsDoc
     except InputError as error:
         return NoClosedFormsDocument(why_not=str(error))
     after = document_compensation(alpha, study.bias_deg_h, found, level_rate_deg_h=rate)
+    exy, eyx, ezy = (
+        AngleDocument(value_arcsec=value / ARCSEC, sigma_arcsec=sigma / ARCSEC)
+        for value, sigma in zip((found.exy_rad, found.eyx_rad, found.ezy_rad), found.sigma_rad)
+    )
     return ClosedFormsDocument(
-        exy=_angle(found, 0),
-        eyx=_angle(found, 1),
-        ezy=_angle(found, 2),
+        exy=exy,
+        eyx=eyx,
+        ezy=ezy,
         ezy_as_printed_arcsec=found.literal_ezy_rad / ARCSEC,
         spread_after_deg_h=dict(zip(AXES, np.ptp(after[list(found.stops)], axis=0).tolist())),
     )
-
-
-def _angle(found: DocumentAngles, k: int) -> AngleDocument:
-    value = (found.exy_rad, found.eyx_rad, found.ezy_rad)[k]
-    return AngleDocument(value_arcsec=value / ARCSEC, sigma_arcsec=found.sigma_rad[k] / ARCSEC)

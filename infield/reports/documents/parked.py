@@ -39,11 +39,6 @@ def parked_sessions(result: UpdateResult) -> list[SessionResult]:
     return [s for s in result.sessions if s.estimate is not None and s.estimate.parked is not None]
 
 
-def rested_sessions(result: UpdateResult) -> list[SessionResult]:
-    """Those of them that stood."""
-    return [s for s in parked_sessions(result) if s.estimate and evidence_of(s.estimate).stretches]
-
-
 def measurements(e: SessionEstimate) -> Mapping[str, FilterNis]:
     """How the rates change along the session, against the noise model."""
     if not e.dof:
@@ -199,12 +194,11 @@ def _of_ways(session: SessionResult) -> Mapping[str, NDArray]:
 
 def assumptions(result: UpdateResult) -> list[str]:
     """What a reader must believe for these numbers to hold."""
-    twin, found = (
-        result.twin,
-        [s.estimate.parked for s in rested_sessions(result) if s.estimate is not None],
-    )
-    north = max((float(p.earth.heading_deg_h.max()) for p in found if p is not None), default=0.0)
-    several = any(len(p.stretches) > 1 for p in found if p is not None)
+    twin = result.twin
+    found = [evidence_of(s.estimate) for s in parked_sessions(result) if s.estimate]
+    found = [evidence for evidence in found if evidence.stretches]
+    north = max((float(p.earth.heading_deg_h.max()) for p in found), default=0.0)
+    several = any(len(p.stretches) > 1 for p in found)
     common = (
         "one common error of all points of a stretch of rest, the turns between the stretches of a"
         " run as the gyros tell them"
@@ -224,7 +218,7 @@ def assumptions(result: UpdateResult) -> list[str]:
             "the heading of the parked unit need not be known; what it leaves of Earth rate is one"
             " error of a session"
         )
-    noisiest = max((p.noise_scale for p in found if p is not None), default=0.0)
+    noisiest = max((p.noise_scale for p in found), default=0.0)
     said = f", the log's own where larger (at most {noisiest:.2g} times the model)" if found else ""
     return [
         heading,

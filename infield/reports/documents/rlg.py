@@ -12,9 +12,9 @@ from infield.reports.documents.thermal import (
     NoiseModelDocument,
     ThermalDocument,
     ThermalLevel,
-    noise_model,
+    said_of,
 )
-from infield.thermal.gradient_runs import GradientRun
+from infield.thermal.ramp_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Condition, Residual, TermChoice
 from infield.thermal.rlg.gradients import GradientStudy, RlgHeldOut
@@ -23,7 +23,7 @@ from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import TERM_UNITS, TERMS, Collinear
 from ins.documents import UNWRITTEN
 from ins.records import AXES, Span
-from ins.verdicts import Reason, because, codes, sentences
+from ins.verdicts import Reason, because
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (
@@ -145,20 +145,10 @@ def rlg_document(
     study: GradientStudy, *, checks: Sequence[RlgHeldOut] = (), version: str
 ) -> RlgDocument:
     """The result of a study, refused or fitted."""
-    first = study.runs[0].blocks
     notes = [*study.notes, *_missing(study)]
     return RlgDocument(
-        verdict=study.verdict,
-        reasons=sentences(study.reasons),
-        reason_codes=codes(study.reasons),
-        notes=sentences(notes),
-        note_codes=codes(notes),
-        version=version,
-        imu_serial=first.imu_serial,
-        gyro_technology=first.gyro_technology,
+        **said_of(study, notes, study.runs[0].blocks, version),
         runs=[_run(run) for run in study.runs],
-        remounted=study.remounted,
-        noise_model=noise_model(study.twin),
         reference_temperature_degC=study.reference_degC,
         validation=study.validation,
         axes={a.axis: _axis(a, study.reference_degC) for a in study.axes},

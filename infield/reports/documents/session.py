@@ -3,7 +3,6 @@ the claim chain.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,16 +152,13 @@ def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
     marks, likeness = session.marks, session.likeness
     if marks is None:
         return None
-    told = UnitMarksDocument(
+    compared = ("sessions", "chi2", "dof", "limit")
+    return UnitMarksDocument(
         names=list(marks.names),
         value=marks.value.tolist(),
         covariance=marks.covariance.tolist(),
         heat=marks.heat.tolist(),
-    )
-    if likeness is None:
-        return told
-    return replace(
-        told, sessions=likeness.sessions, chi2=likeness.chi2, dof=likeness.dof, limit=likeness.limit
+        **({} if likeness is None else {name: getattr(likeness, name) for name in compared}),
     )
 
 

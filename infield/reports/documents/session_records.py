@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.alignment import FilterNis, LevelDocument
 from infield.session.estimate import BegunInMotion
-from infield.session.flown.information_gain import InformationGain
+from infield.session.flown.gates import InformationGain
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
 from infield.session.points import AxisObservability

@@ -6,15 +6,18 @@ residual_table: the table less the model's settled part; text: a line for each r
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect
+from infield.thermal.ramp_runs import RampRun
 from infield.thermal.reasons import ThermalNote, ThermalVerdict
 from infield.thermal.stored_model import Removed, StoredModel, residual_table, taken_out
+from infield.thermal.study import ThermalStudy
 from ins.records import AXES, TwinModel
-from ins.verdicts import because, sentence, sentences
+from ins.verdicts import Reason, because, codes, sentence, sentences
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +33,24 @@ class ThermalDocument:
     version: str
     imu_serial: str
     gyro_technology: str
+
+
+def said_of(study: ThermalStudy, notes: Sequence[Reason], run: RampRun, version: str) -> Any:
+    """The fields of `ThermalDocument` and what else all documents of a study say of it, by name.
+    run: one of the unit.
+    """
+    return {
+        "verdict": study.verdict,
+        "reasons": sentences(study.reasons),
+        "reason_codes": codes(study.reasons),
+        "notes": sentences(notes),
+        "note_codes": codes(notes),
+        "version": version,
+        "imu_serial": run.imu_serial,
+        "gyro_technology": run.gyro_technology,
+        "remounted": study.remounted,
+        "noise_model": noise_model(study.twin),
+    }
 
 
 @dataclass(frozen=True, kw_only=True)

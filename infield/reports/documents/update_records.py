@@ -14,7 +14,7 @@ from infield.reports.documents.session_records import (
 )
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import BiasStep
-from infield.session.flown.information_gain import FlightTerm
+from infield.session.flown.gates import FlightTerm
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction, ThermalKind
 from ins.documents import OMIT_NONE, Null, from_json

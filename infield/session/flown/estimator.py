@@ -1,15 +1,8 @@
 """A session that flies: one filter from the first rest to the end of the log.
 
-The ground session comes first, as it is without a flight (`infield.session.navigated`); from its
-start and biases the whole log is navigated, height from the receiver, and one filter of the
-linear errors goes over it: parked and taxi as there, fixes throughout, rests after landing. The
-errors hold no specific force (`ins.estimation.error_model`), so that they stay linear for hours:
-after the second pass the solution is off by hundreds of metres and 0.1 mrad.
-
 Decision: docs/decisions/0006-error-state-w.md.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +13,7 @@ from alignment.motion.imu_faults import repair
 from alignment.motion.kinds import AIRBORNE, STILL
 from alignment.motion.seconds import seconds_of
 from alignment.motion.stillness import Motion
-from alignment.navigation_filter import Aid, ParkedConstraint, StepPlan
+from alignment.navigation_filter import ParkedConstraint, StepPlan
 from alignment.result import BiasPrior, Solution
 from infield.session.bins import SessionBins, make_bins
 from infield.session.estimate import RollingEvidence, SessionEstimate
@@ -28,15 +21,13 @@ from infield.session.flown.flight import Flight, RunInputs, flown_motion
 from infield.session.flown.passes import Beginning, FlownPass, FlownSession, solved
 from infield.session.flown.priors import Layout
 from infield.session.log import compensated_imu
-from infield.session.navigated.estimator import alignment_heading_error, nuisance_sigmas
+from infield.session.navigated.estimator import (
+    alignment_heading_error,
+    ground_aids,
+    nuisance_sigmas,
+)
 from infield.session.navigated.nuisances import Assumed, priors_under
 from infield.session.navigated.receiver import OF_RECEIVER
-from infield.session.navigated.taxi_heading import (
-    CentreLineAid,
-    LateralAid,
-    OdometerAid,
-    SurveyedHeadingAid,
-)
 from infield.session.reasons import Nuisance
 from infield.session.settings import FlightPriors
 from ins.attitude import dcm_from_rotation_vector
@@ -101,8 +92,8 @@ def _rested(known: RunInputs, ground: SessionEstimate, clone_s: float) -> Beginn
         motion=ground.motion,
         twin=solution.last.twin,
         level_earth_rate_rad_s=solution.last.level_earth_rate_rad_s,
-        sigmas=_sigmas(known, ground.rolling),
-        aids=_aids(known, ground.rolling, clone_s),
+        sigmas=priors_under(nuisance_sigmas(known.run, known.settings), _assumed(ground.rolling)),
+        aids=ground_aids(known.run, known.twin, known.settings, _assumed(ground.rolling), clone_s),
         parked=lambda plan, history: _parked(solution, plan, history),
     )
 
@@ -154,26 +145,6 @@ def _assumed(rolling: RollingEvidence | None) -> Assumed:
     return assumed
 
 
-def _sigmas(known: RunInputs, rolling: RollingEvidence | None) -> Mapping[str, float]:
-    """Prior sigmas of the base states' nuisances."""
-    declared = nuisance_sigmas(known.run, known.settings)
-    return priors_under(declared, _assumed(rolling))
-
-
-def _aids(known: RunInputs, rolling: RollingEvidence | None, clone_s: float) -> Sequence[Aid]:
-    """What the ground session heard of wheels and surveys."""
-    run, assumed, survey = known.run, _assumed(rolling), known.run.header.survey
-    aids: list[Aid] = [LateralAid(run.header.wheel_reference_m, assumed)]
-    if run.odometer is not None and known.settings.use_odometer:
-        noise_m_s = known.twin.odometer.noise_m_s
-        aids.append(OdometerAid(run.odometer, noise_m_s, run.header.wheel_reference_m))
-    if survey.heading_rad is not None and survey.sigma_heading_rad:
-        aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, clone_s))
-    if survey.centre_line_rad is not None and survey.sigma_centre_line_rad:
-        aids.append(CentreLineAid(survey.centre_line_rad))
-    return aids
-
-
 def reported_motion(motion: Motion, flight: Flight) -> Motion:
     """The motion as a report names it: what flies is airborne."""
     t, kind = motion.time_s, motion.kind.copy()
@@ -197,20 +168,15 @@ def _flown(
         fitted=replace(before.fitted, filter=flt, parked=done.last.parked),
         last=done.last,
     )
-    mean, covariance = solution.bias
     error, sigma = alignment_heading_error(ground.alignment, solution)
-    dof = sum(flt.tally.dof.values())
-    return SessionEstimate(
-        bins=bins,
-        mean_deg_h=mean / DEG_PER_HOUR,
-        covariance=covariance / DEG_PER_HOUR**2,
-        alignment=ground.alignment,
-        solution=solution,
+    return SessionEstimate.of_solution(
+        bins,
+        ground.alignment,
+        solution,
+        solution.bias,
         heading_error_rad=error,
         sigma_heading_rad=sigma,
         sigma_heading_before_rad=ground.sigma_heading_before_rad,
-        nis_mean=sum(flt.tally.nis.values()) / max(dof, 1),
-        dof=dof,
         rolling=ground.rolling,
         own=session.own.found(solution, bins),
     )

@@ -6,19 +6,19 @@ from dataclasses import replace
 from alignment.motion.inertial import Where
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import FlownEstimate, estimate_flown
-from infield.session.flown.fixes import usable
-from infield.session.flown.flight import RunInputs, find_flight
+from infield.session.flown.flight import RunInputs, find_flight, usable
 from infield.session.flown.gates import (
+    FlightEvidence,
     SuspectedShift,
     against_joining,
     carried,
     deflected,
+    information_gain,
     rested,
     suspected_shift,
     uncovered,
 )
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
-from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
 from infield.session.flown.without_heading import fly_without_heading
 from infield.session.log import compensated_imu

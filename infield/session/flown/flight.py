@@ -10,17 +10,23 @@ from alignment.motion.kinds import AIRBORNE, ROLLING, STILL
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands
 from alignment.motion.stillness import TAKE_OFF_M_S, Motion
-from alignment.navigation_filter import StepPlan
+from alignment.navigation_filter import StepPlan, StepViews
 from infield.session.bins import SessionBins
 from infield.session.estimate import SessionEstimate
-from infield.session.flown.priors import Layout, laid_out
+from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.log import session_end
 from infield.session.navigated.own_errors import LoggedRun, OwnErrors, own_errors
+from infield.session.navigated.receiver import FixAid
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
+from ins.earth import EARTH_RATE_RAD_S
 from ins.estimation import error_model as em
-from ins.filters.aided_records import fixes_of
+from ins.estimation.error_filter import ErrorFilter
+from ins.estimation.measurements.antenna import Antenna
+from ins.estimation.measurements.fix import ReceiverStates
+from ins.estimation.tape import Tape
+from ins.filters.aided_records import Fixes, fixes_of
 from ins.records import GnssLog, NavHistory, Run, TwinModel
 
 
@@ -39,6 +45,13 @@ class RunInputs:
         return replace(
             self, settings=self.settings.with_shift(self.run.header.gyro_technology, size_deg_h)
         )
+
+    @property
+    def gyro_sigma_deg_h(self) -> NDArray:
+        """What the table and a turn-on leave open of each gyro (3,), 1 sigma."""
+        P = self.table.covariance
+        nodes = [np.sqrt(np.diag(P)[self.table.values_of(k)].max()) for k in range(3)]
+        return np.hypot(nodes, self.twin.gyro.turn_on_deg_h)
 
     def own_errors(self, layout: Layout, flight: Where, rest: Where, C_nb: NDArray) -> OwnErrors:
         """What users' errors add, their states after the further ones; rest: a first stretch of the
@@ -107,20 +120,22 @@ def find_flight(
     end_s = float(fixes.time_s[fast][-1])
     if end_s - start_s < LEAST_FLOWN_S:
         return None
-    stands = find_stands(
-        seconds_of(run.imu),
-        fixes_of(
-            fixes,
-            horizontal_m=twin.gnss.sigma_horizontal_m,
-            vertical_m=twin.gnss.sigma_vertical_m,
-            velocity_m_s=twin.gnss.sigma_velocity_m_s,
-        ),
-    )
+    stands = find_stands(seconds_of(run.imu), declared_fixes(fixes, twin))
     return Flight(
         start_s=start_s,
         end_s=end_s,
         stands=tuple(stand for stand in stands if stand[0] > end_s),
         covered=covered_share(fixes, start_s, end_s),
+    )
+
+
+def declared_fixes(log: GnssLog, twin: TwinModel) -> Fixes:
+    """The fixes of a log with the twin's sigmas where it has none."""
+    return fixes_of(
+        log,
+        horizontal_m=twin.gnss.sigma_horizontal_m,
+        vertical_m=twin.gnss.sigma_vertical_m,
+        velocity_m_s=twin.gnss.sigma_velocity_m_s,
     )
 
 
@@ -197,3 +212,88 @@ def joined_cruise(plan: StepPlan, history: NavHistory, flight: Flight) -> StepPl
         root_sum(plan.velocity_jump_m_s),
         root_sum(plan.turn_jump_rad),
     )
+
+
+OF_POSITION, OF_VELOCITY = "flight position", "flight velocity"
+# faster than that no two good fixes are the same to their last bit, 1e-9 deg; as
+# infield.aided.checks
+REPEATS_ABOVE_M_S = 0.5
+# without a fix the height is a straight line; a climb of 10 m/s turns with the Earth into 0.04 m/s
+# in 30 s, a fix's own sigma
+UNHELD_S = 30.0
+CLIMB_M_S = 10.0  # of an airliner, 2000 ft/min; its climb rate is unknown by as much
+
+
+def receiver_states(layout: Layout) -> ReceiverStates:
+    """Where a flight holds what its receiver may have wrong."""
+    delays = layout.indices(Further.DELAY)
+    return ReceiverStates(
+        arm=layout.indices(Further.ANTENNA),
+        delay=delays[:1],
+        velocity_delay=delays[1:],
+        slow_position=layout.indices(Further.SLOW_POSITION),
+        slow_velocity=layout.indices(Further.SLOW_VELOCITY),
+    )
+
+
+def with_delays(antenna: Antenna, flt: ErrorFilter, layout: Layout) -> Antenna:
+    """An antenna with the delays that a filter found."""
+    delays = flt.x[list(layout.indices(Further.DELAY))]
+    if not delays.size:
+        return antenna
+    return replace(antenna, delay_s=float(delays[0]), velocity_delay_s=float(delays[1]))
+
+
+def usable(log: GnssLog) -> tuple[GnssLog, int]:
+    """The fixes that are whole and are no repetition of the one before; how many were repeated."""
+    whole = np.isfinite(log.lat_rad) & np.isfinite(log.lon_rad)
+    whole &= np.isfinite(log.v_n_m_s[:, :2]).all(axis=1)
+    speed = np.linalg.norm(log.v_n_m_s, axis=1)
+    same = np.zeros(log.time_s.size, dtype=bool)
+    same[1:] = (np.diff(log.lat_rad) == 0.0) & (np.diff(log.lon_rad) == 0.0)
+    same &= speed > REPEATS_ABOVE_M_S
+    kept = whole & ~same
+    return only(log, kept), int(same.sum())
+
+
+def only(log: GnssLog, kept: NDArray) -> GnssLog:
+    """Some fixes of a log (n,) bool."""
+
+    def of(column: NDArray | None) -> NDArray | None:
+        return None if column is None else column[kept]
+
+    return GnssLog(
+        time_s=log.time_s[kept],
+        lat_rad=log.lat_rad[kept],
+        lon_rad=log.lon_rad[kept],
+        height_m=log.height_m[kept],
+        v_n_m_s=log.v_n_m_s[kept],
+        sigma_horizontal_m=of(log.sigma_horizontal_m),
+        sigma_vertical_m=of(log.sigma_vertical_m),
+        sigma_velocity_m_s=of(log.sigma_velocity_m_s),
+        fix_type=of(log.fix_type),
+    )
+
+
+@dataclass(frozen=True)
+class FlightFixes:
+    """The fixes of a flight, and what an unseen height may do while there are none."""
+
+    fixes: FixAid
+
+    def measure(self, tape: Tape, views: StepViews) -> None:
+        """Lay down outages, then the last fix of each step.
+
+        The height is a straight line between the fixes; a climb rate wrong by CLIMB_M_S turns with
+        the Earth into a level acceleration (Coriolis), and that is the size taken for possible.
+        """
+        time_s = self.fixes.log.time_s
+        gap_s = np.diff(time_s)
+        for k in np.flatnonzero(gap_s > UNHELD_S):
+            lost_m_s = 2.0 * EARTH_RATE_RAD_S * CLIMB_M_S * gap_s[k]
+            step = np.searchsorted(views.end_s, time_s[k + 1] - 1e-6)
+            at = np.array([min(int(step), views.end_s.size - 1)])
+            for i in range(2):
+                tape.widen(at, em.W.start + i, lost_m_s**2)
+                tape.widen(at, em.POS.start + i, (lost_m_s * gap_s[k]) ** 2)
+        self.fixes.measure(tape, views)

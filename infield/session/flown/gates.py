@@ -1,12 +1,7 @@
 """May a flight be joined to the session that it began with? Reasons, where it may not.
 
-A flight that is left out leaves the ground session as it is. What is asked: enough fixes; residuals
-and rejected shares of positions and velocities by themselves; nuisances within their priors; and
-that the unit reads in flight what it reads at rest.
-
-Each further state has the prior N(0, S0) and the posterior N(x, S): over sound flights x is
-N(0, S0 - S). With no prior at all it would be x S0 / (S0 - S), of variance S S0 / (S0 - S)
-(information form; Bar-Shalom (2001), section 5.2): that is the size that is told.
+With no prior at all it would be x S0 / (S0 - S), of variance S S0 / (S0 - S) (information form;
+Bar-Shalom (2001), section 5.2): that is the size that is told.
 """
 
 from collections import Counter
@@ -20,14 +15,16 @@ from scipy.special import expit
 
 from alignment.gyrocompass import nis_verdict
 from infield.session.acceptance import MAX_REJECTED_SHARE
+from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import FlownEstimate
-from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
-from infield.session.flown.flight import LEAST_WITH_FIXES, Flight
+from infield.session.flown.flight import LEAST_WITH_FIXES, OF_POSITION, OF_VELOCITY, Flight
 from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further, Layout
 from infield.session.reasons import FlightReason
 from infield.session.settings import FlightPriors
 from infield.table.merge import CONFIDENCE
+from infield.table.thermal_table import ThermalTable
 from ins.estimation.error_filter import ErrorFilter, Tally
+from ins.records import AXES
 from ins.robust import norm
 from ins.units import ARCSEC, DEG_PER_HOUR
 from ins.verdicts import Reason, because
@@ -263,3 +260,80 @@ def _shifted(states: Sequence[Carried], limit: float) -> Iterator[_Shifted]:
 def _limit(count: int) -> float:
     """Sigmas that one of so many values exceeds in one sound flight of a thousand."""
     return float(norm.isf((1.0 - CONFIDENCE) / 2.0 / max(count, 1)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class InformationGain:
+    """Sigma of a gyro's table, RMS over the flight's temperatures: before the session, after its
+    ground part alone, after all of it.
+    """
+
+    axis: str
+    before_deg_h: float
+    ground_alone_deg_h: float
+    after_deg_h: float
+
+
+@dataclass(frozen=True)
+class FlightEvidence:
+    """Evidence of the flight of a session.
+
+    joined: estimate of the session with its flight, None where it was left out, for these reasons.
+    repeated: fixes that were left out as repetitions; carried: the flight's nuisances, empty where
+    it was not estimated; worth: None where it was left out; heading_before_rad: sigma of the
+    heading error by the ground session; notes: what the flight was estimated again for;
+    as_usual: the estimate before that, None where it was not.
+    """
+
+    flight: Flight
+    repeated: int
+    heading_before_rad: float
+    reasons: tuple[Reason, ...] = ()
+    joined: SessionEstimate | None = None
+    carried: tuple[Carried, ...] = ()
+    worth: tuple[InformationGain, ...] | None = None
+    notes: tuple[Reason, ...] = ()
+    as_usual: SessionEstimate | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightTerm:
+    """What gyro `axis` reads in flight beyond what it reads at rest, and its sigma, had there been
+    no prior for it; of so many flights. found: beyond doubt, so that the runs were taken again with
+    a difference of that size.
+    """
+
+    axis: str
+    value_deg_h: float
+    sigma_deg_h: float
+    flights: int
+    found: bool
+
+
+def information_gain(
+    table: ThermalTable, ground: SessionEstimate | None, joined: SessionEstimate, flight: Flight
+) -> tuple[InformationGain, ...]:
+    """What ground and flight do to the table at the temperatures of the flight. ground: None of a
+    session that has no part without the flight.
+    """
+    bins = joined.bins
+    flown = (bins.start_s >= flight.start_s) & (bins.end_s <= flight.end_s)
+    H = bins.H.reshape(-1, 3, table.n_parameters)[flown]
+
+    def sigma(covariance: NDArray) -> NDArray:
+        return np.sqrt(np.einsum("kij,jl,kil->ki", H, covariance, H).mean(axis=0))
+
+    alone = table.covariance
+    if ground is not None:
+        alone = ground.merged_into(table).candidate.covariance
+    before, ground_alone = sigma(table.covariance), sigma(alone)
+    after = sigma(joined.merged_into(table).candidate.covariance)
+    return tuple(
+        InformationGain(
+            axis=axis,
+            before_deg_h=float(before[k]),
+            ground_alone_deg_h=float(ground_alone[k]),
+            after_deg_h=float(after[k]),
+        )
+        for k, axis in enumerate(AXES)
+    )

@@ -15,7 +15,7 @@ from alignment.linearised import Course, RestedLog, Start
 from alignment.motion.inertial import Where
 from alignment.motion.kinds import STILL
 from alignment.motion.stillness import Motion
-from alignment.navigation_filter import ParkedConstraint, StepPlan, diffuse_heading_rad
+from alignment.navigation_filter import ParkedConstraint, diffuse_heading_rad
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
@@ -99,7 +99,9 @@ def estimate_in_motion(
             level_earth_rate_rad_s=level_rate,
             sigmas={**nuisance_sigmas(run, settings), "W": 1.0 + heading * speed},
             aids=(),
-            parked=lambda plan, history: _each_step(held, plan),
+            parked=lambda plan, history: held.mapped(
+                lambda value: np.full(plan.kind.shape, float(value))
+            ),
         ),
         log=RestedLog(
             compensated_imu(run, known.table, known.temperature, known.twin),
@@ -122,26 +124,20 @@ def estimate_in_motion(
     first = Start(start.state.C_nb, of_bins, level, start.state.v_n_m_s)
     done, antenna = solved(session, first)
     solution = _solution(session, done, parked_after)
-    mean, covariance = solution.bias
-    tally = done.filter.tally
-    dof = sum(tally.dof.values())
     down = em.THETA_START.stop - 1
     heading_rad = euler_from_dcm(done.history.C_nb[0])[2] - done.filter.x[down]
     first_heading_rad = euler_from_dcm(start.state.C_nb)[2]
     sigma_rad = float(np.sqrt(done.filter.P[down, down]))
     # the filter that found the start knows no scale errors and misalignments
     found_rad = max(start.sigma_heading_rad, sigma_rad)
-    estimate = SessionEstimate(
-        bins=bins,
-        mean_deg_h=mean / DEG_PER_HOUR,
-        covariance=covariance / DEG_PER_HOUR**2,
-        alignment=Alignment(AlignmentVerdict.REFUSED, (because(AlignmentReason.BEGINS_IN_MOTION),)),
-        solution=solution,
+    estimate = SessionEstimate.of_solution(
+        bins,
+        Alignment(AlignmentVerdict.REFUSED, (because(AlignmentReason.BEGINS_IN_MOTION),)),
+        solution,
+        solution.bias,
         heading_error_rad=float(wrap_pi(first_heading_rad - heading_rad)),
         sigma_heading_rad=sigma_rad,
         sigma_heading_before_rad=found_rad,
-        nis_mean=sum(tally.nis.values()) / max(dof, 1),
-        dof=dof,
         begun=BegunInMotion(
             time_s=begin_s,
             method=start.method.value,
@@ -170,11 +166,6 @@ def _middle(ground: Solution) -> ParkedConstraint:
         return float(np.median(of_steps[still]))
 
     return held.mapped(middle)
-
-
-def _each_step(held: ParkedConstraint, plan: StepPlan) -> ParkedConstraint:
-    """The same at each step of a plan."""
-    return held.mapped(lambda value: np.full(plan.kind.shape, float(value)))
 
 
 def _solution(

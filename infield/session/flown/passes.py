@@ -23,14 +23,17 @@ from alignment.navigation_filter import (
     views_of,
 )
 from alignment.result import BiasPrior
-from infield.session.flown.fixes import (
+from infield.session.flown.flight import (
     OF_POSITION,
     OF_VELOCITY,
+    Flight,
     FlightFixes,
+    RunInputs,
+    flown_motion,
+    joined_cruise,
     receiver_states,
     with_delays,
 )
-from infield.session.flown.flight import Flight, RunInputs, flown_motion, joined_cruise
 from infield.session.flown.priors import Further, Layout
 from infield.session.navigated.own_errors import OwnErrors
 from infield.session.navigated.receiver import FixAid, Sigmas
@@ -124,10 +127,8 @@ def solved(session: FlownSession, start: Start) -> tuple[FlownPass, Antenna]:
     done: FlownPass | None = None
     for number in range(FLIGHT_PASSES):
         if number and done is not None:
-            start, antenna = (
-                start.corrected(done.filter),
-                with_delays(antenna, done.filter, session.layout),
-            )
+            start = start.corrected(done.filter)
+            antenna = with_delays(antenna, done.filter, session.layout)
         history = navigated(session.log, session.prior, session.course, start)
         last = _pass_over(session, history, start)
         fixes = _fixes(session, history, antenna)

@@ -7,6 +7,7 @@ these states follow the bins. Those whose prior is zero are left out.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,55 +48,36 @@ class Further(ReasonCode):
     DEFLECTION = "deflection", "deflection of the vertical along the track, north, east"
 
 
-COMPONENTS: Mapping[Further, int] = MappingProxyType(
-    {
-        Further.SLOW_POSITION: 2,
-        Further.SLOW_VELOCITY: 2,
-        Further.ANTENNA: 3,
-        Further.DELAY: 2,
-        Further.ACCEL_Z: 1,
-        Further.ACCEL_SCALE: 3,
-        Further.ACCEL_SHIFT: 3,
-        Further.ACCEL_SLOPE: 3,
-        Further.GYRO_SCALE: 2,
-        Further.MISALIGNMENT: 6,
-        Further.SHIFT: 3,
-        Further.FORCE: 3,
-        Further.DEFLECTION: 2,
-    }
-)
+class _State(NamedTuple):
+    """Of a further state: its components, the unit that it is shown in with its size in SI, and
+    whether it stands still while it flies (slow errors and the vertical come and go).
+    """
+
+    components: int
+    unit: str
+    size: float
+    constant: bool = True
 
 
-# What stands still while it flies; slow errors of the receiver and the vertical come and go.
-CONSTANT = (
-    Further.ANTENNA,
-    Further.DELAY,
-    Further.ACCEL_Z,
-    Further.ACCEL_SCALE,
-    Further.ACCEL_SHIFT,
-    Further.ACCEL_SLOPE,
-    Further.GYRO_SCALE,
-    Further.MISALIGNMENT,
-    Further.FORCE,
-)
-# of each state: name of the unit that it is shown in, and that unit's size in SI
-SHOWN_IN: Mapping[Further, tuple[str, float]] = MappingProxyType(
-    {
-        Further.SLOW_POSITION: ("m", 1.0),
-        Further.SLOW_VELOCITY: ("m/s", 1.0),
-        Further.ANTENNA: ("m", 1.0),
-        Further.DELAY: ("s", 1.0),
-        Further.ACCEL_Z: ("micro-g", MICRO_G),
-        Further.ACCEL_SCALE: ("ppm", PPM),
-        Further.ACCEL_SHIFT: ("micro-g", MICRO_G),
-        Further.ACCEL_SLOPE: ("micro-g/degC", MICRO_G),
-        Further.GYRO_SCALE: ("ppm", PPM),
-        Further.MISALIGNMENT: ("mrad", MILLIRADIAN),
-        Further.SHIFT: ("deg/h", DEG_PER_HOUR),
-        Further.FORCE: ("deg/h per g", DEG_PER_HOUR / (1e6 * MICRO_G)),
-        Further.DEFLECTION: ("arcsec", ARCSEC),
-    }
-)
+_STATES: Mapping[Further, _State] = {
+    Further.SLOW_POSITION: _State(2, "m", 1.0, constant=False),
+    Further.SLOW_VELOCITY: _State(2, "m/s", 1.0, constant=False),
+    Further.ANTENNA: _State(3, "m", 1.0),
+    Further.DELAY: _State(2, "s", 1.0),
+    Further.ACCEL_Z: _State(1, "micro-g", MICRO_G),
+    Further.ACCEL_SCALE: _State(3, "ppm", PPM),
+    Further.ACCEL_SHIFT: _State(3, "micro-g", MICRO_G),
+    Further.ACCEL_SLOPE: _State(3, "micro-g/degC", MICRO_G),
+    Further.GYRO_SCALE: _State(2, "ppm", PPM),
+    Further.MISALIGNMENT: _State(6, "mrad", MILLIRADIAN),
+    Further.SHIFT: _State(3, "deg/h", DEG_PER_HOUR, constant=False),
+    Further.FORCE: _State(3, "deg/h per g", DEG_PER_HOUR / (1e6 * MICRO_G)),
+    Further.DEFLECTION: _State(2, "arcsec", ARCSEC, constant=False),
+}
+CONSTANT = tuple(state for state, of in _STATES.items() if of.constant)
+SHOWN_IN: Mapping[Further, tuple[str, float]] = {
+    state: (of.unit, of.size) for state, of in _STATES.items()
+}
 FREE = 100.0  # of a prior that says next to nothing: 0.03 deg/h, 1 mrad, 500 ppm
 
 
@@ -152,6 +134,6 @@ def laid_out(
     for state in Further:
         if sigma[state] > 0.0:
             begin = first + len(sigmas)
-            at[state] = slice(begin, begin + COMPONENTS[state])
-            sigmas += [sigma[state]] * COMPONENTS[state]
+            at[state] = slice(begin, begin + _STATES[state].components)
+            sigmas += [sigma[state]] * _STATES[state].components
     return Layout(first, np.array(sigmas), MappingProxyType(at))

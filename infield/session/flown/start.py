@@ -22,9 +22,9 @@ from infield.aided.headings import HeadingOpen, Sky
 from infield.aided.noise import Model, NoiseScales
 from infield.aided.reasons import StartMethod
 from infield.aided.smoothing import smooth_flight
-from infield.session.flown.flight import LEAST_FLOWN_S, RunInputs
+from infield.session.flown.flight import LEAST_FLOWN_S, RunInputs, declared_fixes
 from infield.session.reasons import FlightReason
-from ins.filters.aided_records import Antenna, fixes_of
+from ins.filters.aided_records import Antenna
 from ins.filters.states import AIDED_THETA
 from ins.records import GnssLog, ImuSource, NavState, Run, Site
 from ins.verdicts import Reason, because
@@ -74,9 +74,7 @@ def find_moving_start(known: RunInputs, imu: ImuSource, log: GnssLog) -> MovingS
     sought = imu.between(imu.start_s, min(imu.start_s + SOUGHT_S, imu.end_s))
     gnss = twin.gnss
     declared_m = gnss.sigma_horizontal_m, gnss.sigma_vertical_m, gnss.sigma_velocity_m_s
-    fixes = fixes_of(
-        log, horizontal_m=declared_m[0], vertical_m=declared_m[1], velocity_m_s=declared_m[2]
-    )
+    fixes = declared_fixes(log, twin)
     stands = find_stands(seconds_of(sought), fixes)
     technology = header.gyro_technology
     antenna = Antenna(
@@ -86,14 +84,13 @@ def find_moving_start(known: RunInputs, imu: ImuSource, log: GnssLog) -> MovingS
     noise = replace(
         aided_noise(twin), deflection_rad=priors.deflection_rad, deflection_m=priors.deflection_m
     )
-    nodes = [np.diag(known.table.covariance)[known.table.values_of(k)].max() for k in range(3)]
     sky = Sky(
         imu=sought,
         fixes=fixes,
         twin=twin,
         noise=noise,
         options=options_of(technology, stands),
-        gyro_sigma_deg_h=np.hypot(np.sqrt(nodes), twin.gyro.turn_on_deg_h),
+        gyro_sigma_deg_h=known.gyro_sigma_deg_h,
         lever_arm_m=antenna.lever_arm_m,
     )
     begin = Beginning(sky=sky, header=header, rest=None, stands=stands)

@@ -1,13 +1,6 @@
 """What lies between the rests of a unit whose own solution does not stand free for a flight (MEMS),
 as a tape: the errors of an aided solution that is set anew each second, the biases of a session's
 bins among its states.
-
-The aided solution (`infield.aided`) says where a stretch begins, where gravity and Coriolis are
-looked up, and what the errors are linearised about; no bias of the aided filter is used, and what
-its rows are counts for nothing (`infield.session.flown.aided_reference`). States: those of
-`ins.estimation.states` that move, the accelerometers, the bins, then what comes and goes (slow
-errors of the receiver, flicker of the gyros) and the constants of a flight. Motion and slow errors
-begin anew with each stretch.
 """
 
 from dataclasses import dataclass
@@ -16,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.session.flown.aided_reference import Reference
-from infield.session.flown.fixes import OF_POSITION, OF_VELOCITY
+from infield.session.flown.flight import OF_POSITION, OF_VELOCITY
 from infield.session.flown.priors import Further, Layout
 from ins.attitude import skew
 from ins.earth import geodetic_from_ecef

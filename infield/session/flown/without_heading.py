@@ -24,8 +24,14 @@ from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEarth, SessionEstimate
 from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight, RunInputs
-from infield.session.flown.gates import against, carried, suspected_shift, uncovered
-from infield.session.flown.information_gain import FlightEvidence, information_gain
+from infield.session.flown.gates import (
+    FlightEvidence,
+    against,
+    carried,
+    information_gain,
+    suspected_shift,
+    uncovered,
+)
 from infield.session.flown.priors import Further, Layout, laid_out
 from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
 from infield.session.log import compensated_imu
@@ -61,27 +67,20 @@ CARRIED = (
 COMPONENTS_OF_SCALE = 3  # of all gyros; that of z is no base state here
 
 
-def fly_without_heading(known: RunInputs, ground: SessionEstimate) -> FlightEvidence | None:
-    """What lies between the rests of such a unit; None where nothing moves with a receiver."""
-    if ground.parked is None:
-        return None
-    rests = tuple(
-        (float(s.seconds.start_s[0]), float(s.seconds.end_s[-1])) for s in ground.parked.stretches
-    )
-    return _flown(known, rests, ground)
-
-
-def fly_never_at_rest(known: RunInputs, rests: StationarySegments) -> FlightEvidence | None:
-    """A log that never stands for a minute, as one way; None where nothing moves with a receiver.
-    rests: that are too short, or no rests.
-    """
-    return _flown(known, (), rests)
-
-
-def _flown(
-    known: RunInputs, rests: tuple[Where, ...], ground: SessionEstimate | StationarySegments
+def fly_without_heading(
+    known: RunInputs, ground: SessionEstimate | StationarySegments
 ) -> FlightEvidence | None:
-    """What lies between rests, before the first and after the last."""
+    """What lies between the rests of such a unit, before the first and after the last; None where
+    nothing moves with a receiver. ground: of a log that never stands for a minute, its rests that
+    are too short: it is one way.
+    """
+    rests: tuple[Where, ...] = ()
+    if isinstance(ground, SessionEstimate):
+        assert ground.parked is not None
+        rests = tuple(
+            (float(s.seconds.start_s[0]), float(s.seconds.end_s[-1]))
+            for s in ground.parked.stretches
+        )
     run, twin = known.run, known.twin
     if run.gnss is None or not known.settings.use_gnss:
         return None
@@ -100,9 +99,7 @@ def _flown(
     if few := uncovered(flight):
         return replace(left_out, reasons=few)
     imu = compensated_imu(run, known.table, known.temperature, twin)
-    P = known.table.covariance
-    nodes = [np.sqrt(np.diag(P)[known.table.values_of(k)].max()) for k in range(3)]
-    sigma = np.hypot(nodes, twin.gyro.turn_on_deg_h)
+    sigma = known.gyro_sigma_deg_h
     result = navigate_aided(run, imu, twin, rest=None, gyro_sigma_deg_h=sigma)
     if result.history is None or result.verdict is not AidedVerdict.AIDED:
         return replace(
@@ -119,11 +116,9 @@ def _flown(
         return _estimated(known, ground, imu, result, stretches, left_out)
 
     usual = estimated(known)
-    return (
-        usual
-        if isinstance(ground, StationarySegments)
-        else _widened(known, ground, usual, estimated)
-    )
+    if isinstance(ground, StationarySegments):
+        return usual
+    return _widened(known, ground, usual, estimated)
 
 
 def _widened(
@@ -288,7 +283,9 @@ def _believed(
         scale_ppm=known.settings.sigma_scale_factor_ppm[technology],
         accel_z_ug=twin.accel.turn_on_ug,
     )
-    antenna = _antenna(known, result)
+    found, declared = result.antenna.antenna, np.asarray(known.run.header.gnss_lever_arm_m)
+    arm_m = found.lever_arm_m
+    antenna = Antenna(arm_m, found.delay_s, found.velocity_delay_s, found_m=arm_m - declared)
     return Believed(
         noise=_noise(known, result.given.noise),
         antenna=antenna,
@@ -299,14 +296,6 @@ def _believed(
         flicker_rad_s=twin.gyro.bias_instability_deg_h * DEG_PER_HOUR,
         bin_s=float(bins.duration_s[is_away].mean()),
     )
-
-
-def _antenna(known: RunInputs, result: AidedResult) -> Antenna:
-    """The antenna of the solution."""
-    assert result.antenna is not None
-    found, declared = result.antenna.antenna, np.asarray(known.run.header.gnss_lever_arm_m)
-    arm_m = found.lever_arm_m
-    return Antenna(arm_m, found.delay_s, found.velocity_delay_s, found_m=arm_m - declared)
 
 
 def _layout(every: Layout, antenna: Antenna) -> Layout:
@@ -398,9 +387,6 @@ def _placed(parked: ParkedEvidence, bins: SessionBins, is_away: NDArray) -> Park
     return replace(parked, stretch=stretch, rate_deg_h=rate, used_s=used_s, left_out=left_out)
 
 
-NOT_FOUND = float("nan")
-
-
 def never_at_rest(
     bins: SessionBins, begun: BegunInMotion, left_out: tuple[Span, ...]
 ) -> SessionEstimate:
@@ -431,11 +417,6 @@ def never_at_rest(
         covariance=bins.prior,
         alignment=Alignment(AlignmentVerdict.REFUSED, (because(AlignmentReason.BEGINS_IN_MOTION),)),
         solution=None,
-        heading_error_rad=NOT_FOUND,
-        sigma_heading_rad=NOT_FOUND,
-        sigma_heading_before_rad=NOT_FOUND,
-        nis_mean=0.0,
-        dof=0,
         parked=parked,
         begun=begun,
     )

@@ -1,15 +1,6 @@
 """What tells one unit from another of its type, as a session shows it: how its thermometers differ
 as it is switched on, and the biases of its accelerometers.
 
-Gyro biases cannot do that alone: the table of another unit agrees by chance at the temperatures of
-one session in sixteen, and a session does not see the vertical gyro at all.
-
-Thermometers of a unit that has stood for hours read the same temperature but for their own errors.
-One that was switched on again while warm keeps a part of the pattern that it heats up by; how the
-readings change in a session is kept as that pattern. The specific force at rest
-less gravity is the bias of the accelerometer that points up; the level ones show where the vehicle
-turns.
-
 Decision: docs/decisions/0016-contradicting-sessions.md.
 """
 
@@ -22,7 +13,7 @@ from scipy.linalg import block_diag
 
 from alignment.motion.speeds import watched_seconds
 from infield.session.estimate import SessionEstimate
-from ins.earth import gravity_magnitude
+from infield.session.wrong_facts import excess_force_ug
 from ins.estimation.states import ACCEL
 from ins.records import AXES, Run, TemperatureLog, TwinModel
 from ins.units import MICRO_G
@@ -142,10 +133,7 @@ def _force(run: Run, twin: TwinModel, rest: tuple[float, float]) -> _Part | None
     seconds = watched_seconds(run).between(*rest)
     if not seconds.end_s.size:
         return None
-    blocks, site = seconds.blocks(), run.header.site
-    force = np.linalg.norm(blocks.dv_m_s / blocks.seconds[:, None], axis=1)
-    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
-    excess_ug = float(np.median(force) - gravity) / MICRO_G
+    excess_ug = excess_force_ug(seconds, run.header.site)
     sigma_ug = float(
         np.linalg.norm([twin.accel.turn_on_ug, SCALE_REPEATS_ug, ENTERED_HEIGHT_ug, SLOPE_ug])
     )

@@ -5,7 +5,7 @@ navigation-mode filter carries what is left of each gyro's bias as a constant ov
 (`infield.session.bins`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
-from infield.session.estimate import Found, SessionEstimate
+from infield.session.estimate import SessionEstimate
 from infield.session.log import alignment_end, compensated_imu
 from infield.session.navigated.noise_shares import noise_shares
 from infield.session.navigated.nuisances import (
@@ -45,7 +45,6 @@ from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.estimation import error_model as em
-from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.measurements.antenna import RowSums
 from ins.records import InputError, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel
@@ -120,8 +119,12 @@ def estimate_under(
     rows = RowSums(imu)
 
     def aids(assumed: Assumed) -> list[Aid]:
-        heard = KnownSources(run, rows, twin, settings, clone_at, receiver)
-        return [*_aids(heard, assumed), own]
+        gnss = None
+        if run.gnss is not None and settings.use_gnss:
+            arm_m, noise = run.header.gnss_lever_arm_m, twin.gnss
+            sigmas = noise.sigma_horizontal_m, noise.sigma_velocity_m_s
+            gnss = GnssAid(run.gnss, rows, arm_m, *sigmas, assumed, receiver)
+        return [*ground_aids(run, twin, settings, assumed, clone_at, gnss), own]
 
     try:
         solution = solve(
@@ -147,25 +150,18 @@ def estimate_under(
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
     taken = priors_under(sigma0, rolling.assumed)
     left = latitude_covariance(solution.history, bins.edges_s, run.header.site.sigma_lat_rad)
-    mean, covariance = _beside_latitude(prior.covariance, left, *solution.bias)
     error, sigma = alignment_heading_error(aligned, solution)
-    tally = solution.filter.tally
-    dof = sum(tally.dof.values())
-    return SessionEstimate(
-        bins=bins,
-        mean_deg_h=mean / DEG_PER_HOUR,
-        covariance=covariance / DEG_PER_HOUR**2,
-        alignment=aligned,
-        solution=solution,
+    slow = receiver.found if OF_FIXES in solution.filter.tally.dof else ()
+    return SessionEstimate.of_solution(
+        bins,
+        aligned,
+        solution,
+        _beside_latitude(prior.covariance, left, *solution.bias),
         heading_error_rad=error,
         sigma_heading_rad=sigma,
         sigma_heading_before_rad=aligned.sigma_heading_rad,
-        nis_mean=sum(tally.nis.values()) / max(dof, 1),
-        dof=dof,
         sweep=partial(noise_shares, solution.last, taken, aids(rolling.assumed), left),
-        rolling=replace(
-            rolling.evidence, found=(*rolling.evidence.found, *_told(receiver, solution.filter))
-        ),
+        rolling=replace(rolling.evidence, found=(*rolling.evidence.found, *slow)),
         own=own.found(solution, bins),
     )
 
@@ -218,48 +214,26 @@ def _receiver(
     return receiver_errors(run.gnss, rest, noise, settings.flight)
 
 
-def _told(receiver: ReceiverErrors, flt: ErrorFilter) -> tuple[Found, ...]:
-    """The receiver's slow errors, where its fixes were measured."""
-    return receiver.found if OF_FIXES in flt.tally.dof else ()
-
-
-@dataclass(frozen=True)
-class KnownSources:
-    """What the aids of a session read: its run, the rows that are navigated, what is known of its
-    sensors, and when the heading at the end of the alignment stands.
+def ground_aids(
+    run: Run,
+    twin: TwinModel,
+    settings: SessionSettings,
+    assumed: Assumed,
+    aligned_s: float,
+    gnss: GnssAid | None = None,
+) -> list[Aid]:
+    """Every source beside the unit that a run has on the ground: the wheels always, odometer and
+    surveys where logged. aligned_s: when the heading at the end of the alignment stands.
     """
-
-    run: Run
-    rows: RowSums
-    twin: TwinModel
-    settings: SessionSettings
-    aligned_s: float
-    receiver: ReceiverErrors
-
-
-def _aids(known: KnownSources, assumed: Assumed) -> list[Aid]:
-    """Every source the run has: the wheels always, odometer, GNSS and survey where logged."""
-    run, twin, settings = known.run, known.twin, known.settings
     header, survey = run.header, run.header.survey
     aids: list[Aid] = [LateralAid(header.wheel_reference_m, assumed)]
     if run.odometer is not None and settings.use_odometer:
         noise_m_s = twin.odometer.noise_m_s
         aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m))
-    if run.gnss is not None and settings.use_gnss:
-        aids.append(
-            GnssAid(
-                run.gnss,
-                known.rows,
-                header.gnss_lever_arm_m,
-                twin.gnss.sigma_horizontal_m,
-                twin.gnss.sigma_velocity_m_s,
-                assumed,
-                known.receiver,
-            )
-        )
+    if gnss is not None:
+        aids.append(gnss)
     if survey.heading_rad is not None and survey.sigma_heading_rad:
-        at_s = known.aligned_s
-        aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, at_s))
+        aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, aligned_s))
     if survey.centre_line_rad is not None and survey.sigma_centre_line_rad:
         aids.append(CentreLineAid(survey.centre_line_rad))
     return aids

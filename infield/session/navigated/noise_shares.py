@@ -1,12 +1,6 @@
 """Which noise makes the variance of a session's biases, by running its filter under a little more
 and a little less of each.
 
-An optimal filter's posterior covariance P is a sum over independent sources of noise, and is least
-over all gains; so its derivative by the logarithm of a source's variance q, at gains that may move
-as they like, is that source's part of P (envelope theorem), and the parts add up to P (Euler:
-doubling every variance doubles P). What the prior of the bins makes is the caller's to say. Kept as
-P^-1 dP/d(ln q) P^-1, which no longer depends on that prior.
-
 Decision: docs/decisions/0075-variance-shares.md.
 """
 

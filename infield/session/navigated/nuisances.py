@@ -1,18 +1,5 @@
 """What wind, tyres and installation may add to a taxi, and which of it the data ask for.
 
-As declared, crab is one constant, arms and stamps are right but for the wheel arm along x and the
-wheel scale. Where the data say otherwise, the nuisance that explains them becomes states of the
-filter, each with a prior of its own. A nuisance is taken where the likelihood of all measurements,
-the states' priors included, grows by `SURE_NATS`: that is its Bayes factor.
-
-Constants are compared by one sweep of the filter in which all of them are free, and chosen together
-(`ins.estimation.choice`). Crabs that change on their own are tried one by one. A sweep goes over
-the navigation solution that is there, never over the log again.
-
-The NIS under constants stays a test: the states' priors stand in every innovation's sigma, no noise
-level is fitted, and a nuisance has at most two numbers. A crab that changes on its own has a level
-that is fitted: the NIS of the lateral way then tests nothing, and the document says so.
-
 Decision: docs/decisions/0093-one-choice.md.
 """
 

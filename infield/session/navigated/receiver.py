@@ -1,13 +1,9 @@
 """How far a receiver's fixes stray together: slow errors of its positions and velocities, by what
 it says while the vehicle stands.
 
-A fix's error is white noise of the declared sigma plus a first-order Gauss-Markov process of known
-time constant (`FlightPriors`) whose level is sought. A standing vehicle's place is one unknown
-point and its velocity zero, so that means over blocks of fixes are jointly normal and every level
-has a likelihood in closed form (Rasmussen and Williams 2006, Gaussian Processes, eq. 2.30, with a
-flat prior on the place: eq. 2.45). The likeliest level is taken where all of them, equally probable
-beforehand, are SURE_NATS likelier than white noise; none where the assumed level is as much less
-likely than white noise; else, the fixes being too few to tell, the assumed one.
+A standing vehicle's place is one unknown point and its velocity zero, so that means over blocks of
+fixes are jointly normal and every level has a likelihood in closed form (Rasmussen and Williams
+2006, Gaussian Processes, eq. 2.30, with a flat prior on the place: eq. 2.45).
 """
 
 from dataclasses import dataclass

@@ -23,6 +23,7 @@ Decision: docs/decisions/0032-no-heading-no-navigation.md.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +54,7 @@ class StretchEarth:
     by_latitude: NDArray
 
 
-@dataclass(frozen=True)
-class _Place:
+class _Place(NamedTuple):
     """A stretch by its group of linked headings, its heading less the group's first and the
     variance of that.
     """
@@ -68,10 +68,12 @@ def stretch_earth(
     run: Run,
     seconds: ParkedSeconds,
     twin: TwinModel,
-    settings: SessionSettings,
+    scale_deg_h: float,
     heading: tuple[float, float] | None,
 ) -> StretchEarth:
-    """Earth rate of one stretch; heading: its heading and sigma [rad], where known."""
+    """Earth rate of one stretch; scale_deg_h: what the scale of the gyros makes of it, 1 sigma;
+    heading: its heading and sigma [rad], where known.
+    """
     site = run.header.site
     f_b = seconds.means(-np.inf, np.inf)[0][:3]
     down = -f_b / np.linalg.norm(f_b)
@@ -79,15 +81,8 @@ def stretch_earth(
     gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
     tilt = np.hypot(twin.accel.turn_on_ug * MICRO_G, abs(np.linalg.norm(f_b) - gravity)) / gravity
     north, up = _north_up(site)
-    scale = (
-        EARTH_RATE_RAD_S
-        / DEG_PER_HOUR
-        * settings.sigma_scale_factor_ppm[run.header.gyro_technology]
-        * PPM
-    )
-    covariance = (
-        (up * tilt) ** 2 * level + (north * tilt) ** 2 * np.outer(down, down) + scale**2 * np.eye(3)
-    )
+    covariance = (up * tilt) ** 2 * level + (north * tilt) ** 2 * np.outer(down, down)
+    covariance += scale_deg_h**2 * np.eye(3)
     if heading is None:
         sigma = float(north / np.sqrt(2.0))
         return StretchEarth(
@@ -132,14 +127,14 @@ def session_earth(
         )
         for p in linked
     ]
-    earth = [stretch_earth(run, s, twin, settings, h) for s, h in zip(places, headings)]
-    north, up = _north_up(run.header.site)
     scale = (
         EARTH_RATE_RAD_S
         / DEG_PER_HOUR
         * settings.sigma_scale_factor_ppm[run.header.gyro_technology]
         * PPM
     )
+    earth = [stretch_earth(run, s, twin, scale, h) for s, h in zip(places, headings)]
+    north, up = _north_up(run.header.site)
     groups = max(len({p.group for p, h in zip(linked, headings) if h is None}), 1)
     count = len(places)
     C, of_heading = np.zeros((2, 3 * count, 3 * count))
@@ -150,10 +145,8 @@ def session_earth(
         of_heading[own, own] = groups * earth[s].heading_deg_h ** 2 * level
         for t in range(s):
             other = slice(3 * t, 3 * t + 3)
-            block, part = (
-                _common(earth[s], earth[t], north, up) + scale**2 * np.eye(3),
-                np.zeros((3, 3)),
-            )
+            block = _common(earth[s], earth[t], north, up) + scale**2 * np.eye(3)
+            part = np.zeros((3, 3))
             if linked[s].group == linked[t].group:
                 frames = levelled(places[s]), levelled(places[t])
                 part = north**2 * _heading_part(linked[s], linked[t], *frames, headings[t], groups)
@@ -174,17 +167,12 @@ def _linked(turns: Sequence[HeadingChange]) -> list[_Place]:
     """A new group of headings begins where a turn is not told."""
     found = [_Place(0, 0.0, 0.0)]
     for turn in turns:
-        last = found[-1]
-        if not turn.told:
-            found.append(_Place(last.group + 1, 0.0, 0.0))
+        group, heading_rad, variance_rad2 = found[-1]
+        if turn.told:
+            turned_rad, variance = heading_rad + turn.heading_rad, variance_rad2 + turn.sigma_rad**2
+            found.append(_Place(group, turned_rad, variance))
         else:
-            found.append(
-                _Place(
-                    last.group,
-                    last.heading_rad + turn.heading_rad,
-                    last.variance_rad2 + turn.sigma_rad**2,
-                )
-            )
+            found.append(_Place(group + 1, 0.0, 0.0))
     return found
 
 
@@ -206,10 +194,8 @@ def _heading_part(
     groups: int,
 ) -> NDArray:
     """E[e e'] of the level parts of two linked stretches (3, 3), over (Omega cosL)^2."""
-    turn, variance = (
-        later.heading_rad - earlier.heading_rad,
-        later.variance_rad2 - earlier.variance_rad2,
-    )
+    turn = later.heading_rad - earlier.heading_rad
+    variance = later.variance_rad2 - earlier.variance_rad2
     if heading is not None:
         H1, H0 = heading[0] + turn, heading[0]
         east, east0 = (C[0] * np.sin(H) + C[1] * np.cos(H) for C, H in ((frame, H1), (frame0, H0)))

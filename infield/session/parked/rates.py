@@ -3,16 +3,8 @@ rest (MEMS)::
 
     rate_k = b_k + e_s + noise
 
-with e_s the Earth rate in body axes, one and the same vector for a stretch s of rest. Levelled by
-gravity, the vertical part of e is known (-Omega sinL along down), the level part is not: on an
-unknown heading it is uniform on a circle of Omega cosL, mean 0, variance (Omega cosL)^2 / 2 on
-either level direction. It is one common error of all points of a stretch, not one of each point,
-and a surveyed heading takes it away; what stretches of one log have in common of it is for the
-turns between them to say (`infield.session.parked.earth`). b_k are the session's biases over bins,
-with the joint prior of table and twin that every session has (`infield.session.bins`): one turn-on,
-while flicker and random walk go on between the stretches. Where it does not stand there is no bin.
-Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001), eq.
-(1.4.14-1).
+with e_s the Earth rate in body axes, one and the same vector for a stretch s of rest. Units inside:
+deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001), eq. (1.4.14-1).
 
 Decision: docs/decisions/0032-no-heading-no-navigation.md.
 """
@@ -25,9 +17,8 @@ from numpy.typing import NDArray
 
 from alignment import levelling
 from alignment.gyrocompass import LEVEL_SHARE
-from alignment.motion.parked_seconds import ParkedSeconds, parked_places
+from alignment.motion.parked_seconds import ParkedSeconds, averages, parked_places, sway_of
 from alignment.motion.seconds import LogSeconds
-from alignment.motion.sway import averages, sway_of
 from alignment.motion.turn_between import levelled, turn_between
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, ParkedStretch, SessionEstimate
@@ -132,9 +123,6 @@ def estimate_parked(
         alignment=replace(level, duration_s=stretches[0].still_s),
         solution=None,
         parked=evidence,
-        heading_error_rad=float("nan"),
-        sigma_heading_rad=float("nan"),
-        sigma_heading_before_rad=float("nan"),
         nis_mean=evidence.shape_nis / max(evidence.shape_dof, 1),
         dof=evidence.shape_dof,
     )

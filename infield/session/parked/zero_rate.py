@@ -44,11 +44,10 @@ def first_zero_rate(
     never rests.
     """
     rests = stationary_segments(run)
-    seconds = (
-        parked_seconds(compensated_seconds(run, None, None, twin), *rests.stretches[0])
-        if rests.stretches
-        else None
-    )
+    if rests.stretches:
+        seconds = parked_seconds(compensated_seconds(run, None, None, twin), *rests.stretches[0])
+    else:
+        seconds = None
     if seconds is None or not seconds.still.any():
         return None
     return seconds, session_earth(

@@ -194,11 +194,10 @@ def to_c_header(
             for n in (f"{axis}_kt", f"{axis}_kd")
         )
         down = RATE_BITS + tables[f"{axis}_kd"].fraction_bits - tables[f"{axis}_kt"].fraction_bits
-        scaled = (
-            f"(({kd} * r + ((int64_t)1 << {down - 1})) >> {down})"
-            if down > 0
-            else f"{kd} * r * {1 << -down}"
-        )
+        if down > 0:
+            scaled = f"(({kd} * r + ((int64_t)1 << {down - 1})) >> {down})"
+        else:
+            scaled = f"{kd} * r * {1 << -down}"
         parts.append(f"\n/* worst rounding error {worst:.3g} deg/h */")
         parts.append(f"static inline int64_t {axis}_bias(int32_t t, int32_t r) {{")
         parts.append(f"    return {kt}\n        + {scaled};\n}}")

@@ -1,16 +1,8 @@
 """Where a curve bends: breakpoints of straight, square or cubic pieces found freely, and how well
 each place is known.
 
-Every place on a grid has its column, (T - k)+ and its powers; those of the other curve and of the
-pieces themselves are taken out of the normal equations once (Schur complement), so that trying a
-set of places costs a solution of a few unknowns. The best place joins, all are moved in turn, until
-no further one pays for itself by BIC. A place counts as two parameters: it is searched among many,
-and as one it let a fourth knee in where there are three (Muggeo (2003) for the search; Kim and Kim
-(2016), BIC3).
-
-The places' posterior, flat over those at least 4 degC apart, is walked through by random steps
-(Metropolis); 95 % of what was visited is a breakpoint's interval. One whose interval covers half of
-what lies between its neighbours is not called for by the data at that place.
+A place counts as two parameters: it is searched among many, and as one it let a fourth knee in
+where there are three (Muggeo (2003) for the search; Kim and Kim (2016), BIC3).
 """
 
 from collections.abc import Sequence

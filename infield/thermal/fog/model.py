@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.temperature_model import TemperatureModel
+from infield.table.thermal_table import TemperatureModel
 from infield.thermal.compensation import means_both_ways
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise
 from infield.thermal.ramp_runs import RampRun
@@ -97,10 +97,8 @@ def curve_from(data: dict[str, Any]) -> Piecewise:
         told = bool(mark.get("called_for", True))
         at = mark["temperature_degC"]
         marks.append(Breakpoint(at, low, high, kind=mark["kind"], called_for=told))
-    edges, rows = (
-        np.array(data["edges_degC"], dtype=float),
-        np.array(data["coefficients"], dtype=float),
-    )
+    edges = np.array(data["edges_degC"], dtype=float)
+    rows = np.array(data["coefficients"], dtype=float)
     if rows.ndim != 2 or edges.size != len(rows) + 1 or not np.all(np.diff(edges) > 0):
         raise ValueError("edges rise, one more than segments")
     return Piecewise(edges, rows, tuple(marks))

@@ -1,13 +1,7 @@
 """Piecewise polynomial models of K_T(T) and K_delta(T): few continuous segments, breakpoints at
 inflections of the curves.
 
-An inflection is where the second derivative of the smooth curve changes sign, significantly so on
-both sides; its interval is every temperature around it at which the second derivative may be zero
-(Fieller's set, 95 %). Knots, their number and the degree are chosen by BIC with the sigma of the
-blocks known; where the inflections do not suffice, segments are halved and the added breakpoints
-are marked so. Breakpoints that are found freely (`thermal.fog.knees`) stand against these: where a
-curve has knees, it bends there and not at its inflections. Each breakpoint has the interval of its
-posterior. Sources: CN 106017511 (segments at inflections), Schwarz (1978).
+Sources: CN 106017511 (segments at inflections), Schwarz (1978).
 """
 
 from collections.abc import Sequence
@@ -21,7 +15,7 @@ from infield.thermal.coefficient_curves import (
     Basis,
     CurveFit,
     Reduced,
-    derivative_rows,
+    second_derivative_rows,
     smooth_basis,
     spline_basis,
 )
@@ -105,7 +99,7 @@ def inflections(
 ) -> tuple[Breakpoint, ...]:
     """Inflections of a smooth curve, in order of temperature."""
     T = np.arange(low_degC, high_degC + 0.5 * STEP_degC, STEP_degC)
-    value, P = fit.linear(which, derivative_rows(fit.bases[which], T, 2))
+    value, P = fit.linear(which, second_derivative_rows(fit.bases[which], T))
     z = value / np.sqrt(np.maximum(np.diag(P), 1e-300))
     sure = np.flatnonzero(np.abs(z) > SURE)
     found = []
@@ -125,7 +119,7 @@ def inflections(
     return tuple(found)
 
 
-def piecewise_pair(reduced: Reduced, degrees: Sequence[int] = DEGREES) -> PiecewisePair:
+def piecewise_pair(reduced: Reduced) -> PiecewisePair:
     """The pair of least BIC: K_T first with K_delta smooth, then K_delta, then both together."""
     T = reduced.blocks.temperature_degC
     low, high = float(T.min()), float(T.max())
@@ -137,7 +131,7 @@ def piecewise_pair(reduced: Reduced, degrees: Sequence[int] = DEGREES) -> Piecew
         other: list[Basis] = [basis, basis]
         if which == 1:
             other[0] = _basis(low, high, *chosen[0])
-        chosen.append(_choose(reduced, other, which, bends[which], low, high, degrees))
+        chosen.append(_choose(reduced, other, which, bends[which], low, high))
     bases = [_basis(low, high, *choice) for choice in chosen]
     fit = reduced.fit(bases)
     pieces = [_polynomials(fit, which, low, high, *chosen[which]) for which in range(2)]
@@ -153,7 +147,6 @@ def _choose(
     bends: tuple[Breakpoint, ...],
     low: float,
     high: float,
-    degrees: Sequence[int],
 ) -> tuple[tuple[Breakpoint, ...], int]:
     """Breakpoints and degree of one curve by BIC: the surest inflections first, then halves of the
     longest segment.
@@ -171,13 +164,13 @@ def _choose(
             break
         ladder.append((*ladder[-1], Breakpoint(middle, middle, middle, kind="added")))
     tried: list[tuple[float, int, tuple[Breakpoint, ...], int]] = []
-    for knots, degree in product(ladder, degrees):
+    for knots, degree in product(ladder, DEGREES):
         trial = list(bases)
         trial[which] = _basis(low, high, knots, degree)
         tried.append((_bic(reduced.fit(trial)), len(tried), knots, degree))
     places = {
         degree: places_of(reduced, bases[1 - which], which, degree, NEAREST_degC)
-        for degree in degrees
+        for degree in DEGREES
     }
     for degree, of_degree in places.items():
         at = find_knees(of_degree)

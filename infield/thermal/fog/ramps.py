@@ -3,11 +3,7 @@ ramps (CN 106017511)::
 
     b(T, dT/dt) = K_T(T) + K_delta(T) dT/dt
 
-with b in deg/h, dT/dt in degC/min, K_delta in deg/h per degC/min. Three ways:
-`document_subtraction` as the document has it, which leaves K_delta times the slow rate inside K_T;
-`exact_separation`, two equations in two unknowns; `up_down`, the fast pair alone. The estimate is
-the exact separation as a least-squares fit over all blocks, each with its own rate
-(`coefficient_curves`). Source: physics.md section 5.
+with b in deg/h, dT/dt in degC/min, K_delta in deg/h per degC/min. Source: physics.md section 5.
 """
 
 from collections.abc import Sequence

@@ -2,7 +2,7 @@
 blocks, the coefficients.
 
 Blocks of one gyro over several runs, each run's turn-on, flicker and random walk marginalised
-(`thermal.blocks.axis_blocks`): runs are independent of each other, so their normal equations add,
+(`thermal.study.axis_blocks`): runs are independent of each other, so their normal equations add,
 and leaving one out is a subtraction.
 """
 
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from infield.table.least_squares import NormalEquations, condition_number
 from infield.table.merge import session_covariance
 from infield.thermal.coefficient_curves import Reduced
-from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.ramp_runs import RAMP_BLOCK_S
+from infield.thermal.ramp_runs import RAMP_BLOCK_S, GradientRun
 from infield.thermal.rlg.lag import Lag, LaggedNormal, corrected_columns, derivatives, find_lag
 from infield.thermal.rlg.parameter_covariance import Open, covariance_of
 from infield.thermal.rlg.terms import (
@@ -189,10 +188,8 @@ class AxisFit:
         P, lag = covariance_of(self._beside(), theta, self.lag, taken)
         level = float(max(run.blocks.level_sigma_deg_h[self.k] for run in self.runs))
         P[0, 0] += 0.0 if self.free else level**2
-        allowed, used = (
-            np.array([name in self.allowed for name in TERMS]),
-            np.flatnonzero(best.mask),
-        )
+        allowed = np.array([name in self.allowed for name in TERMS])
+        used = np.flatnonzero(best.mask)
         return AxisModel(
             axis=AXES[self.k],
             theta=theta,
@@ -296,10 +293,8 @@ class AxisFit:
         out = np.zeros(len(TERMS))
         for run in self.runs:
             T = run.blocks.temperature_degC[run.usable, self.k] - self.reference
-            rate2, weight = (
-                run.sigma_rate_degC_min[self.k] ** 2,
-                run.blocks.sigma_deg_h[self.k] ** -2.0,
-            )
+            rate2 = run.sigma_rate_degC_min[self.k] ** 2
+            weight = run.blocks.sigma_deg_h[self.k] ** -2.0
             out += (
                 weight
                 * np.r_[
@@ -329,10 +324,8 @@ class AxisFit:
         left: list[list[NDArray]] = [[] for _ in self.runs]
         for part in parts:
             others = [gram for name, gram in zip(names, folds) if name != part.fold]
-            train, X = (
-                sum(others[1:], others[0]),
-                self._columns(part.run, part.rows, self.reference),
-            )
+            train = sum(others[1:], others[0])
+            X = self._columns(part.run, part.rows, self.reference)
             y = self.runs[part.run].blocks.bias_deg_h[part.rows, self.k]
             foretold = [
                 X @ solve_terms(train, choice.mask, choice.rest_deg_h)[0] for choice in choices

@@ -2,7 +2,7 @@
 8,781,778), from runs at rest.
 
 Least squares over minute means with each run's turn-on, flicker and random walk marginalised
-(`thermal.blocks.axis_blocks`). Terms that the data do not hold apart are named and dropped
+(`thermal.study.axis_blocks`). Terms that the data do not hold apart are named and dropped
 (`thermal.rlg.terms`); of the rest those stay that foretell held-out blocks best, every fifth
 stretch of 20 min in turn. Whole runs left out choose badly: a run heated from its own side is told
 by no other (a term ten times its sigma was dropped). Source: physics.md section 3.
@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.compensation import means_both_ways
-from infield.thermal.gradient_runs import GradientRun, gradient_run
-from infield.thermal.ramp_runs import RAMP_BLOCK_S
+from infield.thermal.ramp_runs import RAMP_BLOCK_S, GradientRun, gradient_run
 from infield.thermal.reasons import BiasDriver, LatePart, ThermalNote, ThermalReason
 from infield.thermal.rlg.fit import (
     STRETCH_MIN,
@@ -182,25 +181,21 @@ class RlgHeldOut:
     share_inside: float
 
 
+SETTLE_S = 600.0  # in which the causal filter starts; chosen: 10 min, ten blocks
+
+
 def held_out_run(
-    run: Run,
-    model: RlgModel,
-    fits: tuple[AxisModel, ...],
-    twin: TwinModel,
-    *,
-    settle_s: float = 600.0,
+    run: Run, model: RlgModel, fits: tuple[AxisModel, ...], twin: TwinModel
 ) -> RlgHeldOut:
-    """Takes the model's bias out of the blocks both ways; left out: settle_s, in which the causal
-    filter starts.
-    """
+    """Takes the model's bias out of the blocks both ways; left out: the first SETTLE_S."""
     raw = gradient_run(run, twin)
     b, rms, noise, means = raw.blocks, {}, {}, {}
     batch, causal = (b.bias_deg_h - taken for taken in means_both_ways(run, model, b.time_s))
     inside = model.inside(b.temperature_degC)
     for fit in fits:
         k = AXES.index(fit.axis)
-        rows = np.flatnonzero(raw.usable & inside[:, k] & (b.time_s - b.time_s[0] > settle_s))
-        if rows.size < 3 * int(settle_s / RAMP_BLOCK_S):
+        rows = np.flatnonzero(raw.usable & inside[:, k] & (b.time_s - b.time_s[0] > SETTLE_S))
+        if rows.size < 3 * int(SETTLE_S / RAMP_BLOCK_S):
             continue
         X = columns(
             b.temperature_degC[:, k],

@@ -1,14 +1,4 @@
-"""Thermometers that read late: by how much, found with the terms, and what that leaves open.
-
-A reading that follows with a first-order lag is late by it: the true one is the reading plus lag
-times its rate of change. The model is linear in its columns, so a column of late readings is put
-right in the same way, X + lag dX/dt, and so is the model's bias in use (`thermal.compensation`; the
-products T^2 and T dT/dt to first order in lag times rate). Gyro thermometers and gradient lines
-each have a lag, or one in common.
-
-The normal equations are laid down once for columns and their derivatives together; any lag is a
-linear map of them.
-"""
+"""Thermometers that read late: by how much, found with the terms, and what that leaves open."""
 
 from dataclasses import dataclass, field
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.temperature_model import TemperatureModel
+from infield.table.thermal_table import TemperatureModel
 from infield.thermal.rlg.lag import LONGEST_LAG_s
 from infield.thermal.rlg.terms import LINE_TERMS, TERMS, columns, rest_columns
 from infield.thermal.study import check_fitted

@@ -7,10 +7,7 @@ that may be there has its usual size for a prior, every lag of the thermometers 
     P = sum_i w_i [P_i + (m_i - theta) (m_i - theta)']
 
 over the lags i, m_i and P_i being the posterior of all terms under them and w_i their share of the
-evidence. A term that the data do not hold apart from a kept one then enters the kept one's sigma by
-what it may be, while their sum stays as well known as it is. A lag is nonlinear: with lines that go
-with the rate, no lag and no K4 may explain the runs as well as the truth does, so that the shares
-are summed over the whole plane of lags, in cells that are split where the evidence is.
+evidence.
 
 Sources: MacKay (1992), Bayesian interpolation, eq. (2.6); mixtures: Bishop (2006), eq. (2.63).
 """

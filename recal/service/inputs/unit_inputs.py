@@ -182,7 +182,7 @@ def raw_bias_sigma_deg_h(run: Run, twin: TwinModel) -> float:
     if rest is None:
         return RAW_BIAS_DEG_H[run.header.gyro_technology]
     means = coarse.earth_rate_means(run.imu.between(*rest))
-    return gyrocompass.unknown_bias_sigma_deg_h(twin, means, usual=RAW_BIAS_DEG_H)
+    return gyrocompass.unknown_bias_sigma_deg_h(twin, means)
 
 
 def with_thermal_model(

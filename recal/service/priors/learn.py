@@ -16,7 +16,7 @@ from infield.learning.stored_sessions import StoredUnit
 from infield.reports.drawing import BLUE, GREY, Boxes, Line, Marks, Panel, Uprights, rows_height
 from infield.reports.page import render_page, significant
 from infield.store.errors import NoStore
-from infield.store.priors_rows import PriorsRecord
+from infield.store.priors import PriorsRecord
 from infield.store.table_store import TableStore
 from ins.documents import to_json
 from ins.verdicts import Outcome, Reason, because, sentence

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from infield.store.errors import NoStore
-from infield.store.priors_rows import PriorsRecord
+from infield.store.priors import PriorsRecord
 from infield.store.table_store import TableStore, UnitKey
 from ins.documents import OMIT_NONE
 from recal.service.inputs.unit_inputs import open_store

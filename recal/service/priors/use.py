@@ -7,7 +7,7 @@ from pathlib import Path
 from infield.learning.parameters import PriorName
 from infield.reports.documents.update_records import PriorsUse
 from infield.session.settings import SessionSettings
-from infield.store.priors_rows import PriorsRecord
+from infield.store.priors import PriorsRecord
 from infield.store.table_store import TableStore
 from ins.json_file import read_json_object
 from ins.records import InputError, TwinModel
