@@ -130,6 +130,13 @@ def test_file_pages_hold_the_models_keys(extension):
     assert points in pages["results"]
 
 
+def test_what_pages_cite_has_an_entry(extension):
+    from api_pages import api_pages
+
+    cited = api_pages()["cited"]
+    assert "## ins.earth.gravity\\_n\n\n````text\ngravity_n(" in cited and "def _" not in cited
+
+
 @by_page
 def test_formulas_are_drawn(page, extension):
     from mathml import mathml

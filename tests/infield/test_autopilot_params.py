@@ -13,8 +13,7 @@ import pytest
 from infield.table.autopilot_params import read_cubic
 from infield.table.autopilot_table import FREE_LEVEL_DEG_H, export_cubic, table_of_cubic
 from infield.table.cubic_fit import fit_cubics, valid_range
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, default_table, prior_covariance
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 

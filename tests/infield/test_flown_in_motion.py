@@ -174,7 +174,6 @@ def test_a_heading_that_stays_wide_is_refused_with_what_was_needed(monkeypatch):
     why = result.verdict.reasons[-1]
     assert why.code is FlightReason.HEADING_UNSEEN
     assert why.values["sigma_rad"] > why.values["limit_rad"] == 1e-5
-    assert "first 10 min show the heading within" in sentences([why])[0]
 
 
 def test_a_smooth_cruise_without_receiver_is_refused():
@@ -183,5 +182,4 @@ def test_a_smooth_cruise_without_receiver_is_refused():
     result = taken(replace(cruise, gnss=None))
     assert result.verdict.outcome is Outcome.REFUSED
     assert [why.code for why in result.verdict.reasons] == [SessionReason.REST_MOVES]
-    (said,) = sentences(result.verdict.reasons)
-    assert "a smooth cruise reads like that" in said and "needed 300 s" in said
+    assert result.verdict.reasons[0].values["needed_s"] == 300.0

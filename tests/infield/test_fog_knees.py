@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import binom
 
 from infield.thermal.coefficient_curves import Reduced, smooth_basis
-from infield.thermal.fog.hysteresis import HALF_WIDTHS_degC, play
 from infield.thermal.fog.knees import find_knees, intervals, places_of
 from infield.thermal.fog.piecewise import NEAREST_degC, piecewise_pair
+from infield.thermal.fog.ramps import HALF_WIDTHS_degC, play
 from tests.infield.test_piecewise import blocks
 
 KNEES = (-4.0, 14.0, 30.0)

@@ -9,8 +9,7 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.fleet_made import made_fleet
 from infield.learning.draws import draw
-from infield.learning.hierarchy import Information, solve
-from infield.learning.learn import learn
+from infield.learning.learn import Information, learn, solve
 from infield.learning.likelihood import FleetLikelihood
 from infield.learning.parameters import OF_POINTS, PriorName, logs_of
 from infield.learning.stored_sessions import StoredUnit, covering

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from infield.table.merge import AXIS_Z_LIMIT, SessionPoints, merge_posterior, session_covariance
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, default_table, prior_covariance
 from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import GyroNoise, InputError
 from tests.infield.common_part import common_shift

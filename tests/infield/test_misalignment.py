@@ -9,10 +9,15 @@ import pytest
 from scipy.stats import chi2
 
 from infield.misalignment.azimuth_biases import KnownAzimuths
-from infield.misalignment.azimuth_levelling import level_offsets
 from infield.misalignment.azimuth_runs import AzimuthStop, find_stops
 from infield.misalignment.reasons import MisalignmentNote
-from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs, study_table
+from infield.misalignment.study import (
+    AzimuthSettings,
+    corrected_twin,
+    level_offsets,
+    study_runs,
+    study_table,
+)
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
 from infield.session.pipeline import UnitHistory, update_calibration

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.fog import fit_models, fixed_tables, worst_rounding
-from infield.thermal.blocks import AxisBlocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.compensation import bias_deg_h
 from infield.thermal.fog.fixed_point import (
@@ -22,6 +21,7 @@ from infield.thermal.fog.fixed_point import (
 from infield.thermal.fog.model import FogModel
 from infield.thermal.fog.piecewise import Piecewise, piecewise_pair
 from infield.thermal.fog.ramps import separate
+from infield.thermal.study import AxisBlocks
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 

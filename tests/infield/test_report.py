@@ -20,8 +20,7 @@ from infield.reports import page as report_page
 from infield.reports import update_figures, update_page
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
-from infield.reports.drawing import specification
-from infield.reports.figures import MAX_POINTS
+from infield.reports.drawing import MAX_POINTS, specification
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.documents import plain

@@ -6,8 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import AgeingModel, EvenNodes, ThermalTable, default_table
+from infield.table.thermal_table import (
+    AgeingModel,
+    EvenNodes,
+    ThermalTable,
+    default_table,
+    smooth_kernel,
+)
 from ins.records import InputError
 from tests.infield.common_part import common_shift
 

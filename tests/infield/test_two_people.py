@@ -5,7 +5,7 @@ proposals are of the store; a rollback is signed and says what it takes back.
 import pytest
 
 from infield.store.errors import SamePerson
-from infield.store.policy import Approval
+from infield.store.proposal_rows import Approval
 from infield.store.table_store import MergedRun
 from infield.table.file import table_to_dict
 from ins.records import InputError

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
+from recal.service.priors.records import DriftTrend, ForecastReport, UnitForecast
 from recal.service.store import UnitKey, UnitSummary
 from recal.web.health import Show, chosen, unit_health, urgency
 

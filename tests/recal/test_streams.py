@@ -87,7 +87,7 @@ SLOW = {  # the verb that a command calls
     "thermal fog": "recal.service.thermal.fit_fog",
     "thermal apply": "recal.service.thermal.take_out",
     "twin fit": "recal.service.twin.fit.fit_twin",
-    "twin check": "recal.service.twin.check.check_twin",
+    "twin check": "recal.service.twin.fit.check_twin",
     "fleet learn": "recal.service.priors.learn.learn_priors",
     "fleet forecast": "recal.service.priors.forecast.forecast",
     "fleet approve": "recal.service.priors.records.decide",

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from infield.table.file import json_text, table_to_dict
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, default_table, prior_covariance
 from recal.cli.console import REFUSED_EXIT
 from tests.recal.test_table import ok, refused, run
 

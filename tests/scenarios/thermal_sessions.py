@@ -24,8 +24,7 @@ from infield.session.points import session_evidence, session_points
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
+from infield.table.thermal_table import EvenNodes, ThermalTable, default_table, smooth_kernel
 from ins.records import Site, TwinModel
 from ins.units import DEG
 from tests.reference_motions import reference_motion

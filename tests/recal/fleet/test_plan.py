@@ -7,10 +7,10 @@ import pytest
 
 from infield.store.rows import UnitKey
 from ins.records import InputError
-from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
 from recal.fleet.records import PlannedRun
+from recal.fleet.update import run_folder, unit_folder
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 

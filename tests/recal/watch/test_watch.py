@@ -233,3 +233,37 @@ def test_the_page_is_guarded_and_tells_the_state(interim, tmp_path):
         assert [row[0] for row in told["gyros"]] == ["x", "y", "z"]
         with pytest.raises(InputError):
             LivePage(int(page.url.rsplit(":", 1)[1].strip("/")))
+
+
+def test_a_recorded_log_is_sent_as_mavlink(grown, tmp_path):
+    """Row by row, to who connects."""
+    import socket
+    import threading
+
+    from pymavlink.dialects.v20 import common
+
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    received = bytearray()
+
+    def take():
+        for _ in range(100):
+            try:
+                link = socket.create_connection(("127.0.0.1", port))
+                break
+            except ConnectionRefusedError:
+                time.sleep(0.1)
+        with link:
+            while piece := link.recv(1 << 16):
+                received.extend(piece)
+
+    taker = threading.Thread(target=take)
+    taker.start()
+    options = "--serial SN-0042 --technology rlg --lat-deg 45.000 --start-utc 2026-03-02T06:00:00Z"
+    log = ["convert", grown / "imu.csv", *options.split(), "-o", tmp_path / "out"]
+    done = typed(*log, "--live", "10000", "--to", f"tcp:127.0.0.1:{port}")
+    taker.join()
+    assert done.exit_code == 0, done.output
+    messages = common.MAVLink(None).parse_buffer(bytes(received))
+    assert len(messages) == read_run(tmp_path / "out").imu.rows
+    assert typed(*log, "--split", "--to", "tcp:127.0.0.1:1").exit_code == 2

@@ -11,7 +11,7 @@ from tests.trajectories.readers import ardupilot_logs as logs
 from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.dataflash import read_tables
 from trajectories.readers.conversion import convert_log
-from trajectories.readers.formats.ardupilot_gnss import fixes
+from trajectories.readers.formats.ardupilot import fixes
 
 DT_S = 0.02
 

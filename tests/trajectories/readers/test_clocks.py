@@ -18,8 +18,7 @@ from tests.trajectories.readers.hostile_rows import (
     noisy,
 )
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.readers.rows.clocks import evened, going_on
-from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
+from trajectories.readers.rows.clocks import evened, going_on, gps_of_unix, unix_seconds
 
 PERIODS = [
     ("32 bits of microseconds", 4294.967296),

@@ -24,7 +24,7 @@ from tests.trajectories.readers.known_motion import (
 )
 from trajectories.readers.containers.novatel_lines import crc32
 from trajectories.readers.conversion import convert_log
-from trajectories.readers.formats.novatel_types import imu_type
+from trajectories.readers.formats.novatel_tables import imu_type
 
 # Examples of docs.novatel.com/OEM7, each on the page of its log.
 DOCUMENTED = """\
