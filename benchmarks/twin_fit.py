@@ -1,12 +1,8 @@
-"""Twins fitted to simulated parked hours whose noise is known: coverage, errors against the bound,
-slopes and wavelet moments beside it.
+"""Twins fitted to simulated parked hours whose noise is known: coverage, errors against the bound.
 
 Each hour is simulated at 100 Hz, its sizes drawn by factors 0.3 to 3 about BASES; in one of three
 somebody boards, ring-laser gyros have a dither line. The bound is Whittle's integral at the truth,
-written here apart from the fit. `slopes` reads the Allan deviation of `allantools` (not a
-dependency of the program) at 1 s, at its floor and at its last third; `moments` fits Haar wavelet
-variances by non-negative least squares (as GMWM does: Guerrier et al. 2013), its weights those of
-white noise.
+written here apart from the fit.
 """
 
 import time
@@ -17,7 +13,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
-from scipy.optimize import nnls
 
 import recal
 from benchmarks.study import Work, rms, table
@@ -64,7 +59,7 @@ UNITS = {
     "vehicle.sway_m_s": 1.0,
 }
 HEAD = ("unit", "parameter", "hours that tell it", "in the 95 % interval")
-HEAD += ("of those that the fit calls told", "RMS error", "over the bound", "slopes", "moments")
+HEAD += ("of those that the fit calls told", "RMS error", "over the bound")
 HEAD += ("called told where the bound says not",)
 GYRO_NAMES, ACCEL_NAMES = list(UNITS)[:5], list(UNITS)[5:]
 
@@ -131,7 +126,7 @@ def drawn_twin(
 
 
 def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> dict:
-    """Truth, fit, bound, slopes and moments of one hour."""
+    """Truth, fit and bound of one hour."""
     rng = np.random.default_rng([seed, list(BASES).index(technology), 16])
     twin = drawn_twin(technology, rng, quanta)
     events = ()
@@ -142,7 +137,6 @@ def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> di
         parked_hour(technology), HISTORY, unit, twin, rng=rng, plan=SessionPlan(events=events)
     )
     run = simulated.run
-    imu = run.imu.whole()
     began = time.process_time()
     fitted = recal.fit_twin(run)
     cpu_s = time.process_time() - began
@@ -157,8 +151,6 @@ def one_hour(technology: str, seed: int, quanta: Sequence[float] = QUANTA) -> di
         "found": {n: found[n] for n in UNITS if n in found},
         "lines": [line.frequency_hz for line in fitted.record.lines],
         "bound": bounds(twin, [event.time_s for event in events]),
-        "slopes": slopes(imu.dtheta_rad[:, 0] * RATE_HZ),
-        "moments": moments(imu.dtheta_rad[:, 0] * RATE_HZ),
     }
 
 
@@ -237,49 +229,6 @@ def _no_noise(axis: int, steps_s: Sequence[float]) -> NDArray:
     return np.asarray(dct(np.stack(columns, axis=1), axis=0, norm="ortho")[1:])
 
 
-def allan(rate: NDArray) -> tuple[NDArray, NDArray]:
-    """Averaging times and Allan deviation, by allantools where it is installed."""
-    taus = np.unique(np.geomspace(1.0 / RATE_HZ, PARKED_S / 9.0, 60).round(2))
-    import allantools
-
-    tau, deviation, _, _ = allantools.oadev(rate, rate=RATE_HZ, data_type="freq", taus=taus)
-    return np.asarray(tau), np.asarray(deviation)
-
-
-def slopes(rate: NDArray) -> dict[str, float]:
-    """What is read off an Allan plot by hand."""
-    try:
-        tau, deviation = allan(rate)
-    except ImportError:
-        return {}
-    last = tau > tau[-1] / 3.0
-    return {
-        "gyro.arw_deg_sqrt_h": float(np.interp(1.0, tau, deviation)) / DEG_PER_SQRT_HOUR,
-        "gyro.quantization_rad": float(deviation[0] * tau[0] / np.sqrt(3.0)) * np.sqrt(12.0),
-        "gyro.bias_instability_deg_h": float(deviation.min()) / 0.664 / DEG_PER_HOUR,
-        "gyro.rate_random_walk_deg_h_sqrt_h": float(
-            np.median(deviation[last] * np.sqrt(3.0 / tau[last]))
-        )
-        / DEG_PER_HOUR_SQRT_HOUR,
-    }
-
-
-def moments(rate: NDArray) -> dict[str, float]:
-    """Haar wavelet variances at octaves, matched by white noise, quantisation, flicker and walk."""
-    n = rate.size
-    angle = np.concatenate([[0.0], np.cumsum(rate) / RATE_HZ])
-    m = 2 ** np.arange(int(np.log2(n // 4)))
-    tau = m / RATE_HZ
-    second = [np.mean((angle[2 * k :] - 2 * angle[k:-k] + angle[: -2 * k]) ** 2) for k in m]
-    variance = np.array(second) / (2.0 * tau**2)
-    columns = [1.0 / tau, 3.0 / tau**2, np.full(tau.size, 2.0 * np.log(2.0) / np.pi), tau / 3.0]
-    weight = np.sqrt(n / m) / variance
-    scale = np.array([np.max(column * weight) for column in columns])
-    A = np.stack(columns, axis=1) * weight[:, None] / scale
-    found = nnls(A, variance * weight)[0] / scale
-    return {n: float(np.sqrt(v)) / UNITS[n] for n, v in zip(GYRO_NAMES[:4], found)}
-
-
 def row(technology: str, name: str, own: list[dict]) -> list[str]:
     """Of a technology and a parameter: what an hour tells, and how well."""
     told = [h for h in own if h["bound"][name] < TOLD_SIGMA and name in h["found"]]
@@ -287,7 +236,7 @@ def row(technology: str, name: str, own: list[dict]) -> list[str]:
     wrong = sum(bool(h["found"][name][4]) for h in untold)
     head, called = [technology, f"`{name}`"], f"{wrong} of {len(untold)}"
     if not told:
-        return [*head, f"0 of {len(own)}", *[""] * 6, called]
+        return [*head, f"0 of {len(own)}", *[""] * 4, called]
     true = np.array([h["truth"][name] for h in told])
     value, _, low, high, _ = np.array([h["found"][name] for h in told], dtype=float).T
     inside = int(np.sum((low <= true) & (true <= high)))
@@ -300,8 +249,6 @@ def row(technology: str, name: str, own: list[dict]) -> list[str]:
         _of_told(own, name),
         f"{100 * rms(error):.2g} %",
         f"{rms(error / bound):.2f}",
-        _beside(told, name, "slopes"),
-        _beside(told, name, "moments"),
         called,
     ]
 
@@ -311,14 +258,6 @@ def _of_told(own: list[dict], name: str) -> str:
     told = [h for h in own if name in h["found"] and h["found"][name][4]]
     inside = [h["found"][name][2] <= h["truth"][name] <= h["found"][name][3] for h in told]
     return f"{sum(inside)} of {len(told)}"
-
-
-def _beside(told: list[dict], name: str, method: str) -> str:
-    pairs = [(h[method][name], h["truth"][name]) for h in told if name in h[method]]
-    if not pairs:
-        return ""
-    value, true = np.array(pairs).T
-    return f"{100 * rms(np.log(np.maximum(value, 0.01 * true) / true)):.2g} %"
 
 
 def run(

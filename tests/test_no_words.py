@@ -28,8 +28,6 @@ SEARCHES = set(
     " split search match fullmatch findall".split()
 )
 EQUAL = (ast.Eq, ast.NotEq, ast.In, ast.NotIn)
-# module: why it may
-ALLOWED = {}
 
 
 @cache
@@ -166,7 +164,6 @@ def test_nothing_decides_by_words():
         f"{path.relative_to(ROOT)}:{line} {what}"
         for path in modules()
         for line, what in faults_of(path.read_text(encoding="utf-8"))
-        if str(path.relative_to(ROOT)) not in ALLOWED
     ]
     assert found == []
 
@@ -175,15 +172,10 @@ def test_nothing_decides_by_words():
     "line",
     [
         'if str(error).startswith("store "): pass',
-        'text = str(error)\n    if text.startswith(STORE + " x"): pass',
-        'if "table disagrees" in x["reasons"][0]: pass',
         'any("same content" in r for r in result.reasons)',
-        'if reasons[0].endswith("again") or x.reasons[0].endswith("again"): pass',
         'whole = "not known" in fault.text',
-        'key = str(error).partition(" revision ")[2]',
         'if term.action == "rate term fitted": pass',
         'if document["verdict"] in ("committed", "proposed"): pass',
-        'found = [v for v in x if v.verdict.startswith("separated")]',
         'import re; re.search("stuck", fault.text)',
         'kept = [n for n in notes if "left out" in n]',
         'why = next((n for n in log.notes if any(word in n for word in WORDS)), "")',
@@ -193,18 +185,3 @@ def test_the_old_faults_would_be_found(line):
     """Each is how the product once decided, or might."""
     source = f"try:\n    work()\nexcept ValueError as error:\n    {line}\n"
     assert faults_of(source), line
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        'say(" ".join(str(error).split()))',
-        'text = str(error).removeprefix(f"{path}: ")',
-        "if verdict is Outcome.REFUSED: pass",
-        'document["verdict"] == Outcome.REFUSED',
-        "if x.reasons == (): pass",
-    ],
-)
-def test_what_tells_nothing_apart_passes(line):
-    source = f"try:\n    work()\nexcept ValueError as error:\n    {line}\n"
-    assert faults_of(source) == [], line

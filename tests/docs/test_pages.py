@@ -51,22 +51,6 @@ def test_links_lead_to_files(page):
         assert (page.parent / file).exists(), f"{page.name}: {target}"
 
 
-def test_links_of_the_site_alone_are_added(extension):
-    from site_links import with_site_links
-
-    text = (
-        "`ins.earth.gravity_n`, `ins.nothing`: *files*<!-- site: ../generated/files/run.md -->,"
-        " [c](../../CONVENTIONS.md#a)\n"
-    )
-    assert (
-        with_site_links(text, "guides/page")
-        == "[`ins.earth.gravity_n`](../generated/api/cited.md#insearthgravity_n), `ins.nothing`: "
-        "[files](../generated/files/run.md), [c](../generated/project/conventions.md#a)\n"
-    )
-    block = "```\n`ins.earth.gravity_n`\n```\n"
-    assert with_site_links(block, "page") == block
-
-
 def command_lines(text):
     """What a reader would type, from the code blocks: lines after a prompt, continued ones joined,
     split at ; | and &&.
@@ -183,16 +167,6 @@ def test_the_site_is_read_without_a_warning(tmp_path):
         [*command, str(DOCS), str(tmp_path / "out")], capture_output=True, text=True, cwd=ROOT
     )
     assert found.returncode == 0, found.stderr
-
-
-def test_a_command_page_shows_a_sample_and_exit_codes(extension):
-    """Samples are of pages that are run, so that they are what the program prints."""
-    from command_pages import command_pages
-
-    pages = command_pages()
-    for name in ("check", "align", "update", "replay", "look", "convert"):
-        assert f"Sample:\n\n```\n$ recal {name} " in pages[name]
-        assert "Exit codes: 0 done" in pages[name]
 
 
 def test_the_front_door_has_a_page_with_examples(extension):

@@ -143,18 +143,3 @@ def test_increments_of_pyins_navigate_to_its_own_truth():
     rows = np.round(history.time_s / outside.DT_S).astype(int) - 1
     off = np.abs(history.v_n_m_s - path.v_n_m_s[rows]).max(axis=0)
     assert off[0] < 1e-4 and off[1] < 1e-4 and off[2] < 4e-3
-
-
-def test_taxis_turn_both_ways_stop_and_brake(short):
-    for seen in short.seen:
-        rolling = seen.time_s > seen.taxi_s
-        turn = seen.omega_nb_b[rolling, 2]
-        assert turn.max() > 0.08 and turn.min() < -0.08
-        assert 7.0 <= seen.speed_m_s.max() <= 12.5
-        assert seen.acceleration_m_s2[rolling].min() < -0.4
-        stopped = np.abs(seen.speed_m_s[rolling]) < 1e-6
-        spans = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], stopped.astype(int), [0]]))))[
-            ::2
-        ]
-        assert np.sum(spans * seen.dt_s >= 59.5) >= 3
-        assert 7.0 <= (seen.time_s[-1] - seen.taxi_s) / 60.0 <= 12.0

@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from alignment.tilt_rate import tilt_rates
 from ins import earth
 from ins.attitude import dcm_from_euler
 from ins.estimation import error_model as em
@@ -126,24 +125,6 @@ def test_bracket_form_is_the_tilt_rate_over_an_hour():
         u_E = -(second_derivative(v[:, 0], k) + G / R_N * vn + coriolis * ae) / G
         assert u_N == pytest.approx(u[0], abs=1e-6 * DEG_PER_HOUR)
         assert u_E == pytest.approx(u[1], abs=1e-6 * DEG_PER_HOUR)
-
-
-def test_tilt_rates_of_claim_1_are_schuler_corrected():
-    """Windows of 5 min: within 2 % of theta', where the raw acceleration rate loses its sign."""
-    eps = np.array([BIAS, -BIAS, 0.0])
-    _, history = parked_errors(tuple(eps))
-    truth = navigate(
-        straight_roll(start(), duration_s=3600.0, dt=0.5), start(), epoch_s=1.0, vertical=HOLD
-    )
-    found = tilt_rates(
-        history, np.ones(len(history.time_s), bool), arw=0.0, velocity_sigma_m_s=1e-6
-    )
-    assert len(found) == 12
-    for rate in found:
-        theta = error_states(truth, history, round(rate.time_s))[em.THETA]
-        u = -np.cross(earth.omega_ie_n(LAT), theta) + eps
-        assert rate.u_north_rad_s == pytest.approx(u[0], abs=0.02 * BIAS)
-        assert rate.u_east_rad_s == pytest.approx(u[1], abs=0.02 * BIAS)
 
 
 def parked_observability(columns):

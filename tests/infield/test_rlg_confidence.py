@@ -26,7 +26,7 @@ from ins.records import AXES, InputError, TemperatureLog
 from ins.verdicts import sentences
 from tests.infield.gradient_cases import SIDES, TWIN, Chamber, Unit, case, temperatures
 
-FEW, MANY = 5, 40
+FEW, MANY = 3, 40
 STEPS = 60  # of a minute, for the lag
 SCORED = ("K2", "K4", "K6x", "K6y", "K6z")
 

@@ -203,21 +203,6 @@ def test_groves_profile_is_navigated_back(number, bound_m):
     assert np.abs(h.v_n_m_s - rows[k, 4:7]).max() < 0.08
 
 
-@pytest.mark.parametrize("number", [1, 2])
-def test_groves_profile_error_falls_with_the_interval(number):
-    """100, 200 and 400 Hz through the same splines; observed 8 a halving, although their third
-    derivative jumps.
-    """
-    rows, motion = profile(number)
-    worst = []
-    for per_row in (1, 2, 4):
-        t = np.linspace(0.0, rows[-1, 0], per_row * (len(rows) - 1) + 1)
-        worst.append(
-            worst_position_m(navigate(ideal_imu(motion, t), true_state(motion, 0.0)), rows)
-        )
-    assert worst[0] / worst[1] > 4 and worst[1] / worst[2] > 4
-
-
 def pyins_trajectory(imu, state):
     """Through pyins.strapdown (degrees, DataFrames); the row before the first repeats it."""
     strapdown = pytest.importorskip("pyins.strapdown")

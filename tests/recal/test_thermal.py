@@ -3,6 +3,7 @@ model applied to a run.
 """
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,44 +24,12 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin
 from recal.cli.app import app
-from tests.recal.verbs import simulate
+from tests.recal import chamber
 from trajectories.runs.directory import read_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
 
-SCENARIO = """
-schema = "recal.scenario/1"
-seed = {seed}
-alignment_s = 60
-site = {{lat_deg = 45.0, lon_deg = 7.0, height_m = 250.0}}
-attitude = {{heading_deg = 30.0, roll_deg = 1.0, pitch_deg = -2.0}}
-imu = {{rate_hz = 10}}
-unit = {{imu_serial = "SN-7", gyro_technology = "{technology}", shupe_deg_h_per_degC_min = [0.3, -0.2, 0.25]}}
-motion = [{{segment = "park", duration_s = {seconds}}}]
-{more}
-
-[thermal]
-start = "chamber"
-start_degC = -10.0
-end_degC = 35.0
-rate_degC_min = {rate}
-soak_s = 900
-there_and_back = {back}
-"""
-
-
-def make(folder, name, *, rate, seed, back=True, technology="fog", more=""):
-    seconds = 900 + (2 if back else 1) * (900 + 60 * 45 / rate)
-    text = SCENARIO.format(
-        seed=seed,
-        rate=rate,
-        back=str(back).lower(),
-        seconds=seconds,
-        technology=technology,
-        more=more,
-    )
-    (folder / f"{name}.toml").write_text(text)
-    simulate(str(folder / f"{name}.toml"), folder / name)
-    return folder / name
+TERMS = "shupe_deg_h_per_degC_min = [0.3, -0.2, 0.25]"
+make = partial(chamber.make, technology="fog", terms=TERMS, end_degC=35.0)
 
 
 @pytest.fixture(scope="module")

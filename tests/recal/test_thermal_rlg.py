@@ -14,37 +14,15 @@ from ins.records import InputError, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from recal.cli.app import app
-from tests.recal.verbs import simulate
+from tests.recal import chamber
 from trajectories.runs.directory import read_run, write_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
 from trajectories.simulator.thermal import first_order_rise
 
-SCENARIO = """
-schema = "recal.scenario/1"
-seed = {seed}
-alignment_s = 60
-site = {{lat_deg = 45.0, lon_deg = 7.0, height_m = 250.0}}
-attitude = {{heading_deg = 30.0, roll_deg = 1.0, pitch_deg = -2.0}}
-imu = {{rate_hz = 10}}
-motion = [{{segment = "park", duration_s = {seconds}}}]
-
-[unit]
-imu_serial = "SN-7"
-gyro_technology = "{technology}"
+TERMS = """
 thermal_rate_deg_h_per_degC_min = [0.05, -0.04, 0.06]
 thermal_rate_slope_deg_h_per_degC2_min = [0.0008, 0.0, -0.0009]
 gradient_deg_h_per_degC = [0.04, 0.03, -0.03]
-
-[thermal]
-start = "chamber"
-start_degC = -10.0
-end_degC = 30.0
-rate_degC_min = {rate}
-soak_s = 900
-there_and_back = {back}
-side_degC = {heater}
-side_period_s = 2700
-side_gradient = {side}
 """
 SIDES = {
     "a": [0.8, -0.3, 0.2],
@@ -54,20 +32,13 @@ SIDES = {
 }
 
 
-def make(folder, name, *, rate=1.5, seed=1, back=True, technology="rlg", heater=5.0):
-    seconds = 900 + (2 if back else 1) * (900 + 60 * 40 / rate)
-    text = SCENARIO.format(
-        seed=seed,
-        rate=rate,
-        back=str(back).lower(),
-        seconds=seconds,
-        technology=technology,
-        heater=heater,
-        side=SIDES.get(name, [0.5, 0.5, 0.5]),
+def make(folder, name, *, technology="rlg", side_degC=5.0, **more):
+    """A heater warms one side, each run's own."""
+    side = SIDES.get(name, [0.5, 0.5, 0.5])
+    heater = f"side_degC = {side_degC}\nside_period_s = 2700\nside_gradient = {side}"
+    return chamber.make(
+        folder, name, technology=technology, terms=TERMS, end_degC=30.0, heater=heater, **more
     )
-    (folder / f"{name}.toml").write_text(text)
-    simulate(str(folder / f"{name}.toml"), folder / name)
-    return folder / name
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +48,7 @@ def runs(tmp_path_factory):
         name: make(folder, name, rate=rate, seed=k)
         for k, (name, rate) in enumerate((("a", 1.5), ("b", 2.0), ("c", 1.2), ("check", 1.7)))
     }
-    made["warms"] = make(folder, "warms", rate=0.5, back=False, heater=0.0)
+    made["warms"] = make(folder, "warms", rate=0.5, back=False, side_degC=0.0)
     made["fog"] = make(folder, "fog", rate=3.0, technology="fog")
     return folder, made
 

@@ -28,21 +28,6 @@ def test_two_halves_share_every_row_between_them(run):
     assert second.imu.start_s == pytest.approx(17.01) and second.imu.end_s == 40.0
 
 
-def test_the_clock_stays_that_of_the_run(run):
-    part = cut_run(run, 17.0, 30.0)
-    assert part.header.start_utc == run.header.start_utc
-    assert part.header.run_id == "R1-17-30s"
-    np.testing.assert_array_equal(part.temperature.time_s, np.arange(17.0, 31.0))
-    np.testing.assert_array_equal(part.temperature.gyro_degC, run.temperature.gyro_degC[17:31])
-    np.testing.assert_array_equal(part.temperature.block_degC, run.temperature.block_degC[17:31])
-    assert part.temperature.accel_degC is None
-    np.testing.assert_array_equal(part.gnss.sigma_velocity_m_s, run.gnss.sigma_velocity_m_s[17:31])
-    assert part.odometer.time_s.size == 14
-    assert [(p.phase, p.start_s, p.end_s) for p in part.phases] == [("alignment", 17.0, 30.0)]
-    assert part.faults == ()
-    assert [(s.start_s, s.end_s) for s in cut_run(run, 8.0, 20.0).faults] == [(8.0, 12.0)]
-
-
 def test_written_and_read_again(tmp_path, run):
     write_run(tmp_path / "run", run)
     run = read_run(tmp_path / "run")

@@ -2,7 +2,6 @@
 
 import tomllib
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from ins.records import InputError
 from ins.units import DEG
 from tests.reference_motions import reference_motion
 from trajectories.simulator.scenario import (
-    SECTIONS,
     packaged_scenarios,
     read_scenario,
     scenario_from_dict,
@@ -19,7 +17,6 @@ from trajectories.simulator.scenario import (
     scenario_unit,
     simulate_scenario,
 )
-from trajectories.simulator.vehicle import EVENTS
 
 
 def small(**changes):
@@ -68,25 +65,6 @@ def test_cold_parked_taxi_is_the_realistic_taxi():
     np.testing.assert_allclose(
         scenario_ideal(scenario).truth.motion.course_rad(t), motion.course_rad(t)
     )
-
-
-def test_flight_reaches_its_height_and_comes_back():
-    ideal = scenario_ideal(
-        scenario_from_dict({**packaged("flight"), "imu": {"rate_hz": 10}}, name="x")
-    )
-    assert ideal.height_m.max() == pytest.approx(3250.0, abs=10.0)
-    assert ideal.height_m[-1] == pytest.approx(250.0, abs=0.01)
-    phases = [p.phase for p in ideal.truth.motion.phases]
-    assert phases == [
-        "alignment",
-        "extended_alignment",
-        "taxi",
-        "takeoff",
-        "flight",
-        "landing",
-        "taxi",
-        "parked",
-    ]
 
 
 def test_every_section_reaches_the_run():
@@ -156,18 +134,6 @@ def test_what_is_wrong_is_named(changes, words):
         scenario_from_dict(small(**changes), name="s.toml")
     assert str(caught.value).startswith("s.toml")
     assert all(word in str(caught.value) for word in words), str(caught.value)
-
-
-def test_the_example_shows_every_section():
-    path = Path(__file__).parents[2] / "examples" / "scenario.toml"
-    scenario = read_scenario(path)
-    assert set(SECTIONS) <= set(tomllib.loads(path.read_text()))
-    assert {type(e) for e in scenario.events} == set(EVENTS.values())
-    simulate_scenario(
-        scenario_from_dict(
-            {**tomllib.loads(path.read_text()), "imu": {"rate_hz": 10}}, name="example"
-        )
-    )
 
 
 def test_unit_and_twin_must_be_of_one_technology_and_serial():

@@ -188,25 +188,6 @@ def test_sway_has_its_rms_and_the_correlation_of_the_oscillator():
         )
 
 
-def test_sway_does_not_depend_on_the_sample_rate():
-    """Exact discretisation: variances of first and late samples agree at 10 and 200 Hz."""
-    for rate in (10.0, 200.0):
-        runs = [
-            sway_velocity(
-                np.random.default_rng(s),
-                60,
-                rms_m_s=1.0,
-                frequency_hz=0.28,
-                damping=0.2,
-                rate_hz=rate,
-            )
-            for s in range(1000)
-        ]
-        low, high = chi_square_band(1000)
-        for column in (0, 59):
-            assert low < np.mean(np.array(runs)[:, column] ** 2) < high
-
-
 def test_side_noise_is_gauss_markov_of_two_seconds():
     v = gauss_markov(np.random.default_rng(6), 400_000, rms=0.02, tau_s=2.0, rate_hz=10.0)
     independent = v.size / 20.0

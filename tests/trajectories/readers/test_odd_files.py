@@ -5,7 +5,6 @@ or one line that helps.
 import bz2
 import gzip
 import lzma
-import zipfile
 
 import numpy as np
 import pytest
@@ -37,13 +36,6 @@ def test_no_log(tmp_path, name, options):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError, match=rf"{name}: {line}"):
         convert_log(tmp_path / name, options, GIVEN)
-
-
-def test_a_whole_zip(tmp_path):
-    with zipfile.ZipFile(tmp_path / "logs.zip", "w") as archive:
-        archive.writestr("log.csv", TEXT)
-    with pytest.raises(InputError, match="a zip file"):
-        convert_log(tmp_path / "logs.zip", MAP, GIVEN)
 
 
 def test_links_and_folders(tmp_path):

@@ -159,12 +159,6 @@ def test_mat(tmp_path, in_trj):
     assert any("6000 rows as reference" in note for note in made.record.notes)
 
 
-def test_the_place_is_that_of_the_reference_without_fixes(tmp_path):
-    savemat(tmp_path / "trj.mat", {"imu": imu_rows(), "avp": avp_rows()})
-    site = convert_log(tmp_path / "trj.mat", {}, PLACELESS).run.header.site
-    assert (np.degrees(site.lat_rad), site.height_m) == (pytest.approx(LAT_DEG), HEIGHT_M)
-
-
 @pytest.mark.parametrize("kind", ["txt", "mat"])
 def test_fixes_of_another_file(tmp_path, kind):
     if kind == "txt":
