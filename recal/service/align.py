@@ -25,7 +25,7 @@ from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, raw_bias_sigma_deg_h
 from recal.service.results.result import Result
-from recal.service.twin.noise_agreement import fit_at_rest
+from recal.service.twin.fit import fit_at_rest
 
 ALIGN_STEPS = 3  # that `told` is told of
 

@@ -2,8 +2,18 @@
 
 import numpy as np
 
-from infield.reports.drawing import DOT, Band, Item, Line, Marks, Panel
-from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
+from infield.reports.drawing import (
+    BLACK,
+    BLUE,
+    DOT,
+    PALE,
+    VERMILLION,
+    Band,
+    Item,
+    Line,
+    Marks,
+    Panel,
+)
 from infield.reports.page import render_page
 from simreal.report.twin_document import PARAMETER_NAMES, FitReport, size_words, would_tell
 from simreal.twin.fit.result import ChannelCurve, Needs, Parameter

@@ -164,20 +164,6 @@ def test_formulas_are_drawn(page, extension):
         assert mathml(block or inline, block=bool(block)).startswith("<math")
 
 
-def test_accents_and_bold_letters_stay_with_their_letter(extension):
-    from mathml import FormulaError, mathml
-
-    assert "<mover><mrow><mi>\U0001d73d</mi></mrow><mo>" in mathml(
-        r"\dot{\boldsymbol\theta} = a", block=True
-    )
-    assert "<msub><mover><mi>v</mi><mo>&#x000A8;</mo></mover><mi>E</mi></msub>" in mathml(
-        r"\ddot v_E", block=False
-    )
-    assert "\U0001d42f" in mathml(r"\mathbf v", block=False)
-    with pytest.raises(FormulaError, match="nosuch"):
-        mathml(r"\nosuch x", block=False)
-
-
 @pytest.mark.slow
 def test_the_site_is_read_without_a_warning(tmp_path):
     """All of Sphinx but the writing of pages; .ci/run writes them too."""

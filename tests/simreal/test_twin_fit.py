@@ -21,7 +21,7 @@ from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
 from recal.cli.app import app
-from recal.service.twin.check import check_twin
+from recal.service.twin.fit import check_twin
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.agreement import RunBandPower, swings
 from simreal.twin.fit.constants import accel_constants, gyro_constants, spread_between

@@ -178,9 +178,7 @@ def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[s
 
 
 def _of_ways(session: SessionResult) -> Mapping[str, NDArray]:
-    """Terms of what the ways between the rests add, one sigma (3,): the mean bias of their bins as
-    they are left, and of it what may be read under way alone; empty where none was joined.
-    """
+    """Terms of what the ways between the rests add, one sigma (3,)."""
     evidence = session.flight
     if evidence is None or evidence.joined is None:
         return {}

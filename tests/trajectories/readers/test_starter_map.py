@@ -7,7 +7,7 @@ from ins.json_file import read_toml
 from ins.records import InputError
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from recal.service.convert import convert
-from recal.service.look.starter import write_starter
+from recal.service.look.look import write_starter
 from trajectories.readers.columns.named_columns import named
 from trajectories.readers.columns.starter_map import starter_map
 from trajectories.readers.registry import UnknownLog, read_log
@@ -136,17 +136,6 @@ def test_what_nothing_shows_is_left_open_and_refused(tmp_path):
     (tmp_path / "map.toml").write_text(found.text)
     with pytest.raises(InputError, match=r"map: gyro\.unit, accel\.unit: still"):
         convert(path, map_file=tmp_path / "map.toml", header=UNIT)
-
-
-def test_options_say_what_the_map_leaves_open(tmp_path):
-    time_s, w, f = at_rest()
-    path = written(tmp_path / "l.csv", named_table(time_s, w, f, ("t", "w{}", "a{}")), decimals=12)
-    (tmp_path / "map.toml").write_text(starter_map(path).text)
-    with pytest.raises(InputError, match=r"run\.gyro_technology, run\.start_utc, run\.site"):
-        convert(path, map_file=tmp_path / "map.toml", header={"imu_serial": "SN-1"})
-    assert (
-        convert(path, map_file=tmp_path / "map.toml", header=UNIT).run.header.imu_serial == "SN-1"
-    )
 
 
 def test_fixes_and_temperatures_come_with_their_units(tmp_path):

@@ -4,7 +4,9 @@ units by gravity and the Earth's rate.
 What the log cannot show stays PLACEHOLDER, which no reader of a map takes.
 """
 
+import csv
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +20,6 @@ from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.readers.columns.layouts import content_format, read_columns
 from trajectories.readers.columns.named_columns import NamedColumn, named, triad
 from trajectories.readers.columns.parquet_columns import flat_names
-from trajectories.readers.columns.text_layout import text_layout
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -29,6 +30,7 @@ from trajectories.readers.rows.column_map import (
     LayoutKeys,
 )
 from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
+from trajectories.runs.text_rows import text_parts
 
 OF_GRAVITY = 0.05  # how far a mean force may be off it: MEMS have scales within 3 %
 OF_EARTH_RATE = 0.2  # likewise of the Earth's rate: 3 deg/h of bias
@@ -40,6 +42,25 @@ UNIX_S = (1.6e9, 2.5e9)  # September 2020 on; seconds of GPS time get there in 2
 COLDEST, HOTTEST = -76.0, 400.0  # -60 degC in degF, 127 degC in K (docs/log_formats.md)
 SLOW = 0.02  # of all its change in one row; white noise has 0.2 (tests/trajectories)
 OFTEN_HZ = (10.0, 2000.0)  # rates of loggers: what a run may have (formats.md)
+SIGHTED_BYTES = 1 << 16  # of the text's beginning
+SIGHTED_ROWS = 20  # that have to agree
+FEWEST_NUMBERS = 6  # of a row: 3 rates and 3 forces
+SIGNS = (
+    (";", ","),
+    ("\t", ","),
+    (" ", ","),
+    (",", "."),
+    (";", "."),
+    ("\t", "."),
+    ("|", "."),
+    (" ", "."),
+)
+NUMBER = {
+    ".": re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[nN]a[nN]|"),
+    ",": re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[nN]a[nN]|"),
+}
+COMMENT = re.compile(r"\s*(#|%|//)")
+UNIT_LINE = re.compile(r"[\[(]?[a-zA-Z\u00b0\u00b5/^0-9\u00b2*._ -]{0,12}[\])]?")
 
 
 @dataclass(kw_only=True)
@@ -385,3 +406,81 @@ def _turns(w: NDArray, f: NDArray, rate_hz: float) -> float:
     if not power or a @ b < TURNS_AGREE * np.sqrt(power * float(b @ b)):
         return float("nan")
     return float(a @ b) / power
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """The layout as a map says it, the names of the columns in turn, the unit of each where a line
+    below the names gives them, and which columns hold numbers.
+    """
+
+    layout: LayoutKeys
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    numbers: tuple[str, ...]
+
+
+def text_layout(path: Path) -> TextLayout | None:
+    """How the rows of a text lie; None where it holds no rows of six numbers or more."""
+    try:
+        head = next(iter(text_parts(path, [], block_bytes=SIGHTED_BYTES)), b"")[:SIGHTED_BYTES]
+    except InputError:
+        return None
+    if b"\x00" in head:
+        return None
+    text = head.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.split("\n")
+    lines = lines[:-1] if len(lines) > 1 else lines  # the last may be cut
+    best: tuple[int, int, str, str] | None = None
+    for sign, decimal in SIGNS:
+        found = _first_row(lines, sign, decimal)
+        if found and (best is None or found[1] > best[1]):
+            best = *found, sign, decimal
+    return None if best is None else _layout(lines, *best)
+
+
+def _first_row(lines: Sequence[str], sign: str, decimal: str) -> tuple[int, int] | None:
+    """The first line of rows that agree in size, and how many numbers each has; None without."""
+    run, size, numbers = 0, 0, 0
+    for k, line in enumerate(lines):
+        row = _fields(line, sign)
+        count = sum(bool(NUMBER[decimal].fullmatch(field)) and field != "" for field in row)
+        is_row = count >= FEWEST_NUMBERS and count >= len(row) / 2
+        if is_row and run and len(row) == size:
+            run, numbers = run + 1, min(numbers, count)
+        else:
+            run, size, numbers = int(is_row), len(row), count
+        if run == min(SIGHTED_ROWS, max(len(lines) - k, 2)):
+            return k - run + 1, numbers
+    return None
+
+
+def _fields(line: str, sign: str) -> list[str]:
+    if sign == " ":
+        return line.split()
+    return [field.strip() for field in next(csv.reader([line], delimiter=sign), [])]
+
+
+def _layout(lines: Sequence[str], first: int, numbers: int, sign: str, decimal: str) -> TextLayout:
+    row = _fields(lines[first], sign)
+    above = [k for k in range(first) if lines[k].strip()]
+    heads = [(k, _fields(re.sub(COMMENT, "", lines[k], count=1), sign)) for k in above[-2:]]
+    heads = [(k, fields) for k, fields in heads if len(fields) == len(row)]
+    units = ("",) * len(row)
+    if len(heads) == 2 and all(UNIT_LINE.fullmatch(unit) for unit in heads[1][1]):
+        units = tuple(heads.pop()[1])
+    keys: dict[str, str | int | list[str]] = (
+        {"format": "csv", "delimiter": sign} if sign != " " else {"format": "text"}
+    )
+    if decimal != ".":
+        keys["decimal"] = decimal
+    comment = COMMENT.match(lines[heads[-1][0]]) if heads else None
+    if heads and comment is None and len(set(heads[-1][1])) == len(row):
+        names = heads[-1][1]
+        keys |= {"header_lines": first, "names_line": heads[-1][0] + 1}
+    else:
+        named = heads[-1][1] if heads and len(set(heads[-1][1])) == len(row) else []
+        names = named or [f"column_{k + 1}" for k in range(len(row))]
+        keys |= {"header_lines": first, "columns": names}
+    held = [n for n, field in zip(names, row) if NUMBER[decimal].fullmatch(field)]
+    return TextLayout(LayoutKeys.model_validate(keys), tuple(names), units, tuple(held))
