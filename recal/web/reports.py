@@ -31,6 +31,11 @@ class DiagnosisEntry:
     fault: str
     has_page: bool
 
+    @property
+    def title(self) -> str:
+        """The folder in words: that of the reports itself has no name of its own."""
+        return "top folder" if self.folder == "." else self.folder
+
 
 class Reports:
     """The files under `root`. None: no directory was given, and nothing is found."""

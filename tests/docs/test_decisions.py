@@ -37,8 +37,6 @@ def test_decisions_and_docstrings_name_each_other():
     assert named - bound == set(), "decision gone, or silent about its module"
 
 
-def test_numbers_are_used_once_and_the_index_lists_each():
+def test_numbers_are_used_once():
     names = sorted(decisions())
     assert len({name[:4] for name in names}) == len(names)
-    index = (DECISIONS / "index.md").read_text("utf-8")
-    assert sorted(re.findall(r"^\d{4}-[a-z0-9-]+$", index, re.M)) == names
