@@ -185,7 +185,7 @@ class AidedNote(ReasonCode):
     )
     SITE_ELSEWHERE = (
         "site_elsewhere",
-        "the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes by"
+        "the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution follows"
         " the fixes",
     )
     OFF_THE_TRACK = (

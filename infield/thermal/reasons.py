@@ -70,8 +70,8 @@ class ThermalReason(ReasonCode):
     ONE_SIDED = (
         "one_sided_heating",
         "one-sided heating: the unit only {warms:warms|cools}, and {share:% .0f} % of dT/dt is"
-        " left beyond a curve of temperature, needed {needed:% .0f} %: K4 cannot be told from K2"
-        " and K3",
+        " left beyond a curve of temperature, needed {needed:% .0f} %: K4 cannot be separated"
+        " from K2 and K3",
         "warm and cool it over the same {both_ways_degC:g} degC, or dwell on the way",
     )
 

@@ -205,7 +205,7 @@ def _look_again(journal: Journal, store_url: str) -> None:
     committed = [o for o in journal.runs.values() if o.outcome in HELD]
     if not committed or not holds_store(store_url):
         return
-    words = "rolled back since, or the store was replaced; with another -o the run is taken anew"
+    words = "rolled back since, or the store was replaced; with another -o the run is used again"
     with TableStore.open(store_url) as store:
         for o in committed:
             held = store.has_run(o.sha256, o.imu_serial)

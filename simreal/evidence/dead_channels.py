@@ -109,6 +109,6 @@ def _rate(seen: NDArray, dead: NDArray, down: NDArray, run: Run) -> tuple[NDArra
         return rate, []
     rate[k] = np.sqrt(max(EARTH_RATE_RAD_S**2 - float(rate @ rate), 0.0))
     return rate, [
-        f"gyro_{AXES[k]} dead: two headings fit, the one with a positive rate on it is taken (a"
-        " survey would tell)"
+        f"gyro_{AXES[k]} dead: two headings fit, the one with a positive rate on it is assumed"
+        " (a surveyed heading decides)"
     ]

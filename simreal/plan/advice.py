@@ -76,23 +76,23 @@ def _sentence(k: int, now: PairAssessment, plans: Sequence[Plan]) -> str:
     if pair.a.target == pair.b.target:
         names = f"{pair.a.effect.name} from {pair.b.effect.name} (on {pair.a.target})"
     if not plans:
-        return f"No recording of the short list tells {names}."
+        return f"No recording of the short list separates {names}."
     top = max(p.judged[k].score for p in plans)
     gain = max(top - now.score, 0.0)  # shapes are sought anew: it may fall by a thousandth
     near = [p for p in plans if top - p.judged[k].score <= EQUAL_GAIN * gain]
     best = min(near, key=lambda p: p.recordings[-1].cost_hours)
     then = best.judged[k]
     if then.lacks:
-        return f"To tell {names}, record {then.lacks}; none of the usual recordings has it."
+        return f"To separate {names}, record {then.lacks}; none of the usual recordings has it."
     if then.score <= now.score + LEAST_PAIR_GAIN:
         return (
-            f"No usual recording tells {names} better than these runs: the two stay {then.cos:.2f}"
-            " alike (1: the same)."
+            f"No usual recording separates {names} better than these runs: similarity"
+            f" {then.cos:.2f} (1: identical)."
         )
     was = "; these runs do not show it" if now.lacks else f" instead of {_times(now)}"
     return (
-        f"To tell {names}, record {best.recordings[-1].words}: told from {_times(then)} the usual"
-        f" size on{was}."
+        f"To separate {names}, record {best.recordings[-1].words}: separable above {_times(then)}"
+        f" the usual size{was}."
     )
 
 

@@ -319,7 +319,7 @@ def _never(j: PairAssessment) -> NeverSeparated:
     if j.lacks:
         why = f"needs {j.lacks}"
     elif j.cos > ALIKE_COS:
-        why = f"{j.cos:.3f} alike (1: the same) in all of the recordings together"
+        why = f"similarity {j.cos:.3f} (1: identical) over all of the recordings"
     else:
         why = "too small to be seen at their usual size, even in all of the recordings together"
     return NeverSeparated(label=j.pair.label, why=why)

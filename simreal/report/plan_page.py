@@ -124,7 +124,7 @@ def _sizes(best: PlanOfRecordings) -> Panel | None:
     ends = np.array([FLOOR_DELTA, ROOF_DELTA])
     between: list[Item] = [Line(ends, np.full(2, k + 0.5), PALE, width=0.6) for k in y[3::4]]
     return Panel(
-        label="Usual size of each effect in the plan, and from which on it is told",
+        label="Usual size of each effect in the plan, and the size above which it is separable",
         items=[
             *between,
             Boxes(
@@ -139,7 +139,7 @@ def _sizes(best: PlanOfRecordings) -> Panel | None:
                 y + 0.3,
                 VERMILLION,
                 width=2.2,
-                name="told from its rival from here on",
+                name="separable from its rival from here on",
             ),
         ],
         x_label="size [sigmas of the noise of the whole plan]",

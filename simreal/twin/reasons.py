@@ -64,8 +64,8 @@ class FitNote(ReasonCode):
     )
     ROCKED = (
         "rocked",
-        "people or wind move the vehicle on its gear: of {channels:, |} only the rows' noise above"
-        " {hz:g} Hz is read; the rest rests on the other channels",
+        "people or wind move the vehicle on its gear: noise of {channels:, |} is estimated above"
+        " {hz:g} Hz only, slow noise from the other channels",
     )
     FLICKER_FOR_MARKOV = (
         "flicker_for_markov",

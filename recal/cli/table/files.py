@@ -253,8 +253,8 @@ def _export_cubic(shown: Shown, found: Revision, output: Path, request: CubicReq
     lines += [f"  {word} the cubic is too stiff: {reason}" for reason in made.reasons]
     if refused:
         lines.append(
-            "  a narrower --range, a larger --fit-limit, or --force would write it, the error told"
-            " in the file"
+            "  a narrower --range, a larger --fit-limit, or --force would write it, with the"
+            " error stated in the file"
         )
     else:
         lines += [f"  {line}" for line in made.lines()]

@@ -154,8 +154,8 @@ def shown_noise(fitted: FitReport | None) -> tuple[FitReport | None, list[str]]:
     if moved:
         above_hz = max(fitted.read_above_hz.values())
         notes.append(
-            f"noise: people or wind move the vehicle. The model of {', '.join(moved)} rests on what"
-            f" lies above {above_hz:g} Hz; the data drawn hold the motion as well."
+            f"noise: people or wind move the vehicle. The noise model of {', '.join(moved)} uses"
+            f" frequencies above {above_hz:g} Hz only; the data drawn include the motion."
         )
     return drawn, notes
 

@@ -36,7 +36,8 @@ class UseReason(ReasonCode):
     NOT_ALIGNED = "not_aligned", "No attitude is found: {why}."
     NOISE_TOLD = (
         "noise_told",
-        "{rest_min:.1f} min at rest show {told} of the {of} numbers of the noise model.",
+        "From {rest_min:.1f} min at rest {told} of {of} parameters of the noise model are"
+        " estimated.",
     )
     NO_REST = "no_rest", "The unit never rests for a minute, so its own noise cannot be seen."
     NO_TWIN = (
