@@ -207,7 +207,9 @@ def learn(units: Sequence[StoredUnit], *, seed: int = 0) -> LearntFleet:
     likelihood, prior = FleetLikelihood(units), hyperprior_of(technology)
     found = _largest(likelihood, prior)
     laplace, draws = _drawn(likelihood, prior, found, np.random.default_rng(seed))
-    check = _check(draws)
+    # used as long as the draws say more than the curvature would
+    used = draws.effective >= FEWEST_EFFECTIVE
+    check = DrawCheck(draws.asked, draws.effective, used=used)
     about = found.theta
     information = np.diag(prior.sigma**-2.0)
     tree = solve(
@@ -222,7 +224,7 @@ def learn(units: Sequence[StoredUnit], *, seed: int = 0) -> LearntFleet:
     crab = _crab(units, technology)
     extra = {} if crab is None else {PriorName.CRAB: crab}
     seen = UNIT_SPREAD / np.sqrt(len(units))
-    whole = _of_technology(draws, laplace, check.used, seen)
+    whole = _of_technology(draws, laplace, used, seen)
 
     def child(normal: Normal, sessions: int) -> Parameters:
         return _learnt(_of_child(whole, tree.technology, normal), prior, sessions)
@@ -371,11 +373,6 @@ def _drawn(
         return np.array(likely)
 
     return laplace, draw(log_posterior, found.theta, laplace.covariance, prior.sigma, rng)
-
-
-def _check(draws: Draws) -> DrawCheck:
-    """Used as long as the draws say more than the curvature would."""
-    return DrawCheck(draws.asked, draws.effective, used=draws.effective >= FEWEST_EFFECTIVE)
 
 
 def _of_technology(draws: Draws, laplace: Normal, used: bool, spread: float) -> list[_Marginal]:

@@ -25,16 +25,16 @@ from scipy.linalg import block_diag
 from infield.session.bins import SessionBins, rebinned
 from infield.session.estimate import SessionEstimate
 from infield.session.hysteresis import VAGUE_TERM, SessionLikelihood, ThermalTerm, with_terms
-from infield.session.joint_update import likelihood_of, unfitted
-from infield.session.points import measurement_information
+from infield.session.joint_update import likelihood_of, unfitted, unseen_in_all
+from infield.session.points import measurement_information, unseen_axes
 from infield.session.reasons import ThermalAction, ThermalKind, VarianceSource
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import SessionSettings, misalignment_sigma_mrad
 from infield.table.merge import common_parts, session_covariance
 from infield.table.thermal_table import ThermalTable
 from ins.errors.table import DEFAULT_SIGMA_deg_h
-from ins.records import AXES, GyroNoise, TwinModel
-from ins.verdicts import Observability, Outcome
+from ins.records import GyroNoise, TwinModel
+from ins.verdicts import Outcome
 
 Parts = dict[VarianceSource, NDArray]
 
@@ -80,7 +80,8 @@ def variance_budget(result: UpdateResult) -> VarianceBudget | None:
         assert session.merged is not None
         before = session.merged.before
         parts = _before_session(parts, table, before, span)
-        parts = _merged(parts, before, [_measured(session, before, result)], _held([session]))
+        measured = _measured(session, before, result)
+        parts = _merged(parts, before, [measured], unseen_axes(session.seen))
         table = session.merged.table
     return VarianceBudget(result.after, parts)
 
@@ -104,15 +105,6 @@ def _before_session(
     grown = before.covariance - sum(there.values())
     there[VarianceSource.AGEING] = there.get(VarianceSource.AGEING, 0.0) + grown
     return there
-
-
-def _held(sessions: Sequence[SessionResult]) -> list[str]:
-    """Axes that none of the sessions showed."""
-    return [
-        axis
-        for k, axis in enumerate(AXES)
-        if all(s.seen[k].verdict is Observability.NOT_OBSERVABLE for s in sessions)
-    ]
 
 
 def _measured(session: SessionResult, before: ThermalTable, result: UpdateResult) -> _Measured:
@@ -250,7 +242,7 @@ def _with_rate_terms(result: UpdateResult, sessions: Sequence[SessionResult]) ->
     brought = [_walked(b, k, len(sessions), n) for k, b in enumerate(brought)]
     last = np.hstack([np.eye(n)] * len(sessions) + [np.zeros((n, terms))])
     aged = table.replaced(covariance=last @ sum(parts.values()) @ last.T)
-    return _merged(parts, aged, brought, _held(sessions), last)
+    return _merged(parts, aged, brought, unseen_in_all(sessions), last)
 
 
 def _walked(session: _Measured, k: int, count: int, n: int) -> _Measured:

@@ -37,7 +37,6 @@ from ins.verdicts import Reason, because
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this
 # |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
 FOUND_SIGMAS = 2.8
-TERM_KINDS = (ThermalKind.RATE, ThermalKind.SENSE)
 # prior sigma of a term in sigmas of the technology's default table: beyond any unit of the class
 VAGUE_TERM = 100.0
 MOVED_degC_min = 0.02  # mean rates all below this do not test anything
@@ -69,8 +68,11 @@ class SessionLikelihood:
         return values.reshape(-1)[:, None] * np.tile(np.eye(3), (len(values), 1))
 
 
-# actions that change the table or its sigma
-ACTED_ON = (ThermalAction.RATE_TERM_FITTED, ThermalAction.SIGMA_WIDENED)
+# what is done about a term that is taken for real
+ACTIONS = {
+    ThermalKind.RATE: ThermalAction.RATE_TERM_FITTED,
+    ThermalKind.SENSE: ThermalAction.SIGMA_WIDENED,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +93,7 @@ class ThermalTerm:
 
     @property
     def found(self) -> bool:
-        return self.action in ACTED_ON
+        return self.action in ACTIONS.values()
 
     @property
     def reason(self) -> Reason:
@@ -207,39 +209,25 @@ def find_terms(
     if not sessions:
         return ()
     free = with_free_common(table)
-    fits = {kind: joint_posterior(free, sessions, kind) for kind in TERM_KINDS}
+    fits = {kind: joint_posterior(free, sessions, kind) for kind in ACTIONS}
     found = []
     for k, axis in enumerate(AXES):
-        rates = np.concatenate(
-            [np.where(s.bins.tied[:, k], s.bins.rate_degC_min[:, k], 0.0) for s in sessions]
-        )
-        if np.max(np.abs(rates)) < MOVED_degC_min:
-            found.append(
-                ThermalTerm(
-                    axis=axis,
-                    kind=ThermalKind.RATE,
-                    value=0.0,
-                    sigma=0.0,
-                    action=ThermalAction.NOT_TESTED,
-                )
-            )
-            continue
-        sigma = {kind: float(np.sqrt(fit.terms_covariance[k, k])) for kind, fit in fits.items()}
-        kind = max(fits, key=lambda kind: abs(fits[kind].terms[k]) / sigma[kind])
-        value = float(fits[kind].terms[k])
-        seen = abs(value) > FOUND_SIGMAS * sigma[kind]
-        action = _action(kind) if seen else ThermalAction.NONE_FOUND
-        found.append(
-            ThermalTerm(axis=axis, kind=kind, value=value, sigma=sigma[kind], action=action)
-        )
+        kind, value, spread = ThermalKind.RATE, 0.0, 0.0
+        action = ThermalAction.NOT_TESTED
+        if np.max(np.abs(rates_of(sessions, k))) >= MOVED_degC_min:
+            sigma = {kind: float(np.sqrt(fit.terms_covariance[k, k])) for kind, fit in fits.items()}
+            kind = max(fits, key=lambda kind: abs(fits[kind].terms[k]) / sigma[kind])
+            value, spread, action = float(fits[kind].terms[k]), sigma[kind], ACTIONS[kind]
+            if abs(value) <= FOUND_SIGMAS * spread:
+                action = ThermalAction.NONE_FOUND
+        found.append(ThermalTerm(axis=axis, kind=kind, value=value, sigma=spread, action=action))
     return tuple(found)
 
 
-def _action(kind: ThermalKind) -> ThermalAction:
-    """What is done about a term that is taken for real."""
-    if kind is ThermalKind.RATE:
-        return ThermalAction.RATE_TERM_FITTED
-    return ThermalAction.SIGMA_WIDENED
+def rates_of(sessions: Sequence[SessionLikelihood], k: int) -> NDArray:
+    """Temperature rates [degC/min] of gyro k in all bins of some sessions, 0 where not known."""
+    rates = [np.where(s.bins.tied[:, k], s.bins.rate_degC_min[:, k], 0.0) for s in sessions]
+    return np.concatenate(rates)
 
 
 def with_terms(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> tuple[NDArray, NDArray]:

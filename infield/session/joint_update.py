@@ -27,6 +27,7 @@ from infield.session.hysteresis import (
     joint_posterior,
     joint_with,
     posterior_with,
+    rates_of,
     with_free_common,
     with_terms,
 )
@@ -39,7 +40,6 @@ from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES, Run, TwinModel
-from ins.verdicts import Observability
 
 # of an update; chosen: 1 flight alone is told by itself (`infield.session.flown.gates`)
 LEAST_FLIGHTS = 2
@@ -170,9 +170,7 @@ def _or_a_wrong_session(
     """
     plain, named = find_terms(table, data), list(terms or ())
     for k, term in enumerate(plain):
-        rates = np.concatenate(
-            [np.where(d.bins.tied[:, k], d.bins.rate_degC_min[:, k], 0.0) for d in data]
-        )
+        rates = rates_of(data, k)
         both = rates.min() < -MOVED_degC_min and rates.max() > MOVED_degC_min
         if both and term.found and named:
             named[k] = replace(term, action=ThermalAction.SPLIT_OR_WRONG_SESSION)
@@ -225,13 +223,14 @@ def _merged_again(
     found = joint_posterior(table, joint, ThermalKind.RATE, fitted)
     gained = [data.gained for data in joint if data.gained is not None]
     table = table.replaced(covariance=table.covariance + sum(gained))
-    unseen = [
-        a
-        for k, a in enumerate(AXES)
-        if all(s.seen[k].verdict is Observability.NOT_OBSERVABLE for s in sessions)
-    ]
-    change, P = hold_common(table, unseen, found.change, found.covariance)
+    change, P = hold_common(table, unseen_in_all(sessions), found.change, found.covariance)
     return again, table.replaced(parameters=table.parameters + change, covariance=0.5 * (P + P.T))
+
+
+def unseen_in_all(sessions: Sequence[SessionResult]) -> list[str]:
+    """The axes that none of some sessions shows."""
+    unseen = [unseen_axes(session.seen) for session in sessions]
+    return [axis for axis in AXES if all(axis in of_session for of_session in unseen)]
 
 
 def unfitted(terms: Sequence[ThermalTerm]) -> list[ThermalTerm]:

@@ -15,7 +15,7 @@ from infield.table.autopilot_params import (
     AutopilotCubic,
     file_text,
 )
-from infield.table.cubic_fit import FORCED, CubicFit, fit_cubics, valid_range
+from infield.table.cubic_fit import FORCED, CubicFit, fit_cubics, shared_nodes, valid_range
 from infield.table.thermal_table import COMMON_FRACTION, ThermalTable, prior_covariance
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES
@@ -144,7 +144,7 @@ def export_cubic(
     """The table as the autopilot's cubic. InputError where the range is beyond the table."""
     low, high = span_degC or (round(edge, 1) for edge in valid_range(table))
     if span_degC is None:
-        low, high = (float(np.clip(edge, *_shared_nodes(table))) for edge in (low, high))
+        low, high = (float(np.clip(edge, *shared_nodes(table))) for edge in (low, high))
     reference = ARDUPILOT_REFERENCE_DEGC if autopilot == ARDUPILOT else 0.5 * (low + high)
     fits = fit_cubics(
         table, low_degC=low, high_degC=high, reference_degC=reference, constant=autopilot == PX4
@@ -172,13 +172,6 @@ def export_cubic(
         rounding_deg_h=cubic.rounding_deg_h(),
         limit_sigmas=limit_sigmas,
         too_stiff=too_stiff,
-    )
-
-
-def _shared_nodes(table: ThermalTable) -> tuple[float, float]:
-    """Lowest and highest temperature that all three axes have nodes for."""
-    return max(float(t[0]) for t in table.temperature_degC), min(
-        float(t[-1]) for t in table.temperature_degC
     )
 
 

@@ -107,6 +107,12 @@ def stated_fit(comments: Iterable[tuple[int, str]], *, file: str) -> tuple[NDArr
     return error_deg_h, sigma_deg_h
 
 
+def shared_nodes(table: ThermalTable) -> tuple[float, float]:
+    """Lowest and highest temperature that all three axes have nodes for."""
+    low = max(float(nodes[0]) for nodes in table.temperature_degC)
+    return low, min(float(nodes[-1]) for nodes in table.temperature_degC)
+
+
 def valid_range(table: ThermalTable) -> tuple[float, float]:
     """Where every axis is known, its level and its slope within KNOWN times their best sigma
     [degC]; about the best place.
@@ -115,8 +121,7 @@ def valid_range(table: ThermalTable) -> tuple[float, float]:
     a table does. The level alone would not tell: all of it may be as uncertain as one turn-on,
     while its shape was measured over a warm-up only.
     """
-    low = max(float(nodes[0]) for nodes in table.temperature_degC)
-    high = min(float(nodes[-1]) for nodes in table.temperature_degC)
+    low, high = shared_nodes(table)
     if high <= low:
         raise InputError(
             f"table: the nodes of x, y and z share no temperature ({low:g} to {high:g} degC)"

@@ -179,8 +179,8 @@ def merge_posterior(
     delta = U @ innovation
     shrunk = G * np.sqrt(share)
     change, P_plus = hold_common(table, held_axes, G @ delta, table.covariance - shrunk @ shrunk.T)
-    news = _News(innovation, reduction, nis=float(np.sum(delta**2 / share)), dof=int(seen.sum()))
-    return _judged(table, news, change, P_plus)
+    nis, dof = float(np.sum(delta**2 / share)), int(seen.sum())
+    return _judged(table, (innovation, reduction), change, P_plus, nis=nis, dof=dof)
 
 
 def hold_common(
@@ -200,15 +200,10 @@ def common_parts(table: ThermalTable, axes: Sequence[str]) -> NDArray:
     """Projector (n, n) of a change onto the common parts of some axes."""
     T = np.zeros((table.n_parameters, table.n_parameters))
     for axis in axes:
-        T += _common_part(table, axis)
+        ones = np.zeros(table.n_parameters)
+        ones[table.values_of(axis)] = 1.0
+        T += np.outer(ones, table.common_weights(axis))
     return T
-
-
-def _common_part(table: ThermalTable, axis: str) -> NDArray:
-    """Projector (n, n) of a change onto the common part of one axis."""
-    ones = np.zeros(table.n_parameters)
-    ones[table.values_of(axis)] = 1.0
-    return np.outer(ones, table.common_weights(axis))
 
 
 def session_covariance(
@@ -255,36 +250,30 @@ def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArra
     return centre - half, centre + half
 
 
-@dataclass(frozen=True)
-class _News:
-    """What a session says beyond the table: innovation, its covariance S, and how they agree."""
-
-    innovation: NDArray
-    S: NDArray
-    nis: float
-    dof: int
-
-
-def _judged(table: ThermalTable, news: _News, change: NDArray, P_plus: NDArray) -> MergeResult:
-    """The result, merged only where neither NIS nor the shift of any axis is beyond its 99.9 %
-    bound.
-
-    A NIS below its band is no reason to keep a session out: a table may well be better than its
-    sigma says.
-    """
+def _judged(
+    table: ThermalTable,
+    innovation: tuple[NDArray, NDArray],
+    change: NDArray,
+    P_plus: NDArray,
+    *,
+    nis: float,
+    dof: int,
+) -> MergeResult:
+    """The result, merged only where neither NIS nor the shift of any axis is beyond its bound."""
     candidate = table.replaced(parameters=table.parameters + change, covariance=_symmetric(P_plus))
     band = (0.0, 0.0)
-    if news.dof:
-        band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], news.dof))
+    if dof:
+        band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], dof))
     axis_z = _axis_shifts(table, change, table.covariance - candidate.covariance)
-    consistent = bool(news.nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
+    # a NIS below its band keeps no session out: a table may well be better than its sigma says
+    consistent = bool(nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
     return MergeResult(
         table=candidate if consistent else table,
         candidate=candidate,
-        innovation_deg_h=news.innovation,
-        innovation_covariance=news.S,
-        nis=news.nis,
-        dof=news.dof,
+        innovation_deg_h=innovation[0],
+        innovation_covariance=innovation[1],
+        nis=nis,
+        dof=dof,
         band=(float(band[0]), float(band[1])),
         axis_z=axis_z,
         consistent=consistent,

@@ -5,7 +5,7 @@ Source: physics.md 6.8; Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
 
 import numpy as np
 
-from infield.table.merge import _judged, _News, _whitener
+from infield.table.merge import _judged, _whitener
 
 
 def gain_of(table, points, extra_covariance):
@@ -28,5 +28,5 @@ def merge_points(table, points, extra_covariance):
     left = np.eye(table.n_parameters) - gain @ H
     P_plus = left @ P @ left.T + gain @ R @ gain.T
     z = W @ innovation
-    news = _News(innovation, S, nis=float(z @ z), dof=z.size)
-    return _judged(table, news, gain @ innovation, P_plus)
+    nis, dof = float(z @ z), z.size
+    return _judged(table, (innovation, S), gain @ innovation, P_plus, nis=nis, dof=dof)

@@ -44,7 +44,7 @@ from infield.session.reasons import ThermalKind
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
-from infield.table.merge import AXIS_Z_LIMIT, MergeResult
+from infield.table.merge import AXIS_Z_LIMIT
 from infield.table.thermal_table import ThermalTable
 from ins.documents import Null
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
@@ -266,18 +266,18 @@ def _consistency(sessions: list[SessionResult]) -> ConsistencyDocument:
         dof=dof,
         band_95=nis_band(dof, 0.95) if dof else None,
         band_999=nis_band(dof, 0.999) if dof else None,
-        merge=[_merge(s, s.merged) for s in sessions if s.merged],
-    )
-
-
-def _merge(session: SessionResult, merged: MergeResult) -> MergeDocument:
-    return MergeDocument(
-        run_id=session.run.header.run_id,
-        nis=merged.nis,
-        dof=merged.dof,
-        band_999=merged.band,
-        axis_shift_sigmas=merged.axis_z.tolist(),
-        axis_shift_limit_sigmas=AXIS_Z_LIMIT,
+        merge=[
+            MergeDocument(
+                run_id=s.run.header.run_id,
+                nis=s.merged.nis,
+                dof=s.merged.dof,
+                band_999=s.merged.band,
+                axis_shift_sigmas=s.merged.axis_z.tolist(),
+                axis_shift_limit_sigmas=AXIS_Z_LIMIT,
+            )
+            for s in sessions
+            if s.merged
+        ],
     )
 
 
