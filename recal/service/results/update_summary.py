@@ -14,7 +14,7 @@ from infield.reports.documents.update_records import (
     ZeroRateEffect,
     update_of,
 )
-from infield.session.hysteresis import ACTED_ON
+from infield.session.hysteresis import ACTIONS
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction
 from infield.table.file import export_command
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 # what is said of heating and cooling without -v
-SHOWN_ACTIONS = (*ACTED_ON, ThermalAction.SPLIT_OR_WRONG_SESSION)
+SHOWN_ACTIONS = (*ACTIONS.values(), ThermalAction.SPLIT_OR_WRONG_SESSION)
 
 
 @dataclass(frozen=True)
