@@ -184,7 +184,7 @@ def is_closed(connection):
 def test_a_request_at_work_is_never_dropped(site, monkeypatch):
     """A slow answer arrives, although twice as many connections as may be open come after it."""
     at_work, go_on = threading.Event(), threading.Event()
-    judged = pages.health.unit_health
+    judged = pages.views.unit_health
 
     def slow(*units):
         at_work.set()
