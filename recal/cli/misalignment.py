@@ -94,7 +94,8 @@ def misalignment(
         sigma_mounting_arcsec=_size(sigma_mounting_arcsec, "--sigma-mounting-arcsec"),
         sigma_heading_deg=common_sigma_deg(sigma_heading_deg, sigma_north_arcsec),
     )
-    if is_table(inputs):
+    one = inputs[0]
+    if len(inputs) == 1 and not one.is_dir() and one.suffix.lower() == ".csv":
         if heading_deg or north_to_west_deg:
             raise typer.BadParameter(
                 "a table has its azimuths in a column; --heading-deg and --north-to-west-deg are"
@@ -106,7 +107,7 @@ def misalignment(
             )
         sigma = _size(sigma_deg_h, "--sigma-deg-h")
         found = misalignment_of_table(
-            inputs[0], lat_deg=lat_deg, sigma_deg_h=sigma, twin=twin, settings=settings
+            one, lat_deg=lat_deg, sigma_deg_h=sigma, twin=twin, settings=settings
         )
     else:
         stop_arcsec = _size(sigma_azimuth_arcsec, "--sigma-azimuth-arcsec")
@@ -120,11 +121,6 @@ def misalignment(
             found = measured(inputs, twin, known=known, settings=settings, store=store, told=told)
     written = found.write(folder, twin_out=twin_out)
     shown.end(found, written / "misalignment.html")
-
-
-def is_table(inputs: list[Path]) -> bool:
-    """One CSV file, not a run."""
-    return len(inputs) == 1 and not inputs[0].is_dir() and inputs[0].suffix.lower() == ".csv"
 
 
 def _size(value: Any, name: str) -> Any:

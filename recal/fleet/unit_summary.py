@@ -52,7 +52,8 @@ def summarise_unit(task: UnitTask) -> UnitReport:
         of=task.identity,
         drift=_drift(merged),
         coverage=_coverage(
-            [document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)
+            [document for o, document in _one_a_folder(seen)],
+            {o.sha256 for o in task.outcomes if o.outcome in MERGED},
         ),
         steps=steps,
         step_words=[sentence(step.reason) for step in steps],
@@ -76,10 +77,6 @@ def _one_a_folder(
     best = sorted(seen, key=lambda pair: pair[0].outcome not in MERGED)
     first = {outcome.folder: (outcome, document) for outcome, document in reversed(best)}
     return sorted(first.values(), key=lambda pair: pair[0].folder)
-
-
-def _merged_hashes(outcomes: Sequence[RunOutcome]) -> set[str]:
-    return {o.sha256 for o in outcomes if o.outcome in MERGED}
 
 
 def _drift(merged: Sequence[UpdateDocument]) -> TableDrift | None:

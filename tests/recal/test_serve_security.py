@@ -184,14 +184,14 @@ def is_closed(connection):
 def test_a_request_at_work_is_never_dropped(site, monkeypatch):
     """A slow answer arrives, although twice as many connections as may be open come after it."""
     at_work, go_on = threading.Event(), threading.Event()
-    judged = pages.health.unit_health
+    judged = pages.views.unit_health
 
     def slow(*units):
         at_work.set()
         assert go_on.wait(20.0)
         return judged(*units)
 
-    monkeypatch.setattr(pages.health, "unit_health", slow)
+    monkeypatch.setattr(pages.views, "unit_health", slow)
     where = site[0].removeprefix("http://").split(":")
     with Visitor(site[0]) as visitor, ThreadPoolExecutor(1) as reader:
         page = reader.submit(visitor.get, "/")
@@ -477,7 +477,7 @@ def test_a_fault_shows_no_trace_and_no_secret(tmp_path, monkeypatch):
         raise RuntimeError("password=hunter2 in " + str(tmp_path))
 
     with serving(url) as base, Visitor(base) as visitor:
-        monkeypatch.setattr(pages.health, "unit_health", broken)
+        monkeypatch.setattr(pages.views, "unit_health", broken)
         answer = visitor.get("/")
         assert answer.status_code == 500 and "does not know" in answer.text
         assert not re.search(r"hunter2|Traceback|RuntimeError|File &#34;|/tmp", answer.text)

@@ -280,6 +280,15 @@ class _RunKeys(_Open):
         return text
 
 
+# keys of run.json and the fields of the header that hold them
+FIELDS = ("run_id", "tail", "imu_serial", "gyro_technology", "start_utc")
+LATER_FIELDS = ("applied_table_sha256", "gyro_mode")
+SWITCHES = {  # written where they are set
+    "gyro_level_removed": "level_removed",
+    "accepted_accelerometer_scale": "accepted_accel_scale",
+    "accepted_constant_temperature": "accepted_constant_temperature",
+    "any_attitude": "any_attitude",
+}
 # in every run.json; the default is taken with a warning
 EXPECTED = ("tail", "lever_arms_m", "applied_table_sha256")
 
@@ -299,32 +308,23 @@ def header_from_json(
         f"{name}: key {k} is missing, taken as {_default(k)}" for k in EXPECTED if k not in data
     ]
     survey, removed = keys.survey or _SurveyKeys(), keys.removed_thermal_model
+    model = None
+    if removed is not None:
+        parts = {"sha256": removed.sha256, "part": removed.part, "run_sha256": removed.run_sha256}
+        model = RemovedModel(**parts)
     header = RunHeader(
-        run_id=keys.run_id,
-        tail=keys.tail,
-        imu_serial=keys.imu_serial,
-        gyro_technology=keys.gyro_technology,
-        start_utc=keys.start_utc,
+        **{key: getattr(keys, key) for key in (*FIELDS, *LATER_FIELDS)},
+        **{field: getattr(keys, key) for key, field in SWITCHES.items()},
         site=_site(keys.site),
         wheel_reference_m=_xyz(keys.lever_arms_m.wheel_reference),
         gnss_lever_arm_m=_xyz(keys.lever_arms_m.gnss),
-        applied_table_sha256=keys.applied_table_sha256,
-        gyro_mode=keys.gyro_mode,
         survey=Survey(
             **{
                 k.replace("_deg", "_rad"): _rad(getattr(survey, k))
                 for k in type(survey).model_fields
             }
         ),
-        removed_model=(
-            None
-            if removed is None
-            else RemovedModel(**{k: getattr(removed, k) for k in type(removed).model_fields})
-        ),
-        level_removed=keys.gyro_level_removed,
-        accepted_accel_scale=keys.accepted_accelerometer_scale,
-        accepted_constant_temperature=keys.accepted_constant_temperature,
-        any_attitude=keys.any_attitude,
+        removed_model=model,
     )
     return header, [], warnings
 
@@ -348,11 +348,7 @@ def header_to_json(
     site, survey = header.site, header.survey
     return {
         "schema": SCHEMA,
-        "run_id": header.run_id,
-        "tail": header.tail,
-        "imu_serial": header.imu_serial,
-        "gyro_technology": header.gyro_technology,
-        "start_utc": header.start_utc,
+        **{key: getattr(header, key) for key in FIELDS},
         "site": {
             "lat_deg": _deg(site.lat_rad),
             "lon_deg": _deg(site.lon_rad),
@@ -364,29 +360,17 @@ def header_to_json(
             "wheel_reference": list(map(float, header.wheel_reference_m)),
             "gnss": list(map(float, header.gnss_lever_arm_m)),
         },
-        "applied_table_sha256": header.applied_table_sha256,
-        "gyro_mode": header.gyro_mode,
+        **{key: getattr(header, key) for key in LATER_FIELDS},
         "survey": {
             k: _deg(getattr(survey, k.replace("_deg", "_rad"))) for k in _SurveyKeys.model_fields
         },
         **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
-        **({"gyro_level_removed": True} if header.level_removed else {}),
-        **_accepted(header),
+        **{
+            key: getattr(header, field) for key, field in SWITCHES.items() if getattr(header, field)
+        },
         **({"conversion": conversion.to_json()} if conversion else {}),
         **({"simulation": vars(simulation)} if simulation else {}),
     }
-
-
-def _accepted(header: RunHeader) -> dict[str, float]:
-    """The keys of what is accepted, where anything is."""
-    keys: dict[str, float] = {}
-    if header.accepted_accel_scale:
-        keys["accepted_accelerometer_scale"] = header.accepted_accel_scale
-    if header.accepted_constant_temperature:
-        keys["accepted_constant_temperature"] = True
-    if header.any_attitude:
-        keys["any_attitude"] = True
-    return keys
 
 
 def _site(keys: _SiteKeys) -> Site:

@@ -201,7 +201,9 @@ def scenario_from_dict(
     refuse_many_parts("disturbance", len(head.disturbance), name=name)
     profile = _profile(head, data, folder, name)
     if profile is not None:
-        data = {**data, "site": _site_keys(profile.site)}
+        site = profile.site
+        place = {"lat_deg": site.lat_rad / DEG, "lon_deg": site.lon_rad / DEG}
+        data = {**data, "site": {**place, "height_m": site.height_m}}
     elif not head.motion:
         raise InputError(f"{name}: key motion is missing, needed it or [truth]")
     sections = {
@@ -266,10 +268,6 @@ def _profile(head: "_Head", data: dict[str, Any], folder: Path, name: str) -> Tr
         return read_profile(section, folder)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-
-
-def _site_keys(site: Site) -> dict[str, float]:
-    return {"lat_deg": site.lat_rad / DEG, "lon_deg": site.lon_rad / DEG, "height_m": site.height_m}
 
 
 def simulate_scenario(

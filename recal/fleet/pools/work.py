@@ -59,10 +59,6 @@ def perform(task: Task) -> tuple[RunOutcome, ...] | UnitReport:
         return take_runs(task) if isinstance(task, RunTask) else summarise_unit(task)
 
 
-def worker_name() -> str:
-    return f"{socket.gethostname()}:{os.getpid()}"
-
-
 def take_runs(task: RunTask) -> tuple[RunOutcome, ...]:
     """One update over the task's runs; with several, those that stand in the way of the others are
     left out of it.
@@ -77,7 +73,7 @@ def take_runs(task: RunTask) -> tuple[RunOutcome, ...]:
             found[run.path],
             seconds=seconds,
             cpu_s=cpu_s,
-            worker=worker_name(),
+            worker=f"{socket.gethostname()}:{os.getpid()}",
             attempts=task.attempt,
         )
         for run in task.runs
@@ -171,14 +167,11 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> UpdateDocument:
             output=Path(runs[0][1]),
         )
         document = update_in_store(request).record
-        if not _conflicted(document):
+        refused = document.verdict == Outcome.REFUSED
+        if not (refused and list(document.reason_codes) in WORTH_A_TRY):
             return document
         time.sleep((1.0 + os.getpid() % 8 / 8.0) * 0.1 * 2**attempt)  # not in step with the others
     raise StoreConflict(document.reasons[0])
-
-
-def _conflicted(document: UpdateDocument) -> bool:
-    return document.verdict == Outcome.REFUSED and list(document.reason_codes) in WORTH_A_TRY
 
 
 def _told(task: RunTask, runs: Sequence[Pair], document: UpdateDocument) -> Iterator[RunOutcome]:

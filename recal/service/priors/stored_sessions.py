@@ -13,7 +13,7 @@ import numpy as np
 
 from infield.learning.stored_sessions import StoredSession, StoredUnit, ordered
 from infield.reports.documents.session_records import EstimatedDocument
-from infield.reports.documents.update_records import PointDocument, UpdateDocument, update_of
+from infield.reports.documents.update_records import UpdateDocument, update_of
 from infield.reports.update_page import estimated_of
 from infield.session.disagreement import SessionEvidence, utc
 from infield.session.reasons import Nuisance
@@ -140,7 +140,7 @@ def _of_document(document: UpdateDocument, session: EstimatedDocument) -> Stored
         axis_index=np.array([AXES.index(p.axis) for p in points]),
         temperature_degC=np.array([p.temperature_degC for p in points]),
         time_s=np.array([p.time_s for p in points]),
-        duration_s=np.array([_duration_s(p) for p in points]),
+        duration_s=np.array([1.0 if p.duration_s is None else p.duration_s for p in points]),
         bias_deg_h=np.array([p.bias_deg_h for p in points]),
         covariance=np.array(covariance, dtype=float),
         run_length_s=session.duration_s,
@@ -148,10 +148,6 @@ def _of_document(document: UpdateDocument, session: EstimatedDocument) -> Stored
         crab_mrad=_crab(session),
         heading_source=str(source or ""),
     )
-
-
-def _duration_s(point: PointDocument) -> float:
-    return 1.0 if point.duration_s is None else point.duration_s
 
 
 def _crab(session: EstimatedDocument) -> tuple[float, float] | None:
