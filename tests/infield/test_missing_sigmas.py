@@ -8,11 +8,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from infield.replay.free_inertial import replay
 from infield.session.navigated.receiver import sigma_of_fixes
 from ins.columns import FIX_SIGMA_COLUMNS
 from ins.filters.aided_records import fixes_of
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of
+from tests.infield.test_replay import choices, flat
 from trajectories.runs.directory import inspect_run, read_run, write_run
 
 TWIN = twin_of("rlg")
@@ -109,3 +111,23 @@ def test_a_missing_sigma_counts_with_the_declared_one():
         sigma_of_fixes(missing.gnss.sigma_horizontal_m, rows, DECLARED[FIX_SIGMA_COLUMNS[0]]),
         a.sigma_position_m[:, 0],
     )
+
+
+def test_replay_with_missing_sigmas_is_aided(tmp_path):
+    """The same solution, bit for bit, as with the declared sigmas written out in those rows."""
+    found = []
+    for name, values in (
+        ("missing", dict.fromkeys(FIX_SIGMA_COLUMNS, np.nan)),
+        ("declared", DECLARED),
+    ):
+        write_run(tmp_path / name, with_sigmas(values), fmt="csv")
+        found.append(replay(read_run(tmp_path / name), choices(flat()), TWIN).aided)
+    missing, declared = found
+    assert missing.verdict == declared.verdict == "aided"
+    assert (missing.history.used >= 0).any() and np.isfinite(missing.history.variance).all()
+    for name in ("lat_rad", "lon_rad", "v_n_m_s", "C_nb", "variance", "nis", "residual", "sigma"):
+        np.testing.assert_array_equal(
+            getattr(missing.history, name), getattr(declared.history, name)
+        )
+    plain = replay(logged(), choices(flat()), TWIN).aided
+    assert not np.array_equal(plain.history.variance, missing.history.variance)

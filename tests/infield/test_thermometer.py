@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.thermometer.gyro_temperature import gyro_temperature
+from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import TemperatureLog
-from ins.verdicts import sentences
+from ins.verdicts import sentence, sentences
 from trajectories.simulator.thermal import thermal_history
 
 HOUR = np.arange(4200.0)
@@ -178,3 +178,14 @@ def test_a_board_that_cools_in_the_wash_of_a_propeller_is_believed():
     told = gyro_temperature(jumped)
     assert len(told.unusable) == 3
     assert "jumps by -1.0 degC at 91.0 s" in told.faults[0].text
+
+
+def test_one_row_is_held():
+    found = gyro_temperature(log_of(np.array([[20.0, 21.0, 22.0]]), np.array([5.0])))
+    assert found.at(np.array([0.0, 100.0])) == pytest.approx(np.tile([20.0, 21.0, 22.0], (2, 1)))
+    assert "12 rows over 59.9 s, needed at least 10 rows over 60 s" in sentence(
+        too_short(log_of(np.ones((12, 3)), np.linspace(0.0, 59.97, 12)))
+    )
+    assert "1 row over 0 s, needed at least 10 rows over 60 s" in sentence(
+        too_short(log_of(np.ones((1, 3)), np.array([5.0])))
+    )

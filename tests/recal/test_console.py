@@ -65,6 +65,17 @@ for words in json.loads(sys.argv[1]):
 """
 
 
+def command_of(words):
+    """The command that the words name."""
+    found = get_command(app)
+    for word in words:
+        found = found.commands[word]
+    return found
+
+
+PYTHON_WORDS = re.compile(r"<[a-z ]+>|list\[|\bPath\b|\bfloat\b|\bint\b|\bstr\b|None|\{\w+\}")
+
+
 @pytest.fixture(scope="module")
 def helps():
     """What each command's help says, its exit code, and the libraries loaded by then: each forked
@@ -282,3 +293,16 @@ def test_files_are_written_together_or_not_at_all(tmp_path):
         write_files({first: "new", second: "new"}, commit=refuse)
     assert (first.read_text(), second.read_text()) == ("1", "2")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize("words", ALL, ids=" ".join)
+def test_the_help_keeps_its_units_and_speaks_no_python(helps, words):
+    """A unit in square brackets stays as written; every option says what it is for."""
+    said = " ".join(helps[" ".join(words)][0].split())
+    assert not re.search(r"\[\s*\]|\(\s*\)", said)
+    assert not PYTHON_WORDS.search(said), PYTHON_WORDS.search(said)
+    for param in command_of(words).params:
+        if not getattr(param, "hidden", False):
+            assert param.help, param.name
+            assert all(unit in said for unit in re.findall(r"\[[^\]]+\]", param.help)), param.name
+            assert all(flag in said for flag in param.opts if flag.startswith("-"))

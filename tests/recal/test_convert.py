@@ -22,7 +22,7 @@ from tests.recal.verbs import check
 from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run
 from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import UnknownLog
-from trajectories.runs.directory import read_reference, read_run
+from trajectories.runs.directory import read_run
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -257,52 +257,10 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
         read_toml(tmp_path / "no.toml")
 
 
-def test_fixes_of_another_file(tmp_path):
-    """By the map's [gnss] with the file from the command line; relative to where the command is
-    given, not to the log.
-    """
-    columns = ["time_s", *(f"gyro_{a}_rad_s" for a in "xyz"), *(f"accel_{a}_m_s2" for a in "xyz")]
-    log, fixes, keys = tmp_path / "logs" / "log.csv", tmp_path / "gps.csv", tmp_path / "map.toml"
-    log.parent.mkdir()
-    log.write_text(
-        "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in ROWS.tolist())]) + "\n"
-    )
-    fixes.write_text(
-        "t,lat,lon,h,vn,ve,vd\n" + "".join(f"{k},30.0,7.0,250.0,0.0,0.0,0.0\n" for k in range(10))
-    )
-    keys.write_text(
-        "[gnss]\n"
-        'time = {column = "t"}\n'
-        'position = {columns = ["lat", "lon", "h"]}\n'
-        'velocity = {columns = ["vn", "ve", "vd"]}\n'
-    )
-    given = ("--serial", "S", "--technology", "rlg", "--start-utc", "2026-03-01T05:00:00Z")
-    said = invoke(log, "-o", tmp_path / "run", "--map", keys, "--gnss", fixes, *given, "--json")
-    assert said.exit_code == 0, said.stderr
-    assert json.loads(said.stdout)["streams"] == ["gnss"]
-    run = read_run(tmp_path / "run")
-    assert run.gnss.time_s.size == 10 and run.header.site.height_m == 250.0
-    record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert [s["source"] for s in record["other_sources"]] == ["gps.csv"]
-
-
 def test_fixes_are_refused_where_a_log_has_its_own(tmp_path):
     (tmp_path / "log.bin").write_bytes(b"\xa3\x95\x80" + bytes(200))
     with pytest.raises(InputError, match=r"log\.bin.*--gnss"):
         convert_log(tmp_path / "log.bin", {"format": "dataflash", "gnss": {"file": "x"}}, GIVEN)
-
-
-def test_the_reference_of_a_log_is_written_beside_the_run(tmp_path):
-    from scipy.io import savemat
-
-    from tests.trajectories.readers.test_psins import avp_rows, imu_rows
-
-    savemat(tmp_path / "trj.mat", {"imu": imu_rows(), "avp": avp_rows()})
-    given = ("--serial", "S", "--technology", "rlg", "--start-utc", "2026-03-01T05:00:00Z")
-    said = invoke(tmp_path / "trj.mat", "-o", tmp_path / "run", *given)
-    assert said.exit_code == 0, said.stderr
-    assert "(with reference)" in said.stdout
-    assert np.degrees(read_reference(tmp_path / "run").heading_rad[5]) == pytest.approx(40.0)
 
 
 def test_what_is_accepted_by_name_is_said_and_kept(tmp_path):

@@ -160,3 +160,11 @@ def test_dither_does_not_hide_the_earths_rate():
             dv_m_s=f * dt,
         )
         assert reads_earth_rate(imu, quiet_means(imu)) is finds
+
+
+def test_a_log_that_is_fit_for_nothing_is_refused(simulated, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = call(simulated / "shaken.csv")
+    assert done.exit_code == 4
+    assert done.stdout.startswith("shaken: refused\n")
+    assert (tmp_path / "recal-look" / "look.html").exists()

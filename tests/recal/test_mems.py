@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from recal.service.results.update_summary import stored_summary as summary
+from tests.infield.mems_flights import flight
 from tests.recal.verbs import align, update
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.directory import write_run
@@ -59,3 +61,14 @@ def test_the_copter_that_rests_for_half_a_minute_is_refused_with_reasons(imu, tm
     )
     assert said["verdict"] == "refused"
     assert "gyro_offsets" in said["reasons"][0] and "needed 60 s" in said["reasons"][1]
+
+
+def test_update_says_which_stretches_it_used(tmp_path):
+    write_run(tmp_path / "run", flight(1, turn_deg=90.0).run)
+    (tmp_path / "twin.json").write_text(json.dumps({**TWIN, "imu_serial": "SN-1"}))
+    store, twin = f"sqlite:///{tmp_path}/none.db", tmp_path / "twin.json"
+    found = update([tmp_path / "run"], store_url=store, commit=False, twin=twin, output=tmp_path)
+    first, second = [line for line in summary(found) if " stretch " in line]
+    assert "stretch 1: 1" in first and "turned" not in first
+    assert "stretch 2: 1" in second and "turned by +" in second and "since the one before" in second
+    assert "stretches of rest" in (tmp_path / "update.html").read_text()

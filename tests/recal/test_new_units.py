@@ -14,8 +14,6 @@ from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
 from trajectories.runs.directory import write_run
 
-DEFAULTS = "every sigma rests on the defaults of rlg; recal twin fit run -o twin.json measures it"
-
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
@@ -73,27 +71,3 @@ def test_asked_for_by_name_both_are_made(folder, url):
     assert (done.exit_code, json.loads(done.stdout)["verdict"]) == (0, "committed")
     with TableStore.open(url) as store:
         assert [r.kind for r in store.history()] == ["factory", "update"]
-
-
-def test_sigma_says_whether_it_rests_on_defaults(folder):
-    """On the terminal, in JSON and on the page; silent where the twin is given or stored."""
-    url = "sqlite:///recal.db"
-    with TableStore.open(url, create=True) as store:
-        store.import_table(factory_dict())
-    done = update(url)
-    document = json.loads(done.stdout)
-    assert document["noise_source"] == "defaults of rlg" and DEFAULTS in document["noise_note"]
-    words = CliRunner().invoke(app, ["update", "run", "--store", url, "-o", "out"])
-    assert f"note: {document['noise_note']}" in words.stdout
-    assert "every sigma rests on the defaults of rlg" in Path("out/update.html").read_text()
-    aligned = CliRunner().invoke(app, ["align", "run", "--store", url, "--json"])
-    assert json.loads(aligned.stdout)["noise_source"] == "defaults of rlg"
-    assert DEFAULTS in json.loads(aligned.stdout)["noise_note"]
-    words = CliRunner().invoke(app, ["align", "run", "--store", url])
-    assert DEFAULTS in words.stdout
-    given = json.loads(update(url, "--twin", "twin.json").stdout)
-    assert given["noise_source"] == "twin file" and "noise_note" not in given
-    with TableStore.open(url) as store:
-        store.import_table(factory_dict(), twin=replace(default_twin("rlg"), imu_serial="SN-0042"))
-    stored = json.loads(update(url).stdout)
-    assert stored["noise_source"] == "store" and "noise_note" not in stored

@@ -23,6 +23,24 @@ url = stores.url
 HOSTILE = "SN\"><script>alert(1)</script>&'/../%2e%2e"
 
 
+url = stores.url
+
+
+url = stores.url
+
+
+url = stores.url
+
+
+url = stores.url
+
+
+url = stores.url
+
+
+url = stores.url
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """Three units in a store, two folders with diagnoses."""
@@ -375,3 +393,49 @@ def test_who_put_it_forward_does_not_approve_it_on_the_page(fresh):
         refused = visitor.decide(token, number=str(own.number), by="Somebody Else", reason="good")
         assert refused.status_code == 409 and "was put forward by r. eviewer" in text_of(refused)
         assert store.active() == active
+
+
+def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
+    from infield.session.disagreement import SessionEvidence
+
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+    said = SessionEvidence(
+        run_id="run-<x>",
+        run_sha256="c" * 64,
+        start_utc="2026-03-09T05:00:00Z",
+        temperature_degC=[5.0, 5.0, 5.0],
+        bias_deg_h=[0.041, 0.001, 0.001],
+        bend_deg_h=[0.0, 0.0, 0.0],
+        covariance=[[4e-6, 0, 0], [0, 4e-6, 0], [0, 0, 4e-6]],
+    )
+    with TableStore.open(url) as store:
+        store.remember_contradictions("SN-1", "rlg", "", [said])
+        sigma = store.active().table.sigma_deg_h("x", 5.0)[0]
+    with serving(url) as base, Visitor(base) as visitor:
+        words = text_of(visitor.get("/unit?serial=SN-1&technology=rlg"))
+        expanded = 2 * (4e-6 + sigma**2) ** 0.5
+        assert (
+            f"run-<x> cccccccccccc 2026-03-09T05:00:00Z +0.0400 ± {expanded:.4f} (k=2) at 5.0 °C"
+            in words
+        )
+        assert "contradicted 1 session" in words
+        assert "--accept-step --commit" in words
+        assert "session that contradicts it, U(k=2)" in words
+        listed = text_of(visitor.get("/?sort=contradictions&down=true"))
+        assert re.search(
+            r"SN-1 contradicted .* rlg revision 2, update \w{12} \S+ \S+ – 1 1 by technology",
+            listed,
+        )
+
+
+def test_a_report_that_cannot_be_drawn_says_so(visitor):
+    answer = visitor.get("/revision/report?serial=SN-1&technology=rlg&number=2")
+    assert answer.status_code == 409 and "cannot draw the stored report" in text_of(answer)
+
+
+def test_two_revisions_are_compared(visitor):
+    words = text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=1&after=2"))
+    assert "revision 1 against 2" in words
+    assert re.search(r"Largest change: gyro x \+0\.0010* deg/h", words)
+    assert "same table" in text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=2&after=2"))

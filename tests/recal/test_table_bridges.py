@@ -49,28 +49,6 @@ def test_px4_there_and_back(folder):
     assert table["axes"]["x"]["bias_deg_h"][-1] == pytest.approx(190.0, abs=0.01)
 
 
-def test_ardupilot_comes_back_as_a_relative_table(folder):
-    stored(folder)
-    ok("export", "--to", "ardupilot", "--imu", 2, "--fit-limit", 3, "-o", "u.parm")
-    into = (
-        "--serial",
-        "SN-2",
-        "--technology",
-        "mems",
-        "--store",
-        "sqlite:///other.db",
-        "--sigma",
-        12,
-        "--json",
-    )
-    back = json.loads(ok("import", "u.parm", *into))
-    assert "relative (0 at 35 degC)" in back["note"] and "12 deg/h, as given" in back["note"]
-    table = json.loads(ok("show", "--store", "sqlite:///other.db", "--json"))
-    x = table["axes"]["x"]
-    assert np.interp(35.0, x["temperature_degC"], x["bias_deg_h"]) == pytest.approx(0.0, abs=0.01)
-    assert x["bias_deg_h"][-1] == pytest.approx(75.0, abs=0.01)
-
-
 def test_a_stiff_cubic_is_refused_unless_forced(folder):
     stored(folder, sigma=2.0)
     made = run("export", "--to", "px4", "--device-id", 7, "-o", "u.params", "--json")

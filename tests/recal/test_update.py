@@ -89,17 +89,3 @@ def test_without_html_the_document_alone_is_written(folder):
     )
     assert document == report(folder)
     assert [p.name for p in (folder / "out").iterdir()] == ["update.json"]
-
-
-def test_each_step_of_an_update_is_told(folder):
-    """The progress bar counts them: as many as UPDATE_STEPS says, in their order."""
-    from recal.service.update import UPDATE_STEPS, UpdateRequest, update_in_store
-
-    said = []
-    update_in_store(
-        UpdateRequest(
-            runs=[folder / "run"], store_url="sqlite:///none.db", html=False, step=said.append
-        )
-    )
-    assert said == ["reading 1 run", "estimating from 1 run", "drawing the report"]
-    assert len(said) == UPDATE_STEPS

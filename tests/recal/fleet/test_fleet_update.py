@@ -15,6 +15,7 @@ from ins.documents import plain
 from recal.cli.app import app
 from recal.fleet.pools import work
 from recal.fleet.update import FleetRequest, update_fleet
+from recal.service.update import update_in_store
 from tests.infield.sessions import factory_dict, shifted
 from tests.recal.fleet.made_fleet import SERIALS, UPDATES, history, run_of
 from tests.recal.verbs import update
@@ -249,3 +250,17 @@ def test_exit_codes_and_json(fleet, inline):
     assert code == 0 and document["verdict"] in ("up_to_date", "committed")
     code, document = exit_code("nowhere", "-o", "o5")
     assert document["schema"] == "recal.error/1" and "no such folder" in document["reasons"][0]
+
+
+def test_a_crash_is_kept_apart_with_its_traceback(fleet, inline, monkeypatch):
+    def broken(request):
+        if "SN-B" in str(request.runs[0]):
+            raise ZeroDivisionError("by a bug")
+        return update_in_store(request)
+
+    monkeypatch.setattr(work, "update_in_store", broken)
+    document = call()
+    assert document["counts"]["crashed"] == 2 and document["counts"]["committed"] == 4
+    run = next(r for r in document["runs"] if r["outcome"] == "crashed")
+    assert run["reasons"][0].startswith("ZeroDivisionError: by a bug (test_fleet_update.py, line")
+    assert "by a bug" in next(Path("out").glob("units/SN-B*/*/crash.txt")).read_text()

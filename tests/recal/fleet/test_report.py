@@ -20,6 +20,7 @@ from recal.fleet.records import (
     UnitReport,
 )
 from recal.fleet.report import SHOWN_UNITS, fleet_html
+from recal.service.priors.records import DriftTrend, ForecastReport, UnitForecast
 from tests.drawn import unscripted
 
 UNITS = 240
@@ -32,6 +33,29 @@ STEP = BiasStep(
     run_sha256=("0", "1"),
 )
 STEPS = [STEP, replace(STEP, axis="z", shift_deg_h=0.5)]  # z: no level gyro, so no drift
+
+
+def unit_forecast(serial, drift_nm_h):
+    return UnitForecast(
+        imu_serial=serial,
+        gyro_technology="rlg",
+        gyro_mode="",
+        revision=1,
+        sessions=2,
+        last_session_utc="2026-01-01",
+        drift_now_nm_h=drift_nm_h,
+        drift_now_95_nm_h=2.0 * drift_nm_h,
+        expected_bias_deg_h=0.01,
+        date_50_utc="2030-01-01",
+        date_95_utc="2026-11-22",
+        temperature_degC=(0.0, 40.0),
+        rests_on="defaults of rlg",
+        trend=DriftTrend(
+            date_utc=["2026-11-22", "2027-11-22", "2040-11-22"],
+            median_nm_h=[drift_nm_h, 1.0, 5.0],
+            high_nm_h=[2.0 * drift_nm_h, 2.0, 9.0],
+        ),
+    )
 
 
 def summary(k):
@@ -123,3 +147,24 @@ def test_reasons_are_grouped_without_names_and_numbers():
         reasons=("/a/b: r7 of SN-7 rests 4.5 s, x2 axis y",),
     )
     assert plain_reason(run) == "RUN: RUN of UNIT rests # s, x2 axis y"
+
+
+def test_the_forecast_is_on_the_page_by_urgency(document):
+    """The first unit of the document first, its trend beside it; without a store, a line."""
+    assert document.forecast is None and "No store, so no unit." in fleet_html(document)
+    units = [unit_forecast("<LATE>", 0.9), unit_forecast("EARLY", 0.3)]
+    found = ForecastReport(
+        verdict="ok",
+        reasons=[],
+        store="s",
+        issued_utc="2026-11-22T00:00:00Z",
+        version="0",
+        limit_nm_h=0.8,
+        units=units,
+        less_urgent=3,
+    )
+    page = fleet_html(replace(document, forecast=found))
+    listed = page[page.index('id="forecast"') :]
+    assert listed.index("<strong>&lt;LATE&gt;") < listed.index("<strong>EARLY")
+    assert listed.count('class="trend"') == 2 and "3 units whose drift passes" in listed
+    assert "passed already" in listed and "2030-01-01" in listed and "<LATE>" not in page

@@ -15,12 +15,13 @@ import recal
 from infield.table.file import json_text
 from ins.records import InputError
 from recal.service.update import UpdateRequest, update_in_store
+from recal.service.watch.advice import advised
 from recal.service.watch.interim import InterimRequest, estimated
 from recal.service.watch.monitor import Monitor, Phase
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import WatchState
 from recal.service.watch.session import WatchRequest, watch
-from simreal.plan.ahead import TURN, outlook, stay
+from simreal.plan.ahead import TURN, Outlook, outlook, stay
 from tests.recal.command import run as typed
 from trajectories.readers.live.text_source import RunSource
 from trajectories.runs.directory import read_run, write_run
@@ -267,3 +268,28 @@ def test_a_recorded_log_is_sent_as_mavlink(grown, tmp_path):
     messages = common.MAVLink(None).parse_buffer(bytes(received))
     assert len(messages) == read_run(tmp_path / "out").imu.rows
     assert typed(*log, "--split", "--to", "tcp:127.0.0.1:1").exit_code == 2
+
+
+def test_advice_has_the_numbers_of_the_outlook():
+    now, target = (0.004, 0.0075, 0.004), (0.003, 0.003, 0.003)
+    stays = [
+        Outlook(
+            name="stay",
+            duration_s=60.0 * m,
+            sigma_deg_h=(0.004 / (1 + m / 10), 0.0075, 0.004 / (1 + m / 10)),
+            gyro_degC=(30.0, 30.0, 30.0),
+        )
+        for m in (5.0, 10.0, 20.0, 40.0)
+    ]
+    turn = Outlook(
+        name="turn", duration_s=360.0, sigma_deg_h=(0.0026, 0.003, 0.003), gyro_degC=(30.0,) * 3
+    )
+    found = advised(now, target, [*stays, turn])
+    # 0.004 / (1 + m / 10) is 0.003 after 3.3 min, by straight information after 3.0
+    assert found.plan_min in (3.0, 4.0)
+    assert not found.enough
+    assert any("0.0075 -> 0.0030" in line for line in found.lines)
+    assert advised((0.001,) * 3, target, []).enough
+    only_y = advised((0.002, 0.0075, 0.002), target, [*stays, turn])
+    assert only_y.plan_min == 6.0
+    assert only_y.plan_deg_h == turn.sigma_deg_h
