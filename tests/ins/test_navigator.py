@@ -49,7 +49,7 @@ SERIES = VerticalChannel(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     cuts=cuts_of(ROWS),
     seed=st.integers(0, 2**31),

@@ -20,6 +20,7 @@ from ins.records import (
     Run,
     RunHeader,
     Site,
+    Span,
     TemperatureLog,
 )
 
@@ -149,3 +150,17 @@ def test_frames_hold_degrees_and_leave_out_what_is_not_logged():
 def test_records_load_no_pandas():
     code = "import sys, ins.records; sys.exit('pandas' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
+
+
+def test_a_run_is_shown_in_a_few_lines():
+    temperature = TemperatureLog(time_s=np.arange(11.0), gyro_degC=np.full((11, 3), 20.0))
+    phases = (Phase(phase="parked", start_s=0.0, end_s=9.0),)
+    faults = (Span(start_s=1.0, end_s=2.0, reason="dropout"),)
+    shown = repr(made_run(temperature=temperature, phases=phases, faults=faults)).splitlines()
+    assert shown == [
+        "Run 'R-1': unit SN-7 (rlg), started 2026-03-01T05:00:00Z",
+        "  imu: 5 rows, 0.1 to 0.5 s, 10 Hz, increments",
+        "  temperature: 11 rows, 0 to 10 s, 1 Hz",
+        "  phases: parked",
+        "  faults: 1 spans dropped or repaired",
+    ]

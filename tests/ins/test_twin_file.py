@@ -63,7 +63,7 @@ size = st.floats(min_value=0, max_value=1e6)
 signed = st.floats(min_value=-1e6, max_value=1e6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     size,
     st.tuples(signed, signed, signed),

@@ -262,14 +262,14 @@ def test_a_unit_that_finds_no_north_carries_it_too(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entered", "lon_deg", "code"),
+    ("entered", "lon_deg", "code", "with_table"),
     [
-        ("0.8378", 11.5, "latitude_in_radians"),
-        ("11.5", 48.0, "latitude_is_longitude"),
-        ("30.0", 11.5, "wrong_latitude"),
+        ("0.8378", 11.5, "latitude_in_radians", True),
+        ("11.5", 48.0, "latitude_is_longitude", False),
+        ("30.0", 11.5, "wrong_latitude", False),
+        ("30.0", 11.5, "wrong_latitude", True),
     ],
 )
-@pytest.mark.parametrize("with_table", [False, True])
 def test_what_was_entered_for_the_latitude_is_named(tmp_path, entered, lon_deg, code, with_table):
     """It was "14 measurements leave the heading at 6.8 deg", or "it moves"."""
     rng = np.random.default_rng(5)
