@@ -6,7 +6,7 @@ Decision: docs/decisions/0007-parked-position.md.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,7 +61,10 @@ class StepPlan:
 
     def until(self, count: int) -> "StepPlan":
         """The first steps alone."""
-        return StepPlan(*(None if c is None else c[:count] for c in vars(self).values()))
+        columns: dict[str, Any] = {
+            name: None if column is None else column[:count] for name, column in vars(self).items()
+        }
+        return StepPlan(**columns)
 
 
 @dataclass(frozen=True)

@@ -105,14 +105,10 @@ def check_usable(run: Run, stored: StoredModel) -> None:
             f"run {header.run_id}: thermal model {header.removed_model.sha256[:12]} was taken out"
             " of it, needed the raw run"
         )
-    if run.temperature.gradient_degC is None:
-        logged = ()
-    else:
-        logged = [
-            axis
-            for axis, column in zip(AXES, run.temperature.gradient_degC.T)
-            if np.isfinite(column).any()
-        ]
+    logged: list[str] = []
+    gradient = run.temperature.gradient_degC
+    if gradient is not None:
+        logged = [axis for axis, column in zip(AXES, gradient.T) if np.isfinite(column).any()]
     lacking = [f"gradient_{axis}_degC" for axis in stored.model.lines if axis not in logged]
     if lacking:
         raise InputError(

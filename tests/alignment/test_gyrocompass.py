@@ -16,7 +16,7 @@ from infield.reports.documents.alignment import alignment_document
 from ins import earth
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.documents import plain
-from ins.errors.table import RAW_BIAS_DEG_H, DEFAULT_SIGMA_deg_h
+from ins.errors.table import RAW_BIAS_DEG_H
 from ins.records import GyroNoise, Run, Site
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
@@ -233,10 +233,9 @@ def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
         600.0,
     )
     sigma_deg_h = partial(gyrocompass.unknown_bias_sigma_deg_h, DEFAULT_TWIN)
-    usual = DEFAULT_SIGMA_deg_h
-    assert sigma_deg_h(means, usual=usual) == pytest.approx(0.3, rel=0.01)
+    assert sigma_deg_h(means) == pytest.approx(0.3, rel=0.01)
     quiet = replace(means, omega_ib_b=earth.omega_ie_n(45 * DEG))
-    assert sigma_deg_h(quiet, usual=usual) == DEFAULT_SIGMA_deg_h["rlg"]
+    assert sigma_deg_h(quiet) == RAW_BIAS_DEG_H["rlg"]
 
 
 def test_a_noisier_unit_is_aligned_with_the_noise_it_shows():
