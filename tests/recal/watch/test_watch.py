@@ -15,8 +15,7 @@ import recal
 from infield.table.file import json_text
 from ins.records import InputError
 from recal.service.update import UpdateRequest, update_in_store
-from recal.service.watch.advice import advised
-from recal.service.watch.interim import InterimRequest, estimated
+from recal.service.watch.interim import InterimRequest, advised, estimated
 from recal.service.watch.monitor import Monitor, Phase
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import WatchState
