@@ -88,7 +88,9 @@ def test_noise_of_all_sensors_leaves_room_for_effects_and_they_for_noise(noises,
         for extra, of_table in ((1.0, False), (None, False), (None, True))
     )
     slots = [noise] * noises + [effect] * others + [table] * 3
-    searched = SimpleNamespace(slots=slots, bank=SimpleNamespace(hypotheses=[None] * 2))
+    sources = [SimpleNamespace(key=k) for k in range(3)]
+    bank = SimpleNamespace(hypotheses=sources[:2])
+    searched = SimpleNamespace(slots=slots, bank=bank, hypotheses=sources, _shadowed=set())
     searched._room = lambda: Attributor._room(searched)
     searched._odds = lambda _: (np.array([1.0, 2.0, 3.0]), np.zeros(0))
     assert searched._room() == room
