@@ -52,11 +52,11 @@ PAIR_CANDIDATES = 40
 # is in
 # tests/simreal/test_phases.py
 OFF_IN_FORM = 0.05
-# of a slot's energy, for a place to be one of its own; chosen: 1/50, as in addback. A place is slow
-# rows, what is within ten seconds, or what follows, of a channel: where it was the whole channel,
-# white noise on gyro y, which the heading couples to gyro x, hid an effect of 52 nats on x (trial
-# two 3036)
-TOUCHED = 0.02
+# of a slot's energy; chosen: half. A place is slow rows, what is within ten seconds, or what
+# follows, of a channel. Where 2 % of it in a place hid all of it, white noise on gyro y, which the
+# heading couples to gyro x, hid an effect of 52 nats on x (trial two 3036), and an odometer's
+# delay a thermometer's lag with 83 % on the gyros (two 3016)
+IN_SHADOW = 0.5
 MOST_MISSING = 0.99  # of a declared noise
 ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
 NO_COLUMNS = np.zeros(0, dtype=int)
@@ -624,17 +624,16 @@ class Attributor:
             slot.log_odds = min(slot.log_odds, gained - cost)
 
     def _in_shadow(self, slot: Slot) -> bool:
-        """Whether a slot may be no more than what a much larger one is off by in form, in the
-        places that it touches itself.
-        """
-        own, worth = self._energy(slot), 2.0 * max(slot.log_odds, 0.0)
-        touched = own > TOUCHED * own.sum()
+        """Whether most of a slot lies where a much larger one may be off by as much in form."""
+        own = self._energy(slot)
         for other in self._effects:
             # of two noises, squares are compared: off by twice as much
             noises = slot.extra is not None and other.extra is not None
             off = (2.0 if noises else 1.0) * OFF_IN_FORM
-            if other is not slot and worth < off**2 * float(self._energy(other)[touched].sum()):
-                return True
+            if other is not slot:
+                hidden = np.minimum(own, off**2 * self._energy(other))
+                if hidden.sum() > IN_SHADOW * own.sum():
+                    return True
         return False
 
     def _energy(self, slot: Slot) -> NDArray:
