@@ -141,11 +141,7 @@ def _level_alone(
     turns: Reason | None,
     doubtful_deg_h: float | None,
 ) -> Alignment:
-    """Roll and pitch of gyros too uncertain for a heading: their solution drifts too fast for rest
-    to be seen in it.
-
-    doubtful_deg_h: bias that the parked rates show of a unit that nobody knows, None: it is known.
-    """
+    """Roll and pitch of gyros too uncertain for a heading."""
     reasons = [because(AlignmentReason.TURNS_OR_BIAS, turns=turns)] if turns else []
     if doubtful_deg_h is not None:
         usual = DEFAULT_SIGMA_deg_h[twin.gyro_technology]
@@ -168,9 +164,7 @@ def _level_alone(
 
 
 def _judged(result: Alignment, solution: Solution, twin: TwinModel) -> Alignment:
-    """The result, refused where nothing was measured or where the vehicle moves; the unit's noise
-    is named where it was scaled.
-    """
+    """The result, refused where nothing was measured or where the vehicle moves."""
     level_rate = solution.last.level_earth_rate_rad_s
     diffuse = diffuse_heading_rad(solution.last.bias_covariance, level_rate)
     if result.dof == 0 or result.sigma_heading_rad > NO_BETTER * diffuse:
@@ -263,11 +257,7 @@ def _used_share(solution: Solution) -> float:
 def _latitude_test(
     result: Alignment, site: Site, means: coarse.RestMeans, bias_deg_h: float, arw: float
 ) -> Alignment:
-    """Compare the entered latitude with the angle between gravity and Earth rate.
-
-    A rest whose rate is that of the Earth in size, and which a filter at the entered latitude still
-    makes nothing of, is refused for that latitude.
-    """
+    """Compare the entered latitude with the angle between gravity and Earth rate."""
     found, excess = coarse.latitude_from_rates(means)
     rate_noise = max(1.25 * arw / np.sqrt(means.seconds), float(np.max(means.sigma_omega_rad_s)))
     noise = np.hypot(bias_deg_h * DEG_PER_HOUR, rate_noise)

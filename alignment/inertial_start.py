@@ -114,11 +114,7 @@ def _robust_wahba(seen: NDArray, expected: NDArray) -> NDArray:
 
 
 def _wahba(b: NDArray, r: NDArray, weight: NDArray) -> NDArray:
-    """R (3, 3) that minimises the sum of weight |r - R b|^2 over unit vectors (m, 3).
-
-    Davenport's q-method: the quaternion is the eigenvector of K with the largest eigenvalue
-    (Markley and Crassidis 2014, eq. 5.14 to 5.17).
-    """
+    """R (3, 3) that minimises the sum of weight |r - R b|^2 over unit vectors (m, 3)."""
     B = np.einsum("k,ki,kj->ij", weight, r, b)
     z = np.einsum("k,ki->i", weight, np.cross(b, r))
     K = np.zeros((4, 4))

@@ -327,9 +327,7 @@ class _Search:
         return bool(most > held)
 
     def _swung(self, walks: Scale) -> Scale:
-        """A place that swings where it is likelier than one that walks off; what walks off is given
-        no more than a standing vehicle's walk, which does not explain it.
-        """
+        """A place that swings where it is likelier than one that walks off."""
         names = ("swing_m", "place", "place_walk")
         stands = QUIET._replace(unit=walks.unit, yaw=walks.yaw, yaw_walk=walks.yaw_walk)
         swings = [
@@ -350,11 +348,7 @@ class _Search:
         return self._climb(walks._replace(free=False), ("place", "place_walk"))
 
     def _most_to_gain(self, own: str, scale: Scale) -> float:
-        """About the log-likelihood [nats] that any level of place or heading could add.
-
-        So far from the noise they were taken for are n innovations of mean square q, correlated by
-        r from step to step: n (q - 1 - ln q) / 2 + n r^2 / 2. Quiet data are not searched.
-        """
+        """About the log-likelihood [nats] that any level of place or heading could add."""
         seen = self._ungated(scale).tally.normalised
         gain = 0.0
         for name in SHOWN_BY[own]:
@@ -415,9 +409,7 @@ def _largest(value: NDArray | float, still: NDArray) -> float:
 
 
 def _slower(flt: ErrorFilter, parked: ParkedConstraint) -> ParkedConstraint:
-    """The constraint with the noise that its innovations show from step to step: where they are
-    alike for several steps (a swell of a minute), so many steps say as much as one.
-    """
+    """The constraint with the noise that its innovations show from step to step."""
     seen = flt.tally.normalised
     place = max((_alike(seen[name]) for name in ("still", "stop") if name in seen), default=1.0)
     yaw = _alike(seen["heading held"]) if "heading held" in seen else 1.0
@@ -429,9 +421,7 @@ def _slower(flt: ErrorFilter, parked: ParkedConstraint) -> ParkedConstraint:
 
 
 def _alike(normalised: NDArray) -> float:
-    """How many successive innovations (n, r) say as much as one: 1 + 2 sum of their correlations up
-    to the first that is not certain.
-    """
+    """How many successive innovations (n, r) say as much as one."""
     n, steps = len(normalised), 1.0
     if n < FEWEST_ALIKE:
         return steps
@@ -445,9 +435,7 @@ def _alike(normalised: NDArray) -> float:
 
 
 def _strayed(flt: ErrorFilter, plan: StepPlan, parked: ParkedConstraint) -> ParkedConstraint:
-    """The constraint with the steps that stand out given the variance that they show; itself where
-    none does.
-    """
+    """The constraint with the steps that stand out given the variance that they show."""
     still = np.flatnonzero(plan.kind == STILL)
     seen = [flt.tally.normalised[n] for n in ("still", "stop") if n in flt.tally.normalised]
     if not seen or len(still) != sum(map(len, seen)):

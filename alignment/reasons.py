@@ -56,7 +56,7 @@ class AlignmentReason(ReasonCode):
     LIKE_MEMS = (
         "like_mems",
         "the gyros are {sigma_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for {technology}:"
-        " another technology or a fault; the level is taken to be as good as that of a mems unit",
+        " another technology or a fault; the sigma of the level is that of a mems unit",
     )
     LEVEL_ALONE = (
         "level_alone",
@@ -65,22 +65,25 @@ class AlignmentReason(ReasonCode):
     )
     NOTHING_STANDS = (
         "nothing_stands",
-        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
-        " moves, or the unit is much noisier than its noise model ({source})",
+        "the sensors look at rest for {rest_s:.0f} s, but over no filter step is the navigated"
+        " velocity zero: the vehicle moves, or the unit is much noisier than its noise model"
+        " ({source})",
     )
     NOTHING_MEASURED = (
         "nothing_measured",
-        "{dof} measurements leave the heading at {sigma_deg:.2g} deg, {prior_deg:.2g} deg were"
-        " taken to begin with: nothing was found; {used_percent:.0f} % of the parked seconds were"
-        " used",
+        "after {dof} measurements the heading sigma is {sigma_deg:.2g} deg, at the start it was"
+        " {prior_deg:.2g} deg: no heading was found; {used_percent:.0f} % of the parked seconds"
+        " were used",
     )
     MOVES = (
         "moves",
-        "it moves: the rest does not fit even {scale:g} times the noise model ({source})",
+        "the vehicle moves: the residuals at rest exceed even {scale:g} times the noise model"
+        " ({source})",
     )
     NOISIER = (
         "noisier_than_model",
-        "the unit is noisier than its noise model ({source}): taken {scale:g} times as large",
+        "the unit is noisier than its noise model ({source}): the model is used {scale:g} times as"
+        " large",
     )
     WRONG_LATITUDE = (
         "wrong_latitude",

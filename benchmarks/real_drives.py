@@ -25,7 +25,7 @@ from ins.units import DEG
 from ins.verdicts import sentences
 from trajectories.readers.containers import dataflash
 from trajectories.readers.conversion import Conversion, convert_log
-from trajectories.readers.formats import ardupilot_mat
+from trajectories.readers.formats import ardupilot
 from trajectories.readers.rows.row_cleaning import LogGapError
 
 ERLE, ERLE_COMMIT = "erlerobot/logs", "3f7d4a0d17f2485f7fa5cb7124fc2a5b13d6c688"
@@ -238,7 +238,7 @@ class Against:
 
 def logged_attitude(path: Path) -> tuple[NDArray, NDArray]:
     """Times in the log's own clock [s] and roll, pitch, yaw (n, 3) [rad] of its ATT messages."""
-    read = dataflash.read_tables if dataflash.is_dataflash(path) else ardupilot_mat.read_tables
+    read = dataflash.read_tables if dataflash.is_dataflash(path) else ardupilot.mat_tables
     table = read(path, {"ATT"})[0]["ATT"]
     name, factor = ("TimeUS", 1e-6) if "TimeUS" in table else ("TimeMS", 1e-3)
     angles = np.column_stack([np.asarray(table[k], dtype=float) for k in ("Roll", "Pitch", "Yaw")])

@@ -30,8 +30,7 @@ from infield.session.points import measurement_information
 from infield.session.results import SessionResult, UpdateResult
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
 from infield.table.merge import merge_posterior, session_covariance
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import ThermalTable, smooth_kernel
 from ins.records import AXES, AccelNoise, GyroNoise, Site, TwinModel, VehicleNoise
 from ins.units import DEG
 from ins.verdicts import sentences

@@ -13,21 +13,9 @@ sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]
 project = "recal"
 author = "the recal project"
 copyright = "2026, the recal project"
-extensions = [
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
-    "myst_parser",
-    "mathml",
-    "generated_pages",
-    "site_links",
-]
-napoleon_google_docstring = False
-napoleon_use_ivar = True  # fields are listed once, where the class says what they are
-napoleon_use_param = False
-napoleon_use_rtype = False
-autodoc_typehints = "none"  # docstrings say types and shapes
+extensions = ["myst_parser", "mathml", "generated_pages", "site_links"]
 default_role = "literal"
-highlight_language = "none"  # equations of docstrings are no Python
+highlight_language = "none"
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build", "_ext"]
 root_doc = "index"

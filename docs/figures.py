@@ -17,10 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.reports.drawing import (
+    AXIS_COLOURS,
+    BLACK,
+    BLUE,
     DASHED,
     DOTTED,
+    GREY,
     KEY_ABOVE,
     KEY_PX,
+    NEW,
+    OLD,
+    ORANGE,
+    SKY,
+    VERMILLION,
     Boxes,
     Item,
     Line,
@@ -31,17 +40,6 @@ from infield.reports.drawing import (
     page_script,
     spanned,
     specification,
-)
-from infield.reports.figures import (
-    AXIS_COLOURS,
-    BLACK,
-    BLUE,
-    GREY,
-    NEW,
-    OLD,
-    ORANGE,
-    SKY,
-    VERMILLION,
 )
 from infield.store.table_store import TableStore
 from infield.table.file import table_from_dict

@@ -129,22 +129,6 @@ def test_untyped_results_only_fall(sources):
     assert sum(count.values()) <= UNTYPED_RESULTS, most
 
 
-@pytest.mark.parametrize(
-    ("source", "count"),
-    [
-        ("def f(a: dict[str, Any]) -> None: ...", 1),
-        ("def f() -> list[Mapping[str, object]]: ...", 1),
-        ("x: dict = {}", 1),
-        ("def f(a: dict | None, b: dict[str, float]): ...", 1),
-        ("Found = dict[str, Any]\ndef f(a: Found) -> Found: ...", 3),
-        ("def f(a: Mapping[str, float]) -> dict[str, tuple[int, ...]]: ...", 0),
-    ],
-)
-def test_no_other_name_hides_an_untyped_result(source, count):
-    found = source_of(source)
-    assert untyped(found, aliases([found.tree])) == count
-
-
 @pytest.mark.parametrize("pattern", HOMES)
 def test_each_of_these_is_written_in_one_place(pattern):
     places = {

@@ -13,50 +13,10 @@ import pytest
 from alignment.reasons import AlignmentReason
 from infield.aided.reasons import AidedReason
 from infield.replay.reasons import ReplayReason
-from infield.session.reasons import Nuisance
 from ins.verdicts import Reason, ReasonCode, because, codes, plain_number, sentence, sentences
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("ins", "alignment", "infield", "simreal", "recal")
-# `because(...)` whose code is no name of a member: module, expression, the codes that it may be
-CHOSEN = {
-    ("infield/reports/documents/flight.py", "found.state"): ["Further"],
-    ("infield/reports/documents/misalignment.py", "_why_unseen(c)"): [
-        "Unseen.WEAK",
-        "Unseen.DIAGONAL",
-        "Unseen.NORTH",
-    ],
-    ("infield/reports/documents/replay.py", "result.vertical"): ["Damping"],
-    ("infield/reports/documents/session.py", "chain.note"): ["ChainNote"],
-    ("infield/session/estimate.py", "self.nuisance"): [
-        *(f"Nuisance.{code.name}" for code in Nuisance if code is not Nuisance.CROSS_WIND)
-    ],
-    ("infield/session/estimate.py", "self.state"): ["OwnErrorState"],
-    ("infield/session/hysteresis.py", "self.action"): ["ThermalAction", "ThermalKind"],
-    ("infield/session/parked/stretches.py", "code"): [
-        "ParkedReason.NAMED_TOO_SHORT",
-        "ParkedReason.NAMED_NOT_AT_REST",
-    ],
-    ("infield/session/points.py", "code"): [
-        "Advice.PARK_FROM_COLD",
-        "Advice.TURN_AND_STOP",
-        "Advice.PARK_LONGER",
-        "Advice.HOLD_HEADING",
-        "Advice.FLY_TURNS",
-    ],
-    ("infield/thermometer/gyro_temperature.py", "_follows(fault)"): [
-        "ThermometerReason.OF_ANOTHER",
-        "ThermometerReason.COARSE",
-        "ThermometerReason.CONSTANT",
-        "ThermometerReason.HOLE",
-        "ThermometerReason.AXIS_LEFT_OUT",
-        "ThermometerReason.READINGS_LEFT_OUT",
-    ],
-    ("infield/thermometer/gyro_temperature.py", "code"): [
-        "ThermometerReason.ALL_STUCK",
-        "ThermometerReason.NONE_USABLE",
-    ],
-}
 # codes among the values of a reason: their templates are filled by the same values
 INNER = {"PriorsReason.NO_SESSIONS": "NothingKept", "SessionReason.LIKE_A_WRONG_FACT": "WrongFact"}
 
@@ -148,26 +108,6 @@ def test_whoever_gives_a_code_gives_what_its_template_names():
             assert given == needed, f"{path}: {code}"
             checked += 1
     assert checked > 100
-
-
-def chosen(name):
-    enum, _, member = name.partition(".")
-    return [enums()[enum][member]] if member else list(enums()[enum])
-
-
-def test_a_chosen_code_is_given_what_its_template_names():
-    by_name = {name_of(member) for member in members()}
-    sites = {(path, code): given for path, code, given in calls() if code not in by_name}
-    sites = {site: given for site, given in sites.items() if site[0] != "ins/verdicts.py"}
-    assert set(sites) == set(CHOSEN)
-    for site, given in sites.items():
-        needed = set()
-        for name in CHOSEN[site]:
-            for member in chosen(name):
-                assert needed_by(member) <= given, f"{site}: {name_of(member)}"
-                needed |= needed_by(member)
-        # the codes among the values are named by the templates around them
-        assert needed == given, site
 
 
 def test_no_member_is_without_a_giver():

@@ -115,9 +115,7 @@ def _extremes(
 
 
 def _quiet_mean(energy: NDArray) -> NDArray:
-    """Mean (lags, 6) of the mean squares (n, lags, 6) of quiet epochs; those beyond four times the
-    median are events.
-    """
+    """Mean (lags, 6) of the mean squares (n, lags, 6) of quiet epochs."""
     few = energy <= 4.0 * np.median(energy, axis=0)
     return np.asarray((energy * few).sum(axis=0) / few.sum(axis=0))
 

@@ -259,9 +259,7 @@ def _jump(seconds: QuietSeconds, a: int, b: int) -> _Jump | None:
 
 
 def _quiet_jumps(seconds: QuietSeconds) -> _Jump | None:
-    """Spreads of the jumps across stretches where nothing happens; None for a log too short to
-    tell.
-    """
+    """Spreads of the jumps across stretches where nothing happens."""
     first = np.arange(WINDOW, len(seconds.touched) - WINDOW - 3, 7)
     hit = np.concatenate([[0], np.cumsum(seconds.touched)])
     first = first[hit[first + WINDOW + 3] == hit[first - WINDOW]]
@@ -308,9 +306,7 @@ def _returns(
     k: int,
     quiet: _Jump,
 ) -> int | None:
-    """The group with which the velocity of group k is back at rest (k itself: it never left); None:
-    it stays.
-    """
+    """The group with which the velocity of group k is back at rest (k itself: it never left)."""
     total, limit = np.zeros(2), np.zeros(2)
     start_s = seconds.start_s[groups[k][0]]
     for m in range(k, len(groups)):
@@ -327,9 +323,7 @@ def _returns(
 
 
 def _turned(seconds: QuietSeconds, a: int, b: int, jump: _Jump) -> bool | None:
-    """Did the vehicle turn with its vertical gyro? The level Earth rate, in body axes, tells; None:
-    it cannot.
-    """
+    """Did the vehicle turn with its vertical gyro? The level Earth rate, in body axes, tells."""
     turn, beside = jump.value[5], _beside(seconds, a, b, EARTH_WINDOW)
     if abs(turn) < SMALLEST_TURN_RAD or beside is None:
         return None

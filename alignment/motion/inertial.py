@@ -132,9 +132,7 @@ def quiet_stretches(seconds: LogSeconds) -> tuple[Where, ...]:
 
 
 def _quiet(mean: NDArray) -> NDArray:
-    """Seconds (m,) whose surroundings scatter like the quietest ones of the log, with one gravity
-    and no spin.
-    """
+    """Seconds (m,) whose surroundings scatter like the quietest ones of the log."""
     step = np.diff(mean, axis=0, prepend=mean[:1]) / np.sqrt(2.0)
     kernel = np.ones(WINDOW) / WINDOW
     rms = np.sqrt(np.stack([np.convolve(s, kernel, "same") for s in (step**2).T], axis=1))

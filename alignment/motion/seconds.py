@@ -155,9 +155,7 @@ def read_seconds(imu: ImuSource) -> LogSeconds:
 
 
 def _joined(log: LogSeconds, k: int) -> LogSeconds:
-    """The seconds with k (0 or -2) and the one after it as one: a few rows alone scatter more than
-    a second does.
-    """
+    """The seconds with k (0 or -2) and the one after it as one."""
     pair = slice(k, k + 2 or None)
     whole = {
         "start_s": log.start_s[pair][0],

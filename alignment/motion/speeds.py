@@ -132,9 +132,7 @@ def _silent(witness: Witness, end_s: NDArray) -> WitnessEvidence:
 def _by_speed(
     witness: Witness, logged: tuple[NDArray, NDArray], allowed_m_s: float, end_s: NDArray
 ) -> WitnessEvidence:
-    """Epochs by the speed (n,) logged nearest to each: beyond what is allowed for LASTING_S it is
-    movement, for less nobody knows; silent in gaps of the log.
-    """
+    """Epochs by the speed (n,) logged nearest to each."""
     time_s, speed = logged
     gap_s = max(GAP_ROWS * float(np.median(np.diff(time_s))), SHORTEST_GAP_S)
     after = np.clip(np.searchsorted(time_s, end_s), 1, time_s.size - 1)

@@ -340,9 +340,7 @@ def _beside_rest(history: NavHistory, still: NDArray) -> tuple[NDArray, float]:
 
 
 def _jolts(history: NavHistory, kind: NDArray) -> NDArray:
-    """Sudden turns of the standing vehicle about down [rad], epoch by epoch; zero where there is
-    none.
-    """
+    """Sudden turns of the standing vehicle about down [rad], epoch by epoch."""
     still = kind <= DISTURBED
     if not np.any(still[1:]):
         return np.zeros(len(still))

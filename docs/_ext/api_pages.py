@@ -1,23 +1,22 @@
-"""The Python reference, read from the sources: every public function and class with its docstring.
-
-Docstrings of the packages with the equations, RENDERED, are read as reStructuredText with numpydoc
-sections (autodoc, napoleon); the others are shown as the text that they are.
+"""The Python reference, read from the sources: the names of `import recal`, and what pages cite of
+the packages, each with signature and docstring.
 """
 
 import ast
+import re
 import textwrap
 from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
-RENDERED = ("ins", "alignment")
+NAME = re.compile(rf"(?<!\[)`((?:{'|'.join(PACKAGES)})(?:\.\w+)+)`(?!\])")
+Entry = ast.FunctionDef | ast.ClassDef
 
 
 def api_pages() -> dict[str, str]:
-    """Markdown by page name: an index, and one page for each package."""
-    packages = {package: _package_page(package) for package in PACKAGES}
-    return {"index": _index(), "front_door": _front_door(), **packages}
+    """Markdown by page name: an index, the front door, and what pages cite."""
+    return {"index": _index(), "front_door": _front_door(), "cited": _cited()}
 
 
 def modules(package: str) -> dict[str, Path]:
@@ -37,14 +36,20 @@ def modules(package: str) -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (item[0].count(".") > 0, item[0])))
 
 
-def public_names() -> list[str]:
-    """Full names of all public functions and classes."""
-    return [
-        f"{name}.{node.name}"
-        for package in PACKAGES
-        for name, path in modules(package).items()
-        for node in _public(path)
-    ]
+@cache
+def cited_entries() -> dict[str, Entry]:
+    """Public functions and classes that a page names in full in backquotes, in order of name."""
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    texts = [page.read_text("utf-8") for page in pages if "generated" not in page.parts]
+    names = {name for text in texts for name in NAME.findall(text)}
+    sources = {name: path for package in PACKAGES for name, path in modules(package).items()}
+    found = {}
+    for name in sorted(names):
+        module, _, last = name.rpartition(".")
+        if module in sources:
+            nodes = [node for node in _public(sources[module]) if node.name == last]
+            found.update((name, node) for node in nodes)
+    return found
 
 
 @cache
@@ -53,7 +58,7 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
 
-def _public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
+def _public(path: Path) -> list[Entry]:
     body = parsed(path).body
     return [
         n
@@ -89,42 +94,21 @@ def _front_door() -> str:
 
 def _index() -> str:
     names = ", ".join(f"`{name}`" for name in sorted(front_door()))
-    lines = [
-        "# Python interface",
-        "",
-        f"The *front door*, `import recal`, is all that most programs need: {names}.",
-        "",
-        "What stands behind it follows package by package, with signatures and docstrings of the"
-        " sources that this site was built from.",
-        "",
-    ]
-    lines += ["| package | |", "|---|---|"]
-    for package in PACKAGES:
-        text = _escaped(_first_line(ast.get_docstring(parsed(ROOT / package / "__init__.py"))))
-        lines.append(f"| [`{package}`]({package}.md) | {text} |")
-    names = "\n".join(["front_door", *PACKAGES])
-    return "\n".join([*lines, "", f"```{{toctree}}\n:hidden:\n\n{names}\n```", ""])
+    return (
+        f"# Python interface\n\nThe *front door*, `import recal`, is all that most programs need:"
+        f" {names}. The packages behind it are documented in their"
+        " sources.\n\n```{toctree}\n:maxdepth: 1\n\nfront_door\ncited\n```\n"
+    )
 
 
-def _package_page(package: str) -> str:
-    parts = [f"# {package}", ""]
-    rendered = package in RENDERED
-    for name, path in modules(package).items():
-        tree = parsed(path)
-        if name != package:
-            parts += [f"## {name}", ""]
-        text = ast.get_docstring(tree)
-        if text:
-            parts += [_directive("automodule", name) if rendered else _block(text), ""]
-        for node in _public(path):
-            full = f"{name}.{node.name}"
-            kind = "autofunction" if isinstance(node, ast.FunctionDef) else "autoclass"
-            shown = _directive(kind, full) if rendered else _block(_entry(node))
-            parts += [f"### {full}".replace("_", "\\_"), "", shown, ""]
+def _cited() -> str:
+    parts = ["# Functions that these pages cite", ""]
+    for name, node in cited_entries().items():
+        parts += [f"## {name}".replace("_", "\\_"), "", _block(_entry(node)), ""]
     return "\n".join(parts)
 
 
-def _entry(node: ast.FunctionDef | ast.ClassDef) -> str:
+def _entry(node: Entry) -> str:
     """Signature and docstring; of a class its fields and public methods too."""
     if isinstance(node, ast.FunctionDef):
         return _signature(node) + _indented(ast.get_docstring(node))
@@ -165,19 +149,3 @@ def _indented(docstring: str | None) -> str:
 
 def _block(text: str | None) -> str:
     return f"````text\n{text}\n````"
-
-
-def _directive(kind: str, name: str) -> str:
-    """An entry that Sphinx reads from the code itself."""
-    members = "\n   :members:" if kind == "autoclass" else ""
-    return f"```{{eval-rst}}\n.. {kind}:: {name}{members}\n```"
-
-
-def _first_line(docstring: str | None) -> str:
-    return " ".join((docstring or "").split("\n\n")[0].split())
-
-
-def _escaped(text: str) -> str:
-    for mark in ("\\", "`", "*", "_", "<", "[", "|", "$"):
-        text = text.replace(mark, f"\\{mark}")
-    return text

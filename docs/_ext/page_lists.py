@@ -9,7 +9,6 @@ OF_INDEX = (  # named in index.md itself
     "python",
     "quickstart",
     "concepts",
-    "theory",
     "troubleshooting",
     "glossary",
 )

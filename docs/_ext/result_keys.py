@@ -44,6 +44,8 @@ def documents(sources: dict[str, Path]) -> list[Document]:
     """
     found: dict[str, Document] = {}
     for module, path in sources.items():
+        if SCHEMA_KEY not in path.read_text("utf-8"):
+            continue
         found |= {made.schema: made for made in _typed(module, parsed(path))}
         reader = _Reader(parsed(path))
         for name, function in reader.functions.items():

@@ -8,27 +8,16 @@ beside docs/ lead to their copies.
 
 import posixpath
 import re
-from functools import cache
 from typing import Any
 
-from api_pages import PACKAGES, public_names
+from api_pages import NAME, cited_entries
 from root_pages import PAGES
 
 FENCE = re.compile(r"^(`{3,})[^\n]*\n.*?^\1[ \t]*$", re.M | re.S)
-NAME = re.compile(rf"(?<!\[)`((?:{'|'.join(PACKAGES)})(?:\.\w+)+)`(?!\])")
 SITE = re.compile(r"\*([^*\n]+)\*<!-- site: (\S+) -->")
 ROOT_PAGE = re.compile(
     rf"\]\((?:\.\./)+({'|'.join(file.replace('.', '[.]') for file in PAGES.values())})(#[^)]*)?\)"
 )
-
-
-@cache
-def _anchors() -> dict[str, str]:
-    """Page and anchor of every public function and class, by its full name."""
-    return {
-        name: f"generated/api/{name.split('.')[0]}.md#{name.replace('.', '').lower()}"
-        for name in public_names()
-    }
 
 
 def with_site_links(text: str, docname: str) -> str:
@@ -43,12 +32,10 @@ def with_site_links(text: str, docname: str) -> str:
 
 def _linked(text: str, folder: str) -> str:
     def name(match: re.Match[str]) -> str:
-        target = _anchors().get(match[1])
-        return (
-            match[0]
-            if target is None
-            else f"[{match[0]}]({posixpath.relpath(target, folder or '.')})"
-        )
+        if match[1] not in cited_entries():
+            return match[0]
+        page = posixpath.relpath("generated/api/cited.md", folder or ".")
+        return f"[{match[0]}]({page}#{match[1].replace('.', '').lower()})"
 
     def root(match: re.Match[str]) -> str:
         copy = next(

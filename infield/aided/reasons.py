@@ -55,7 +55,7 @@ class WheelsFound(ReasonCode):
     SLIPS = "slips", "its velocity is not along one axis of the unit"
     TOO_SHORT = "too_short", "it rolls for less than a minute with a heading that is known"
     TOO_STRAIGHT = "too_straight", "it turns by less than 90 deg"
-    CONTRADICTED = "contradicted", "held by its wheels it contradicts the fixes"
+    CONTRADICTED = "contradicted", "constrained by its wheels it contradicts the fixes"
 
 
 class Widened(ReasonCode):
@@ -83,11 +83,11 @@ class AidedPart(ReasonCode):
     OLDER = "older", "{what} are {lag_s:ms .0f} +- {sigma_s:ms .0f} ms {late:older|younger}"
     TIMES = "times", "{factor} {times:factor} times"
     NOISE_AS_DECLARED = "noise_as_declared", "noise as declared"
-    NOISE_LARGER = "noise_larger", "taken {sizes:, |} as large"
+    NOISE_LARGER = "noise_larger", "adopted {sizes:, |} as large"
     STIRRED = (
         "stirred",
-        "biases of the accelerometers that move with the shaking, by {stirred:factor} m/s^2 where"
-        " it changes by 1 m/s^2",
+        "vibration rectification of the accelerometers, {stirred:factor} m/s^2 for each m/s^2 of"
+        " vibration",
     )
     SLOW = (
         "slow",
@@ -137,8 +137,8 @@ class AidedReason(ReasonCode):
     )
     RECEIVER_CONTRADICTS = (
         "receiver_contradicts",
-        "velocities of {count} of {seen} fixes are not the way of their positions ({components},"
-        " up to {sigmas:.1f} sigmas), and neither can be told right",
+        "velocities of {count} of {seen} fixes differ from the rate of their positions"
+        " ({components}, up to {sigmas:.1f} sigmas), and the log does not show which is right",
     )
 
 
@@ -147,23 +147,23 @@ class AidedNote(ReasonCode):
 
     HEADING_OPEN = (
         "heading_open",
-        "{reason}. The solution is that of flights from headings all round, weighed by what they"
-        " explain: its heading is worth what its sigma says",
+        "{reason}. The solution is the mean of solutions from initial headings all round, weighted"
+        " by likelihood: its heading is as good as its sigma says",
     )
     WHEELS_TAKEN = (
         "wheels_taken",
-        "held by its wheels: it goes where it points to {side_m_s:.2g} m/s sideways and"
-        " {up_m_s:.2g} m/s up (RMS), {mounted.yaw_rad:deg +.1f} +- {mounted.sigma_rad[0]:deg .1g}"
+        "constrained by its wheels: lateral velocity {side_m_s:.2g} m/s, vertical {up_m_s:.2g} m/s"
+        " (RMS); it rolls {mounted.yaw_rad:deg +.1f} +- {mounted.sigma_rad[0]:deg .1g}"
         " deg to the right of body x and {mounted.pitch_rad:deg +.1f} +- {mounted.sigma_rad[1]:deg"
         " .1g} deg above it{odometer:; its odometer's scale is {scale:.4f}|}; {used} seconds used,"
         " {rejected} rejected",
     )
-    NO_WHEELS = "no_wheels", "not held by wheels: {why}"
+    NO_WHEELS = "no_wheels", "not constrained by wheels: {why}"
     USUAL_MOTION = (
         "usual_motion",
-        "without fixes for {without_s:g} s and longer it is taken to go as with them: up to"
-        " {level_m_s:.2g} m/s level and {down_m_s:.2g} m/s up or down (1 sigma), for {lasts_s:.0f}"
-        " s at a time",
+        "without fixes for {without_s:g} s and longer the speed is assumed to be as with them:"
+        " sigma {level_m_s:.2g} m/s level and {down_m_s:.2g} m/s vertical, correlated over"
+        " {lasts_s:.0f} s",
     )
     REPEATED_FIXES = (
         "repeated_fixes",
@@ -173,16 +173,15 @@ class AidedNote(ReasonCode):
     )
     FIXES_WIDENED = (
         "fixes_widened",
-        "{count} fixes from {first_s:.1f} to {last_s:.1f} s have velocities that are not the way"
-        " of their positions ({components}, up to {sigmas:.1f} sigmas): their {whose} are taken"
-        " for as far off as that (1 sigma)",
+        "{count} fixes from {first_s:.1f} to {last_s:.1f} s have velocities that differ from the"
+        " rate of their positions ({components}, up to {sigmas:.1f} sigmas): the difference"
+        " becomes the sigma of their {whose}",
     )
     FIXES_SAY = (
         "fixes_say",
         "sigmas of the fixes (median): positions declared {declared_m:.2g} m,"
-        " {position_stands:taken so|the innovations say {said_m:.2g} m}; velocities declared"
-        " {declared_m_s:.2g} m/s, {velocity_stands:taken so|the innovations say {said_m_s:.2g}"
-        " m/s}",
+        " {position_stands:kept|the innovations say {said_m:.2g} m}; velocities declared"
+        " {declared_m_s:.2g} m/s, {velocity_stands:kept|the innovations say {said_m_s:.2g} m/s}",
     )
     SITE_ELSEWHERE = (
         "site_elsewhere",
@@ -197,15 +196,18 @@ class AidedNote(ReasonCode):
     )
     LEVER_ARM_TAKEN = (
         "lever_arm_taken",
-        "the fixes are not of an antenna at the lever arm ({declared_m[0]:g}, {declared_m[1]:g},"
-        " {declared_m[2]:g}) m of run.json: taken ({lever_arm_m[0]:.2f} +- {sigma_m[0]:.2f},"
+        "the fixes contradict the lever arm ({declared_m[0]:g}, {declared_m[1]:g},"
+        " {declared_m[2]:g}) m of run.json: estimated ({lever_arm_m[0]:.2f} +- {sigma_m[0]:.2f},"
         " {lever_arm_m[1]:.2f} +- {sigma_m[1]:.2f}, {lever_arm_m[2]:.2f} +- {sigma_m[2]:.2f}) m,"
-        " which the fixes show ({gain_nats:.0f} nats); its sigma is in the solution's",
+        " likelier by {gain_nats:.0f} nats; its sigma is in that of the solution",
     )
-    DELAY_TAKEN = "delay_taken", "{late:, |} than their time: taken so ({gain_nats:.0f} nats)"
+    DELAY_TAKEN = (
+        "delay_taken",
+        "{late:, |} than their time stamps: estimated, likelier by {gain_nats:.0f} nats",
+    )
     NOISE_TAKEN = (
         "noise_taken",
         "the innovations {larger:exceed|fall short of} the noise model ({source}): {parts:,"
         " |}{scatters_less: (positions scatter by {scatter:.2g} of what is declared; the rest is"
-        " taken for a slow error)|}{capped: (the largest that is tried)|}; NIS is no test then",
+        " modelled as a slow error)|}{capped: (the largest that is tried)|}; so NIS tests nothing",
     )

@@ -1,5 +1,5 @@
 """What the sessions of a fleet say about its units: how they start, wander and age (`learn`), and
 when their drift will pass a limit (`forecast`).
 
-Reading order: `parameters`, `kept`, `likelihood`, `draws`, `hierarchy`, `learn`, `forecast`.
+Reading order: `parameters`, `kept`, `likelihood`, `draws`, `learn`, `forecast`.
 """

@@ -19,8 +19,7 @@ from infield.learning.learn import TWO_SIDED_95, Learnt, Parameters
 from infield.learning.parameters import PriorName
 from infield.learning.stored_sessions import StoredSession, StoredUnit, covering, curve_rows
 from infield.table.merge import session_covariance
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable
+from infield.table.thermal_table import DAYS_PER_YEAR, AgeingModel, ThermalTable, smooth_kernel
 from ins.noise import FLICKER_FLOOR
 from ins.records import AXES, GyroNoise
 
@@ -187,6 +186,7 @@ class Paths:
         self._ageing = np.zeros_like(rates)
         steps = np.sqrt(np.diff(LOOK_YEARS))[:, None]
         np.cumsum(rates[:, 1:] * steps, axis=1, out=self._ageing[:, 1:])
+        self._grown = rates[:, 1:2] * np.sqrt(LOOK_YEARS)[:, None]
         self._chance = rng.random((PATHS, LOOK_YEARS.size - 1))
         flicker = FLICKER_FLOOR * drawn[PriorName.FLICKER]
         self._start = 2.0 * (drawn[PriorName.TURN_ON] ** 2 + flicker**2)
@@ -204,6 +204,10 @@ class Paths:
         beyond = drift > limit_nm_h
         beyond[:, 1:] |= self._passed_between(error, drift, limit_nm_h)
         first = np.where(beyond.any(axis=1), LOOK_YEARS[np.argmax(beyond, axis=1)], np.inf)
+        # of one date the paths are scattered as one draw each, grown by the root of the time, which
+        # makes a smooth band of them
+        squared = np.sum((now[:, None, :] + self._grown) ** 2, axis=2) / n
+        drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
         median, high = np.quantile(drift, [0.5, 0.95], axis=0)
         return Outlook(LOOK_YEARS, median, high, first)
 
@@ -246,9 +250,7 @@ def expected_passage(
 
 
 def _drawn(learnt: Learnt, rng: np.random.Generator) -> NDArray:
-    """Values of a parameter, one a path, from its uncertainty: wide towards zero where the sessions
-    set an upper bound alone.
-    """
+    """Values of a parameter, one a path, from its uncertainty."""
     z = rng.standard_normal(PATHS)
     low, high = (abs(np.log(end / learnt.value)) / TWO_SIDED_95 for end in learnt.interval_95)
     return np.asarray(learnt.value * np.exp(np.where(z < 0.0, low, high) * z))

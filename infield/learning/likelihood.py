@@ -216,9 +216,7 @@ class FleetLikelihood:
         )
 
     def _likely(self, theta: NDArray) -> _Histories:
-        """The histories of each unit that are likely at theta: those in which a session is an
-        outlier are followed beside those in which it is none.
-        """
+        """The histories of each unit that are likely at theta."""
         model = _Model(self._nodes, theta, self._shift)
         unit = np.arange(len(self.units))
         outlier = np.zeros((unit.size, 0))
@@ -359,9 +357,7 @@ def _laid_sessions(
 
 
 def _against(session: StoredSession, table: ThermalTable, n: int) -> tuple[NDArray, NDArray]:
-    """What a session measured of the departure from the first table: rows (m, n) of the values of
-    x, y, z in turn, padded, and the points less the table (m,).
-    """
+    """What a session measured of the departure from the first table."""
     rows, apart, first = np.zeros((session.axis_index.size, n)), session.bias_deg_h.copy(), 0
     for j, nodes in enumerate(table.temperature_degC):
         of_axis = session.axis_index == j

@@ -11,8 +11,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.prior import KERNEL_LENGTH_degC
-from infield.table.thermal_table import AgeingModel
+from infield.table.thermal_table import AgeingModel, KERNEL_LENGTH_degC
 from ins.errors.catalogue import prior
 from ins.errors.table import OUTLIER, TABLE_AGED, DEFAULT_SIGMA_deg_h
 from ins.twin_file import default_twin

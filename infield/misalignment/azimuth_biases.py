@@ -187,9 +187,7 @@ def _membership(stops: Sequence[AzimuthStop]) -> NDArray:
 
 
 def _turn_covariance(runs: Sequence[Run], stops: Sequence[AzimuthStop]) -> NDArray:
-    """Of headings followed by the vertical gyro since the first stop of a run, (m, m) [rad^2]:
-    scale factor and drift.
-    """
+    """Of headings followed by the vertical gyro since the first stop of a run, (m, m) [rad^2]."""
     scale = scale_sigma(runs[0])
     turn = np.array([s.turn_rad for s in stops])
     variance = np.array([s.turn_variance_rad2 for s in stops])
@@ -206,9 +204,7 @@ def scale_sigma(run: Run) -> float:
 def _level_covariance(
     stops: Sequence[AzimuthStop], heading: NDArray, site: Site, twin: TwinModel
 ) -> NDArray:
-    """What accelerometer biases make of the biases through the level (3m, 3m): turn-on by run, the
-    rest by stop.
-    """
+    """What accelerometer biases make of the biases through the level (3m, 3m)."""
     accel, m = twin.accel, len(stops)
     hours = np.array([s.end_s for s in stops]) / HOUR
     own = np.diag(accel.bias_instability_ug**2 + accel.rate_random_walk_ug_sqrt_h**2 * hours)

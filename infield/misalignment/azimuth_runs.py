@@ -21,8 +21,8 @@ from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import speed_disagreement
 from alignment.motion.stillness import PIVOT_RAD_S, classify
+from infield.misalignment.geometry import SHORTEST_STOP_S
 from infield.misalignment.reasons import StopReason
-from infield.misalignment.settings import SHORTEST_STOP_S
 from infield.session.log import compensated_imu, compensated_seconds, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
 from ins.earth import gravity_magnitude, omega_ie_n
@@ -189,11 +189,7 @@ def _turned(
 
 
 def _followed(imu: ImuLog, run: Run, rest: tuple[float, float]) -> NavHistory:
-    """A solution of the stretch from its rest on, one epoch a second.
-
-    Whatever the gyros read beyond Earth rate on the coarse azimuth is taken off, so that a unit
-    without any calibration does not fly away.
-    """
+    """A solution of the stretch from its rest on, one epoch a second."""
     site = run.header.site
     means = coarse.rest_means(imu.between(*rest))
     C_nb = coarse.gyrocompass_dcm(means)
@@ -215,9 +211,7 @@ def stretches(mask: NDArray) -> list[tuple[int, int]]:
 def _without_edges(
     history: NavHistory, a: int, b: int, log_s: tuple[float, float]
 ) -> tuple[int, int]:
-    """The stretch of epochs without the slow start and end of a turn and a guard; at the ends of
-    the log it stays whole.
-    """
+    """The stretch of epochs without the slow start and end of a turn and a guard."""
     block = int(STOP_BLOCK_S)
     count = (b - a) // block
     if count < 6:

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from infield.misalignment.geometry import Geometry, azimuth_geometry
+from infield.misalignment.geometry import AzimuthSettings, Geometry, azimuth_geometry
 from infield.misalignment.harmonic_fit import COUPLINGS, AzimuthFit, azimuth_columns, fit_azimuths
 from infield.misalignment.reasons import MisalignmentNote, MisalignmentReason, MisalignmentVerdict
-from infield.misalignment.settings import AzimuthSettings
 from ins.documents import UNWRITTEN
 from ins.records import AXES
 from ins.units import ARCSEC, DEG, MILLIRADIAN

@@ -18,18 +18,94 @@ from infield.misalignment.azimuth_biases import (
     scale_sigma,
     stop_biases,
 )
-from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
 from infield.misalignment.azimuth_runs import AzimuthStop, find_stops, heading_disagreement
 from infield.misalignment.couplings import Misalignment, measure_misalignment, with_heading_errors
-from infield.misalignment.geometry import azimuth_geometry
+from infield.misalignment.geometry import AzimuthSettings, azimuth_geometry
 from infield.misalignment.harmonic_fit import azimuth_columns, level_rate_deg_h
 from infield.misalignment.reasons import Azimuths, MisalignmentReason, MisalignmentVerdict, Unseen
-from infield.misalignment.settings import AzimuthSettings
+from infield.table.least_squares import fit_correlated
 from infield.table.thermal_table import ThermalTable
-from ins.records import AXES, InputError, Run, TwinModel
+from ins.earth import gravity_magnitude
+from ins.records import AXES, AccelNoise, InputError, Run, Site, TwinModel
+from ins.robust import chi2 as chi_square
 from ins.strapdown.compensation import OFF_DIAGONAL
-from ins.units import DEG, MILLIRADIAN
+from ins.units import ARCSEC, DEG, HOUR, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
 from ins.verdicts import Observability, Reason, because
+
+CONFIDENCE = 0.999  # 1 of 1000 sound studies is said to disagree
+FLOOR_UG = 1.0  # of a stop's level: mean of sway and of the last digit of a table's bearing
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelOffsets:
+    """offset_ug, sigma_offset_ug (2,): x and y, bias and mounting together, mean over the
+    power-ons; ground_tilt_arcsec (2,): slope to north and east (p, q over g); chi2 with dof: that
+    the ground was the same under all stops; bias_ug, sigma_bias_ug (2,): where the sigma of the
+    mounting is known.
+    """
+
+    offset_ug: NDArray
+    sigma_offset_ug: NDArray
+    ground_tilt_arcsec: NDArray
+    chi2: float
+    dof: int
+    bias_ug: NDArray | None
+    sigma_bias_ug: NDArray | None
+    sigma_mounting_arcsec: float | None
+
+    @property
+    def same_ground(self) -> bool:
+        return self.chi2 <= float(chi_square.ppf(CONFIDENCE, self.dof))
+
+
+def level_offsets(
+    stops: Sequence[AzimuthStop],
+    heading_rad: NDArray,
+    accel: AccelNoise,
+    site: Site,
+    sigma_mounting_arcsec: float | None = None,
+) -> LevelOffsets | None:
+    """Two-position levelling over all stops; None where their headings do not tell offset from
+    tilt::
+
+        f_x(H) = o_x + p cosH + q sinH,     f_y(H) = o_y - p sinH + q cosH
+
+    o is the bias and g times the mounting angle, p and q the ground's tilt (Groves (2013), 5.6.1).
+    `accel`: noise of the unit, its nominal bias being off the stops' means already; it is added
+    back.
+    """
+    m = len(stops)
+    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+    one, zero = np.ones(m), np.zeros(m)
+    A = np.vstack([np.column_stack([one, zero, cos, sin]), np.column_stack([zero, one, -sin, cos])])
+    if m < 2 or np.linalg.cond(A) > 10.0:
+        return None
+    f = np.array([s.f_m_s2 for s in stops])[:, :2].T.ravel() / MICRO_G
+    same_run = np.equal.outer([s.run for s in stops], [s.run for s in stops])
+    hours = np.array([s.end_s for s in stops]) / HOUR
+    used = np.array([s.used_s for s in stops])
+    steady = accel.bias_instability_ug**2 + FLOOR_UG**2
+    own = steady + accel.rate_random_walk_ug_sqrt_h**2 * hours + accel.vrw_ug_sqrt_hz**2 / used
+    R = np.kron(np.eye(2), accel.turn_on_ug**2 * same_run + np.diag(own))
+    fit = fit_correlated(A, f, R)
+    g_ug = float(gravity_magnitude(site.lat_rad, site.height_m)) / MICRO_G
+    offset_ug = fit.x[:2] + np.asarray(accel.bias_ug)[:2]
+    sigma_ug = np.sqrt(np.diag(fit.covariance)[:2])
+    bias_ug = sigma_bias_ug = None
+    if sigma_mounting_arcsec is not None:
+        of_mounting = sigma_mounting_arcsec * ARCSEC * STANDARD_GRAVITY / MICRO_G
+        bias_ug, sigma_bias_ug = offset_ug, np.hypot(sigma_ug, of_mounting)
+    return LevelOffsets(
+        offset_ug=offset_ug,
+        sigma_offset_ug=sigma_ug,
+        ground_tilt_arcsec=fit.x[2:] / g_ug / ARCSEC,
+        chi2=fit.chi2,
+        dof=fit.dof,
+        bias_ug=bias_ug,
+        sigma_bias_ug=sigma_bias_ug,
+        sigma_mounting_arcsec=sigma_mounting_arcsec,
+    )
+
 
 # bias sigma over level Earth rate, beyond which no azimuth is found with the gyros; 0.3 rad is an
 # azimuth with a sigma of 17 deg

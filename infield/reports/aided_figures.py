@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from infield.aided.flight import AidedResult
 from infield.reports.documents.aided import aided_columns, smoothed_result
-from infield.reports.drawing import DASHED, DOT, DOTTED, Band, FarEdge, Item, Line, Marks, Panel
-from infield.reports.figures import (
+from infield.reports.drawing import (
     AXIS_COLOURS,
     BLACK,
+    DASHED,
+    DOT,
+    DOTTED,
     GREEN,
     GREY,
     MAX_DOTS,
@@ -23,6 +25,12 @@ from infield.reports.figures import (
     OLD,
     PANEL_POINTS,
     SKY,
+    Band,
+    FarEdge,
+    Item,
+    Line,
+    Marks,
+    Panel,
     robust_limits,
     thinned,
 )

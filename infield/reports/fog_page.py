@@ -7,9 +7,14 @@ import numpy as np
 
 from infield.reports.documents.fog import FittedAxis, FogDocument
 from infield.reports.drawing import (
+    BLACK,
     DASHED,
     DOT,
     DOTTED,
+    GREY,
+    NEW,
+    OLD,
+    ORANGE,
     Band,
     Item,
     Line,
@@ -18,7 +23,6 @@ from infield.reports.drawing import (
     ShadedSpan,
     spanned,
 )
-from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
 from infield.reports.page import render_page
 from infield.thermal.fog.model import HeldOutResidual
 from infield.thermal.fog.piecewise import Piecewise

@@ -7,8 +7,19 @@ import numpy as np
 from infield.misalignment.couplings import CouplingEstimate
 from infield.misalignment.reasons import MisalignmentVerdict
 from infield.reports.documents.misalignment import MisalignmentDocument
-from infield.reports.drawing import DOTTED, Boxes, Item, Line, Marks, Panel, rows_height
-from infield.reports.figures import BLACK, BLUE, GREY, VERMILLION
+from infield.reports.drawing import (
+    BLACK,
+    BLUE,
+    DOTTED,
+    GREY,
+    VERMILLION,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    rows_height,
+)
 from infield.reports.page import number, render_page
 from ins.documents import plain
 from ins.records import AXES

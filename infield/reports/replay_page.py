@@ -15,8 +15,21 @@ from infield.replay.reasons import ReplayVerdict
 from infield.reports.aided_figures import LOG_GROUP, TIME, aided_figures, map_panel
 from infield.reports.documents.aided import AidedFlightDocument
 from infield.reports.documents.replay import ReplayDocument
-from infield.reports.drawing import DASHED, DOTTED, Item, Line, Marks, Panel, ShadedSpan
-from infield.reports.figures import BLACK, GREY, NEW, OLD, PANEL_POINTS, thinned
+from infield.reports.drawing import (
+    BLACK,
+    DASHED,
+    DOTTED,
+    GREY,
+    NEW,
+    OLD,
+    PANEL_POINTS,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    ShadedSpan,
+    thinned,
+)
 from infield.reports.page import number, render_page
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.documents import plain

@@ -5,14 +5,26 @@ figure of its own.
 import numpy as np
 
 from infield.reports.documents.rlg import RlgDocument
-from infield.reports.drawing import DASH_DOT, DASHED, DOT, DOTTED, Line, Marks, Panel
-from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE
+from infield.reports.drawing import (
+    BLACK,
+    DASH_DOT,
+    DASHED,
+    DOT,
+    DOTTED,
+    GREY,
+    NEW,
+    OLD,
+    ORANGE,
+    Line,
+    Marks,
+    Panel,
+)
 from infield.reports.fog_page import before_and_after
 from infield.reports.page import render_page
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalVerdict
 from infield.thermal.rlg.fit import AxisModel, five_minute_means
-from infield.thermal.rlg.held_out import RlgHeldOut
+from infield.thermal.rlg.gradients import RlgHeldOut
 from infield.thermal.rlg.terms import TERMS, columns
 from ins.documents import plain
 from ins.records import AXES

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.replay.free_inertial import ReplayResult
-from infield.reports.figures import GREEN, GREY, NEW, OLD
+from infield.reports.drawing import GREEN, GREY, NEW, OLD
 from infield.session.disagreement import utc
 from ins.units import DEG
 

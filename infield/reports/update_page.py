@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from itertools import count, cycle
 
 from infield.reports import update_figures as figures
-from infield.reports import zero_rate_figures
 from infield.reports.documents.session_records import (
     EstimatedDocument,
     SessionDocument,
     TemperatureDocument,
 )
+from infield.reports.documents.update import TableUncertainty, table_uncertainty
 from infield.reports.documents.update_records import (
     ChangeDocument,
     ConsistencyDocument,
@@ -28,7 +28,6 @@ from infield.reports.documents.update_records import (
 )
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
-from infield.reports.table_uncertainty import TableUncertainty, table_uncertainty
 from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import export_command, table_from_dict
@@ -350,13 +349,11 @@ def _bias_panels(
 def _shape_panels(
     document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
 ) -> list[Panel]:
-    """Of sessions without a heading: the shapes alone, which the levels of their power-ons would
-    hide.
-    """
+    """Of sessions without a heading: the shapes alone."""
     if before is None or all(s.zero_rate is None for s in estimated_of(document)):
         return []
     new = after if _changed(document) else None
-    found = [zero_rate_figures.shape_panel(document, axis, before, new) for axis in AXES]
+    found = [figures.shape_panel(document, axis, before, new) for axis in AXES]
     return [panel for panel in found if panel]
 
 

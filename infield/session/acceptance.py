@@ -96,10 +96,7 @@ def _judge_rest(estimate: SessionEstimate) -> Verdict | None:
 
 
 def _kinds_beyond_gate(solution: Solution) -> tuple[Reason, ...]:
-    """A reason for each kind that says something else than the rest most of the time: a dead or
-    reversed wheel, a receiver led astray, a stop after a turn at which the vehicle seems to move.
-    Parked measurements would drown it in the whole.
-    """
+    """A reason for each kind that says something else than the rest most of the time."""
     tally = solution.filter.tally
     rejected = Counter(kind for _, kind in tally.rejected)
     shares = {

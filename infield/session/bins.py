@@ -201,12 +201,7 @@ def _cut_off(table: ThermalTable, H: NDArray, own: NDArray, tied: NDArray) -> No
 
 
 def _thermometer_covariance(table: ThermalTable, T: NDArray, covariance: NDArray) -> NDArray:
-    """What errors of the temperatures, covariance (3, N, N) [degC^2], do to the bias: times the
-    table's slope (3N, 3N).
-
-    E[slope_i slope_j] holds the slope's own uncertainty too: a table that does not know its slope
-    does not call it zero.
-    """
+    """What errors of the temperatures, covariance (3, N, N) [degC^2], do to the bias."""
     count = len(T)
     out = np.zeros((3 * count, 3 * count))
     for axis in range(3):

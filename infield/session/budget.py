@@ -179,10 +179,7 @@ def _departures(bins: SessionBins, twin: TwinModel, settings: SessionSettings) -
 def _parked_shares(
     estimate: SessionEstimate, information: NDArray
 ) -> Mapping[VarianceSource, NDArray]:
-    """Of a unit without a heading: what is not known of Earth rate, and the noise of the rates.
-
-    Nothing is told apart where a flight was joined to the rests.
-    """
+    """Of a unit without a heading: what is not known of Earth rate, and the noise of the rates."""
     parked = estimate.parked
     assert parked is not None
     if len(parked.stretch) != len(estimate.bins.start_s) or (parked.stretch < 0).any():
@@ -199,12 +196,7 @@ def _merged(
     held: Sequence[str],
     last: NDArray | None = None,
 ) -> Parts:
-    """The parts after sessions were merged at once; the common part of held axes stays put.
-
-    Behind the table's own parameters there may be others, of which `parts` knows and the table does
-    not: what it goes between sessions, coefficients of a rate term. last: takes them to the
-    parameters of the table of the last session.
-    """
+    """The parts after sessions were merged at once; the common part of held axes stays put."""
     P = np.asarray(sum(parts.values()))
     H = np.vstack([s.H for s in sessions])
     T = block_diag(*(sum(s.departs.values()) for s in sessions))

@@ -204,9 +204,7 @@ def _merged_again(
     settings: SessionSettings,
     walk: Walk,
 ) -> tuple[list[SessionResult], ThermalTable]:
-    """Each session judged with the terms in its prior, one after the other; then the table from all
-    of them at once. measured: on this table.
-    """
+    """Each session judged with the terms in its prior, one after the other."""
     current, again, before = table, [], None
     for session in sessions:
         current, before = walk.until(current, session.run, before), session.run
@@ -282,9 +280,7 @@ def find_flight_terms(
 
 
 def _as_usual(session: SessionResult) -> SessionResult:
-    """The session with its flight as the usual prior has it: a difference that each flight may have
-    for itself says nothing of one that all have.
-    """
+    """The session with its flight as the usual prior has it."""
     if session.flight is None or session.flight.as_usual is None:
         return session
     return replace(session, estimate=session.flight.as_usual)

@@ -13,8 +13,8 @@ from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.evidence import fly, fly_in_motion
+from infield.session.flown.flight import RunInputs
 from infield.session.flown.information_gain import FlightEvidence
-from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.without_heading import fly_never_at_rest
 from infield.session.identity.history import likeness
 from infield.session.identity.marks import UnitMarks, unit_marks

@@ -179,9 +179,7 @@ def _of_place(run: Run, runs: Sequence[Run]) -> int:
 
 
 def _evidence(taken: _Taken) -> tuple[SessionEvidence, ...]:
-    """Of the sessions that contradict the table, what is remembered; a gyro far off it shows as a
-    wrong latitude too.
-    """
+    """Of the sessions that contradict the table, what is remembered."""
     return tuple(
         session_evidence(s.run, taken.table, s.estimate, s.points)
         for s in taken.sessions

@@ -39,7 +39,7 @@ class ThermalAction(ReasonCode):
     SPLIT_OR_WRONG_SESSION = (
         "a split, or a wrong session",
         "gyro {axis}: heating and cooling differ, {kind}, or a session is wrong:",
-        "more sessions would tell",
+        "more sessions are needed to decide",
     )
     # of an update that has no other session: nothing is done about it either
     SEEN_IN_ONE_SESSION = (
@@ -66,72 +66,72 @@ class Nuisance(ReasonCode):
     # in every taxi
     CRAB = (
         "crab",
-        "crab {value[0]:-mrad +.3g} +- {sigma[0]:mrad .2g} mrad (taken for within {prior[0]:mrad g}"
+        "crab {value[0]:-mrad +.3g} +- {sigma[0]:mrad .2g} mrad (prior sigma {prior[0]:mrad g}"
         " mrad)",
     )
     WHEEL_ARM_X = (
         "wheel_arm_x",
-        "the point that does not slip lies {value[0]:- +.3g} +- {sigma[0]:.2g} m further along body"
-        " x than declared (taken for within {prior[0]:g} m)",
+        "the no-slip point lies {value[0]:- +.3g} +- {sigma[0]:.2g} m further along body x than"
+        " declared (prior sigma {prior[0]:g} m)",
     )
     WHEEL_SCALE = (
         "wheel_scale",
-        "the wheels read {value[0]:% +.3g} +- {sigma[0]:% .2g} % too much (taken for within"
+        "the wheels read {value[0]:% +.3g} +- {sigma[0]:% .2g} % too much (prior sigma"
         " {prior[0]:% g} %)",
     )
     # where the data ask for it
     CROSS_WIND = (
         "cross_wind",
         "a steady cross wind pushed the rolling vehicle towards {towards_rad:deg .0f} deg: up to"
-        " {size_rad:mrad +.3g} +- {sigma_rad:mrad .2g} mrad off its body x; estimated (each way"
-        " taken for within {prior[0]:mrad g} mrad)",
+        " {size_rad:mrad +.3g} +- {sigma_rad:mrad .2g} mrad off its body x; estimated (prior sigma"
+        " {prior[0]:mrad g} mrad, north and east)",
     )
     TURNING_CRAB = (
         "turning_crab",
-        "the crab changed from leg to leg, by about {value[0]:mrad .2g} mrad RMS: taken for another"
-        " one after each turn",
+        "the crab changed from leg to leg, by about {value[0]:mrad .2g} mrad RMS: estimated anew"
+        " after each turn",
     )
     GUSTS = (
         "gusts",
-        "the crab wandered along the legs by about {value[0]:mrad .2g} mrad RMS, as in gusts: taken"
-        " for noise of that size",
+        "the crab wandered along the legs by about {value[0]:mrad .2g} mrad RMS, as in gusts:"
+        " modelled as noise of that size",
     )
     SIDE_SLIP = (
         "side_slip",
-        "side slip in turns of {value[0]:mrad +.3g} +- {sigma[0]:mrad .2g} mrad by m/s^2 of lateral"
-        " acceleration; estimated (taken for within {prior[0]:mrad g})",
+        "side slip in turns of {value[0]:mrad +.3g} +- {sigma[0]:mrad .2g} mrad per m/s^2 of"
+        " lateral acceleration; estimated (prior sigma {prior[0]:mrad g})",
     )
     WHEEL_ARM_Y = (
         "wheel_arm_y",
-        "the wheels that are read lie {value[0]:- +.3g} +- {sigma[0]:.2g} m further along body y"
-        " than declared; estimated (taken for within {prior[0]:g} m)",
+        "the wheels of the odometer lie {value[0]:- +.3g} +- {sigma[0]:.2g} m further along body y"
+        " than declared; estimated (prior sigma {prior[0]:g} m)",
     )
     ODOMETER_DELAY = (
         "odometer_delay",
         "the wheels' speeds are {value[0]:ms +.3g} +- {sigma[0]:ms .2g} ms older than their stamps;"
-        " estimated (taken for within {prior[0]:ms g} ms)",
+        " estimated (prior sigma {prior[0]:ms g} ms)",
     )
     ANTENNA = (
         "antenna",
         "the antenna lies {value[0]:+.3g} +- {sigma[0]:.2g} m along body x and {value[1]:+.3g} +-"
-        " {sigma[1]:.2g} m along body y from where it is declared; estimated (taken for within"
+        " {sigma[1]:.2g} m along body y from where it is declared; estimated (prior sigma"
         " {prior[0]:g} m)",
     )
     GNSS_DELAY = (
         "gnss_delay",
         "the receiver's positions are {value[0]:ms +.3g} +- {sigma[0]:ms .2g} ms and its velocities"
-        " {value[1]:ms +.3g} +- {sigma[1]:ms .2g} ms older than their stamps; estimated (taken for"
-        " within {prior[0]:ms g} ms)",
+        " {value[1]:ms +.3g} +- {sigma[1]:ms .2g} ms older than their stamps; estimated (prior"
+        " sigma {prior[0]:ms g} ms)",
     )
     GNSS_SLOW_POSITION = (
         "gnss_slow_position",
-        "the receiver's positions wandered by about {value[0]:.2g} m RMS over minutes: taken for a"
-        " slow error of that size",
+        "the receiver's positions wandered by about {value[0]:.2g} m RMS over minutes: modelled as"
+        " a correlated error of that size",
     )
     GNSS_SLOW_VELOCITY = (
         "gnss_slow_velocity",
-        "the receiver's velocities wandered by about {value[0]:.2g} m/s RMS over a minute: taken"
-        " for a slow error of that size",
+        "the receiver's velocities wandered by about {value[0]:.2g} m/s RMS over a minute: modelled"
+        " as a correlated error of that size",
     )
 
 
@@ -173,8 +173,8 @@ class NewUnitReason(ReasonCode):
     VERTICAL_BY_LATITUDE = (
         "vertical_by_latitude",
         "without a table the vertical gyro rests on the latitude of {run_id}, {latitude_deg:.3f} +-"
-        " {sigma_deg:.2g} deg ({source}): 0.01 deg is {deg_h_a_hundredth:.4f} deg/h there, and no"
-        " reading of this unit shows which of the two is wrong",
+        " {sigma_deg:.2g} deg ({source}): an error of 0.01 deg there is a bias error of"
+        " {deg_h_a_hundredth:.4f} deg/h, and this log cannot separate the two",
     )
 
 
@@ -196,13 +196,13 @@ class SessionReason(ReasonCode):
     ALREADY_MERGED = "already_merged", "the table already holds this run (same content hash)"
     STARTS_IN_FUTURE = (
         "starts_in_future",
-        "start_utc {start_utc} is in the future, the clock says {now_utc}: a table that is dated by"
-        " it would take every later session for an earlier one",
+        "start_utc {start_utc} is in the future, the clock says {now_utc}: in a table of that date"
+        " every later session would count as older than the table",
     )
     OTHER_TEMPERATURES = (
         "other_temperatures",
-        "the temperatures go on to {until_s:.0f} s, the imu ends at {end_s:.0f} s: they were hardly"
-        " logged beside it",
+        "the temperatures end at {until_s:.0f} s, the imu data at {end_s:.0f} s: are they of"
+        " another session?",
     )
     NEVER_RESTS = (
         "never_rests",
@@ -211,8 +211,8 @@ class SessionReason(ReasonCode):
     )
     LEVEL_REMOVED = (
         "level_removed",
-        "a constant of the session had been subtracted from the rates (an autopilot's start-up gyro"
-        " offsets): their level is not the unit's",
+        "the rates come with a constant subtracted (the autopilot's gyro offsets of that start-up),"
+        " so the level of the bias is lost",
         'convert the log again with --map FILE of the lines format = "dataflash" and gyro_offsets ='
         ' "add_back"',
     )
@@ -224,11 +224,11 @@ class SessionReason(ReasonCode):
     FILTER_LOST = "filter_lost", "the filter cannot follow this log: {fault}"
     REST_MOVES = (
         "rest_moves",
-        "the log reads like a rest for {rest_s:.0f} s, but its own solution stands still for no"
-        " step of the filter there, needed {needed_s:g} s: a smooth cruise reads like that, and a"
-        " unit much noisier than its noise model ({source}).",
-        "With a satellite receiver a log is taken from the air on; without one it must begin"
-        " parked, for 5 to 15 min",
+        "the sensors look at rest for {rest_s:.0f} s, but over no filter step there is the"
+        " navigated velocity zero, needed {needed_s:g} s: a smooth cruise, or a unit much noisier"
+        " than its noise model ({source}).",
+        "A log that begins in flight needs satellite fixes; any other must begin parked, for 5 to"
+        " 15 min",
     )
     SHORT_REST = (
         "short_rest",
@@ -299,9 +299,10 @@ class SessionReason(ReasonCode):
     )
     UNLIKE_THE_UNIT = (
         "unlike_the_unit",
-        "accelerometers and thermometers are not those of this unit in {sessions} earlier"
-        " {sessions:session|sessions}: chi2 {chi2:.1f} for {dof} degrees of freedom, 99.5 % lie"
-        " below {limit:.1f}; furthest off is {mark} by {off:+.3g} +- {sigma:.2g} {unit}.",
+        "accelerometers and thermometers do not match {sessions} earlier"
+        " {sessions:session|sessions} of this unit: chi2 {chi2:.1f} for {dof} degrees of freedom,"
+        " 99.5 % lie below {limit:.1f}; the largest difference is {mark}, {off:+.3g} +-"
+        " {sigma:.2g} {unit}.",
         "Another unit under the same serial, or a repaired one (check_unit = false)?",
     )
 
@@ -316,7 +317,7 @@ class FlightReason(ReasonCode):
     FILTER_LOST = "flight_filter_lost", "the filter cannot follow this flight: {fault}"
     EXCESS_RESIDUALS = (
         "flight_excess_residuals",
-        "{kind}: {excess}; the receiver is worse than declared, or it was led astray",
+        "{kind}: {excess}; the receiver is worse than declared, or its fixes are wrong",
     )
     BEYOND_GATE = (
         "flight_beyond_gate",
@@ -325,42 +326,42 @@ class FlightReason(ReasonCode):
     )
     BEYOND_PRIOR = (
         "flight_beyond_prior",
-        "{state}: {value:+.3g} {unit}, taken for within {prior:.3g}: {sigmas:abs .1f} sigma, 99.9 %"
-        " of sound flights lie within {limit_sigmas:.1f}",
+        "{state}: {value:+.3g} {unit}, prior sigma {prior:.3g}: {sigmas:abs .1f} sigma, 99.9 % of"
+        " sound flights lie within {limit_sigmas:.1f}",
     )
     UNLIKE_AT_REST = (
         "flight_unlike_at_rest",
         "gyro {axis} reads {size_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h more in flight than at"
-        " rest: {sigmas:.1f} sigma of what is taken for possible, 99.9 % of sound flights lie"
-        " within {limit_sigmas:.1f}; vibration, pressure, or a receiver led astray",
+        " rest: {sigmas:.1f} sigma of the prior, 99.9 % of sound flights lie within"
+        " {limit_sigmas:.1f}; vibration, pressure, or wrong fixes",
     )
     NOT_NAVIGATED = "flight_not_navigated", "no solution with the receiver: {why}"
     NEVER_LINEAR = (
         "flight_never_linear",
-        "the heading was never known within {limit_deg:.0f} deg for a minute on the way, needed for"
-        " a filter about that solution",
-        "turns and changes of speed would show it",
+        "the heading was never known within {limit_deg:.0f} deg for a minute under way, which the"
+        " linearised filter needs",
+        "turns and changes of speed make it observable",
     )
     HEADING_UNSEEN = (
         "flight_heading_unseen",
-        "the log begins in motion, and its first {sought_s:min .0f} min show the heading within"
-        " {sigma_rad:mrad .1f} mrad, needed {limit_rad:mrad .0f}:",
-        "turns and changes of speed, or a longer log, would show it",
+        "the log begins in motion, and its first {sought_s:min .0f} min give the heading with a"
+        " sigma of {sigma_rad:mrad .1f} mrad, needed {limit_rad:mrad .0f}:",
+        "turns and changes of speed make it observable, or a longer log",
     )
     # not against it: the prior of the gyros in flight against at rest was given up for their size
     SHIFT_WIDENED = (
         "flight_shift_widened",
         "gyro {axis} reads {size_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h more in flight than at"
-        " rest, {sigmas:.1f} sigma beyond what is taken for usual ({prior_deg_h:.4f} deg/h): the"
-        " flight was estimated again with a difference of that size for its prior; the result is"
-        " the mean of both, the second by {belief_percent:.0f} %, which is how probable it is",
+        " rest, {sigmas:.1f} sigma of the prior ({prior_deg_h:.4f} deg/h): the flight was"
+        " estimated again with a prior of that size; the result is the mean of both estimates, the"
+        " second with its probability of {belief_percent:.0f} %",
     )
     # likewise: the deflection of the vertical that the flight was estimated under
     DEFLECTED = (
         "flight_deflected",
-        "the vertical is taken to be deflected by {arcsec:.0f} arcsec over {km:.0f} km of the way"
-        " (usual: {assumed_arcsec:.0f} over {assumed_km:.0f}): the hills below, or a receiver whose"
-        " velocities stray as slowly",
+        "a deflection of the vertical of {arcsec:.0f} arcsec over {km:.0f} km is estimated (usual:"
+        " {assumed_arcsec:.0f} over {assumed_km:.0f}): terrain, or slow velocity errors of the"
+        " receiver",
     )
 
 
@@ -400,15 +401,15 @@ class WrongFact(ReasonCode):
     # of a log that says which table it had subtracted
     COMPENSATION = (
         "compensation",
-        "applied_table_sha256: {size:.2f} +- {sigma:.2f} of that table still stand in the rates (0:"
-        " it was subtracted, as run.json says; 1: the log is raw, and run.json needs null)",
+        "applied_table_sha256: the rates still contain {size:.2f} +- {sigma:.2f} times that table"
+        " (0: it was subtracted, as run.json says; 1: the log is raw, and run.json needs null)",
     )
     # of one that says it is raw
     COMPENSATED_BEFORE = (
         "compensated_before",
-        "applied_table_sha256: {size:.2f} +- {sigma:.2f} of the stored table are missing from the"
-        " rates (0: the log is raw, as run.json says; 1: it was subtracted before, and run.json"
-        " needs its hash)",
+        "applied_table_sha256: the rates lack {size:.2f} +- {sigma:.2f} times the stored table (0:"
+        " the log is raw, as run.json says; 1: it was subtracted before, and run.json needs its"
+        " hash)",
     )
 
 
@@ -455,7 +456,7 @@ class ParkedReason(ReasonCode):
     TOO_NOISY = (
         "too_noisy",
         "the gyros scatter {scale:.0f} times as much as their noise model ({source}) from second to"
-        " second, needed {limit:.0f} at most: it shakes, or the model is of another unit",
+        " second, needed {limit:.0f} at most: vibration, or the noise model of another unit",
     )
 
 
@@ -464,7 +465,7 @@ class OwnErrorState(ReasonCode):
 
     ESTIMATED = (
         "estimated",
-        "{error} on {target}: {value:+.3g} +- {sigma:.2g} {unit} ({coefficient}; taken for within"
+        "{error} on {target}: {value:+.3g} +- {sigma:.2g} {unit} ({coefficient}; prior sigma"
         " {prior_sigma:g})",
     )
     IN_TWIN = (
@@ -473,13 +474,13 @@ class OwnErrorState(ReasonCode):
     )
     NOT_CONSTANT = (
         "not_constant",
-        "{error} on {target} was not estimated ({coefficient}): it is no constant factor of a trace"
-        " (it has shape parameters, adds noise, or its prior is a process)",
+        "{error} on {target} was not estimated ({coefficient}): it is not one constant times a"
+        " known signal (it has shape parameters, adds noise, or its prior is a process)",
     )
     NO_TRACE = (
         "no_trace",
-        "{error} on {target} was not estimated ({coefficient}): what the run logs gives no trace of"
-        " it on gyros and accelerometers alone",
+        "{error} on {target} was not estimated ({coefficient}): from the streams of this run its"
+        " signal on gyros and accelerometers cannot be computed",
     )
     NO_HEADING = (
         "no_heading",
@@ -498,7 +499,7 @@ class Advice(ReasonCode):
     )
     PARK_LONGER = (
         "park_longer",
-        "park longer: the vertical gyro shows only against an airframe that does not turn",
+        "park longer: the vertical gyro is observable only while the airframe does not turn",
     )
     HOLD_HEADING = (
         "hold_heading",
@@ -506,12 +507,13 @@ class Advice(ReasonCode):
     )
     FLY_TURNS = (
         "fly_turns",
-        "turn by 90 deg or more early in the flight and again an hour later: each turn shows the"
-        " heading, and what it drifts in between shows the vertical gyro",
+        "turn by 90 deg or more early in the flight and again an hour later: each turn makes the"
+        " heading observable, and its drift in between is the vertical gyro",
     )
     PARK_FROM_COLD = (
         "park_from_cold",
-        "park longer, from a cold start: noise still hides the bias, or the table knows it",
+        "park longer, from a cold start: the noise still exceeds what this session could add to"
+        " the table",
     )
     MEND_THERMOMETER = (
         "mend_thermometer",
@@ -524,4 +526,8 @@ class ChainNote(ReasonCode):
 
     FOUND = "found", "cross-track velocity after a turn, both velocities at stops"
     NO_TAXI = "no_taxi", "no taxi: the east axis stays relative"
-    BLIND = "blind", "the taxi never left the alignment heading: its cross-track motion is blind"
+    BLIND = (
+        "blind",
+        "the taxi never left the alignment heading: its cross-track velocity does not show the"
+        " heading error",
+    )

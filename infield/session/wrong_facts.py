@@ -261,11 +261,7 @@ def doubtful_compensation(
 
 
 def _doubts(suspicion: Suspicion) -> tuple[NDArray, ...]:
-    """The patterns (3N,) [deg/h] that a suspicion adds to a session's uncertainties.
-
-    Of a step nobody knows which side of it is the gyro's own: either may be the odd one. With the
-    later one alone in doubt the earlier taught the table all the more, up to 4.4 sigma wrong.
-    """
+    """The patterns (3N,) [deg/h] that a suspicion adds to a session's uncertainties."""
     late = suspicion.size * suspicion.pattern
     if suspicion.fact is not WrongFact.GYRO_STEP:
         return (late,)
@@ -401,9 +397,7 @@ def _steps(bins: SessionBins) -> list[_Pattern]:
 
 
 def _lags(bins: SessionBins) -> list[_Pattern]:
-    """A gyro's bias that follows its temperature through a first-order lag: T felt less T, per
-    deg/h per degC. What went before the log is taken for steady.
-    """
+    """A gyro's bias that follows its temperature through a first-order lag."""
     T, time_s = bins.temperature_degC, bins.centre_s
     behind = np.zeros_like(T)
     keep = np.exp((bins.start_s[0] - time_s[0]) / LAG_S)

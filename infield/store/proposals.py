@@ -10,14 +10,13 @@ Decision: docs/decisions/0022-sqlite-journal.md.
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, insert
 
-from infield.store.commit import TableUpdate, commit_revision, require_mergeable
 from infield.store.database import Database
-from infield.store.errors import AlreadyRejected, UnknownUnit
-from infield.store.policy import require_second_person
+from infield.store.errors import AlreadyRejected, RunAlreadyMerged, TableMoved, UnknownUnit
 from infield.store.proposal_rows import (
     Decided,
     Decision,
@@ -29,13 +28,20 @@ from infield.store.proposal_rows import (
     read_full,
     record_of_decision,
     record_of_proposal,
+    require_second_person,
 )
 from infield.store.rows import (
     MergedRun,
+    NewRevision,
+    Revision,
+    append_revision,
     find_unit,
     key_of,
     last_number,
     now_of,
+    runs_held,
+    set_runs,
+    tagged,
     text_sha256,
     unit_of_table,
 )
@@ -165,7 +171,7 @@ class ProposalStore:
         """Approve or reject a proposal, once; `verdict` is "approved" or "rejected". Approved, it
         becomes active.
 
-        Raises SamePerson where who approves is who put it forward (`infield.store.policy`),
+        Raises SamePerson where who approves is who put it forward (`infield.store.proposal_rows`),
         StoreConflict if another table than its parent is active by now, RunAlreadyMerged if that
         holds one of its runs, InputError if it was decided before, or `by` or `reason` are missing.
         """
@@ -229,9 +235,7 @@ def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str) -
 
 
 def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | None:
-    """The proposal of this very update that still waits; AlreadyRejected if the last one was and
-    nobody says more.
-    """
+    """The proposal of this very update that still waits."""
     keys = ("parent_sha256", "sha256")
     runs = [tuple(run) for run in json.loads(values["runs_json"])]
     same = [
@@ -277,3 +281,58 @@ def signed_text(text: str, name: str, *, needed: bool = True) -> str:
             " ones that say why"
         )
     return text
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableUpdate:
+    """What a commit needs of an update. first_table_json: the table that a unit without revisions
+    begins with; its hash is the parent's.
+    """
+
+    parent_sha256: str
+    table_json: str
+    runs: Sequence[MergedRun]
+    report_json: str
+    first_table_json: str | None = None
+
+
+def commit_revision(c: Connection, row: Any, update: TableUpdate, *, note: str = "") -> Revision:
+    """Append the update of a locked unit and make it active.
+
+    Raises as `require_mergeable` does.
+    """
+    if last_number(c, row) == 0 and update.first_table_json is not None:
+        first = NewRevision(
+            kind="factory", table_json=update.first_table_json, note="technology default"
+        )
+        append_revision(c, row, first)
+    require_mergeable(c, row, update.parent_sha256, update.runs)
+    held = runs_held(c, row)
+    new = NewRevision(
+        kind="update",
+        table_json=update.table_json,
+        runs=update.runs,
+        report_json=update.report_json,
+        note=note,
+    )
+    append_revision(c, row, new)
+    set_runs(c, row, held | {run.sha256 for run in update.runs})
+    return tagged(c, row, "active")
+
+
+def require_mergeable(
+    c: Connection, row: Any, parent_sha256: str, runs: Sequence[MergedRun]
+) -> None:
+    """TableMoved if another table than the update's parent is active, RunAlreadyMerged if it
+    holds one of the runs.
+    """
+    if last_number(c, row) == 0 or tagged(c, row, "active").sha256 != parent_sha256:
+        raise TableMoved(
+            f"{key_of(row)}: the active table is not {parent_sha256[:12]} now; update again"
+        )
+    held = runs_held(c, row)
+    for run in runs:
+        if run.sha256 in held:
+            raise RunAlreadyMerged(
+                f"{key_of(row)}: the active table already holds run {run.run_id}"
+            )

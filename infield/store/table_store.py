@@ -9,12 +9,11 @@ checked on every read.
 import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import Connection, and_, func, inspect, select, update
 
 from infield.session.disagreement import SessionEvidence
-from infield.store.commit import TableUpdate, commit_revision
-from infield.store.contradictions import append_contradictions, read_contradictions
 from infield.store.database import Database, store_exists, utc_now
 from infield.store.errors import (
     RevisionMoved,
@@ -24,13 +23,14 @@ from infield.store.errors import (
     UnknownTableHash,
     UnknownUnit,
 )
-from infield.store.overview import UnitSummary, read_overview
-from infield.store.policy import Approval, PolicyRecord, policy_of, set_policy
 from infield.store.priors import PriorsStore
+from infield.store.proposal_rows import Approval, PolicyRecord, policy_of, set_policy
 from infield.store.proposals import (
     FullProposal,
     Proposal,
     ProposalStore,
+    TableUpdate,
+    commit_revision,
     signed_line,
     signed_note,
     signed_text,
@@ -42,11 +42,13 @@ from infield.store.rows import (
     UnitKey,
     UnitRecord,
     active_number_of,
+    append_contradictions,
     append_revision,
     find_unit,
     key_of,
     last_number,
     provenance_runs,
+    read_contradictions,
     read_revision,
     runs_held,
     runs_of,
@@ -57,13 +59,96 @@ from infield.store.rows import (
     unit_of_table,
     units_with,
 )
-from infield.store.schema import merged_run, revision, unit
+from infield.store.schema import contradiction, decision, merged_run, proposal, revision, tag, unit
 from infield.store.verify import StoreCheck, check_store, heads_missing, lock_unit, report_faults
 from infield.table.file import canonical_json, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
 from ins.json_file import JsonObject
 from ins.records import InputError, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitSummary:
+    """`undecided`: proposals without a decision; `contradictions`: sessions that contradict the
+    active table.
+    """
+
+    unit: UnitKey
+    active_number: int
+    kind: str
+    created_utc: str
+    sha256: str
+    has_twin: bool
+    undecided: int
+    contradictions: int
+
+
+def read_overview(c: Connection) -> list[UnitSummary]:
+    """Every unit that has a table, or a proposal for its first one (active_number 0), by key."""
+    undecided, contradicted = _undecided(c), _contradictions(c)
+    active = and_(tag.c.unit_id == unit.c.id, tag.c.name == "active")
+    tagged = and_(revision.c.unit_id == tag.c.unit_id, revision.c.number == tag.c.number)
+    named = (
+        unit.c.id,
+        unit.c.imu_serial,
+        unit.c.gyro_technology,
+        unit.c.gyro_mode,
+        unit.c.twin_sha256,
+    )
+    query = select(
+        *named, revision.c.number, revision.c.kind, revision.c.created_utc, revision.c.sha256
+    )
+    joined = query.select_from(unit.outerjoin(tag, active).outerjoin(revision, tagged))
+    rows = c.execute(
+        joined.order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
+    ).all()
+    return [
+        UnitSummary(
+            unit=key_of(row),
+            active_number=row.number or 0,
+            kind=row.kind or "",
+            created_utc=row.created_utc or "",
+            sha256=row.sha256 or "",
+            has_twin=row.twin_sha256 is not None,
+            undecided=undecided.get(row.id, 0),
+            contradictions=contradicted.get(row.id, 0),
+        )
+        for row in rows
+        if row.number or row.id in undecided
+    ]
+
+
+def _undecided(c: Connection) -> dict[int, int]:
+    if not inspect(c).has_table(proposal.name):
+        return {}
+    same = and_(
+        decision.c.unit_id == proposal.c.unit_id, decision.c.proposal_number == proposal.c.number
+    )
+    query = select(proposal.c.unit_id, func.count().label("n")).select_from(
+        proposal.outerjoin(decision, same)
+    )
+    return {
+        r.unit_id: r.n
+        for r in c.execute(
+            query.where(decision.c.number.is_(None)).group_by(proposal.c.unit_id)
+        ).all()
+    }
+
+
+def _contradictions(c: Connection) -> dict[int, int]:
+    if not inspect(c).has_table(contradiction.name):
+        return {}
+    same = and_(
+        merged_run.c.unit_id == contradiction.c.unit_id,
+        merged_run.c.run_sha256 == contradiction.c.run_sha256,
+    )
+    query = select(contradiction.c.unit_id, func.count().label("n")).select_from(
+        contradiction.outerjoin(merged_run, same)
+    )
+    grouped = query.where(merged_run.c.run_sha256.is_(None)).group_by(contradiction.c.unit_id)
+    return {r.unit_id: r.n for r in c.execute(grouped).all()}
+
 
 __all__ = [
     "FullProposal",

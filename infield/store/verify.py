@@ -16,14 +16,13 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, and_, exc, insert, inspect, select, text
 
-from infield.store.contradictions import contradiction_sha256
 from infield.store.database import schema_of, store_name
 from infield.store.errors import RowFault, StoreError
-from infield.store.policy import policy_faults
 from infield.store.priors_rows import priors_faults
-from infield.store.proposal_rows import proposals_of, read_full
+from infield.store.proposal_rows import policy_faults, proposals_of, read_full
 from infield.store.rows import (
     UnitKey,
+    contradiction_sha256,
     key_of,
     provenance_runs,
     record_sha256,

@@ -16,8 +16,7 @@ from infield.table.autopilot_params import (
     file_text,
 )
 from infield.table.cubic_fit import FORCED, CubicFit, fit_cubics, valid_range
-from infield.table.prior import COMMON_FRACTION, prior_covariance
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import COMMON_FRACTION, ThermalTable, prior_covariance
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES
 from ins.twin_file import default_twin

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import ThermalTable
+from infield.table.thermal_table import ThermalTable, prior_covariance
 from ins.json_file import (
     JsonObject,
     StrictModel,

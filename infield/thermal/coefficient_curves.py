@@ -30,7 +30,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.sparse import csr_array, hstack
 
 from infield.table.least_squares import LeastSquares, NormalEquations
-from infield.thermal.blocks import AxisBlocks
+from infield.thermal.study import AxisBlocks
 from ins.estimation.choice import Level, Sizes, choose, climb
 
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis

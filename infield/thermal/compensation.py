@@ -42,9 +42,7 @@ def _not_late(
     change: Callable[[NDArray], NDArray],
     part: str,
 ) -> NDArray:
-    """The bias (n, 3) of temperatures, rates and lines that read late: the model's, and lag times
-    its change [per second] (`thermal.rlg.lag`).
-    """
+    """The bias (n, 3) of temperatures, rates and lines that read late."""
     T, rate, lines = readings
     bias = bias_deg_h(model, T, rate, lines, part=part)
     lag = model.lags_s

@@ -15,10 +15,10 @@ from infield.thermal.ramp_runs import RAMP_BLOCK_S, RampRun, covered_blocks, ram
 from infield.thermometer.gyro_temperature import (
     FEWEST_READINGS,
     GyroTemperature,
+    NoTemperature,
     gyro_temperature,
     too_short,
 )
-from infield.thermometer.reasons import NoTemperature
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
 from ins.records import AXES, Run, TemperatureLog, TwinModel
 from ins.thermometer_faults import check_thermometers

@@ -17,11 +17,11 @@ from alignment.motion.inertial import REST_FORCE_M_S2
 from alignment.motion.seconds import seconds_of
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
+    NoTemperature,
     gyro_temperature,
     no_thermometer,
     too_short,
 )
-from infield.thermometer.reasons import NoTemperature
 from ins.attitude import dcm_from_euler
 from ins.documents import UNWRITTEN
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
@@ -305,9 +305,7 @@ def _rate_window(temperature: GyroTemperature, time_s: NDArray) -> float:
 
 
 def _rate_sigma(temperature: GyroTemperature, time_s: NDArray, window: float) -> NDArray:
-    """Sigma (3,) of a rate in the middle of the run [degC/min]; 0 for an axis without
-    thermometer.
-    """
+    """Sigma (3,) of a rate in the middle of the run [degC/min]."""
     out = np.zeros(3)
     middle = float(time_s[time_s.size // 2]) if time_s.size else 0.0
     half = 0.5 * float(temperature.time_s[1] - temperature.time_s[0])

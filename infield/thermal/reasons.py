@@ -104,14 +104,14 @@ class ThermalNote(ReasonCode):
     COLLINEAR = (
         "term_collinear",
         "{term} goes with {others: and |} (condition number {condition:.0f}, limit {limit:.0f}):"
-        " dropped, and right only while heat flows as in these runs; what it may be is in the"
-        " sigmas of the others",
+        " dropped; the model holds only while heat flows as in these runs, and the sigmas of the"
+        " others include the dropped term",
     )
     OF_NOISE = (
         "term_of_noise",
         "{term} goes with {others: and |} ({noise_share:.0%} of what it has of its own is noise of"
-        " the thermometers, limit {limit:.0%}): dropped, and right only while heat flows as in"
-        " these runs; what it may be is in the sigmas of the others",
+        " the thermometers, limit {limit:.0%}): dropped; the model holds only while heat flows as"
+        " in these runs, and the sigmas of the others include the dropped term",
     )
     NO_LINES = (
         "no_gradient_column",
@@ -129,9 +129,9 @@ class ThermalNote(ReasonCode):
     )
     HYSTERESIS_UNTOLD = (
         "hysteresis_untold",
-        "ramps at one rate do not tell hysteresis from K_delta: the sigma of K_delta allows for"
-        " {allowed_deg_h:.4f} deg/h",
-        "a slow ramp up and down would tell",
+        "ramps at one rate cannot separate hysteresis from K_delta: the sigma of K_delta includes"
+        " {allowed_deg_h:.4f} deg/h for it",
+        "a slow ramp up and down separates them",
     )
     LATE_THERMOMETER = (
         "late_thermometer",
@@ -141,7 +141,7 @@ class ThermalNote(ReasonCode):
     HELD_OUT_WORSE = (
         "held_out_residual_above_noise",
         "gyro {axis}: the held-out residual is {times:.2f} times its noise, needed {needed:g}:"
-        " something is missing, or too few runs hold the terms apart",
+        " a term is missing, or the runs are too few to separate the terms",
     )
     TAKEN_OUT = (
         "model_taken_out",

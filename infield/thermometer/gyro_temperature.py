@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
-from infield.thermometer.reasons import ThermometerReason
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
-from ins.records import AXES, Span, TemperatureLog
+from ins.records import AXES, InputError, Span, TemperatureLog
 from ins.thermometer_faults import (
     HOLE_S,
     OF_THE_COLUMN,
@@ -26,7 +25,56 @@ from ins.thermometer_faults import (
     ThermometerFault,
     check_thermometers,
 )
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, ReasonCode, because, sentence
+
+
+class ThermometerReason(ReasonCode):
+    """What follows from a fault, or why no gyro has a temperature."""
+
+    NONE_LOGGED = (
+        "none_logged",
+        "no gyro temperature in the run: a bias without its temperature has no place in the table",
+    )
+    TOO_FEW_ROWS = (
+        "too_few_rows",
+        "gyro temperature: {rows} {rows:row|rows} over {span_s:g} s, needed at least {needed_rows}"
+        " rows over {needed_s:.0f} s",
+    )
+    ALL_STUCK = (
+        "all_stuck",
+        "all gyro thermometers are stuck (a constant temperature is accepted by"
+        ' "accepted_constant_temperature": true in run.json)',
+    )
+    NONE_USABLE = "none_usable", "no gyro thermometer can be used"
+    OF_ANOTHER = "of_another", "{column}: {fault}"
+    COARSE = "coarse", "thermometer {column}: {fault}; its sigma is wider"
+    CONSTANT = (
+        "constant",
+        "thermometer {column}: {fault}; a step of 1 degC could hide in it, and is in its sigma",
+    )
+    HOLE = "hole", "thermometer {column}: {fault}; nothing is learnt there beyond two minutes"
+    AXIS_LEFT_OUT = "axis_left_out", "thermometer {column}: {fault}; the axis is left out"
+    READINGS_LEFT_OUT = (
+        "readings_left_out",
+        "thermometer {column}: {fault}; these readings are left out",
+    )
+
+
+class NoTemperature(InputError):
+    """A run without the gyro temperature that a fit needs.
+
+    Parameters
+    ----------
+    run_id : str
+        The run.
+    reason : Reason
+        Why it has none.
+    """
+
+    def __init__(self, run_id: str, reason: Reason) -> None:
+        super().__init__(f"{run_id}: {sentence(reason)}")
+        self.reason = reason
+
 
 # of a temperature log that a session can be told from; chosen: the log of a minute with 12 nodes
 # of the smoother (5 s)

@@ -188,9 +188,7 @@ class _Readings:
 
 
 def _penalty(n: int, dt: float) -> NDArray:
-    """D'D, banded upper form (3, n), D the second differences over dt^1.5: |D x|^2 / q is what the
-    walk says of x.
-    """
+    """D'D, banded upper form (3, n), D the second differences over dt^1.5."""
     d = np.array([1.0, -2.0, 1.0]) / dt**1.5
     bands = np.zeros((3, n))
     for i in range(3):

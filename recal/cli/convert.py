@@ -16,6 +16,8 @@ def command(
     /,
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
     split: bool = False,
+    live: float = 1.0,
+    to: str | None = None,
     *,
     force,
     **given,
@@ -31,10 +33,17 @@ def command(
         A flight log.
     split
         Write a run for each stretch between gaps of over 1 s: run-1, run-2, ... in the folder -o.
+    live : float in [0.1, 10000]
+        With --to: so many times as fast as it was recorded.
+    to
+        Then send the run as MAVLink, to udp:HOST:PORT or to who connects to tcp:HOST:PORT: a
+        recorded flight to try recal watch on. Default: it is only written.
     """
     from recal.service import convert
     from recal.service.results.overwrite import need_free_run
 
+    if split and to is not None:
+        raise typer.BadParameter("--split makes several runs, --to sends one: needed one of both")
     folders = sorted(output.glob("run-*")) if split else [output]
     for folder in folders:
         need_free_run(
@@ -45,4 +54,8 @@ def command(
     said = of_log(**given)
     with shown.progress("converting", steps, compiles=False) as told:
         converted = make(log, output, **said, told=told)
+    if to is not None:
+        from recal.service.watch.feed import feed
+
+        feed(output, to, speed=live, told=shown.say)
     shown.answer(converted.document, converted.lines())

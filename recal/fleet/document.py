@@ -40,7 +40,7 @@ from recal.fleet.records import (
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.service.priors.forecast import most_urgent
-from recal.service.priors.forecast_records import ForecastReport
+from recal.service.priors.records import ForecastReport
 from recal.service.results.files import program_version
 from recal.service.results.pages import NM_H_PER_DEG_H, BiasStep, MethodDocument
 from recal.service.store import TableStore, UnitKey, holds_store, store_name

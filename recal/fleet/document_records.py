@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from ins.documents import OMIT_NONE
 from recal.fleet.records import FleetOutcome, FleetVerdict
-from recal.service.priors.forecast_records import ForecastReport
+from recal.service.priors.records import ForecastReport
 from recal.service.results.pages import BiasStep, MethodDocument
 
 

@@ -7,7 +7,7 @@ from markupsafe import Markup
 from recal.fleet import figures
 from recal.fleet.document_records import FleetReport, StaleRow, UnitRow
 from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
-from recal.service.priors.forecast_page import closer_panel, date_words, trend_panels, trend_strips
+from recal.service.priors.forecast_page import date_words, trend_panels, trend_strips
 from recal.service.results.pages import decimals_for, page_environment
 
 SHOWN_UNITS = 25  # rows of the ranking before the rest is folded
@@ -96,7 +96,6 @@ def fleet_html(document: FleetReport) -> str:
             ranking=figures.ranking_panel(document),
             counts=[panel for panel in counts if panel],
             trend=trend_panels(document.forecast) if document.forecast else [],
-            closer=closer_panel(document.forecast) if document.forecast else None,
             trends=trend_strips(document.forecast) if document.forecast else [],
             date_words=date_words,
             name=_name,

@@ -8,6 +8,7 @@ joint update of all the unit's runs (less those that contradict); so is a commit
 """
 
 import hashlib
+import re
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,6 @@ from datetime import UTC, datetime
 from ins.documents import to_json
 from recal.fleet.document import Timing, fleet_document
 from recal.fleet.document_records import CallTiming, FleetReport, FleetTiming, UnitReport
-from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
 from recal.fleet.pools.dispatch import UnitQueue, run_all
@@ -41,10 +41,12 @@ from recal.service.store import (
     UnitRecord,
     absolute_store,
     holds_store,
+    moment,
     store_name,
 )
 
 HELD = (FleetOutcome.COMMITTED, FleetOutcome.TAKEN_OUT)  # that the store held once
+LONGEST = 80  # characters kept of a name
 
 
 @dataclass(frozen=True)
@@ -268,4 +270,27 @@ def _document(
     summaries = {key: journal.units.get(unit_folder(key), UnitReport()) for key in units}
     return fleet_document(
         request, outcomes, summaries, FleetTiming(**vars(timing), earlier_calls=journal.calls)
+    )
+
+
+def unit_folder(key: UnitKey) -> str:
+    """A folder name for a unit."""
+    return _safe("-".join(filter(None, (key.imu_serial, key.gyro_technology, key.gyro_mode))))
+
+
+def run_folder(run: PlannedRun) -> str:
+    """A folder name for a run's report, in time order among those of its unit."""
+    stamp = moment(run.start_utc).astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
+    return f"{stamp}-{_safe(run.run_id)}-{hashlib.sha256(run.path.encode()).hexdigest()[:6]}"
+
+
+def _safe(text: str) -> str:
+    """The text where it is a plain name, else what is left of it with digits of its hash, so that
+    no two are the same.
+    """
+    safe = re.sub(r"[^A-Za-z0-9._-]", "_", text)[:LONGEST]
+    return (
+        safe
+        if safe == text and not text.startswith(".")
+        else f"_{safe}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
     )

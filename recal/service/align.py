@@ -25,7 +25,7 @@ from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, raw_bias_sigma_deg_h
 from recal.service.results.result import Result
-from recal.service.twin.noise_agreement import fit_at_rest
+from recal.service.twin.fit import fit_at_rest
 
 ALIGN_STEPS = 3  # that `told` is told of
 
@@ -195,10 +195,10 @@ def summary(document: AlignmentDocument) -> list[str]:
     level = document.motion_level
     if level is not None:
         lines.append(
-            f"  used {document.used_percent:.0f} % of the parked seconds; place strays by"
-            f" {level.place_mm:.2g} mm (up to {level.largest_place_mm:.2g}), heading by"
-            f" {level.yaw_arcsec:.2g} arcsec (up to {level.largest_yaw_arcsec:.2g}): sigma"
-            f" {level.sigma_cost:.2f} times that on a calm vehicle"
+            f"  used {document.used_percent:.0f} % of the parked seconds; the vehicle moves by"
+            f" {level.place_mm:.2g} mm RMS (at most {level.largest_place_mm:.2g}) and yaws by"
+            f" {level.yaw_arcsec:.2g} arcsec (at most {level.largest_yaw_arcsec:.2g}): sigma"
+            f" {level.sigma_cost:.2f} times that of a still one"
         )
     seen = document.zero_rate
     if isinstance(seen, ZeroRates):

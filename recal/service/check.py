@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ins.documents import INLINE, OMIT_NONE
 from ins.records import ImuSource, InputError, Phase, ReferenceLog, Span, TemperatureLog
 from ins.units import DEG_PER_HOUR
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath
 from recal.service.results.result import Result
 from trajectories.runs import directory
 from trajectories.runs.checks import Finding

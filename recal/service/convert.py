@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ins.json_file import JsonObject, read_toml
 from ins.records import InputError, ReferenceLog, Run, Span
+from recal.service.results.files import AnyPath
 from recal.service.results.overwrite import Peeked
-from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from trajectories.readers.conversion import Conversion, convert_log, file_sha256
 from trajectories.readers.rows.column_map import LogOptions, MapError, without_placeholders

@@ -5,16 +5,15 @@ from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 
-from infield.reports.documents.noise_fit import NoiseFit
+from infield.reports.documents.alignment import NoiseFit
 from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json
 from ins.records import InputError, Run, TwinModel
 from recal.service.inputs.twin_table import TwinTable, twin_and_table
-from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, output_directory, program_version, write_files
 from recal.service.results.result import Result
-from recal.service.twin.noise_agreement import noise_fit
+from recal.service.twin.fit import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core

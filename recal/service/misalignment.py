@@ -27,8 +27,7 @@ from ins.units import ARCSEC, DEG
 from ins.verdicts import Observability, measured_words
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.unit_inputs import opened, unit_inputs
-from recal.service.results.files import program_version
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, program_version
 from recal.service.results.result import Result, write_report
 
 __all__ = [

@@ -12,8 +12,7 @@ from ins.twin_file import default_twin
 from ins.units import DEG
 from recal.service.inputs.records import AnyRun, runs_of
 from recal.service.inputs.twin_table import TwinTable, twin_and_table
-from recal.service.results.files import program_version
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, program_version
 from recal.service.results.result import Result, write_report
 from simreal.evidence.run_view import RunView, view_run
 from simreal.plan.flights import check_technology, plan_flights

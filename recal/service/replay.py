@@ -28,8 +28,7 @@ from ins.records import InputError, Run
 from ins.units import DEG
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, with_thermal_model
-from recal.service.results.files import program_version
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, program_version
 from recal.service.results.result import Result, write_report
 from trajectories.runs.directory import read_reference
 from trajectories.runs.stream_files import write_columns

@@ -11,8 +11,7 @@ from infield.table.thermal_table import ThermalTable
 from ins.documents import INLINE
 from ins.records import Phase, ReferenceLog, Run, TableDocument, TwinModel
 from recal.service.inputs.records import AnyTable, table_of
-from recal.service.results.files import write_text
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, write_text
 from recal.service.results.result import Result
 from simreal.declared.declared_noise import without_excess
 from simreal.declared.twin_effects import parse_effects

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
-from infield.reports.drawing import Line, Panel
-from infield.reports.figures import BLACK, GREY, NEW, OLD, drawn_temperatures
+from infield.reports.drawing import BLACK, GREY, NEW, OLD, Line, Panel, drawn_temperatures
 from infield.reports.page import render_page
 from infield.reports.update_figures import BIAS_AXIS, TEMPERATURE_AXIS, table_curve
 from infield.store.table_store import Revision

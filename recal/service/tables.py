@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from infield.store.database import holds_store
 from infield.store.errors import StoreRefused
-from infield.store.policy import Approval, PolicyRecord
+from infield.store.proposal_rows import Approval, PolicyRecord
 from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
 from infield.store.verify import StoreCheck, StoreVerdict, UnitCheck
 from infield.table.file import export_command

@@ -2,9 +2,10 @@
 run.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from infield.reports import fog_page, rlg_page
 from infield.reports.documents.fog import (
@@ -15,22 +16,22 @@ from infield.reports.documents.fog import (
     worst_rounding,
 )
 from infield.reports.documents.rlg import RlgDocument, TermState, rlg_document
-from infield.store.table_store import TableStore
+from infield.store.table_store import TableStore, UnknownUnit
 from infield.thermal.fog.fixed_point import to_c_header, to_csv
 from infield.thermal.fog.model import held_out
 from infield.thermal.fog.ramps import separate
 from infield.thermal.gradient_runs import gradient_run
 from infield.thermal.ramp_runs import ramp_run
-from infield.thermal.rlg.gradients import fit_gradients
-from infield.thermal.rlg.held_out import held_out_run
+from infield.thermal.rlg.gradients import fit_gradients, held_out_run
 from infield.thermal.rlg.model import model_from_document
 from infield.thermal.stored_model import check_usable, read_thermal_model, removed_from
 from ins.documents import plain
-from ins.records import InputError, Run
-from recal.service.inputs.chamber_runs import reduced_groups
-from recal.service.inputs.records import AnyRun, AnyTwin, read_one
-from recal.service.results.files import program_version
-from recal.service.results.paths import AnyPath
+from ins.records import InputError, Run, TwinModel
+from ins.twin_file import default_twin
+from recal.service.inputs.records import AnyRun, AnyTwin, read_one, twin_of
+from recal.service.inputs.twin_table import twin_of_unit
+from recal.service.inputs.unit_inputs import opened
+from recal.service.results.files import AnyPath, program_version
 from recal.service.results.result import Result, write_report
 from trajectories.runs.directory import write_run
 
@@ -39,6 +40,7 @@ PARTS = ("all", "rates")
 SETTLED_TERMS = ("K1", "K2", "K3")  # of a unit whose temperature stands still
 THERMAL_STEPS = 2  # that `told` is told of beside the runs: the fit, and what follows it
 TAKE_OUT_STEPS = 3  # that `told` is told of: reading, taking out, writing
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -370,3 +372,72 @@ def _head(document: FogDocument | RlgDocument) -> list[str]:
         *(f"  because {reason}" for reason in document.reasons),
         *(f"  {note}" for note in document.notes),
     ]
+
+
+def runs_of_one_unit(given: Sequence[AnyRun], technology: str) -> Iterator[Run]:
+    """One run in memory at a time; InputError for one given twice, of another unit or another
+    technology.
+    """
+    seen: dict[str, str] = {}
+    serial = ""
+    for item in given:
+        run = read_one(item)
+        path = run.header.run_id if isinstance(item, Run) else str(item)
+        if run.sha256 in seen:
+            raise InputError(f"{path}: the same run as {seen[run.sha256]}, needed another one")
+        if run.header.removed_model is not None:
+            raise InputError(
+                f"{path}: run.json: removed_thermal_model is set, needed raw gyro output"
+            )
+        if run.header.gyro_technology != technology:
+            raise InputError(
+                f"{path}: run.json: gyro_technology {run.header.gyro_technology!r}, needed"
+                f" {technology!r}"
+            )
+        if serial and run.header.imu_serial != serial:
+            raise InputError(
+                f"{path}: run.json: imu_serial {run.header.imu_serial!r}, needed {serial!r} (first"
+                " run)"
+            )
+        seen[run.sha256] = path
+        serial = run.header.imu_serial
+        yield run
+
+
+def reduced_groups(
+    groups: Sequence[Sequence[AnyRun]],
+    technology: str,
+    reduce: Callable[[Run, TwinModel], T],
+    store: TableStore | str | None,
+    twin: AnyTwin | None,
+    told: Callable[[str], None] = lambda words: None,
+) -> tuple[list[list[T]], TwinModel]:
+    """Each run reduced, by group, and the unit's noise model; told: of each run as it is begun."""
+    model: TwinModel | None = None
+    found: list[T] = []
+    for run in runs_of_one_unit([run for group in groups for run in group], technology):
+        told(f"reducing {run.header.run_id}")
+        model = model or noise_model(run, store, twin)
+        found.append(reduce(run, model))
+    if model is None:
+        raise InputError("runs: none was given, needed at least one")
+    rest = iter(found)
+    return [[next(rest) for _ in group] for group in groups], model
+
+
+def noise_model(run: Run, store: TableStore | str | None, given: AnyTwin | None) -> TwinModel:
+    """The noise model that is given, else from the store, else the defaults of the technology."""
+    header = run.header
+    if given is not None:
+        return twin_of_unit(twin_of(given), run)
+    return _stored_twin(run, opened(store)) or default_twin(header.gyro_technology)
+
+
+def _stored_twin(run: Run, store: TableStore | None) -> TwinModel | None:
+    header = run.header
+    if store is None:
+        return None
+    try:
+        return store.twin(header.imu_serial, header.gyro_technology, header.gyro_mode)
+    except UnknownUnit:
+        return None

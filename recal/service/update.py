@@ -37,9 +37,9 @@ from ins.documents import to_json
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.verdicts import Outcome, because, sentence, sentences
 from recal.service.inputs.config import read_config
-from recal.service.inputs.new_units import refuse_store, require_unit
+from recal.service.inputs.new_units import known_marks, refuse_store, require_unit
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
-from recal.service.inputs.twin_effects import without_found_effects
+from recal.service.inputs.twin_table import without_found_effects
 from recal.service.inputs.unit_inputs import (
     UnitInputs,
     given_unit,
@@ -48,14 +48,12 @@ from recal.service.inputs.unit_inputs import (
     unit_inputs,
     with_thermal_model,
 )
-from recal.service.inputs.unit_marks import known_marks
 from recal.service.priors.use import APPROVED, priors_in_use, settings_of, with_priors
-from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.files import AnyPath, output_directory, program_version, write_files
 from recal.service.results.overwrite import keep_report
-from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.update_summary import Points, summary
-from recal.service.twin.noise_agreement import noise_fit, update_agreement
+from recal.service.twin.fit import noise_fit, update_agreement
 from simreal.twin.fit.agreement import Agreement
 
 UPDATE_STEPS = 3  # that `step` is told of
@@ -167,7 +165,7 @@ def update(
 
     Notes
     -----
-    Source: US 5,527,003; what is estimated and judged stands in docs, theory.
+    Source: US 5,527,003; what is estimated and judged: physics.md, section 6.
     """
     settings, ageing = read_config(None if config is None else Path(config))
     read = runs_of(runs)

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ from markupsafe import Markup
 
 from ins.records import AXES
 from recal.service.inputs.records import ThermalTable
+from recal.service.priors.forecast import most_urgent
 from recal.service.priors.forecast_page import trend_panels
-from recal.service.priors.forecast_records import ForecastReport
+from recal.service.priors.records import ForecastReport
 from recal.service.results.pages import (
     DASHED,
     DOTTED,
@@ -31,7 +33,7 @@ from recal.service.results.pages import (
     robust_limits,
 )
 from recal.service.results.pages import Line as Curve
-from recal.service.store import SessionEvidence
+from recal.service.store import SessionEvidence, TableStore
 
 MOST_KEPT = 64  # chosen: the latest 64; one that is gone is drawn again when asked for
 MOST_SESSIONS_DRAWN = 20  # sessions of a drawing, the latest; chosen: more hide each other
@@ -168,3 +170,27 @@ def _points(k: int, sessions: Sequence[SessionEvidence]) -> Marks:
     low, high = bias - expanded, bias + expanded
     name = "session that contradicts it, U(k=2)"
     return Marks(T, bias, "D", VERMILLION, name, size=5.0, low=low, high=high)
+
+
+class Forecasts:
+    """The latest forecast, by what it rests on."""
+
+    def __init__(self) -> None:
+        self._made = Once(1)
+
+    def of(self, store: TableStore) -> tuple[Hashable, ForecastReport]:
+        """A key that changes with it, and the forecast."""
+        key = _key_of(store)
+        return key, self._made.of(key, lambda: most_urgent(store))
+
+    def at_hand(self, store: TableStore) -> ForecastReport | None:
+        """The forecast where it is made already and still holds; making it takes seconds."""
+        found: ForecastReport | None = self._made.at_hand(_key_of(store))
+        return found
+
+
+def _key_of(store: TableStore) -> Hashable:
+    """What a forecast rests on, and the day."""
+    tables = tuple((unit.unit, unit.sha256) for unit in store.overview())
+    priors = tuple((p.gyro_technology, p.number, p.state) for p in store.priors())
+    return datetime.now(UTC).date(), tables, priors

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import IntEnum, StrEnum
 
-from recal.service.priors.forecast_records import ForecastReport, UnitForecast
+from recal.service.priors.records import ForecastReport, UnitForecast
 from recal.service.store import UnitSummary
 
 OLD_DAYS = 365.0  # of a table; chosen: 1 year, a laboratory's usual interval (docs/serve.md)

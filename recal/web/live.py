@@ -16,8 +16,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from ins.records import InputError
 from recal.service.results.pages import page_environment, update_html
-from recal.service.watch.records import WatchState
-from recal.service.watch.words import GYRO_HEAD, gyro_rows, rows
+from recal.service.watch.records import GYRO_HEAD, WatchState, gyro_rows, rows
 from recal.web import guard
 from recal.web.connections import server_config
 from recal.web.settings import ServeSettings

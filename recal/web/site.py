@@ -16,8 +16,7 @@ from recal.service.results.pages import page_environment, script_texts
 from recal.service.store import TableStore
 from recal.web import views
 from recal.web.door import SESSION_S, Door
-from recal.web.drawings import Drawings
-from recal.web.forecasts import Forecasts
+from recal.web.drawings import Drawings, Forecasts
 from recal.web.guard import has_known_host
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings

@@ -11,7 +11,7 @@ import numpy as np
 
 from ins.records import AXES
 from recal.service.inputs.records import TableDocument, ThermalTable
-from recal.service.priors.forecast_records import UnitForecast
+from recal.service.priors.records import UnitForecast
 from recal.service.results.pages import decimals_for
 from recal.service.store import FullProposal, Revision, SessionEvidence, UnitKey
 from recal.service.tables import change_between

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from infield.reports.documents.noise_fit import NoiseFit
+from infield.reports.documents.alignment import NoiseFit
 from ins.documents import OMIT_NONE
 from ins.errors.base import SLOW_NAME
 from ins.errors.catalogue import catalogue, words_of

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from infield.reports.drawing import (
+    BLACK,
+    BLUE,
     FRAME_PX,
+    GREY,
+    PALE,
+    SKY,
+    VERMILLION,
     Boxes,
     Cells,
     Item,
@@ -16,9 +22,10 @@ from infield.reports.drawing import (
     Marks,
     Panel,
     Texts,
+    robust_limits,
     rows_height,
+    thinned,
 )
-from infield.reports.figures import BLACK, BLUE, GREY, PALE, SKY, VERMILLION, robust_limits, thinned
 from simreal.inference.causes import Cause
 from simreal.inference.locate import GapCell
 from simreal.report.diagnosis_curves import Overlay, RunCurve

@@ -334,10 +334,10 @@ def _pair_line(p: JudgedPair) -> str:
     verdict = p.verdict.replace("_", " ")
     if p.cos is None:
         return f"{p.label}: {verdict}, needs {p.lacks}"
-    told = "; ".join(f"{m.effect} from {_told_from(m)}" for m in p.members)
+    told = "; ".join(f"{m.effect} above {_told_from(m)}" for m in p.members)
     return (
-        f"{p.label}: {verdict}, {p.cos:.3f} alike (1: the same), told apart from"
-        f" {p.delta_needed_typical:.1f} sigmas of the whole plan on: {told}"
+        f"{p.label}: {verdict}, similarity {p.cos:.3f} (1: identical), separable above"
+        f" {p.delta_needed_typical:.1f} sigmas over the whole plan: {told}"
     )
 
 

@@ -5,8 +5,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from infield.reports.drawing import Boxes, Item, Line, Panel, Uprights, rows_height
-from infield.reports.figures import BLUE, PALE, VERMILLION
+from infield.reports.drawing import (
+    BLUE,
+    PALE,
+    VERMILLION,
+    Boxes,
+    Item,
+    Line,
+    Panel,
+    Uprights,
+    rows_height,
+)
 from infield.reports.page import render_page
 from simreal.plan.pairs import PairVerdict
 from simreal.report.plan_document import EffectSizes, PlanOfRecordings, PlanReport

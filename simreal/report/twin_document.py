@@ -196,7 +196,7 @@ def summary(d: FitReport) -> list[str]:
     hours = d.parked_s / 3600.0
     lines = [
         f"{d.imu_serial}: {d.verdict} from {len(d.runs)} run{'s' if len(d.runs) > 1 else ''},"
-        f" {hours:.2g} h at rest: {known} of {len(d.parameters)} parameters told",
+        f" {hours:.2g} h at rest: {known} of {len(d.parameters)} parameters estimated",
         *(f"  because {why}" for why in d.reasons),
     ]
     for p in d.found.parameters:
@@ -208,7 +208,7 @@ def summary(d: FitReport) -> list[str]:
     return lines
 
 
-WORDS_SHORT = "not told by these runs"
+WORDS_SHORT = "not observable in these runs"
 
 
 def _parameter(p: Parameter) -> TwinParameter:
@@ -295,10 +295,10 @@ def _lines_note(found: TwinFit) -> Reason:
 
 
 def why_not_estimated(p: Parameter) -> str:
-    """Why a parameter cannot be told, and what would; empty where it is told."""
+    """Why a parameter is not observable, and what it needs; empty where it is estimated."""
     if p.why is None:
         return ""
-    said = f"cannot be told from these runs: {p.why.template}"
+    said = f"not observable in these runs: {p.why.template}"
     lacks = would_tell(p)
     return f"{said}; {lacks}" if lacks else said
 
@@ -325,7 +325,7 @@ def size_words(p: Parameter) -> str:
     if p.identified:
         return f"{p.value:.4g} +- {p.sigma:.2g}{tail}"
     limit = f", below {p.high:.3g}" if math.isfinite(p.high) else ""
-    return f"{p.value:.3g}{tail} taken{limit}"
+    return f"{p.value:.3g}{tail} assumed{limit}"
 
 
 def _loudness(line: SpectralLine) -> float:

@@ -2,15 +2,25 @@
 
 import numpy as np
 
-from infield.reports.drawing import DOT, Band, Item, Line, Marks, Panel
-from infield.reports.figures import BLACK, BLUE, PALE, VERMILLION
+from infield.reports.drawing import (
+    BLACK,
+    BLUE,
+    DOT,
+    PALE,
+    VERMILLION,
+    Band,
+    Item,
+    Line,
+    Marks,
+    Panel,
+)
 from infield.reports.page import render_page
 from simreal.report.twin_document import PARAMETER_NAMES, FitReport, size_words, would_tell
 from simreal.twin.fit.result import ChannelCurve, Needs, Parameter
 
 GYRO_UNIT_DEG_H = 180.0 / np.pi * 3600.0
 ACCEL_UNIT_UG = 1e6 / 9.80665
-TOLD_BADGES = {True: ("told", "good"), False: ("not told", "none")}
+TOLD_BADGES = {True: ("estimated", "good"), False: ("not observable", "none")}
 
 
 def twin_html(document: FitReport) -> str:
@@ -36,13 +46,13 @@ def headline(document: FitReport) -> str:
     """The fit in one sentence."""
     told = sum(p.identified for p in document.parameters)
     return (
-        f"{told} of {len(document.parameters)} parameters are told by"
+        f"{told} of {len(document.parameters)} parameters are estimated from"
         f" {document.parked_s / 3600.0:.2g} h at rest."
     )
 
 
 def _banner(document: FitReport) -> str:
-    """Good where what any run shows, the white noise, is told and every channel is explained."""
+    """Good where every channel is explained by the model."""
     bad = [c for c in document.channels if c.p_value < 1e-3 / len(document.channels)]
     return "fair" if bad else "good"
 

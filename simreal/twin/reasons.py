@@ -8,31 +8,28 @@ from ins.verdicts import ReasonCode
 class Why(ReasonCode):
     """Why a parameter of a twin cannot be told from the runs."""
 
-    NOTHING_SEEN = "nothing_seen", "none of it is seen beside the rest"
-    TOO_LOOSE = "too_loose", "something of it is seen, too little to tell its size"
+    NOTHING_SEEN = "nothing_seen", "not distinguishable from the other noise"
+    TOO_LOOSE = "too_loose", "detected, but its size is too uncertain"
     FEW_RUNS = "few_runs", "too few power-ons"
     NO_STREAM = "no_stream", "no such stream at rest in these runs"
     EXACT_ZERO = "exact_zero", "all readings are the same, which shows no noise"
     BELOW_RESOLUTION = "below_resolution", "the readings' step hides it"
-    ROUNDED = "rounded", "rows are rounded one by one, to steps that hide their noise"
+    ROUNDED = "rounded", "each row is rounded to steps larger than its noise"
     NOT_ON_A_GRID = "not_on_a_grid", "readings lie on no grid"
-    GYROS_DIFFER = (
-        "gyros_differ",
-        "the gyros differ, and nothing beside the vertical one witnesses a yaw",
-    )
+    GYROS_DIFFER = ("gyros_differ", "the gyros differ, and no other sensor observes yaw")
     CONTRADICTED = (
         "contradicted",
-        "the data contradict the model by far: filtered by the logger, or shaken by what it does"
-        " not know",
+        "the data contradict the model by far: a filter in the logger, or vibration that it does"
+        " not describe",
     )
 
 
 class Lacking(ReasonCode):
     """What would tell a parameter that the runs do not tell."""
 
-    POWER_ONS = ("power_ons", "{count:.0f} power-ons of a unit would tell it, each: {recording}")
-    RECORDING = "recording", "one recording would tell it: {recording}"
-    NO_RECORDING = "no_recording", "no parked recording of 128 h or less would"
+    POWER_ONS = ("power_ons", "needs {count:.0f} power-ons of a unit, each: {recording}")
+    RECORDING = "recording", "needs one recording: {recording}"
+    NO_RECORDING = "no_recording", "no parked recording up to 128 h suffices"
 
 
 class FitReason(ReasonCode):
@@ -45,9 +42,9 @@ class FitReason(ReasonCode):
     )
     NOTHING_TOLD = (
         "nothing_told",
-        "the {rest_min:.0f} min at rest tell none of the {of:.0f} numbers, so there is no twin of"
-        " this unit to write",
-        "its parameters say what each needs",
+        "from the {rest_min:.0f} min at rest none of the {of:.0f} parameters can be estimated, so"
+        " no twin is written",
+        "the list of parameters says what each needs",
     )
 
 
@@ -56,9 +53,9 @@ class FitNote(ReasonCode):
 
     CONTRADICTED = (
         "contradicted",
-        "the data contradict any model of the {triad} noise by far: filtered by the logger, shaken"
-        " by what the model does not know, or a rest too short; its numbers stay what they were,"
-        " but for white noise where the rows' spectra are flat over three octaves",
+        "the data contradict every model of the {triad} noise by far: a filter in the logger,"
+        " vibration that the model does not describe, or a rest too short; its parameters keep"
+        " their values, except white noise where the spectra are flat over three octaves",
     )
     FILTERED = (
         "filtered",
@@ -82,8 +79,8 @@ class FitNote(ReasonCode):
     )
     YAW_OR_GYRO = (
         "yaw_or_gyro",
-        "yaw creep is what the vertical gyro has beyond the level ones: nothing else witnesses a"
-        " yaw, so a vertical gyro that is noisier in itself looks the same",
+        "yaw creep is the slow noise of the vertical gyro in excess of the level ones; no other"
+        " sensor observes yaw, so a noisier vertical gyro looks the same",
     )
     LINES_LEFT_OUT = (
         "lines_left_out",

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alignment.tilt_rate import tilt_rates
-from alignment.tilt_smoother import smoothed_tilt_rates
+from alignment.tilt_rate import smoothed_tilt_rates, tilt_rates
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from tests.alignment.parked import ideal_of, parked_history, simulate
 from tests.scenarios.study import REFERENCE_TWIN

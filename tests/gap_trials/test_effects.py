@@ -17,42 +17,6 @@ from trajectories.simulator.thermal import STARTS
 from trajectories.simulator.vehicle import disturb
 
 
-def test_a_temperature_slope_follows_the_true_temperature(short):
-    gyro, _, _ = change(
-        short, 0, planted("gyro_thermal_linear", "gyro_y", coefficient_deg_h_degC=0.002)
-    )
-    off = short.seen[0].gyro_degC[:, 1] - 20.0
-    np.testing.assert_allclose(gyro[:, 1], 0.002 * off, rtol=0.04, atol=1e-9)
-    assert not gyro[:, [0, 2]].any()
-
-
-def test_a_rate_term_changes_sign_with_cooling(short):
-    p = {"coefficient_deg_h_min_degC": 0.03, "shell_s": 30.0}
-    warm, cool = (
-        change(short, k, planted("gyro_thermal_rate", "gyro_x", **p))[0][2000:2900, 0]
-        for k in (0, 3)
-    )
-    assert warm.min() > 0 > cool.max()
-
-
-def test_hysteresis_splits_heating_from_cooling(parked):
-    p = {"half_split_deg_h": 0.005, "width_degC": 2.0}
-    warm, cool = (
-        change(parked, k, planted("gyro_thermal_hysteresis", "gyro_x", **p))[0][:, 0]
-        for k in (0, 3)
-    )
-    assert warm[-1] == pytest.approx(-0.005, rel=1e-3)
-    assert cool[-1] == pytest.approx(0.005, rel=1e-3)
-    assert abs(warm[0]) < 1e-3
-
-
-def test_a_step_comes_once_and_stays(short):
-    p = {"step_deg_h": 0.02, "run": 2, "onset_s": 150.0}
-    assert not change(short, 1, planted("gyro_bias_step", "gyro_z", **p))[0].any()
-    gyro, _, _ = change(short, 2, planted("gyro_bias_step", "gyro_z", **p))
-    assert np.abs(gyro[:1300, 2]).max() < 1e-9 and np.abs(gyro[1700:, 2] - 0.02).max() < 1e-9
-
-
 def test_settling_turns_gyros_and_accelerometers_together(short):
     """1 arcsec is 4.848 micro-g: a roll q_x gives f_y = -g q_x, a pitch q_y gives f_x = g q_y."""
     p = {"run": 0, "tau_s": 60.0, "arcsec_xyz": [30.0, 50.0, 0.0]}
@@ -78,46 +42,6 @@ def test_an_arm_swings_the_unit_and_its_fixes(short):
     np.testing.assert_allclose(fixes_b, swing_b[rows], atol=0.01)
     felt_n = np.cumsum(np.einsum("nij,nj->ni", seen.C_nb, accel * MICRO_G * seen.dt_s), axis=0)
     np.testing.assert_allclose(turned_back(seen.C_nb, felt_n), swing_b, atol=0.02)
-
-
-def test_tyres_drift_out_of_a_turn(short):
-    seen = short.seen[0]
-    _, _, run = change(short, 0, planted("side_slip", "vehicle", deg_s2_m=0.4, wind_rad=0.0))
-    rows = seen.nearest(run.gnss.time_s)
-    slip_b = turned_back(seen.C_nb[rows], run.gnss.v_n_m_s - short.runs_without[0].gnss.v_n_m_s)[
-        :, 1
-    ]
-    right = seen.omega_nb_b[rows, 2] > 0.08
-    left = seen.omega_nb_b[rows, 2] < -0.08
-    assert slip_b[right].mean() < -0.005 and slip_b[left].mean() > 0.005
-
-
-def test_a_late_odometer_reads_low_in_acceleration(short):
-    seen = short.seen[0]
-    run = change(short, 0, planted("odometer_time_offset", "odometer", late_s=0.1))[2]
-    more = run.odometer.speed_m_s - short.runs_without[0].odometer.speed_m_s
-    np.testing.assert_allclose(
-        more, -0.1 * seen.acceleration_m_s2[seen.nearest(run.odometer.time_s)], atol=0.01
-    )
-    assert more.min() < -0.03
-
-
-def test_the_field_of_the_earth_turns_with_the_heading(parked):
-    p = {"deg_h_gauss": 0.01, "direction": [1.0, 0.0, 0.0]}
-    north, south = (
-        change(parked, k, planted("gyro_magnetic_sensitivity", "gyro_z", **p))[0][0, 2]
-        for k in (0, 2)
-    )
-    assert north > 0.001 and south < -0.001
-
-
-def test_a_table_subtracted_twice(short):
-    gyro, _, _ = change(short, 0, planted("compensation_misapplied", "gyro_x", coefficient=-1.0))
-    curve = short.table["axes"]["x"]
-    expected = -np.interp(
-        short.seen[0].gyro_degC[:, 0], curve["temperature_degC"], curve["bias_deg_h"]
-    )
-    np.testing.assert_allclose(gyro[:, 0], expected, atol=1e-9)
 
 
 def test_quanta_are_whole_and_lose_nothing(short):
@@ -170,29 +94,6 @@ def test_a_unit_set_askew_is_a_crab_of_the_vehicle():
     assert np.abs(ours.dtheta_rad - theirs.dtheta_rad).max() < 1e-4 * DEG_PER_HOUR * seen.dt_s
 
 
-def test_brakes_make_the_wheels_slip(short):
-    run = change(short, 0, planted("wheel_slip", "odometer", slip_s2_m=0.02))[2]
-    more = run.odometer.speed_m_s - short.runs_without[0].odometer.speed_m_s
-    seen = short.seen[0]
-    rows = seen.nearest(run.odometer.time_s)
-    assert (
-        more[seen.acceleration_m_s2[rows] < -0.3].max()
-        <= 0
-        < more[seen.acceleration_m_s2[rows] > 0.3].max()
-    )
-
-
-def test_an_old_fix_lies_behind(short):
-    seen, plain = short.seen[0], short.runs_without[0]
-    run = change(
-        short, 0, planted("gnss_lever_arm_or_latency", "gnss", kind="latency", late_s=0.1)
-    )[2]
-    rows = seen.nearest(run.gnss.time_s)
-    north_m = (run.gnss.lat_rad - plain.gnss.lat_rad) * 6.367e6
-    np.testing.assert_allclose(north_m, -0.1 * seen.v_n_m_s[rows, 0], atol=0.02)
-    assert np.abs(north_m).max() > 0.3
-
-
 @pytest.mark.parametrize("kind, key", [("to and fro", "accel"), ("rocking", "gyro")])
 def test_sway_has_its_size(short, kind, key):
     """To and fro: fixes move with that RMS. Rocking: gyros turn, and f is g times it."""
@@ -210,20 +111,6 @@ def test_sway_has_its_size(short, kind, key):
     assert np.std(roll) == pytest.approx(rms, rel=0.2)
     middle = roll - 0.5 * np.diff(roll, prepend=0.0)
     assert np.corrcoef(accel[:2900, 1], -middle)[0, 1] > 0.99
-
-
-def test_an_engine_shifts_and_shakes_from_its_start_on(short):
-    p = EFFECTS["engine_start"].draw(np.random.default_rng(4), short.seen)
-    gyro, accel, _ = change(short, p["run"], planted("engine_start", "vehicle", **p))
-    before, after = (
-        side(short.seen[p["run"]].time_s, p["onset_s"])
-        for side in (lambda t, s: t < s - 60, lambda t, s: t > s + 60)
-    )
-    assert np.abs(accel[before]).max() < 1e-3 and np.abs(gyro[before]).max() < 1e-6
-    white = p["accel_ug_sqrt_hz"] / np.sqrt(short.seen[0].dt_s)
-    assert accel[after].std(axis=0) == pytest.approx([white] * 3, rel=0.05)
-    count = np.sum(after)
-    assert np.abs(accel[after].mean(axis=0) - p["accel_ug"]).max() < 4.5 * white / np.sqrt(count)
 
 
 def test_other_forms_are_planted_by_name_only_and_answered_by_the_catalogue():

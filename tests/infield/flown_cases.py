@@ -10,7 +10,7 @@ import numpy as np
 from alignment.motion.kinds import ROLLING, STILL
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import filter_steps, plan_steps, process_noise, views_of
-from infield.session.flown.driving import Driving, body_motion
+from infield.session.flown.passes import Driving, body_motion
 from infield.session.flown.priors import laid_out
 from infield.session.log import table_series
 from infield.session.settings import SessionSettings

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from infield.session.flown.run_inputs import RunInputs
+from infield.session.flown.flight import RunInputs
 from infield.session.one_run import take_run
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature

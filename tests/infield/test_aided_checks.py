@@ -13,7 +13,7 @@ from infield.aided.checks import contradicted
 from infield.aided.flight import aided_noise, navigate_aided, warming_walk
 from infield.aided.flights import Flights
 from infield.aided.noise import Flown, Model
-from infield.aided.reasons import AidedReason
+from infield.aided.reasons import AidedNote, AidedReason, Widened
 from infield.session.log import find_rest
 from ins.filters.aided_records import Antenna, Fixes, fixes_of
 from ins.records import Run, Site, TemperatureLog
@@ -283,8 +283,8 @@ def test_contradicting_velocities_lose_their_weight():
     made = flown(ideal(PARK_S), twin_of("mems"), 1)
     found = fly(falling(made.run, 10.0), "mems")
     assert found.verdict == "aided"
-    told = [note for note in sentences(found.notes) if "not the way of their positions" in note]
-    assert len(told) == 1 and "down" in told[0] and "their velocities are taken" in told[0]
+    (widened,) = [note for note in found.notes if note.code is AidedNote.FIXES_WIDENED]
+    assert widened.values["components"] == "down" and widened.values["whose"] is Widened.VELOCITY
     assert (normalised(made, found.history, 60) < 2.0).all()
 
 
@@ -319,7 +319,7 @@ def test_accelerometers_that_move_with_the_shaking_are_followed():
     header = replace(made.run.header, gyro_technology="mems")
     found = fly(replace(made.run, imu=replace(imu, dv_m_s=dv), header=header), "mems")
     assert found.verdict == "aided" and found.scales.stirred > 0.0
-    assert any("move with the shaking" in note for note in sentences(found.notes))
+    assert "noise_taken" in codes(found.notes)
     assert (normalised(made, found.history, 60) < 3.0).all()
 
 

@@ -10,11 +10,10 @@ import re
 import numpy as np
 import pytest
 
-from infield.table.autopilot_params import read_cubic, read_parameters
+from infield.table.autopilot_params import read_cubic
 from infield.table.autopilot_table import FREE_LEVEL_DEG_H, export_cubic, table_of_cubic
 from infield.table.cubic_fit import fit_cubics, valid_range
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, default_table, prior_covariance
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 
@@ -208,20 +207,6 @@ def test_a_forced_stiff_cubic_comes_back_as_uncertain_as_it_is_wrong(
         assert back.sigma_deg_h(axis, T).max() < 4000.0
 
 
-def test_the_stated_table_sigma_is_taken_where_it_is_larger(tmp_path):
-    path = tmp_path / "wide.params"
-    path.write_text(
-        export_cubic(table(curved, sigma=80.0), "px4", number=0, device_id=7).text(
-            unit="", revision=1, sha256=""
-        )
-    )
-    back, notes = table_of_cubic(
-        read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC
-    )
-    assert back.sigma_deg_h("x", 20.0)[0] == pytest.approx(80.0, rel=0.02)
-    assert any("the file states a table sigma of x 7" in note for note in notes)
-
-
 def test_the_fit_weighs_by_the_table():
     """Where the table is known poorly the cubic may miss it; where it is known well it may not."""
     held = table(lambda T: [np.where(T > 45, 40.0, 0.0) + 0 * T] * 3, sigma=1.0)
@@ -231,16 +216,6 @@ def test_the_fit_weighs_by_the_table():
     equal = fit_cubics(held, low_degC=-10, high_degC=60, reference_degC=25)[0]
     cold = np.linspace(-10, 35, 50)
     assert np.abs(fit.value_deg_h(cold)).max() < 0.5 * np.abs(equal.value_deg_h(cold)).max()
-
-
-def test_too_stiff_is_said_with_numbers():
-    held = table(lambda T: [20 * np.sin(T / 4)] * 3, sigma=2.0)
-    made = export_cubic(held, "px4", number=0, device_id=1)
-    assert len(made.too_stiff) == 3 and "needed 1" in made.too_stiff[0]
-    assert "WRITTEN ALTHOUGH TOO STIFF: gyro x" in made.text(unit="", revision=1, sha256="")
-    assert not export_cubic(
-        held, "px4", number=0, device_id=1, span_degC=(0.0, 6.0), limit_sigmas=3.0
-    ).too_stiff
 
 
 def test_valid_range_leaves_out_what_is_only_believed():
@@ -273,12 +248,3 @@ def test_bad_files_say_where(tmp_path, lines, reason):
     with pytest.raises(InputError, match=re.escape(reason)) as error:
         read_cubic(path)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
-
-
-def test_other_parameters_of_a_whole_backup_are_passed_over(tmp_path):
-    path = tmp_path / "backup.params"
-    path.write_text(
-        "# Onboard parameters\n1\t1\tTC_G1_ID\t42\t6\n1\t1\tEKF2_AID_MASK\t1\t6\nnonsense\n1 1"
-        " TC_G1_X0_0 0.5 9\n"
-    )
-    assert read_parameters(path) == {"TC_G1_ID": 42.0, "TC_G1_X0_0": 0.5}

@@ -19,18 +19,6 @@ from tests.infield.sessions import (
 )
 
 
-def test_information_is_the_difference_of_the_inverses():
-    e = estimate(1)
-    information, vector = measurement_information(e.bins, e)
-    posterior = np.linalg.inv(e.covariance)
-    expected = posterior - np.linalg.inv(e.bins.prior)
-    scale = np.abs(expected).max()
-    assert information == pytest.approx(expected, abs=1e-5 * scale)
-    assert vector == pytest.approx(
-        posterior @ e.mean_deg_h, abs=1e-5 * np.abs(posterior @ e.mean_deg_h).max()
-    )
-
-
 def test_information_by_hand():
     """One bin, prior 1, posterior 1/5 with mean 0.8: information 4, vector 4 (a reading of 1 with
     variance 1/4).
@@ -120,12 +108,3 @@ def test_thresholds_of_the_contract(ratio, verdict):
     seen = observability(scaled, hold_heading=True)
     assert {a.verdict for a in seen} == {verdict}
     assert all(bool(a.advice) == (verdict != "observed") for a in seen)
-
-
-def test_advice_for_the_vertical_gyro_names_the_constraint_where_it_is_off():
-    e = estimate(1, PARKED)
-    blind = replace(e, covariance=e.bins.prior)
-    assert "parked-attitude" in observability(blind, hold_heading=False)[2].advice
-    assert "park longer" in observability(blind, hold_heading=True)[2].advice
-    aloft = observability(blind, hold_heading=True, flown=True)[2]
-    assert "early in the flight and again an hour later" in aloft.advice

@@ -109,10 +109,3 @@ def test_a_straight_taxi_is_blind():
     chain = chain_of(1, (Park(duration_s=1800.0), Straight(duration_s=200.0)))
     assert np.isnan(chain.psi_rad)
     assert chain.note is ChainNote.BLIND
-
-
-def test_temperatures_are_those_of_the_windows():
-    T = simulated(1).temperature_true_degC
-    for p in chain_of(1).points:
-        window = T[int(p.time_s - 150) : int(p.time_s + 150)]
-        assert p.temperature_degC == pytest.approx(window.mean(), abs=0.05)

@@ -1,7 +1,5 @@
 """Specifications of figures: what plotly is given for panels, lines, bands, marks and texts."""
 
-import json
-
 import numpy as np
 import pytest
 from plotly.graph_objects import Figure
@@ -24,9 +22,8 @@ from infield.reports.drawing import (
     panels,
     spanned,
     specification,
-    stack,
 )
-from tests.drawn import column, specifications, traces
+from tests.drawn import column, specifications
 
 X = np.linspace(0.0, 10.0, 11)
 HOSTILE = '</script><b onclick="x">&lt; <a href="javascript:x">SN</a>'
@@ -137,31 +134,6 @@ def test_a_heading_is_labelled_in_a_circle():
     np.testing.assert_allclose(column(found["data"][0]["customdata"]), [350, 359, 5, 11])
     below = drawn(Line(X[:2], np.array([-90.0, 90.0]), "#000000"), circle=True)
     assert below["layout"]["yaxis"]["labelalias"]["\u221290"] == "270"
-
-
-def test_panels_of_a_stack_begin_alike():
-    page = str(stack([Panel(items=[Line(X, k * X, "#000000")]) for k in (1.0, 1e6)]))
-    lefts = {spec["layout"]["margin"]["l"] for spec in specifications(page)}
-    assert len(lefts) == 1 and lefts.pop() > 50
-
-
-def test_the_pointer_says_units_and_a_long_name_goes_on_in_another_line():
-    words = "normalised innovation squared per degree of freedom and more of it [deg/h]"
-    found = drawn(Line(X, X, "#000000"), x_label="time [min]", y_label=words)
-    assert "min" in found["data"][0]["hovertemplate"]
-    assert "deg/h" in found["data"][0]["hovertemplate"]
-    assert max(map(len, found["layout"]["yaxis"]["title"]["text"].split("<br>"))) < 60
-
-
-def test_equal_panels_give_equal_text():
-    one, again = (str(figure(Panel(items=[Line(X, X, "#000000")]))) for _ in range(2))
-    assert one == again
-
-
-@pytest.mark.parametrize("y", [np.full(11, np.nan), np.zeros(11), np.zeros(0)])
-def test_nothing_to_see_is_drawn_too(y):
-    found = drawn(Line(X[: y.size], y, "#000000", low=y, high=y), title="empty")
-    assert "NaN" not in json.dumps(found, allow_nan=False) and traces(found, mode="lines")
 
 
 def test_limits_hold_all_with_room_and_decades_only_what_is_positive():

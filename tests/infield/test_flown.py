@@ -219,22 +219,6 @@ def test_the_mean_of_two_estimates_has_the_moments_of_draws_from_either():
     )
 
 
-def test_an_averaged_session_measures_its_bins_still():
-    """What two estimates differ by may be more than a session knows in that direction. The mean of
-    both stays a measurement: prior less posterior is positive, by half of what either took.
-    """
-    estimate, before = shaken().estimate, shaken().flight.as_usual
-    W = np.linalg.inv(np.linalg.cholesky(estimate.bins.prior))
-    took = [W @ (e.bins.prior - e.covariance) @ W.T for e in (estimate, before)]
-    least = np.linalg.eigvalsh(took[0])[0]
-    assert least > -1e-6
-    rng = np.random.default_rng(9)
-    other = replace(before, mean_deg_h=before.mean_deg_h + 0.1 * rng.standard_normal(len(W)))
-    mean = before.averaged(other, 0.5)
-    left = W @ (mean.bins.prior - mean.covariance) @ W.T
-    assert np.linalg.eigvalsh(left - 0.499 * took[1])[0] > -1e-6
-
-
 def test_several_flights_show_what_one_may_hide():
     """Two flights of one unit: of a sound one no term is found, of a shaken one its gyro; the sigma
     is less than that of either flight.

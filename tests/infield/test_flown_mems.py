@@ -4,14 +4,12 @@ session's estimate, the gates, and that nothing changes without a receiver.
 
 from dataclasses import replace
 from functools import lru_cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from infield.aided.flight import warmed_accel_walk
-from infield.reports.documents.parked import budget_terms
 from infield.session.flown import without_heading
 from infield.session.flown.gates import DOUBTED_SIGMAS
 from infield.session.flown.priors import Further
@@ -64,20 +62,6 @@ def unasked(seed):
     settings = replace(SETTINGS, use_gnss=False)
     run = simulated(seed).run
     return mems_away.take_run(run, mems_away.blank(), mems_away.TWIN, settings, False)
-
-
-def test_the_budget_names_what_the_way_adds():
-    result = taken(0)
-    terms = budget_terms(result, SimpleNamespace(twin=mems_away.TWIN))
-    estimate, span = result.estimate, result.flight.flight
-    inside = (estimate.bins.start_s >= span.start_s) & (estimate.bins.end_s <= span.end_s)
-    widest = np.sqrt(np.diag(estimate.covariance)).reshape(-1, 3)[inside].max(axis=0)
-    for k, of_axis in enumerate(terms):
-        mean = of_axis["ways with the receiver: mean of their bins"]
-        assert 0.0 < of_axis["what a gyro reads under way against at rest"]
-        assert 0.0 < mean < widest[k]
-    alone = budget_terms(replace(result, flight=None), SimpleNamespace(twin=mems_away.TWIN))
-    assert "ways with the receiver: mean of their bins" not in alone[0]
 
 
 def sigmas(estimate):
@@ -190,15 +174,6 @@ def led_astray(log: GnssLog) -> GnssLog:
     north, east, down = log.v_n_m_s.T
     turned = np.stack([c * north - s * east, s * north + c * east, down], axis=1)
     return replace(log, v_n_m_s=turned)
-
-
-@pytest.mark.slow  # 10 s, the path of the next test: what the receiver contradicts is left out
-def test_a_receiver_led_astray_is_left_out():
-    """The session is then what its rests say."""
-    made = simulated(0)
-    result = mems_away.taken(replace(made.run, gnss=led_astray(made.run.gnss)))
-    assert result.flight.joined is None and result.flight.reasons
-    assert (result.estimate.parked.stretch >= 0).all()
 
 
 def test_a_gyro_that_reads_more_in_flight_is_told():

@@ -7,7 +7,6 @@ import pytest
 
 from infield.misalignment.closed_forms import document_angles, document_compensation
 from infield.misalignment.couplings import measure_misalignment
-from infield.misalignment.geometry import azimuth_geometry
 from infield.misalignment.harmonic_fit import (
     OWN_AXIS,
     azimuth_columns,
@@ -123,13 +122,6 @@ def test_mixing_20_as_printed_with_33_doubles_the_error():
     assert np.ptp(wrong) == pytest.approx(2 * np.ptp(k[:, 2]), rel=1e-6)
 
 
-def test_counting_the_azimuth_the_wrong_way_flips_the_sine_terms_only():
-    right = values_mrad(measured(FOUR))
-    wrong = values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR)))
-    assert wrong["yx"] == pytest.approx(right["yx"]) and wrong["zx"] == pytest.approx(right["zx"])
-    assert wrong["xy"] == pytest.approx(-right["xy"]) and wrong["zy"] == pytest.approx(-right["zy"])
-
-
 @pytest.mark.parametrize(
     ("heading_deg", "told"),
     [
@@ -146,14 +138,6 @@ def test_too_few_or_too_far_gives_a_rank_report_and_no_number(heading_deg, told)
     result = measured(heading)
     assert result.verdict == "refused" and result.fit is None and not result.couplings
     assert told in sentences(result.reasons)[0] and "rank" in sentences(result.reasons)[0]
-
-
-def test_limit_of_two_degrees_and_eight_azimuths():
-    assert not azimuth_geometry(FOUR + [0, 2 * DEG, 0, 0]).reasons
-    assert azimuth_geometry(FOUR + [0, 2.1 * DEG, 0, 0]).reasons
-    eight = measured(np.arange(8) * 45.0 * DEG)
-    assert eight.fit.dof == 15 and values_mrad(eight)["zy"] == pytest.approx(-0.1)
-    assert azimuth_geometry(FOUR).condition == pytest.approx(np.sqrt(2.0))
 
 
 @pytest.mark.parametrize(("start_deg", "sum_seen"), [(0.0, False), (45.0, True)])
@@ -179,12 +163,6 @@ def test_scale_factors_known_to_be_right_are_two_more_measurements():
     assert "xy+yx" not in values_mrad(free)
     assert values_mrad(held)["xy+yx"] == pytest.approx(0.1, abs=1e-6)
     assert held.fit.dof == free.fit.dof + 1
-
-
-def test_one_common_unknown_north_leaves_the_sum_everywhere():
-    result = measured(FOUR, unknown=azimuth_columns(FOUR, RATE).sum(axis=1, keepdims=True))
-    seen = values_mrad(result)
-    assert seen["xy+yx"] == pytest.approx(0.1) and "xy" not in seen and result.fit.dof == 3
 
 
 def test_a_contradiction_between_the_azimuths_is_told():

@@ -7,8 +7,6 @@ import pytest
 
 from infield.reports.documents.fog import admissible_slow_rate, fit_models
 from infield.thermal.compensation import bias_deg_h
-from infield.thermal.fog.model import FogCurves, FogModel
-from infield.thermal.fog.piecewise import piecewise_pair
 from infield.thermal.fog.ramps import document_subtraction, exact_separation, separate, up_down
 from ins.verdicts import codes, sentences
 from tests.infield.ramp_cases import TWIN, Truth, ramp
@@ -190,13 +188,6 @@ def judge(f):
 
 
 @pytest.mark.slow
-def test_figures_of_r20_over_a_few_units(record_property):
-    found = figures(over_units(FEW))
-    record_property("figures", {key: float(value) for key, value in found.items()})
-    judge(found)
-
-
-@pytest.mark.slow
 def test_figures_of_r20_over_200_units(record_property):
     found = figures(over_units(MANY))
     record_property("figures", {key: float(value) for key, value in found.items()})
@@ -299,26 +290,3 @@ def test_what_the_model_lacks_widens_the_sigma_and_is_said():
         np.diag(found.axes[0].curves.K_T_covariance).mean() for found in (study, clean)
     )
     assert variance > 1.5 * before
-
-
-def test_model_from_pair_alone_serves_a_held_out_ramp():
-    rng = np.random.default_rng(11)
-    truth = Truth(rng)
-    study = separate([ramp(rng, truth)], [], TWIN)
-    pairs = {a.axis: piecewise_pair(a.reduced) for a in study.axes}
-    model = FogModel({x: FogCurves(p.K_T, p.K_delta) for x, p in pairs.items()})
-    assert np.all(left_of(ramp(rng, truth, rates=(0.9, -0.9)), model) < 1 / 3)
-
-
-def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
-    rng = np.random.default_rng(12)
-    truth = Truth(rng)
-    run = ramp(rng, truth)
-    wild = run.bias_deg_h + 0.5 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
-    study = separate([type(run)(**{**run.__dict__, "bias_deg_h": wild})], [], TWIN)
-    assert study.axes == ()
-    assert len(study.inconsistent) == 3
-    assert "residual_scatters" in codes(study.inconsistent)[0]
-    study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
-    (why,) = sentences(study.refused)
-    assert study.axes == () and "moving base" in why and "0.57 deg" in why

@@ -8,8 +8,6 @@ and see this test fail.
 
 from dataclasses import replace
 
-import numba
-import numpy as np
 import pytest
 
 from infield.session.log import find_rest, session_end
@@ -17,7 +15,6 @@ from infield.session.navigated.estimator import estimate_session
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.estimation import error_model as em
-from ins.estimation import kernel as fk
 from ins.estimation.tape import Tape
 from ins.units import MILLIRADIAN
 from tests.alignment.parked import ideal_of, simulate
@@ -105,67 +102,3 @@ def test_the_trap_test_fails_for_a_filter_with_psi_in_the_lateral_row(trapped, m
     parked = estimated(STRAIGHT, seed, until_s=1498.0)
     monkeypatch.setattr(Tape, "measure", wrong_lateral_row(Tape.measure))
     assert not holds(parked, estimated(STRAIGHT, seed))
-
-
-def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_velocity(
-    trapped, monkeypatch
-):
-    """Rows of nav-frame velocity, F without psi x f: position rows see psi V as if a reference were
-    there.
-    """
-    seed, _ = trapped
-    parked = estimated(STRAIGHT, seed, until_s=1498.0)
-    plain = fk.system_alone
-
-    def dropped(step, lateral_time_s, A, B):
-        plain(step, lateral_time_s, A, B)
-        side = step[[fk.C_NB + 1, fk.C_NB + 4]]
-        A[fk.S + 1, fk.THETA + 2] = -side @ np.array(
-            [-step[fk.V_N + 1], step[fk.V_N]]
-        )  # S across, theta down
-
-    kernels = {name: k.py_func for name, k in vars(fk).items() if hasattr(k, "py_func")}
-    in_python = {
-        # those that only kernels call have no wrapper, and must not be called from Python
-        name: body if name in ("transition", "sweep") else numba.njit(body)
-        for name, body in kernels.items()
-    }
-    for name, function in {**in_python, "system": dropped}.items():
-        monkeypatch.setattr(fk, name, function)
-    assert not holds(parked, estimated(STRAIGHT, seed))
-
-
-def test_without_the_lever_arm_in_the_turn_the_answer_is_wrong(monkeypatch):
-    """5 m of lever arm taken as known and zero; the turn then reads as lateral velocity."""
-    seed = 3
-    ideal = ideal_of(
-        (Park(duration_s=900.0), Turn(angle_deg=90.0), Straight(duration_s=120.0)), heading_deg=0.0
-    )
-    assert ideal.truth.wheel_reference_m == (0.0, 0.0, 0.0)
-    simulated = simulate(ideal, seed, twin=TWIN)
-    run = replace(
-        simulated.run, header=replace(simulated.run.header, wheel_reference_m=(-5.0, 0.0, 0.0))
-    )
-    known = replace(SETTINGS, sigma_lever_arm_m=1e-3)
-    nis = {}
-    cases = {
-        "right": (simulated.run, SETTINGS),
-        "wrong": (run, known),
-        "estimated": (run, SETTINGS),
-    }
-    for name, (used, settings) in cases.items():
-        estimate = estimate_session(
-            used,
-            prior_table(),
-            gyro_temperature(used.temperature),
-            TWIN,
-            settings,
-            rest=find_rest(used),
-            end_s=session_end(used),
-        )
-        tally = estimate.solution.filter.tally
-        rejected = sum(kind == "lateral" for _, kind in tally.rejected)
-        nis[name] = tally.nis["lateral"] / tally.dof["lateral"] + rejected
-    assert nis["right"] < 1.5
-    assert nis["estimated"] < 1.5
-    assert nis["wrong"] > 3.0

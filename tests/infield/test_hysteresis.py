@@ -27,7 +27,7 @@ from tests.scenarios.thermal_sessions import (
     draw,
     drawn_session,
     take,
-    templates,
+    template,
 )
 
 WARM, COOL = 0, 9  # templates: a cold start and a cooling one
@@ -39,10 +39,10 @@ def pair(rate=0.0, *, seed=1, wrong=0.0):
     """
     rng = np.random.default_rng([seed, 170])
     table = aged_table()
-    nodes, chosen = draw(table.covariance, rng), [templates()[WARM], templates()[COOL]]
+    nodes, chosen = draw(table.covariance, rng), [template(WARM), template(COOL)]
     truths = []
-    for template in chosen:
-        data = bins_of(template, table)
+    for one in chosen:
+        data = bins_of(one, table)
         truths.append(data.bins.H @ nodes + rate * data.regressor(ThermalKind.RATE)[:, 0])
     truths[1][0::3] += wrong
     sessions, _ = take(table, chosen, truths, rng)
@@ -162,11 +162,10 @@ def test_a_wrong_session_is_not_explained_away():
     assert [s.verdict.outcome for s in judged] == ["accepted", "inconsistent"]
     assert after is None
     assert terms[0].action is ThermalAction.SPLIT_OR_WRONG_SESSION
-    assert "more sessions would tell" in sentence(terms[0].reason)
 
 
 def test_a_sense_widens_and_a_rate_shifts():
-    data = bins_of(templates()[WARM], aged_table())
+    data = bins_of(template(WARM), aged_table())
     rate = ThermalTerm(
         axis="x",
         kind=ThermalKind.RATE,
@@ -196,15 +195,15 @@ def test_a_drawn_session_is_honest():
     rng, table = np.random.default_rng(40), aged_table()
     squares = []
     for k in range(40):
-        nodes, template = draw(table.covariance, rng), templates()[k % 12]
-        found = drawn_session(template, table, bins_of(template, table).bins.H @ nodes, rng, day=1)
+        nodes, one = draw(table.covariance, rng), template((WARM, COOL)[k % 2])
+        found = drawn_session(one, table, bins_of(one, table).bins.H @ nodes, rng, day=1)
         e = found.merged.candidate.parameters - nodes
         squares.append(np.mean(e**2 / np.diag(found.merged.candidate.covariance)))
     assert 0.7 < np.mean(squares) < 1.35
 
 
-@pytest.mark.parametrize("template", [WARM, COOL])
-def test_a_gyro_that_aged_by_three_sigmas_does_not_look_like_a_term(template):
+@pytest.mark.parametrize("start", [WARM, COOL])
+def test_a_gyro_that_aged_by_three_sigmas_does_not_look_like_a_term(start):
     """One session that only warms, or only cools: its sense is the table's own level. |z| of the
     term, mean of 12 draws, was 2.0 and 1.3 with the table's level believed; now it is noise (its
     mean has a sigma of 0.3).
@@ -212,7 +211,7 @@ def test_a_gyro_that_aged_by_three_sigmas_does_not_look_like_a_term(template):
     off, z = 3.0 * np.hypot(0.006, 0.004), []
     for seed in range(12):
         rng, table = np.random.default_rng([seed, 171]), aged_table()
-        chosen = templates()[template]
+        chosen = template(start)
         truth = bins_of(chosen, table).bins.table_deg_h.copy()
         truth[0::3] += off
         sessions, _ = take(table, [chosen], [truth], rng)
@@ -225,7 +224,7 @@ def test_one_session_names_a_term_and_does_nothing_about_it():
     were not there.
     """
     rng, table = np.random.default_rng([5, 172]), aged_table()
-    chosen = templates()[WARM]
+    chosen = template(WARM)
     data = bins_of(chosen, table)
     truth = data.bins.table_deg_h + 0.3 * data.regressor(ThermalKind.RATE)[:, 0]
     sessions, _ = take(table, [chosen], [truth], rng)

@@ -9,10 +9,9 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.fleet_made import made_fleet
 from infield.learning.draws import draw
-from infield.learning.hierarchy import Information, solve
-from infield.learning.learn import learn
+from infield.learning.learn import Information, learn, solve
 from infield.learning.likelihood import FleetLikelihood
-from infield.learning.parameters import OF_POINTS, PriorName, defaults_of, logs_of
+from infield.learning.parameters import OF_POINTS, PriorName, logs_of
 from infield.learning.stored_sessions import StoredUnit, covering
 from infield.table.merge import session_covariance
 from infield.table.thermal_table import AgeingModel
@@ -73,17 +72,6 @@ def test_the_filter_gives_the_likelihood_of_all_sessions_at_once(fleet):
     got = FleetLikelihood(units)(logs_of(value)).log_likelihood
     want = [dense_log_likelihood(unit, value) for unit in units]
     assert got == pytest.approx(want, abs=1e-5)
-
-
-def test_units_with_fewer_sessions_change_nothing_of_the_others(fleet):
-    made, value = fleet
-    theta = logs_of(value)
-    first, second = (m.kept for m in made[:2])
-    short = StoredUnit(**{**vars(second), "sessions": second.sessions[:2]})
-    together = FleetLikelihood([first, short])(theta)
-    alone = [FleetLikelihood([unit])(theta).log_likelihood[0] for unit in (first, short)]
-    assert together.log_likelihood == pytest.approx(alone, abs=1e-8)
-    assert (together.dof[1] > 0).tolist() == [True, True, False, False]
 
 
 def test_an_outlier_is_found_and_moves_nothing(fleet):
@@ -165,23 +153,6 @@ def test_draws_hold_what_a_fine_grid_holds():
         assert got == pytest.approx(want, abs=0.35)  # three sigmas of a quantile of 160 draws
 
 
-def test_an_early_outlier_is_found_by_later_sessions(fleet):
-    """The first session, shifted by what its own prior still allows, is believed until the others
-    disagree with it: it is the outlier then, not they.
-    """
-    made, value = fleet
-    theta = logs_of({**value, PriorName.TURN_ON: 1e-3, PriorName.OUTLIER_SHARE: 0.02})
-    sound = next(m.kept for m in made if not any(m.outliers))
-    first = sound.sessions[0]
-    shift = np.where(first.axis_index == 2, 0.0, 0.035)
-    shifted = type(first)(**{**vars(first), "bias_deg_h": first.bias_deg_h + shift})
-    unit = StoredUnit(**{**vars(sound), "sessions": (shifted, *sound.sessions[1:])})
-    alone = StoredUnit(**{**vars(sound), "sessions": (shifted,)})
-    assert FleetLikelihood([alone])(theta).outlier[0, 0] < 0.9
-    outlier = FleetLikelihood([unit])(theta).outlier[0]
-    assert outlier[0] > 0.9 and outlier[1:].max() < 0.2
-
-
 @pytest.mark.slow
 def test_a_fleet_teaches_what_its_sessions_show(fleet):
     """Within four sigmas each; the squared innovation comes to what is expected."""
@@ -196,15 +167,3 @@ def test_a_fleet_teaches_what_its_sessions_show(fleet):
     nis = found.evidence.nis[sound].sum() / found.evidence.dof[sound].sum()
     assert nis == pytest.approx(1.0, abs=0.2)
     assert len(found.of_units) == 8 and set(found.types) == {"rlg"}
-
-
-def test_three_sessions_of_one_unit_leave_the_defaults(fleet):
-    """What they do not show stays where it was, and says so."""
-    made, _ = fleet
-    unit = StoredUnit(**{**vars(made[0].kept), "sessions": made[0].kept.sessions[:3]})
-    found = learn([unit])
-    defaults = defaults_of("rlg")
-    hidden = [n for n in OF_POINTS if not found.parameters[n].shown]
-    assert len(hidden) >= 3 and PriorName.OUTLIER_SHARE in hidden
-    for name in hidden:
-        assert abs(np.log(found.parameters[name].value / defaults[name])) < np.log(3.0), name

@@ -32,15 +32,6 @@ def test_correlated_rows_are_those_of_aitken():
     assert (fit.rank, fit.dof) == (3, 9)
 
 
-def test_several_right_hand_sides_are_solved_as_each_alone():
-    rng = np.random.default_rng(2)
-    A, y = rng.standard_normal((9, 4)), rng.standard_normal((9, 2))
-    both, each = fit_rows(A, y), [fit_rows(A, column) for column in y.T]
-    np.testing.assert_allclose(both.x, np.stack([one.x for one in each], axis=1))
-    assert both.chi2 == pytest.approx(sum(one.chi2 for one in each))
-    assert both.dof == sum(one.dof for one in each)
-
-
 @pytest.mark.parametrize("rows", [2, 6])
 def test_what_the_rows_do_not_see_is_named(rows):
     """Columns 0 and 1 only ever come as their sum; also where rows are fewer than columns."""
@@ -115,10 +106,3 @@ def test_tables_and_cubics_are_temperature_models_that_rates_do_not_move(model):
     assert np.array_equal(model.inside(T), [[False, True, True], [True, True, False]])
     rate = np.ones_like(T)
     assert not model.rates_deg_h(T, rate, T).any() and not model.rates_sigma_deg_h(T, rate, T).any()
-
-
-def test_a_cubic_is_its_polynomial():
-    model = cubic()
-    x = 31.0 - model.reference_degC
-    by_hand = model.coefficients @ [1.0, x, x**2, x**3]
-    np.testing.assert_allclose(model.settled_deg_h(np.full((1, 3), 31.0))[0], by_hand)

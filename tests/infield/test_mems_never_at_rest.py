@@ -11,9 +11,7 @@ import pytest
 from scipy.stats import chi2
 
 from infield.reports.documents import parked as parked_document
-from infield.reports.documents.session import session_document
 from infield.session.reasons import FlightReason, ParkedReason
-from infield.table.thermal_table import AgeingModel
 from ins.verdicts import Outcome
 from tests.cut import cut_run
 from tests.infield import mems_away
@@ -59,26 +57,6 @@ def test_what_gyros_may_read_under_way_alone_stays_in_the_sigmas():
     terms = parked_document.budget_terms(taken(0), SimpleNamespace(twin=mems_away.TWIN))
     told = [of_axis["what a gyro reads under way against at rest"] for of_axis in terms]
     assert np.array(told) == pytest.approx(shift, rel=1e-3)
-
-
-def test_its_document_names_no_rest():
-    session = taken(0)
-    document = session_document(session)
-    assert document.zero_rate is None and not document.phases
-    assert document.begun_in_motion.parked_s == 0.0
-    assert session.estimate.parked.stretches == ()
-    update = SimpleNamespace(
-        sessions=[session], twin=mems_away.TWIN, ageing=AgeingModel(), merged_runs=()
-    )
-    assert "need not be known" in parked_document.assumptions(update)[0]
-
-
-def test_where_the_receiver_is_not_asked_it_is_refused_as_before():
-    run = rolling(simulated(0).run)
-    unasked = replace(SETTINGS, use_gnss=False)
-    result = mems_away.take_run(run, mems_away.blank(), mems_away.TWIN, unasked, False)
-    assert result.verdict.outcome is Outcome.REFUSED and result.flight is None
-    assert [r.code for r in result.verdict.reasons] == [ParkedReason.NO_REST]
 
 
 @pytest.mark.slow

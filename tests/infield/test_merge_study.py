@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from infield.table.merge import SessionPoints, merge_posterior, session_covariance
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, default_table, smooth_kernel
 from ins.records import GyroNoise
 from tests.infield.point_merge import gain_of, merge_points
 

@@ -8,22 +8,21 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alignment.motion.inertial import between_turns
-from alignment.motion.seconds import seconds_of
-from alignment.motion.stillness import PIVOT_RAD_S
 from infield.misalignment.azimuth_biases import KnownAzimuths
-from infield.misalignment.azimuth_levelling import level_offsets
-from infield.misalignment.azimuth_runs import STOP_TURN_RAD, AzimuthStop, find_stops
+from infield.misalignment.azimuth_runs import AzimuthStop, find_stops
 from infield.misalignment.reasons import MisalignmentNote
-from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs, study_table
+from infield.misalignment.study import (
+    AzimuthSettings,
+    corrected_twin,
+    level_offsets,
+    study_runs,
+    study_table,
+)
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
-from infield.session.log import find_rest, session_end
-from infield.session.navigated.estimator import estimate_session
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.settings import SessionSettings, misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
-from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, InputError
 from ins.units import ARCSEC, DEG, MICRO_G
@@ -39,7 +38,7 @@ from tests.infield.azimuth_cases import (
     simulated,
     table,
 )
-from trajectories.simulator.motions import Park, Pivot, Straight
+from trajectories.simulator.motions import Straight
 
 TRUE = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"), TRUE_MRAD)) | {
     "xy+yx": TRUE_MRAD[0] + TRUE_MRAD[2]
@@ -187,16 +186,6 @@ def test_one_stop_off_by_a_tenth_of_a_degree_is_found_or_allowed_for(noise_deg_h
         assert mean_squares(studies)["yx"] < 6.0  # 16 before
 
 
-def test_two_sessions_on_opposite_headings_disagree_before_and_agree_after():
-    """0.3 mrad everywhere: 2 x 10.6 deg/h x 0.3 mrad = 0.0064 deg/h along the gyros' diagonal,
-    0.0045 on z.
-    """
-    corrected = corrected_twin(study([one_power_on(0.0).run], known=known(*FOUR_DEG)))
-    before, after = (_difference_sigmas(twin) for twin in (TWIN, corrected))
-    assert np.abs(before).min() > 4.0, before
-    assert np.abs(after).max() < 2.6, after
-
-
 def test_the_table_merge_takes_both_headings_after_it_and_neither_before():
     corrected = corrected_twin(study([one_power_on(0.0).run], known=known(*FOUR_DEG)))
     runs = [parked_run(heading).run for heading in (45.0, 225.0)]
@@ -209,29 +198,6 @@ def test_the_table_merge_takes_both_headings_after_it_and_neither_before():
         before.reasons,
         after.reasons,
     )
-
-
-def _difference_sigmas(twin):
-    """Of two sessions in sigmas: the north gyro bias along the diagonal of x and y, and z."""
-    seen = [_session_bias(parked_run(heading).run, twin) for heading in (45.0, 225.0)]
-    (b1, P1), (b2, P2) = seen
-    return (b1 - b2) / np.sqrt(np.diag(P1 + P2))
-
-
-def _session_bias(run, twin):
-    temperature = gyro_temperature(run.temperature)
-    e = estimate_session(
-        run,
-        table(),
-        temperature,
-        twin,
-        SessionSettings(),
-        rest=find_rest(run),
-        end_s=session_end(run),
-    )
-    mean = np.tile(np.eye(3), len(e.bins.centre_s)) / len(e.bins.centre_s)
-    rows = np.array([[1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]) / [[np.sqrt(2.0)], [1.0]] @ mean
-    return rows @ e.mean_deg_h, rows @ e.covariance @ rows.T
 
 
 def test_the_twin_carries_value_and_sigma_into_the_session():
@@ -250,13 +216,6 @@ def test_the_twin_carries_value_and_sigma_into_the_session():
     )
     assumed = SessionSettings(sigma_misalignment_mrad={TWIN.gyro_technology: 0.3})
     assert misalignment_sigma_mrad(TWIN, assumed) == pytest.approx([0.3] * 3)
-
-
-def test_measuring_again_with_the_corrected_twin_finds_nothing_more():
-    run = one_power_on(0.0).run
-    first = study([run], known=known(*FOUR_DEG))
-    again = study_runs([run], table(), corrected_twin(first), known=known(*FOUR_DEG)).result
-    assert max(abs(c.value_rad) for c in again.couplings) < 2e-6  # products of two misalignments
 
 
 @pytest.mark.parametrize(
@@ -334,23 +293,6 @@ def test_bad_inputs_are_one_line():
         assert "\n" not in str(error.value)
 
 
-def test_a_run_without_temperature_is_worth_less():
-    run = one_power_on(0.0).run
-    bare = study([replace(run, temperature=None)], known=known(*FOUR_DEG))
-    full = study([run], known=known(*FOUR_DEG))
-    assert "no gyro temperature" in sentences(bare.notes)[0]
-    assert bare.result.coupling("zx").sigma_rad > 2 * full.result.coupling("zx").sigma_rad
-
-
-def test_between_turns_of_a_run_that_never_turns_is_all_of_it():
-    run = parked_run(0.0).run
-    limits = {"turn_rad": STOP_TURN_RAD, "rate_rad_s": PIVOT_RAD_S}
-    ((a, b),) = between_turns(seconds_of(run.imu), **limits)
-    assert a == pytest.approx(0.0) and b == pytest.approx(STOP_S)
-    once = simulated((Park(duration_s=200.0), Pivot(angle_deg=-30.0), Park(duration_s=200.0)), 0.0)
-    assert len(between_turns(seconds_of(once.run.imu), **limits)) == 2
-
-
 def stop(run, f):
     return AzimuthStop(
         run=run, start_s=0.0, end_s=900.0, used_s=900.0, gyro_rad_s=np.zeros(3), f_m_s2=np.array(f)
@@ -389,10 +331,3 @@ def test_offsets_of_a_run_are_bias_and_mounting_and_a_bias_needs_the_mounting():
     # 10 arcsec are 48 ug
     assert document.sigma_bias_ug[0] > 48.0 > 15.0 > document.sigma_offset_ug[0]
     assert misalignment_document(study([run.run]), version="test").accelerometers.bias_ug is None
-
-
-def test_ground_that_differs_from_stop_to_stop_is_told():
-    g = float(gravity_magnitude(SITE.lat_rad, SITE.height_m))
-    f = [(1e-3 * k * g, 0.0, -g) for k in (0, 3, 1, 2)]
-    found = level_offsets([stop(0, v) for v in f], np.array(FOUR_DEG) * DEG, AccelNoise(), SITE)
-    assert not found.same_ground

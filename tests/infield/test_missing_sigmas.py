@@ -8,13 +8,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from infield.replay.free_inertial import replay
 from infield.session.navigated.receiver import sigma_of_fixes
 from ins.columns import FIX_SIGMA_COLUMNS
 from ins.filters.aided_records import fixes_of
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of
-from tests.infield.test_replay import choices, flat
 from trajectories.runs.directory import inspect_run, read_run, write_run
 
 TWIN = twin_of("rlg")
@@ -83,30 +81,6 @@ def edited(path, change):
     return path / "run"
 
 
-def test_empty_cells_of_a_csv(tmp_path):
-    run = read_run(
-        edited(
-            tmp_path,
-            lambda k, row: (
-                row | {"sigma_vertical_m": "" if k % 4 == 0 else row["sigma_vertical_m"]}
-            ),
-        )
-    )
-    np.testing.assert_array_equal(
-        np.isnan(run.gnss.sigma_vertical_m), np.arange(1, run.gnss.time_s.size + 1) % 4 == 0
-    )
-    assert np.isfinite(run.gnss.sigma_horizontal_m).all()
-
-
-def test_a_column_without_any_value_counts_as_absent(tmp_path):
-    path = edited(tmp_path, lambda k, row: row | {"sigma_velocity_m_s": ""})
-    found = inspect_run(path)
-    assert found.run.gnss.sigma_velocity_m_s is None
-    assert found.run.gnss.sigma_horizontal_m is not None
-    (told,) = [f.text for f in found.findings if "sigma" in f.text]
-    assert "sigma_velocity_m_s has no value" in told
-
-
 @pytest.mark.parametrize("value", ["0", "-0.5", "inf"])
 def test_what_is_no_sigma_is_named(tmp_path, value):
     path = edited(tmp_path, lambda k, row: row | ({"sigma_horizontal_m": value} if k == 7 else {}))
@@ -135,23 +109,3 @@ def test_a_missing_sigma_counts_with_the_declared_one():
         sigma_of_fixes(missing.gnss.sigma_horizontal_m, rows, DECLARED[FIX_SIGMA_COLUMNS[0]]),
         a.sigma_position_m[:, 0],
     )
-
-
-def test_replay_with_missing_sigmas_is_aided(tmp_path):
-    """The same solution, bit for bit, as with the declared sigmas written out in those rows."""
-    found = []
-    for name, values in (
-        ("missing", dict.fromkeys(FIX_SIGMA_COLUMNS, np.nan)),
-        ("declared", DECLARED),
-    ):
-        write_run(tmp_path / name, with_sigmas(values), fmt="csv")
-        found.append(replay(read_run(tmp_path / name), choices(flat()), TWIN).aided)
-    missing, declared = found
-    assert missing.verdict == declared.verdict == "aided"
-    assert (missing.history.used >= 0).any() and np.isfinite(missing.history.variance).all()
-    for name in ("lat_rad", "lon_rad", "v_n_m_s", "C_nb", "variance", "nis", "residual", "sigma"):
-        np.testing.assert_array_equal(
-            getattr(missing.history, name), getattr(declared.history, name)
-        )
-    plain = replay(logged(), choices(flat()), TWIN).aided
-    assert not np.array_equal(plain.history.variance, missing.history.variance)

@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alignment.motion.parked_seconds import ParkedSeconds
 from infield.reports.documents.parked import stretch_words, zero_rate
 from infield.reports.documents.update import Kept, update_document
-from infield.reports.documents.update_records import update_of
-from infield.reports.update_page import update_html
 from infield.session.parked.rates import no_heading
-from infield.session.parked.stretches import stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.pipeline import UnitHistory
-from infield.session.settings import SessionSettings
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -27,19 +22,9 @@ from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.catalogue import prior
 from ins.records import Survey
-from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import codes, sentences
-from tests.drawn import unscripted
-from tests.infield.mems_sessions import (
-    TWIN,
-    blank,
-    session,
-    shape_error_deg_h,
-    squared_error,
-    unit,
-    updated,
-)
+from tests.infield.mems_sessions import TWIN, blank, session, squared_error, unit, updated
 from tests.infield.sessions import true_bias, with_header
 
 OMEGA = EARTH_RATE_RAD_S / DEG_PER_HOUR
@@ -114,23 +99,6 @@ def test_the_choice_between_heading_and_none():
     steady = replace(TWIN, gyro=replace(TWIN.gyro, turn_on_deg_h=0.5))
     assert not no_heading(run, good, temperature, steady)
     assert not no_heading(with_header(run, gyro_technology="fog"), blank(), temperature, TWIN)
-
-
-def test_the_report_speaks_of_zero_rates():
-    found = document_of(first()[1])
-    assert found["verdict"] == "proposed" and found["heading_error"]["value_mrad"] is None
-    assert {seen["verdict"] for seen in found["observability"].values()} == {"observed"}
-    effect = found["zero_rate_effect"]
-    assert found["predicted_effect"] is None
-    assert 0 < effect["shape_left_sigma_deg_h"] < 5 < effect["level_left_sigma_deg_h"]
-    terms = {row["term"] for row in found["uncertainty_budget"] if row["axis"] == "x"}
-    assert "Earth rate on an unknown heading" in terms and "heading (east part)" not in terms
-    zero_rate = found["sessions"][0]["zero_rate"]
-    assert zero_rate["bins"] == 40 and zero_rate["noise_over_model"] == pytest.approx(1.0, abs=0.15)
-    page = unscripted(update_html(update_of(found)))
-    assert "not sought" in page
-    assert "NM/h" not in page
-    assert "nan" not in page.lower().replace("governance", "")
 
 
 def test_a_log_that_was_compensated_already_is_named():
@@ -222,15 +190,6 @@ def test_an_unknown_unit_gets_the_sigma_that_it_shows():
     assert updated([steep]).outcome == "inconsistent"
 
 
-def test_the_rest_is_looked_for_in_the_named_phases():
-    run = first()[0].run
-    rests = stationary_segments(run)
-    assert rests.why is None and rests.stretches[0][0] < 5.0 and rests.stretches[0][1] > 2390.0
-    assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
-    # of navigated sessions; a parked one has bins of a minute
-    assert SessionSettings().bin_s == 300.0
-
-
 def statistics(seeds):
     """Squared normalised errors of tables and of session means, their degrees of freedom, how many
     sessions contradict.
@@ -266,21 +225,6 @@ def test_two_hundred_runs_have_honest_errors():
     assert within(table), table[0] / table[1]
     assert within(mean), mean[0] / mean[1]
     assert contradicting <= 4  # 0.8 expected: two tests of 99.9 %, three axes
-
-
-@pytest.mark.slow
-def test_five_sessions_make_the_shape_better():
-    """RMS over ten units, a blank table against five warm-ups of 40 min."""
-    blank_error = [shape_error_deg_h(blank(), unit(seed)) for seed in range(500, 510)]
-    merged = [
-        shape_error_deg_h(updated([session(seed, n).run for n in range(5)]).after, unit(seed))
-        for seed in range(500, 510)
-    ]
-    assert np.sqrt(np.mean(np.square(blank_error))) > 2.5 * np.sqrt(np.mean(np.square(merged)))
-
-
-def test_default_twin_names_a_mems_unit():
-    assert default_twin("mems").gyro.turn_on_deg_h == 30.0
 
 
 def lying(run, roll_deg):

@@ -14,7 +14,7 @@ from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.session.bins import make_bins
-from infield.session.parked.stretches import parked_windows, stationary_segments
+from infield.session.parked.stretches import stationary_segments
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
@@ -22,7 +22,7 @@ from infield.table.file import table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import GnssLog, Phase, Survey
+from ins.records import GnssLog, Survey
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import codes, sentence
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
@@ -77,22 +77,6 @@ def test_both_stretches_are_used_and_nothing_of_the_flight():
     points = result.sessions[0].points
     assert points.temperature_degC.max() > 38.0 and points.temperature_degC.min() < 23.0
     assert not np.any((points.time_s > COLD_S) & (points.time_s < end - WARM_S))
-
-
-def test_what_lies_between_neither_widens_nor_narrows():
-    """The joint prior of the stretches' bins is that of the same bins cut from a log that is
-    covered all along.
-    """
-    e = first()[1].sessions[0].estimate
-    count = len(e.bins.start_s)
-    assert e.mean_deg_h.size == e.bins.prior.shape[0] == 3 * count == len(e.parked.stretch) * 3
-    gyro, x = TWIN.gyro, slice(0, None, 3)
-    own = (e.bins.own - e.bins.thermometer)[x, x]
-    lag = np.hypot(0.0, np.abs(np.subtract.outer(e.bins.centre_s, e.bins.centre_s)))
-    variogram = own.diagonal()[:, None] + own.diagonal()[None, :] - 2.0 * own
-    assert own.min() > 0.99 * gyro.turn_on_deg_h**2  # the turn-on is one
-    # flicker and walk went on in the gap
-    assert variogram[0, -1] > variogram[0, 1] > 0 and lag[0, -1] > 1200.0
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0, -60.0])
@@ -225,39 +209,6 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     assert "GNSS" in sentence(whole.why)
 
 
-def test_all_phases_named_as_parked_count():
-    run = landed(first()[0].run)
-    rests = stationary_segments(run)
-    assert len(parked_windows(run)) == len(rests.stretches) == 2
-    cold = replace(run, phases=run.phases[:2])
-    # the log says when it is parked, and nothing of the end
-    assert len(stationary_segments(cold).stretches) == 1
-    flown = replace(run, phases=(run.phases[1],))
-    assert [round(a) for a, _ in parked_windows(flown)] == [0, round(run.imu.end_s - WARM_S)]
-    assert len(stationary_segments(flown).stretches) == 2
-    meeting = replace(
-        run,
-        phases=tuple(
-            Phase(phase=n, start_s=a, end_s=b)
-            for n, a, b in (("alignment", 0.0, 60.0), ("extended_alignment", 60.5, COLD_S))
-        ),
-    )
-    assert parked_windows(meeting) == ((run.imu.start_s, COLD_S),)
-
-
-def test_a_short_rest_is_named():
-    run = landed(first()[0].run, 50.0)
-    rests = stationary_segments(run)
-    assert len(rests.stretches) == 1 and "needed 60 s" in sentence(rests.left_out[0].reason)
-    page = document_of(updated([run]))
-    assert page["sessions"][0]["zero_rate"]["left_out"][0]["end_s"] == pytest.approx(
-        run.imu.end_s, abs=3.0
-    )
-    early = run.imu.between(0.0, run.imu.end_s - WARM_S + 50.0)
-    bare = stationary_segments(replace(run, imu=early, phases=()))
-    assert len(bare.stretches) == 1 and "rest_too_short" in codes([bare.left_out[0].reason])[0]
-
-
 def test_a_shaken_rest_is_left_out_and_the_other_used():
     run = first()[0].run
     late = (run.imu.time_s > run.imu.end_s - WARM_S)[:, None]
@@ -286,30 +237,6 @@ def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():
     assert "turned by 1.6 rad" in p.stretches[0].seconds.moved
     assert p.turns[0].heading_rad == pytest.approx(0.5 * np.pi, abs=0.02)
     assert p.turns[0].sigma_rad < 0.05
-
-
-def test_the_report_lists_each_stretch():
-    found = document_of(first()[1])
-    zero_rate = found["sessions"][0]["zero_rate"]
-    cold, warm = zero_rate["stretches"]
-    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0)
-    assert warm["duration_s"] == pytest.approx(WARM_S, abs=8.0)
-    assert warm["start_s"] > 1300.0
-    assert warm["temperature_degC"][0] > 38.0
-    assert cold["turned_deg"] is None
-    assert warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
-    assert zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
-    covered = sum(row["seconds"] for row in found["sessions"][0]["coverage"] if row["axis"] == "x")
-    assert covered == pytest.approx(COLD_S + WARM_S, abs=20.0)
-    heading = {
-        r["axis"]: r["sigma_deg_h"]
-        for r in found["uncertainty_budget"]
-        if "unknown heading" in r["term"]
-    }
-    # a quarter turn between 3 and 2 min
-    assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
-    page = update_html(update_of(found))
-    assert "2 stretches of rest" in page and "deg, by the gyros" in page
 
 
 def test_an_unknown_unit_is_as_wide_as_its_warm_stretch_shows():
@@ -367,38 +294,6 @@ def test_untold_turns_are_not_overconfident(turn_deg, monkeypatch):
     assert all(total[0] < bounds(total)[1] for total in sums)
 
 
-def warm_error_deg_h(table, truth):
-    """RMS over the gyros of the error of warm less cold, which a start-up calibration leaves at the
-    end of a flight.
-    """
-    T = np.array([COLD_degC, WARM_degC])
-    off = [
-        np.diff(table.bias_deg_h(axis, T) - truth.bias_deg_h("xyz"[axis], T))[0]
-        for axis in range(3)
-    ]
-    return float(np.sqrt(np.mean(np.square(off))))
-
-
-def warm_errors(seeds):
-    """RMS of it over units: blank table, the first stretch alone, both."""
-    found = []
-    for seed in seeds:
-        run, truth = flight(seed).run, unit(seed)
-        alone = replace(run, imu=run.imu.between(0.0, COLD_S))
-        found.append(
-            [
-                warm_error_deg_h(t, truth)
-                for t in (blank(), updated([alone]).after, updated([run]).after)
-            ]
-        )
-    return np.sqrt(np.mean(np.square(found), axis=0))
-
-
-def test_the_second_stretch_is_what_shows_the_warm_end():
-    _, alone, both = warm_errors(range(100, 106))
-    assert both < 0.75 * alone
-
-
 def test_one_stretch_is_estimated_as_ever():
     """A log of one stretch, bit by bit: equal bins, one common error of all points, a document
     without a word of stretches.
@@ -420,3 +315,27 @@ def test_one_stretch_is_estimated_as_ever():
     gain = np.linalg.solve(bins.prior + R, bins.prior).T
     assert np.array_equal(gain @ p.rate_deg_h.ravel(), e.mean_deg_h)
     assert not {"stretches", "left_out"} & set(document_of(result)["sessions"][0]["zero_rate"])
+
+
+def test_the_report_lists_each_stretch():
+    found = document_of(first()[1])
+    zero_rate = found["sessions"][0]["zero_rate"]
+    cold, warm = zero_rate["stretches"]
+    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0)
+    assert warm["duration_s"] == pytest.approx(WARM_S, abs=8.0)
+    assert warm["start_s"] > 1300.0
+    assert warm["temperature_degC"][0] > 38.0
+    assert cold["turned_deg"] is None
+    assert warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
+    assert zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
+    covered = sum(row["seconds"] for row in found["sessions"][0]["coverage"] if row["axis"] == "x")
+    assert covered == pytest.approx(COLD_S + WARM_S, abs=20.0)
+    heading = {
+        r["axis"]: r["sigma_deg_h"]
+        for r in found["uncertainty_budget"]
+        if "unknown heading" in r["term"]
+    }
+    # a quarter turn between 3 and 2 min
+    assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
+    page = update_html(update_of(found))
+    assert "2 stretches of rest" in page and "deg, by the gyros" in page

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.fog import fit_models, fixed_tables, worst_rounding
-from infield.thermal.blocks import AxisBlocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.compensation import bias_deg_h
 from infield.thermal.fog.fixed_point import (
@@ -18,11 +17,11 @@ from infield.thermal.fog.fixed_point import (
     fixed_table,
     to_c_header,
     to_csv,
-    worst_error_deg_h,
 )
 from infield.thermal.fog.model import FogModel
 from infield.thermal.fog.piecewise import Piecewise, piecewise_pair
 from infield.thermal.fog.ramps import separate
+from infield.thermal.study import AxisBlocks
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 
@@ -158,11 +157,3 @@ def test_csv_holds_every_segment(model):
     rows = to_csv(tables).splitlines()
     assert len(rows) == 1 + sum(len(t.shift) for t in tables.values())
     assert {len(row.split(",")) for row in rows} == {len(rows[0].split(","))}
-
-
-def test_the_bound_grows_with_the_rate(model):
-    kt, kd = (fixed_tables(model, 16)[name] for name in ("x_kt", "x_kd"))
-    small, large = (
-        worst_error_deg_h(kt, kd, largest_rate=rate, largest_K_delta=0.4) for rate in (0.1, 1.0)
-    )
-    assert kt.worst < small < large

@@ -28,7 +28,6 @@ from tests.infield.sessions import (
     unit,
     with_header,
 )
-from tests.scenarios.study import prior_table
 from trajectories.simulator.segments import Park, Turn
 from trajectories.simulator.session import simulate_run
 from trajectories.simulator.thermal import thermal_history
@@ -82,12 +81,6 @@ def test_accepted_runs_bring_the_table_nearer_to_the_unit():
     assert np.sqrt(np.mean(np.square(after))) < 0.005
 
 
-def test_provenance_names_parent_and_run():
-    provenance = one_run().after.provenance
-    assert provenance["parent_sha256"] == PARENT
-    assert provenance["runs"] == [{"run_id": "run-1", "sha256": simulated(1).run.sha256}]
-
-
 def test_the_same_run_twice_is_refused_and_moves_nothing():
     run = simulated(1).run
     result = update([run], already_merged=lambda sha256: sha256 == run.sha256)
@@ -113,13 +106,6 @@ def test_two_runs_go_in_the_order_of_their_start():
 def test_another_unit_is_bad_input(changes):
     with pytest.raises(InputError, match=r"the table is of SN-0042"):
         update([with_header(simulated(1).run, **changes)])
-
-
-def test_a_twin_of_another_unit_is_bad_input():
-    with pytest.raises(InputError, match="SN-9999"):
-        update_calibration([simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"))
-    with pytest.raises(InputError, match="fog"):
-        update_calibration([simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"))
 
 
 def stuck_at(degC):
@@ -302,8 +288,8 @@ def _with_tally(flt, tally):
     return other
 
 
-def test_nothing_known_of_the_unit_still_works():
-    """A table of zeros with the default sigma is a table like any other."""
-    table = prior_table(0.03).replaced(imu_serial="SN-0042")
-    result = update([simulated(1).run], table=table)
-    assert result.outcome == "accepted", result.reasons
+def test_a_twin_of_another_unit_is_bad_input():
+    with pytest.raises(InputError, match="SN-9999"):
+        update_calibration([simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"))
+    with pytest.raises(InputError, match="fog"):
+        update_calibration([simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"))

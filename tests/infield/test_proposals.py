@@ -3,19 +3,12 @@ moved, every change found.
 """
 
 import json
-import threading
 
 import pytest
 
 from infield.store.errors import AlreadyRejected
 from infield.store.proposals import signed_note
-from infield.store.table_store import (
-    MergedRun,
-    RunAlreadyMerged,
-    StoreConflict,
-    TableStore,
-    UnknownUnit,
-)
+from infield.store.table_store import MergedRun, StoreConflict, TableStore, UnknownUnit
 from infield.table.file import canonical_json, table_sha256, table_to_dict
 from ins.records import InputError
 from tests.infield import stores
@@ -118,17 +111,6 @@ def test_approval_is_refused_where_the_table_has_moved(store):
     assert store.active().number == 4
 
 
-def test_an_update_that_is_out_of_date_cannot_be_proposed(store):
-    first = store.import_table(table_to_dict(table()))
-    propose(store, first)
-    decide(store, 1)
-    with pytest.raises(StoreConflict, match="update again"):
-        propose(store, first, run="run-2")
-    with pytest.raises(RunAlreadyMerged, match="run-1"):
-        propose(store, store.active())
-    assert len(store.proposals()) == 1
-
-
 def test_the_same_update_is_kept_once(store):
     first = store.import_table(table_to_dict(table()))
     assert propose(store, first) == propose(store, first, by="again")
@@ -201,13 +183,6 @@ def test_a_decision_needs_a_name_and_a_reason(store, wrong):
         signed_note(wrong.get("by", ""), wrong.get("reason", ""))
 
 
-def test_no_proposal_is_said_so(store):
-    with pytest.raises(UnknownUnit, match="the store holds no proposal"):
-        store.proposal(1)
-    with pytest.raises(UnknownUnit, match="SN-1"):
-        decide(store, 1, serial="SN-1")
-
-
 @pytest.mark.parametrize(
     "column",
     [
@@ -238,28 +213,6 @@ def test_a_changed_proposal_is_found(store, url, column):
     assert store.active() == first
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "UPDATE recal_decision SET reason = 'x' WHERE number = 1",
-        "UPDATE recal_decision SET decided_by = 'x' WHERE number = 1",
-        "UPDATE recal_decision SET verdict = 'approved' WHERE number = 1",
-        "DELETE FROM recal_decision WHERE number = 1",
-        "UPDATE recal_decision SET proposal_number = 3 WHERE number = 1",
-        "UPDATE recal_decision SET revision_number = 1 WHERE number = 1",
-        "UPDATE recal_decision SET decided_utc = '2020' WHERE number = 1",
-    ],
-)
-def test_a_changed_decision_is_found(store, url, statement):
-    first = store.import_table(table_to_dict(table()))
-    for k in range(3):
-        propose(store, first, run=f"run-{k}")
-    decide(store, 1, "rejected"), decide(store, 2, "rejected")
-    tamper(url, statement)
-    with pytest.raises(InputError, match="the row was changed or is missing"):
-        store.proposals()
-
-
 def test_rollback_only_from_the_revision_that_was_seen(store):
     first = store.import_table(table_to_dict(table()))
     propose(store, first)
@@ -268,49 +221,3 @@ def test_rollback_only_from_the_revision_that_was_seen(store):
         store.rollback(to="factory", active_number=1, **SIGNED)
     back = store.rollback(to="factory", active_number=2, **SIGNED)
     assert back.note == "rolled back by B: wrong run"
-
-
-def reviewers_race(url, *, reviewers):
-    """All decide the same proposal at once; what each was told."""
-    told = []
-
-    def work(k):
-        with TableStore.open(url) as store:
-            try:
-                told.append(
-                    decide(store, 1, ("approved", "rejected")[k % 2], by=f"reviewer {k}").state
-                )
-            except (InputError, StoreConflict) as refused:
-                told.append(type(refused).__name__)
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(reviewers)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return told
-
-
-def test_of_several_reviewers_one_decides(store, url):
-    first = store.import_table(table_to_dict(table()))
-    propose(store, first)
-    told = reviewers_race(url, reviewers=4)
-    final = store.proposals()[0]
-    assert len(told) == 4 and [t for t in told if t in ("approved", "rejected")] == [final.state]
-    assert store.active().number == (2 if final.state == "approved" else 1)
-
-
-def test_all_units_at_a_glance(store):
-    first = store.import_table(table_to_dict(table("B")))
-    for k in range(3):
-        propose(store, first, run=f"run-{k}")
-    decide(store, 1, "rejected")
-    decide(store, 2)
-    new = table("A")
-    propose(store, new, first_table=table_to_dict(new))
-    seen = [
-        (u.unit.imu_serial, u.active_number, u.kind, u.undecided, u.contradictions)
-        for u in store.overview()
-    ]
-    assert seen == [("A", 0, "", 1, 0), ("B", 2, "update", 1, 0)]
-    assert store.overview()[1].sha256 == store.active("B").sha256

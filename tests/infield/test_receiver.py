@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from infield.session.navigated.receiver import (
-    POSITION_LEVELS_M,
-    VELOCITY_LEVELS_M_S,
-    WHITE,
-    receiver_errors,
-)
+from infield.session.navigated.receiver import receiver_errors
 from infield.session.settings import FlightPriors
 from ins.records import GnssLog
 
@@ -107,14 +102,3 @@ def test_fixes_that_are_not_whole_are_left_out():
     after = receiver_errors(broken, STOOD, NOISE, PRIORS)
     assert after.position.sigma == pytest.approx(before.position.sigma, rel=0.5)
     assert np.isfinite([after.position.gain_nats, after.velocity.gain_nats]).all()
-
-
-def test_nothing_assumed_is_nothing_sought():
-    none = FlightPriors(slow_position_m=0.0, slow_velocity_m_s=0.0)
-    errors = receiver_errors(fixes(0, slow_m=1.5, slow_m_s=0.01), STOOD, NOISE, none)
-    assert errors.found == WHITE.found == ()
-
-
-def test_levels_bracket_what_is_assumed():
-    assert min(POSITION_LEVELS_M) < PRIORS.slow_position_m < max(POSITION_LEVELS_M)
-    assert min(VELOCITY_LEVELS_M_S) < PRIORS.slow_velocity_m_s < max(VELOCITY_LEVELS_M_S)

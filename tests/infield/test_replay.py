@@ -11,22 +11,18 @@ import pytest
 from scipy.stats import chi2
 
 from alignment.motion.kinds import Witness
-from infield.replay.drift import REALIGN_M_S, drift_against, drift_of
-from infield.replay.drift_prediction import predict_parked
+from infield.replay.drift import REALIGN_M_S, drift_of
 from infield.replay.free_inertial import TableChoice, heading_change, replay
 from infield.replay.stops import StopInterval, stop_speed
 from infield.reports.documents.replay import replay_document
 from infield.reports.replay_page import render
 from infield.session.pipeline import update_calibration
-from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable, default_table
 from ins.documents import plain
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
-from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
-from ins.strapdown.compensation import compensate
+from ins.records import AccelNoise, GyroNoise, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from ins.verdicts import codes, sentences
-from tests.drawn import specifications, unscripted
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
 from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
 from trajectories.simulator.sensors import ideal_sensors
@@ -169,28 +165,6 @@ def test_tables_own_difference_predicts_heading_and_end_point(heading_deg):
     assert size > 400.0
     for axis in ("north", "east"):
         assert moved[axis]["seen"] == pytest.approx(moved[axis]["expected"], abs=0.01 * size)
-
-
-def test_prediction_of_a_constant_bias_is_the_closed_form():
-    """Response summed over the bins: R (t - sin(wt)/w) east for the north gyro, nothing for a
-    constant east gyro.
-    """
-    edges = np.linspace(0.0, 4200.0, 15)
-    made = predict_parked(
-        edges_s=edges,
-        covariance=np.zeros((42, 42)),
-        twin=NO_NOISE,
-        site=SITE,
-        C_nb=np.eye(3),
-        alignment=(0.0, 600.0),
-        end_s=4200.0,
-    )
-    x, y = (made.response_m_per_deg_h[:, k::3].sum(axis=1) for k in (0, 1))
-    t = 3600.0
-    closed = R * DEG_PER_HOUR * (t - np.sin(SCHULER_RAD_S * t) / SCHULER_RAD_S)
-    assert np.hypot(*x) == pytest.approx(closed, rel=0.02) and x[1] > 0.95 * closed
-    assert np.hypot(*y) < 1e-3 * closed
-    assert made.sigma_nm_h == 0.0
 
 
 @pytest.mark.slow
@@ -341,16 +315,6 @@ def test_a_steady_roll_is_no_stop_whoever_looks(outside):
     assert "realign: above" not in page
 
 
-def test_a_fast_stop_that_the_imu_alone_sees_is_said_to_be_one():
-    flown = replay(steady_roll("imu"), choices(flat()), QUIET, aided=False)
-    fast = replace(flown.tables[0].stops[0], ground_speed_m_s=5.0, max_m_s=5.1, realign=True)
-    flown = replace(flown, tables=(replace(flown.tables[0], stops=(fast,)),))
-    document = replay_document(flown, QUIET, store=None, version="1")
-    assert plain(document)["tables"][0]["realign_at"] == ["imu"]
-    page = render(document)
-    assert "at a stop that the IMU alone sees" in page and "may be a steady roll" in page
-
-
 def steady_roll(outside: str) -> Run:
     """Park 12 min, roll at 5 m/s, stop for a minute; with positions and velocities, positions only,
     wheels or nothing.
@@ -367,11 +331,6 @@ def steady_roll(outside: str) -> Run:
     if outside != "positions":
         return run
     return replace(run, gnss=replace(run.gnss, v_n_m_s=np.full_like(run.gnss.v_n_m_s, np.nan)))
-
-
-def test_track_that_ends_before_is_no_track():
-    flown = replay(parked(1800.0).run, choices(flat()), TwinModel()).tables[0]
-    assert drift_against(flown.history, parked(1800.0).reference, np.zeros(3), 1e6) is None
 
 
 # ---- what is refused, and what is flown all the same
@@ -402,11 +361,6 @@ def never_rests(run: Run) -> Run:
     return replace(run, imu=replace(run.imu, dv_m_s=dv))
 
 
-def test_log_that_ends_with_its_alignment_is_refused():
-    result = replay(parked(630.0).run, choices(flat()), TwinModel())
-    assert result.verdict == "refused" and "log_ends_after_alignment" in codes(result.reasons)[0]
-
-
 def test_wrong_latitude_is_inconsistent_but_flown():
     run = parked(1800.0).run
     wrong = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=46 * DEG)))
@@ -415,89 +369,4 @@ def test_wrong_latitude_is_inconsistent_but_flown():
     assert result.tables[0].parked is not None
 
 
-def test_without_temperature_the_log_is_flown_raw():
-    run = replace(parked(1800.0).run, temperature=None)
-    result = replay(run, choices(flat(x=1.0), flat()), TwinModel())
-    assert result.verdict == "replayed" and "no_gyro_temperature" in codes(result.notes)[0]
-    assert [t.choice.table for t in result.tables] == [None] and result.tables[0].predicted is None
-    # the perfect unit's raw output; 1 deg/h was not subtracted
-    assert result.tables[0].parked.rate_nm_h < 0.01
-
-
-def test_applied_table_is_undone_by_its_hash():
-    """A unit that had subtracted a table: the same flight as from its raw output; an unknown hash
-    is bad input.
-    """
-    run, table = parked(1800.0).run, flat(x=0.05, y=-0.03, z=0.01)
-    subtracted = compensate(run.imu, gyro_bias_rad_s=np.array([0.05, -0.03, 0.01]) * DEG_PER_HOUR)
-    done = replace(run, imu=subtracted, header=replace(run.header, applied_table_sha256="ab" * 32))
-    a = replay(run, choices(flat(x=0.01)), TwinModel()).tables[0]
-    b = replay(done, choices(flat(x=0.01)), TwinModel(), applied_table=lambda sha256: table).tables[
-        0
-    ]
-    assert b.parked.rate_nm_h == pytest.approx(a.parked.rate_nm_h, rel=1e-6)
-    with pytest.raises(InputError, match="abababababab is unknown"):
-        replay(done, choices(flat()), TwinModel())
-
-
-def test_temperature_beyond_the_table_is_said():
-    data = {
-        "schema": "recal.table/1",
-        "imu_serial": "SN-0042",
-        "gyro_technology": "rlg",
-        "created_utc": "2026-01-01T00:00:00Z",
-        "interpolation": "linear",
-        "covariance": None,
-        "axes": {
-            a: {
-                "temperature_degC": [60.0, 70.0],
-                "bias_deg_h": [0.0, 0.0],
-                "sigma_deg_h": [0.01, 0.01],
-            }
-            for a in "xyz"
-        },
-        "provenance": {"parent_sha256": None, "runs": []},
-    }
-    flown = replay(
-        parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()
-    ).tables[0]
-    assert len(flown.notes) == 3 and "beyond_the_tables_nodes" in codes(flown.notes)[0]
-
-
 # ---- the page
-
-
-def test_page_shows_both_tables_and_is_the_same_twice():
-    truth = parked(2400.0)
-    pages = []
-    for _ in range(2):
-        result = replay(
-            truth.run, choices(flat(), flat(x=0.03)), TwinModel(), reference=truth.reference
-        )
-        document = replay_document(result, TwinModel(), store="sqlite:///x.db", version="1")
-        pages.append(render(document))
-    assert pages[0] == pages[1]
-    page = pages[0]
-    assert "previous table" in page
-    assert "scoring only" in page.lower()
-    assert "No stop of eight seconds" in page
-    # radial, wander; panels: velocities while parked and of the log, attitude; no track, no GNSS
-    assert len(specifications(page)) == 9
-    assert "http" not in unscripted(page)
-    rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in plain(document)["tables"]]
-    assert all(rate in page for rate in rates)
-    assert "Aligned heading" in page and "error [NM]" in page
-
-
-def test_a_small_drift_is_drawn_in_metres():
-    """Without a table, so without a prediction; a true bias stands in for the table's error."""
-    run = parked(1200.0).run
-    bias = np.array([0.001, 0.0, 0.0]) * DEG_PER_HOUR
-    raw = [TableChoice(role="active", table=None, origin="none")]
-    run = replace(
-        run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None])
-    )
-    result = replay(run, raw, TwinModel())
-    page = render(replay_document(result, TwinModel(), store=None, version="1"))
-    assert 0.1 < result.tables[0].parked.radial_m.max() < 50.0
-    assert "error [m]" in page and "error [NM]" not in page

@@ -9,12 +9,9 @@ import copy
 import html
 import math
 import re
-import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,14 +20,12 @@ from infield.reports import page as report_page
 from infield.reports import update_figures, update_page
 from infield.reports.documents.update import Kept, update_document
 from infield.reports.documents.update_records import update_of
-from infield.reports.drawing import specification
-from infield.reports.figures import MAX_POINTS, robust_limits, thinned
+from infield.reports.drawing import MAX_POINTS, specification
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.documents import plain
 from ins.records import TwinModel
-from tests.drawn import column, specifications, traces, unscripted
-from tests.recal.chromium import chromium
+from tests.drawn import column, specifications, unscripted
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.segments import Park
 
@@ -221,45 +216,6 @@ def test_a_change_is_shown_node_by_node_with_expanded_uncertainty(documents, pag
     assert "{} ± {} NM/h".format(*(report_page.number(v, 2) for v in sides)) in text
 
 
-def test_the_first_screen_says_what_changed_how_sure_and_may_i_use_it(documents, pages):
-    proposed, refused, inconsistent = (
-        Page(pages[k]).text[:900] for k in ("proposed", "refused", "inconsistent")
-    )
-    assert "Proposed The run passed every gate" in proposed
-    assert "Not in use yet: nothing was stored" in proposed
-    assert "Refused" in refused
-    assert "Keep using the stored table" in refused
-    assert "no gyro temperature" in refused
-    assert "Inconsistent" in inconsistent and "Do not use" in inconsistent
-    assert " ".join(documents["inconsistent"]["reasons"][0].split()) in inconsistent
-    assert "stored as revision 2" in Page(pages["committed"]).text[:600]
-
-
-def test_a_refused_page_says_why_where_there_is_nothing_to_show(pages):
-    page = Page(pages["refused"])
-    assert len(specifications(pages["refused"])) == 3  # the stored table, one drawing a gyro
-    assert "no gyro temperature" in page.text
-
-
-def test_an_unobservable_gyro_is_said_in_words_and_its_points_are_not_drawn(documents):
-    d = copy.deepcopy(documents["proposed"])
-    d["observability"]["y"] |= {"verdict": "not_observable", "advice": "turn by 90 deg"}
-    d["sessions"][0]["observability"]["y"]["verdict"] = "not_observable"
-    d["heading_error"] = {"value_mrad": None, "sigma_mrad": 0.95, "source": None}
-    for point in d["points"]:
-        if point["axis"] == "y":
-            point["observability"] = "not_observable"
-    text = Page(update_html(d)).text
-    for words in ("○ not observable", "turn by 90 deg", "sigma stays 0.95 mrad"):
-        assert words in text
-    table = table_from_dict(d["table_before"], name="table")
-    panels = {a: update_figures.bias_panel(update_of(d), a, table, None) for a in "xy"}
-    shown = {a: traces(specification([panels[a]]), mode="markers") for a in "xy"}
-    points = {a: sum(column(t["x"]).size for t in shown[a] if "error_y" in t) for a in "xy"}
-    assert points == {"x": sum(p["axis"] == "x" for p in d["points"]), "y": 0}
-    assert len(shown["y"]) == 1  # the nodes of the table
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_page_is_self_contained_small_and_sound(pages, kind):
     text = unscripted(pages[kind])
@@ -319,17 +275,6 @@ def test_the_bare_document_of_the_contract_is_enough(documents):
         assert bare["imu_serial"] in Page(update_html(bare)).text
 
 
-def test_a_noise_model_that_was_fitted_is_on_the_page(documents):
-    fitted = copy.deepcopy(documents["proposed"])
-    fitted["noise_model"]["gyro"]["arw_deg_sqrt_h"] = 0.0123
-    fitted["noise_model"]["fit"] = {
-        "parameters": ["arw_deg_sqrt_h"],
-        "covariance": [[1e-8]],
-        "not_identified": {"gyro.turn_on_deg_h": "one power-on"},
-    }
-    assert "0.0123" in Page(update_html(fitted)).text
-
-
 def test_no_curve_has_more_points_than_allowed(documents):
     d = copy.deepcopy(documents["proposed"])
     n = 30_000
@@ -344,22 +289,6 @@ def test_no_curve_has_more_points_than_allowed(documents):
     panels = update_figures.timeline_panels(update_of(d).sessions[0], [])
     sizes = [column(t["y"]).size for t in specification(panels)["data"]]
     assert len(panels) == 3 and max(sizes) == MAX_POINTS
-
-
-def test_thinning_keeps_both_ends_and_null_becomes_nan():
-    t, v = thinned(np.arange(10_001), np.array([None] + [1.0] * 10_000))
-    assert t.size == v.size == MAX_POINTS and t[0] == 0.0 and t[-1] == 10_000.0 and math.isnan(v[0])
-    assert [a.size for a in thinned([], [])] == [0, 0]
-
-
-def test_vague_values_do_not_flatten_the_rest():
-    low, high = robust_limits([0.0, 1.0], [-500.0, 500.0], spans=1.5)
-    assert -2.0 < low <= -1.5 and 2.5 <= high < 3.0  # 1.5 spans beyond and a margin
-    low, high = robust_limits([0.0, 1.0], [-0.2, 1.1])
-    assert -0.4 < low < -0.2 and 1.1 < high < 1.3
-    assert robust_limits([np.nan]) == (-1.0, 1.0)
-    low, high = robust_limits([0.02, 0.02])
-    assert low < 0.02 < high
 
 
 def test_numbers_are_plain_or_not_available():
@@ -382,46 +311,3 @@ def test_commands_are_quoted_for_the_shell(documents):
         "recal table rollback --store 'sqlite:///my store.db; rm x' --serial SN-0042"
         in Page(page).text
     )
-
-
-def test_importing_the_report_does_not_load_plotly():
-    code = "import infield.reports.update_page, sys; sys.exit('plotly' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_figures_are_drawn_when_a_reader_comes_to_them(pages, tmp_path):
-    """Of two runs the second is closed: its figures are drawn when it is opened."""
-    page = tmp_path / "update.html"
-    page.write_text(pages["committed"])
-    drawn = "document.querySelectorAll('figure.plot .main-svg').length > 0"
-    count = "document.querySelectorAll('figure.plot .js-plotly-plot').length"
-    figures = len(specifications(pages["committed"]))
-    with chromium(tmp_path / "profile") as browser:
-        browser.size(1280, 20_000)
-        browser.open(page.as_uri())
-        browser.until(drawn)
-        assert browser.evaluate(count) < figures
-        browser.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-        browser.size(1280, 40_000)
-        browser.until(f"{count} === {figures}")
-        assert not [e for e in browser.events if e["method"] == "Runtime.exceptionThrown"]
-
-
-def test_tables_of_many_words_become_lists_on_a_phone():
-    """Of five columns and more, beginning with a run or with three of words: on 390 pixels such a
-    column was a letter wide and its row 800 pixels high. Classes: `stack` and the review page's
-    `rows` become lists.
-    """
-    root = Path(__file__).parents[2]
-    templates = [
-        p for room in ("infield", "simreal", "recal") for p in root.glob(f"{room}/**/*.j2")
-    ]
-    found = []
-    for path in templates:
-        for kind, head in re.findall(r"<table([^>]*)>(.*?)</thead>", path.read_text(), re.DOTALL):
-            columns = re.findall(r"<th\b([^>]*)>(\w*)", head)
-            words = [name for kind_of, name in columns if 'class="n"' not in kind_of]
-            many = len(words) >= 3 or words[:1] == ["run"]
-            if len(columns) >= 5 and many and not re.search(r"\b(stack|rows)\b", kind):
-                found.append((path.name, words))
-    assert len(templates) > 20 and found == []

@@ -183,17 +183,6 @@ def test_what_cannot_be_carried_is_refused_with_what_was_seen(profile, words):
     assert rlg_document(study, version="").verdict == "refused"
 
 
-def test_dwelling_on_the_way_up_is_enough():
-    """Warming only, but with soaks between: temperature and rate do not go together."""
-    rng = np.random.default_rng(8)
-    unit = Unit(rng)
-    parts = [
-        case(rng, unit, low=low, high=low + 15.0, back=False, soak=30, run_id=str(low))
-        for low in (-15.0, 0.0, 15.0)
-    ]
-    assert not fit_gradients(parts, TWIN).refused
-
-
 def test_data_of_another_kind_are_inconsistent():
     rng = np.random.default_rng(9)
     runs = three_runs(rng, Unit(rng))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from infield.session.bins import make_bins
-from infield.session.log import compensated_imu, find_rest, session_end
+from infield.session.log import compensated_imu, session_end
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Phase, TemperatureLog
@@ -131,15 +131,6 @@ def test_a_wrong_table_gives_the_same_total_bias():
     total_a, total_b = (e.bins.table_deg_h + e.mean_deg_h for e in (a, b))
     sigma = np.sqrt(np.diag(a.covariance))
     assert total_b[north::3] == pytest.approx(total_a[north::3], abs=0.6 * sigma[north])
-
-
-def test_rest_is_looked_for_in_the_logged_alignment():
-    run = simulated().run
-    assert find_rest(run)[1] <= 600.0
-    short = replace(run, phases=(Phase(phase="alignment", start_s=0.0, end_s=20.0),))
-    assert find_rest(short) is None
-    bare = replace(run, phases=())
-    assert find_rest(bare)[1] - find_rest(bare)[0] > 500.0
 
 
 def test_session_ends_at_take_off():

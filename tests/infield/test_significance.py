@@ -14,14 +14,7 @@ from infield.reports.documents.replay import (
     _sigma_of_change,
 )
 from infield.reports.replay_page import verdict_words
-from ins.verdicts import differs, measured_words
-
-
-def test_the_coupling_of_the_readme_is_not_different_from_zero():
-    assert measured_words("observed", -53.6, 41.7) == "measured, not different from zero"
-    assert measured_words("observed", 144.9, 48.4) == "measured"
-    assert measured_words("weak", 1.0, 1.0) == "weakly measured, not different from zero"
-    assert measured_words("not_observable", 9.0, 1.0) == "not observable"
+from ins.verdicts import differs
 
 
 def test_chance_passes_for_a_difference_in_one_of_twenty_cases():

@@ -10,7 +10,7 @@ from contextlib import closing
 import pytest
 
 from infield.store.errors import StoreRefused
-from infield.store.policy import Approval
+from infield.store.proposal_rows import Approval
 from infield.store.schema import metadata
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict

@@ -1,8 +1,6 @@
 """What may happen to a disk, a lock or a clock: the old table stands, and one line says why."""
 
 import json
-import resource
-import signal
 import sqlite3
 
 import pytest
@@ -57,22 +55,6 @@ def test_read_only_folder(tmp_path):
             TableStore.open(f"sqlite:///{tmp_path}/stores/other.db", create=True)
 
 
-def grow(store, first):
-    """An update of many pages."""
-    return store.commit_update(first.sha256, updated(first), [], LONG_REPORT)
-
-
-def test_page_limit_leaves_the_old_table(file_url):
-    with TableStore.open(file_url, create=True) as store:
-        first = factory(store)
-        with store._database._engine.connect() as c:
-            pages = c.exec_driver_sql("PRAGMA page_count").scalar()
-            c.exec_driver_sql(f"PRAGMA max_page_count={pages}")
-        with pytest.raises(InputError, match="not written: database or disk is full"):
-            grow(store, first)
-        assert store.active() == first and len(store.history()) == 1
-
-
 def test_full_disk_leaves_the_old_table(tmp_path):
     with (
         small_disk(tmp_path / "disk") as disk,
@@ -88,23 +70,6 @@ def test_full_disk_leaves_the_old_table(tmp_path):
         assert store.history()[0] == first
         with pytest.raises(InputError, match="full"):
             store.import_table({**first.table_dict, "imu_serial": "SN-2"}, note="SN-2" * 40_000)
-
-
-def test_file_size_limit_leaves_the_old_table(file_url, tmp_path):
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    with TableStore.open(file_url, create=True) as store:
-        first = factory(store)
-        size = (tmp_path / "recal.db").stat().st_size
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 8192, hard))
-        try:
-            with pytest.raises(InputError, match=r"not written: .*limit on file size") as raised:
-                grow(store, first)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-            signal.signal(signal.SIGXFSZ, before)
-        assert one_line(raised) and store.active() == first and len(store.history()) == 1
-        assert grow(store, first).number == 2  # room again
 
 
 def test_a_lock_that_others_hold_is_waited_for_and_then_told(store, url, monkeypatch):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from infield.store.rows import record_sha256
-from infield.store.table_store import MergedRun, TableStore
+from infield.store.table_store import MergedRun
 from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
 from tests.infield.stores import EVIDENCE, SIGNED, commit, factory, rows, table, tamper, updated
@@ -129,18 +129,6 @@ def test_the_last_revision_cut_off_with_its_tag_and_runs(full, url):
     assert said == {"": ["update.json: SN-1 revision 5 is not in the store"]}
 
 
-def test_a_contradiction_of_a_revision_cut_off_gives_it_away(full, url):
-    tamper(
-        url,
-        "UPDATE recal_tag SET number = 4 WHERE number = 5",
-        "DELETE FROM recal_revision WHERE number = 5",
-        "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
-    )
-    (line,) = faults(full)["SN-1"]
-    assert line.startswith("contradicting run odd: the table ")
-    assert line.endswith("is in no revision")
-
-
 def test_a_row_rewritten_with_its_hash_breaks_the_next_link(full, url):
     """Who can compute the hash of one row has to rewrite all that follow."""
     key = full.active("SN-1").unit
@@ -190,14 +178,6 @@ def test_a_report_is_compared_with_the_stored_one(store):
         store.verify(["abc"])
 
 
-def test_a_report_of_another_table_in_the_store_is_found(store):
-    first = factory(store)
-    store.commit_update(first.sha256, updated(first), [], report_of(first, "0" * 64))
-    assert faults(store)["SN-1"] == [
-        "revision 2: the report is of another table (table_after_sha256)"
-    ]
-
-
 def test_proposals_are_checked_too(store, url):
     first = factory(store)
     runs = [MergedRun(run_id="r", sha256="r")]
@@ -225,33 +205,3 @@ def test_proposals_are_checked_too(store, url):
     assert faults(store)["SN-1"] == [
         "proposal 2: approved as revision 2, which does not hold its table"
     ]
-
-
-def test_a_unit_with_proposals_alone_is_intact(store):
-    new = table("NEW")
-    first = table_to_dict(new)
-    from infield.table.file import table_sha256
-
-    proposed = new.replaced(
-        parameters=new.parameters + 1e-3,
-        provenance={"parent_sha256": table_sha256(first), "runs": []},
-    )
-    store.propose(
-        table_sha256(first), proposed, [], "{}", first_table=first, by="A", note="new unit"
-    )
-    assert faults(store) == {} and store.verify().units[0].head_sha256 is None
-
-
-def test_a_damaged_file_is_one_line(tmp_path):
-    url = f"sqlite:///{tmp_path}/recal.db"
-    with TableStore.open(url, create=True) as store:
-        for k in range(20):
-            factory(store, f"SN-{k}")
-    data = bytearray((tmp_path / "recal.db").read_bytes())
-    data[len(data) // 2 : len(data) // 2 + 8192] = b"\x55" * 8192
-    (tmp_path / "recal.db").write_bytes(data)
-    try:
-        with TableStore.open(url) as store:
-            assert any("damaged" in line for line in faults(store)[""])
-    except InputError as error:
-        assert "malformed" in str(error) and "\n" not in str(error)

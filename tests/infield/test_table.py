@@ -6,8 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from infield.table.prior import prior_covariance, smooth_kernel
-from infield.table.thermal_table import AgeingModel, EvenNodes, ThermalTable, default_table
+from infield.table.thermal_table import (
+    AgeingModel,
+    EvenNodes,
+    ThermalTable,
+    default_table,
+    smooth_kernel,
+)
 from ins.records import InputError
 from tests.infield.common_part import common_shift
 
@@ -79,23 +84,6 @@ def test_slope_covariances_are_derivatives_of_the_kernel():
     assert np.linalg.eigvalsh(K)[0] > 0
 
 
-def test_draws_of_the_hermite_prior_are_smooth_curves():
-    nodes, sigma = np.arange(-20.0, 61.0, 10.0), 0.01
-    P = prior_covariance((nodes,) * 3, (np.full(9, sigma),) * 3, hermite=True)
-    table = ThermalTable(
-        imu_serial="S",
-        gyro_technology="rlg",
-        created_utc=UTC,
-        interpolation="hermite",
-        temperature_degC=(nodes,) * 3,
-        parameters=np.zeros(54),
-        covariance=P,
-    )
-    between = np.linspace(-20, 60, 161)
-    # stationary, between nodes too
-    assert table.sigma_deg_h("y", between) == pytest.approx(sigma, rel=2e-4)
-
-
 @pytest.mark.parametrize("technology, sigma", [("rlg", 0.01), ("fog", 0.05), ("mems", 30.0)])
 def test_default_table_is_the_contract(technology, sigma):
     table = default_table(
@@ -138,16 +126,6 @@ def test_extension_keeps_bits_and_says_what_sigma_says(interpolation):
         sigma = table.sigma_deg_h(axis, [0.0, -10.0, -30.0, -60.0])
         assert np.all(np.diff(sigma) > 0)
     assert wide.extended_to(-30.0, 50.0) is wide
-
-
-def test_in_range():
-    table = default_table(
-        imu_serial="S",
-        gyro_technology="rlg",
-        created_utc=UTC,
-        span=EvenNodes(low_degC=0, high_degC=40),
-    )
-    assert table.in_range("x", [-0.1, 0.0, 40.0, 40.1]).tolist() == [False, True, True, False]
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
@@ -202,10 +180,3 @@ def test_refusals(change, clue):
     table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
     with pytest.raises(InputError, match=clue):
         table.replaced(**change)
-
-
-def test_table_cannot_be_changed():
-    table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
-    for array in (table.parameters, table.covariance, table.temperature_degC[0]):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0

@@ -24,7 +24,7 @@ from ins.estimation import error_model as em
 from ins.estimation.measurements.antenna import RowSums
 from ins.records import NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.units import DEG, MILLIRADIAN
+from ins.units import DEG
 from tests.ins.filter_steps import dense
 from tests.ins.nonlinear_errors import Errors, error_states, perturbed_imu, perturbed_state
 from tests.scenarios.study import REFERENCE_TWIN, table_to_zero
@@ -223,46 +223,6 @@ def test_a_vehicle_that_leans_has_its_arm_beside_it(lean):
         assert abs(z[0]) < 2 * ONE_MM
 
 
-def test_a_lever_arm_of_the_wrong_sign_is_seen():
-    wrong = tuple(-a for a in WHEEL)
-    assert abs(seen_by(LateralAid(wrong), solution(), TURNING_S)[0][1][0]) > 0.5
-    assert (
-        abs(seen_by(OdometerAid(taxi().run.odometer, 0.01, wrong), solution(), TURNING_S)[0][1][0])
-        > 0.2
-    )
-    arm = tuple(-a for a in ANTENNA)
-    assert (
-        np.abs(
-            seen_by(GnssAid(taxi().run.gnss, rows(), arm, 0.5, 0.03), solution(), TURNING_S)[-1][1]
-        ).max()
-        > 0.3
-    )
-
-
-def test_crab_is_minus_kappa():
-    """Crab 10 mrad: lateral way -V crab, and the row's coefficient of kappa is the way forward."""
-    ((_, z, H, _),) = seen_by(LateralAid(WHEEL), solution(crab_mrad=10.0), STRAIGHT_S)
-    forward = view(solution(), STRAIGHT_S).displacement_b_m[0, 0]
-    assert H[0, em.KAPPA] == pytest.approx(forward, rel=1e-3)
-    assert z[0] == pytest.approx(-10.0 * MILLIRADIAN * forward, rel=0.02)
-
-
-def test_lever_arm_error_shows_with_the_turn():
-    """Assumed 0.5 m wrong along x: delta l = -delta(wheel_reference), z = turn times it."""
-    assumed = (WHEEL[0] + 0.5, *WHEEL[1:])
-    ((_, z, H, _),) = seen_by(LateralAid(assumed), solution(), TURNING_S)
-    turn = view(solution(), TURNING_S).heading_change_rad[0]
-    assert H[0, em.LEVER_X] == pytest.approx(turn)
-    # true lever less assumed lever is +0.5
-    assert z[0] == pytest.approx(0.5 * turn, abs=2 * ONE_MM)
-
-
-def test_odometer_scale_reads_high():
-    aid = OdometerAid(taxi(0.0, 5000.0).run.odometer, 0.01, WHEEL)
-    ((_, z, H, _),) = seen_by(aid, solution(), STRAIGHT_S)
-    assert z[0] == pytest.approx(H[0, em.ODOMETER] * 5e-3, rel=0.05)
-
-
 def test_an_odometer_stamped_on_the_edges_of_steps_is_read():
     """One sample a second, each at a step's end: it belongs to that step, with its own noise."""
     log = taxi().run.odometer
@@ -273,12 +233,6 @@ def test_an_odometer_stamped_on_the_edges_of_steps_is_read():
     forward = view(solution(), STRAIGHT_S).displacement_b_m[0, 0]
     assert H[0, em.ODOMETER] == pytest.approx(-forward, rel=0.01)
     assert R[0] >= 0.01**2
-
-
-def test_odometer_is_silent_outside_its_log():
-    log = taxi().run.odometer
-    short = replace(log, time_s=log.time_s[:200], speed_m_s=log.speed_m_s[:200])
-    assert seen_by(OdometerAid(short, 0.01, WHEEL), solution(), STRAIGHT_S) == []
 
 
 def test_lateral_row_holds_no_heading():

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.thermometer.gyro_temperature import gyro_temperature, too_short
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import TemperatureLog
-from ins.verdicts import sentence, sentences
+from ins.verdicts import sentences
 from trajectories.simulator.thermal import thermal_history
 
 HOUR = np.arange(4200.0)
@@ -53,16 +53,6 @@ def test_a_straight_ramp_comes_back_exactly():
     )
 
 
-def test_uneven_times_make_no_difference():
-    rng = np.random.default_rng(1)
-    t = np.sort(rng.uniform(0.0, 4199.0, 3000))
-    t = t[np.diff(t, prepend=-1.0) > 1e-3]
-    T = np.stack([20 + t / 60] * 3, axis=1)
-    assert gyro_temperature(log_of(T, t)).at(np.array([1000.0]))[0] == pytest.approx(
-        [20 + 1000 / 60] * 3, abs=1e-6
-    )
-
-
 def test_stuck_axes_are_named():
     T = warm_up()
     T[:, 1] = 25.0
@@ -97,13 +87,6 @@ def test_ends_are_held_and_a_span_is_never_empty():
         assert T.temperature_degC[span].shape[0] >= 1
 
 
-def test_a_log_of_a_few_seconds_is_read():
-    t = np.arange(3.0)
-    assert gyro_temperature(log_of(np.full((3, 3), 20.0), t)).temperature_degC == pytest.approx(
-        20.0
-    )
-
-
 def test_a_span_without_readings_is_not_usable_and_takes_its_shape_from_the_others():
     T = warm_up() + 0.01 * np.random.default_rng(2).standard_normal((4200, 3))
     T[1000:2500, 1] = 0.0
@@ -129,17 +112,6 @@ def test_a_wrong_scale_leaves_the_axis_out(scale, word):
         for said in sentences(s.reason for s in found.left_out())
     )
     assert np.abs(found.at(HOUR) - warm_up())[:, 2].max() < 4.0  # the others' mean stands in
-
-
-def test_one_row_is_held():
-    found = gyro_temperature(log_of(np.array([[20.0, 21.0, 22.0]]), np.array([5.0])))
-    assert found.at(np.array([0.0, 100.0])) == pytest.approx(np.tile([20.0, 21.0, 22.0], (2, 1)))
-    assert "12 rows over 59.9 s, needed at least 10 rows over 60 s" in sentence(
-        too_short(log_of(np.ones((12, 3)), np.linspace(0.0, 59.97, 12)))
-    )
-    assert "1 row over 0 s, needed at least 10 rows over 60 s" in sentence(
-        too_short(log_of(np.ones((1, 3)), np.array([5.0])))
-    )
 
 
 def with_others(gyro_off_degC, **others):

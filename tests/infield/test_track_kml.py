@@ -8,10 +8,9 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import pytest
 
 from infield.replay.free_inertial import replay
-from infield.reports.track_kml import MOST_POINTS, NAMES, track_kml, tracks_of
+from infield.reports.track_kml import MOST_POINTS, NAMES, track_kml
 from tests.infield.aided_cases import flown, ideal, twin_of
 from tests.infield.test_replay import choices, flat
 
@@ -101,38 +100,6 @@ def test_values_are_those_of_the_schema():
     assert faults(track_kml(replace(result(), run=replace(result().run, gnss=lost)))) == []
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("<color>ff", "<color>xx"),
-        ("T05:00:01.000000Z", " 05:00:01"),
-        ('id="gnss"', 'id="aided"'),
-        ('id="gnss"', 'id="g s"'),
-        (">absolute<", ">sky<"),
-        ("#gnss", "#none"),
-        ("<width>3", "<width>wide"),
-        ("<coordinates>", "<coordinates>nan,1,2 "),
-    ],
-)
-def test_a_fault_in_a_value_is_seen(old, new):
-    """lxml with that schema refuses these too, but for the style that is not there and the NaN."""
-    text = track_kml(result())
-    assert old in text and faults(text.replace(old, new, 1)) != []
-
-
-def test_solutions_that_are_not_finite_leave_no_coordinate():
-    """A free-inertial solution may end in NaN; its rows before stay."""
-    flown_tables = result().tables
-    history = flown_tables[0].history
-    broken = replace(history, height_m=np.where(history.time_s > 900.0, np.nan, history.height_m))
-    changed = replace(
-        result(), tables=(replace(flown_tables[0], history=broken), *flown_tables[1:])
-    )
-    track = next(t for t in tracks_of(changed) if t.key == flown_tables[0].choice.role)
-    assert 0 < track.time_s.size < history.time_s.size and track.time_s[-1] <= 900.0
-    assert faults(track_kml(changed)) == []
-
-
 def test_tracks_points_and_times():
     root = ET.fromstring(track_kml(result()))
     lines = [p for p in root.iter(NS + "Placemark") if p.find(NS + "LineString") is not None]
@@ -178,20 +145,3 @@ def test_long_tracks_are_thinned_and_longitude_stays_within_180():
     rows = [row.split(",") for line in lines for row in line.text.split()]
     assert len(rows) <= MOST_POINTS + 10
     assert max(abs(float(row[0])) for row in rows) <= 180.0
-
-
-def test_ground_vehicles_are_clamped_and_nothing_flown_is_an_empty_document():
-    low = replace(result(), tables=(), aided=None)
-    flat_gnss = replace(low.run.gnss, height_m=np.full(low.run.gnss.time_s.size, 250.0))
-    assert "clampToGround" in track_kml(replace(low, run=replace(low.run, gnss=flat_gnss)))
-    empty = replace(low, run=replace(low.run, gnss=None))
-    assert tracks_of(empty) == ()
-    assert ET.fromstring(track_kml(empty)).find(f"{NS}Document/{NS}Placemark") is None
-
-
-@pytest.mark.parametrize("key", ["gnss", "aided"])
-def test_tracks_lie_on_each_other(key):
-    tracks = {t.key: t for t in tracks_of(result())}
-    t = tracks[key].time_s[300:400]
-    ref = np.interp(t, tracks["aided"].time_s, tracks["aided"].lat_rad)
-    assert np.abs(tracks[key].lat_rad[300:400] - ref).max() * 6.4e6 < 10.0

@@ -5,7 +5,7 @@ proposals are of the store; a rollback is signed and says what it takes back.
 import pytest
 
 from infield.store.errors import SamePerson
-from infield.store.policy import Approval
+from infield.store.proposal_rows import Approval
 from infield.store.table_store import MergedRun
 from infield.table.file import table_to_dict
 from ins.records import InputError
@@ -98,17 +98,6 @@ def test_a_changed_rule_is_found_and_nothing_is_approved(store, url, damage):
     assert store.active().number == 1
 
 
-def test_numbers_of_proposals_are_of_the_store(store):
-    firsts = [factory(store, serial) for serial in ("SN-1", "SN-2", "SN-3")]
-    numbers = [put_forward(store, first).number for first in firsts]
-    assert numbers == [1, 2, 3] and put_forward(store, firsts[0], run="q").number == 4
-    assert store.proposal(2).unit.imu_serial == "SN-2"
-    assert approve(store, 3, "Ben").unit.imu_serial == "SN-3"
-    with pytest.raises(InputError, match=r"proposal 2.*SN-1"):
-        approve(store, 2, "Ben", serial="SN-1")
-    assert store.verify().intact
-
-
 def test_a_store_where_each_unit_counted_for_itself_needs_the_serial(store, monkeypatch):
     firsts = [factory(store, serial) for serial in ("SN-1", "SN-2")]
     monkeypatch.setattr("infield.store.proposals.next_number", lambda c: 1)
@@ -120,23 +109,6 @@ def test_a_store_where_each_unit_counted_for_itself_needs_the_serial(store, monk
         approve(store, 1, "Ben")
     assert approve(store, 1, "Ben", serial="SN-2").decision.revision_number == 2
     assert put_forward(store, firsts[0], run="q").number == 2 and store.verify().intact
-
-
-def test_what_is_said_with_the_same_update_again_is_kept(store):
-    first = factory(store)
-    assert put_forward(store, first, note="a").number == 1
-    assert put_forward(store, first, note="a").number == 1
-    assert put_forward(store, first).number == 1
-    assert put_forward(store, first, note="b").number == 2
-
-
-def test_a_rollback_of_a_rollback_says_so(store):
-    second = commit(store, factory(store))
-    back = store.rollback("SN-1", to="previous", **SIGNED)
-    assert back.note == "rolled back by B: wrong run"
-    again = store.rollback("SN-1", to="previous", by="Anna", reason="it was right")
-    assert again.sha256 == second.sha256
-    assert again.note == "rollback of a rollback (revision 3): rolled back by Anna: it was right"
 
 
 @pytest.mark.parametrize("wrong", [{"by": ""}, {"by": " "}, {"reason": ""}, {"reason": "\x1b[2J"}])

@@ -21,16 +21,7 @@ from infield.session.wrong_facts import (
 )
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import Outcome
-from tests.infield.sessions import (
-    PARKED,
-    SETTINGS,
-    TWIN,
-    estimate,
-    estimate_of,
-    factory,
-    simulated,
-    unit,
-)
+from tests.infield.sessions import PARKED, SETTINGS, TWIN, estimate, estimate_of, factory, simulated
 
 SCALE, CLOCK, STEP_deg_h = 0.02, 2e-3, 0.15
 
@@ -205,28 +196,6 @@ def test_a_compensated_log_that_is_declared_raw_is_found():
     assert reason.values["size"] == pytest.approx(1.0, abs=4.0 * reason.values["sigma"])
 
 
-def test_where_the_table_is_small_a_compensated_log_teaches_nothing_along_it():
-    """A unit with a tenth of that table: the session is merged, its error within the sigmas."""
-    run, table, share = simulated(seed=3).run, factory(), 0.1
-    degC = run.temperature.gyro_degC
-    stored = table.replaced(parameters=share * table.parameters)
-    compensated = less(run, table.settled_deg_h(degC))
-    found = take_run(compensated, stored, TWIN, SETTINGS, False, OnRecord(stored=stored))
-    assert found.verdict.accepted
-    assert [s.fact for s in found.doubted][:1] == [WrongFact.COMPENSATED_BEFORE]
-    for k, axis in enumerate("xyz"):
-        truth = unit().bias_deg_h(axis, degC[:, k])
-        truth = truth - (1.0 - share) * table.bias_deg_h(k, degC[:, k])
-        off = found.merged.table.bias_deg_h(k, degC[:, k]) - truth
-        assert np.all(np.abs(off) < 3.0 * found.merged.table.sigma_deg_h(k, degC[:, k]))
-
-
-def test_a_raw_log_is_believed_where_its_table_is_large():
-    known = OnRecord(stored=factory())
-    found = take_run(simulated(seed=3).run, factory(), TWIN, SETTINGS, False, known)
-    assert found.verdict.accepted and not found.doubted
-
-
 def test_a_gyro_that_stepped_is_remembered_as_a_step():
     """x lower by 0.05 deg/h since the table was made, and a warm-up: a doubt of a lag, or of a step
     within the session, had let it pass.
@@ -283,23 +252,3 @@ def test_a_session_of_the_future_is_refused():
         codes = [reason.code for reason in found.verdict.reasons]
         assert (codes == [SessionReason.STARTS_IN_FUTURE]) == refused
         assert found.verdict.accepted != refused
-
-
-def test_temperatures_of_a_longer_run_are_refused():
-    """A third longer than the imu; 5 % longer may be a recorder that stops late."""
-    run = simulated(seed=3).run
-    log, ends_s = run.temperature, run.imu.end_s
-    for share, refused in ((0.05, False), (0.33, True)):
-        more = np.arange(log.time_s[-1] + 1.0, ends_s * (1.0 + share))
-        grown = replace(
-            log,
-            time_s=np.append(log.time_s, more),
-            gyro_degC=np.vstack([log.gyro_degC, np.repeat(log.gyro_degC[-1:], more.size, axis=0)]),
-            accel_degC=None,
-            block_degC=None,
-            gradient_degC=None,
-            ambient_degC=None,
-        )
-        found = take_run(replace(run, temperature=grown), factory(), TWIN, SETTINGS, False)
-        codes = [reason.code for reason in found.verdict.reasons]
-        assert (codes == [SessionReason.OTHER_TEMPERATURES]) == refused

@@ -236,13 +236,6 @@ def test_a_step_a_shift_or_a_bin_that_is_none_is_refused():
         flt.run(Tape(replace(steps, bin_index=np.array([0, 0, -1]))))
 
 
-def test_a_tape_without_steps_changes_nothing():
-    flt = new_filter()
-    before = flt.P.copy()
-    flt.run(driven(steps_of(parked_step(), 0)))
-    assert (flt.P == before).all()
-
-
 def test_parked_lateral_velocity_is_a_fresh_draw_at_every_step():
     flt = new_filter()
     advance(flt, parked_step())

@@ -13,14 +13,12 @@ from scipy.interpolate import make_interp_spline
 
 from ins import earth
 from ins.attitude import dcm_from_euler, euler_from_dcm, rotation_vector_from_dcm
-from ins.strapdown.mechanization import VerticalChannel, navigate
+from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC
 
 from .inertial_truth import (
     Jet,
-    about_x,
     about_y,
-    about_z,
     attitude,
     constant,
     cosine,
@@ -31,7 +29,6 @@ from .inertial_truth import (
     sine,
     true_state,
 )
-from .test_increments import residual_factor
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ONE_CM = 0.01
@@ -142,50 +139,6 @@ def test_a_sign_error_in_the_truth_would_be_seen():
 
 # ------------------------------------------------------------------------------------------------
 # coning, sculling
-
-
-@pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
-def test_coning_through_the_whole_mechanization(frequency_hz):
-    """Half-angle 10 mrad for 60 s at rest, 100 Hz: heading drifts at the closed-form residual, 1/30
-    or less of raw.
-    """
-
-    def motion(t):
-        spin = TURN * frequency_hz * t
-        C_nb = matmul(about_z(spin), matmul(about_x(constant(0.01, t)), about_z(-spin)))
-        r_e, C_en, lat, height, up = geodetic_motion(
-            constant(0.8, t), constant(0.1, t), *[constant(0.0, t)] * 4
-        )
-        return r_e, matmul(C_en, C_nb), lat, height, up
-
-    h = navigate(
-        ideal_imu(motion, edges(60, 0.01)),
-        true_state(motion, 0.0),
-        vertical=VerticalChannel(mode="hold"),
-    )
-    phi_n = earth.dcm_en(0.8, 0.1).T @ errors(h, motion)[2]
-    w = TURN * frequency_hz
-    assert phi_n[2] / 60 == pytest.approx(-w * 0.01**2 * residual_factor(0.01 * w), rel=0.05)
-    assert abs(phi_n[2] / 60) < 0.2 * w * 0.01**2 / 2
-
-
-@pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
-def test_sculling_through_the_whole_mechanization(frequency_hz):
-    """Roll 1 mrad and 3 mm of sway in phase at 100 Hz: the closed form."""
-    w, theta0, sway_m = TURN * frequency_hz, 1e-3, 0.003
-    radius = float(earth.radii_of_curvature(0.0)[1])
-
-    def motion(t):
-        zero = constant(0.0, t)
-        return geodetic_motion(
-            zero, 0.1 - sway_m / radius * sine(w * t), zero, theta0 * sine(w * t), zero, zero
-        )
-
-    h = navigate(ideal_imu(motion, edges(20, 0.01)), true_state(motion, 0.0))
-    error_down = -errors(h, motion)[1] @ earth.dcm_en(0.0, 0.1)[:, 2] / 20
-    whole = 0.5 * theta0 * sway_m * w**2
-    assert error_down == pytest.approx(2 * whole * residual_factor(0.01 * w), rel=0.1, abs=1e-7)
-    assert abs(error_down) < 0.1 * whole
 
 
 def test_position_follows_a_sway_better_than_the_trapezoid():

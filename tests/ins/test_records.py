@@ -15,13 +15,11 @@ from ins.records import (
     ImuLog,
     InputError,
     NavState,
-    OdometerLog,
     Phase,
     ReferenceLog,
     Run,
     RunHeader,
     Site,
-    Span,
     TemperatureLog,
 )
 
@@ -124,25 +122,6 @@ def made_run(**streams):
         site=Site(**PLACE),
     )
     return Run(header=header, imu=log(), **streams)
-
-
-def test_a_run_is_shown_in_a_few_lines():
-    temperature = TemperatureLog(time_s=np.arange(11.0), gyro_degC=np.full((11, 3), 20.0))
-    phases = (Phase(phase="parked", start_s=0.0, end_s=9.0),)
-    faults = (Span(start_s=1.0, end_s=2.0, reason="dropout"),)
-    shown = repr(made_run(temperature=temperature, phases=phases, faults=faults)).splitlines()
-    assert shown == [
-        "Run 'R-1': unit SN-7 (rlg), started 2026-03-01T05:00:00Z",
-        "  imu: 5 rows, 0.1 to 0.5 s, 10 Hz, increments",
-        "  temperature: 11 rows, 0 to 10 s, 1 Hz",
-        "  phases: parked",
-        "  faults: 1 spans dropped or repaired",
-    ]
-
-
-def test_a_stream_is_shown_in_one_line():
-    assert repr(log()) == "ImuLog(5 rows, 0.1 to 0.5 s, 10 Hz)"
-    assert repr(OdometerLog(time_s=[1.0], speed_m_s=[0.0])) == "OdometerLog(1 rows)"
 
 
 def test_frames_have_the_columns_of_the_files_and_seconds_as_index():

@@ -59,12 +59,6 @@ def test_missing_keys_take_the_default_of_the_technology(technology):
     assert read.accel == default.accel
 
 
-def test_mems_is_far_noisier_than_rlg():
-    mems, rlg = default_twin("mems"), default_twin("rlg")
-    assert mems.gyro.arw_deg_sqrt_h > 50 * rlg.gyro.arw_deg_sqrt_h
-    assert mems.gyro.turn_on_deg_h > 1000 * rlg.gyro.turn_on_deg_h
-
-
 size = st.floats(min_value=0, max_value=1e6)
 signed = st.floats(min_value=-1e6, max_value=1e6)
 

@@ -121,10 +121,6 @@ class Browser:
             mobile=mobile,
         )
 
-    def picture(self, path, *, full=False):
-        """A PNG of the window, or of the whole page."""
-        self.page.screenshot(path=path, full_page=full)
-
     def complaints(self):
         """What the browser logged as a fault of the page since it was opened."""
         return [

@@ -11,14 +11,7 @@ from typer.testing import CliRunner
 from recal.cli.check import command
 from tests.infield.sessions import simulated
 from tests.recal.verbs import check
-from tests.trajectories.run_cases import (
-    csv_run,
-    edit_json,
-    lines,
-    put_lines,
-    scale_columns,
-    set_cell,
-)
+from tests.trajectories.run_cases import csv_run, edit_json, lines, put_lines, set_cell
 from trajectories.runs.directory import write_run
 
 app = typer.Typer()
@@ -95,13 +88,6 @@ def test_a_missing_run(tmp_path):
     assert "no such run directory" in json.loads(said.stdout)["problems"][0]["text"]
 
 
-def test_a_suspect_sign_fails_the_check(path):
-    scale_columns(path / "imu.csv", "dtheta_", -1.0)
-    said = run_check(path)
-    assert said.exit_code == 3
-    assert "suspect: imu.csv" in said.stdout
-
-
 def test_another_serial_is_bad_input(path):
     assert run_check(path, "--serial", "SN-0042").exit_code == 0
     said = run_check(path, "--serial", "SN-0043")
@@ -129,13 +115,6 @@ def test_thermometer_faults_are_named(path, change, line):
     temperatures(path, change)
     assert any(line in text for text in warnings(path)), warnings(path)
     assert run_check(path).exit_code == (3 if "kelvin" in line else 0)
-
-
-def test_a_sound_thermometer_has_no_fault(path):
-    temperatures(path, lambda t, T: T)
-    assert warnings(path) == []
-    temperatures(path, lambda t, T: np.round(T, 2))
-    assert warnings(path) == []
 
 
 def shift_times(path, by_s):
@@ -180,16 +159,6 @@ def test_a_run_that_never_rests_is_said_so(path):
     raw[:, 4] += 0.01 * 2.0 * np.sin(2 * np.pi * 0.05 * raw[:, 0])
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
     assert any("first 600 s" in text for text in warnings(path))
-
-
-def test_a_hole_in_the_temperatures_is_named_with_its_place(path):
-    temperatures(path, lambda t, T: T)
-    rows = lines(path / "temperature.csv")
-    put_lines(
-        path / "temperature.csv",
-        [rows[0], *(r for r in rows[1:] if not 1000.0 < float(r[0]) < 1300.0)],
-    )
-    assert warnings(path) == ["temperature.csv: no reading from 1000.0 to 1300.0 s (300 s)"]
 
 
 def test_a_start_in_the_future_is_named_with_both_times(path):

@@ -8,7 +8,6 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import get_args
 
 import pytest
 from typer.main import get_command
@@ -103,61 +102,6 @@ def test_the_help_of_a_command_loads_no_heavy_library_and_shows_an_example(helps
     assert "Example: recal " + " ".join(words) in " ".join(said.split()) or words[0] in GROUPS
 
 
-def command_of(words):
-    """The command that the words name."""
-    found = get_command(app)
-    for word in words:
-        found = found.commands[word]
-    return found
-
-
-PYTHON_WORDS = re.compile(r"<[a-z ]+>|list\[|\bPath\b|\bfloat\b|\bint\b|\bstr\b|None|\{\w+\}")
-
-
-@pytest.mark.parametrize("name", ["", *GROUPS])
-def test_the_help_above_the_commands_speaks_no_python_and_completes_once(helps, name):
-    said = helps[name][0]
-    assert not PYTHON_WORDS.search(said)
-    assert ("--install-completion" in said) == (name == "")  # it is the program that completes
-
-
-@pytest.mark.parametrize("words", ALL, ids=" ".join)
-def test_the_help_keeps_its_units_and_speaks_no_python(helps, words):
-    """A unit in square brackets stays as written; every option says what it is for."""
-    said = " ".join(helps[" ".join(words)][0].split())
-    assert not re.search(r"\[\s*\]|\(\s*\)", said)
-    assert not PYTHON_WORDS.search(said), PYTHON_WORDS.search(said)
-    for param in command_of(words).params:
-        if not getattr(param, "hidden", False):
-            assert param.help, param.name
-            assert all(unit in said for unit in re.findall(r"\[[^\]]+\]", param.help)), param.name
-            assert all(flag in said for flag in param.opts if flag.startswith("-"))
-
-
-SAYS_ITS_UNIT = re.compile(r"_(s|deg|deg_h|degC|m|hz|mrad|arcsec|rad)$")
-
-
-@pytest.mark.parametrize("words", ALL, ids=" ".join)
-def test_numbers_with_a_unit_say_it_in_the_help(words):
-    for param in command_of(words).params:
-        unit = SAYS_ITS_UNIT.search(param.name)
-        if unit and float in (param.type_descriptor.annotation, *get_args(hint_of(param))):
-            assert "[" in param.help, param.name
-
-
-def hint_of(param):
-    """What a parameter holds."""
-    return param.type_descriptor.annotation
-
-
-def test_the_help_names_the_folder_that_a_report_goes_to(helps):
-    for name in ("align", "replay", "update", "plan", "diagnose", "misalignment", "thermal rlg"):
-        said = " ".join(helps[name][0].split())
-        assert f"Default: recal-{name.split()[0]}." in said
-    assert "Default: 1." in " ".join(helps["misalignment"][0].split())  # of --prior-mrad
-    assert "Input:" in helps["update"][0] and "Output:" in helps["update"][0]
-
-
 def test_the_version_and_the_packaged_scenarios():
     said = CliRunner().invoke(app, ["--version"])
     assert said.exit_code == 0 and re.fullmatch(r"recal \d+\.\d+\.\d+\n", said.stdout)
@@ -166,33 +110,6 @@ def test_the_version_and_the_packaged_scenarios():
     known = json.loads(CliRunner().invoke(app, ["simulate", "--list", "--json"]).stdout)
     assert known["schema"] == "recal.scenarios/1" and all(known["scenarios"].values())
     assert CliRunner().invoke(app, ["simulate", "parked_only"]).exit_code == 2
-
-
-def test_a_shell_completes_commands_and_options():
-    """What typer's own completion asks of the program (recal --install-completion)."""
-    for words, wanted in (("recal up", "update"), ("recal update --thermal", "--thermal-model")):
-        done = subprocess.run(
-            [sys.executable, "-m", "recal"],
-            env={
-                **os.environ,
-                "PYTHONPATH": str(ROOT),
-                "_RECAL_COMPLETE": "complete_bash",
-                "COMP_WORDS": words,
-                "COMP_CWORD": str(len(words.split()) - 1),
-            },
-            capture_output=True,
-            text=True,
-        )
-        assert wanted in done.stdout.split(), done
-
-
-def test_recal_help_makes_no_command_and_loads_no_rich(helps):
-    """The lines of the program's help are those of the commands, without making them."""
-    commands = get_command(app).commands
-    said = " ".join(helps[""][0].split())
-    for name in (*COMMANDS, *GROUPS):
-        assert f"{name} {commands[name].get_short_help_str(limit=1000)}" in said
-    assert "rich" not in helps[""][2:]
 
 
 @pytest.mark.parametrize("words", ALL, ids=" ".join)

@@ -15,7 +15,6 @@ from infield.table.file import table_sha256
 from ins.records import InputError
 from ins.twin_file import read_twin
 from simreal.declared.twin_effects import parse_effects
-from tests.drawn import specifications, unscripted
 from tests.recal import command
 from tests.simreal.diagnosed import trial
 from trajectories.runs.directory import read_run, write_run
@@ -85,12 +84,6 @@ def test_the_twin_written_stands_alone_and_reads_back(done):
     assert table_sha256(json.loads((out / "table.json").read_text())) == table_sha256(
         one_cold().table
     )
-
-
-def test_the_page_fetches_nothing(done):
-    page = (done[1] / "diagnosis.html").read_text()
-    rest = unscripted(page)
-    assert specifications(page) and "src=" not in rest and "http://" not in rest
 
 
 def test_a_run_that_never_rests_is_refused_with_a_document(folder):

@@ -9,7 +9,7 @@ from infield.reports.update_page import update_html
 from infield.thermal.found_effects import FoundEffect, with_effect_sigma, without_effects
 from ins.twin_file import default_twin, twin_from_dict, twin_to_dict
 from ins.units import DEG_PER_HOUR, MICRO_G
-from recal.service.inputs.twin_effects import without_found_effects
+from recal.service.inputs.twin_table import without_found_effects
 from recal.service.update import update
 from simreal.evidence.run_view import view_run
 from tests.simreal.runs import PARKED, simulated, table, twin_of

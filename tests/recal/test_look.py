@@ -1,7 +1,6 @@
 """`recal look`: any log on one page, with what it can be used for and the commands that do it."""
 
 import json
-import re
 import shlex
 from dataclasses import replace
 
@@ -15,7 +14,6 @@ from ins.units import DEG_PER_HOUR
 from recal.cli.app import app
 from recal.service.look.opened import reads_earth_rate
 from recal.service.look.records import Fit, Use
-from tests.drawn import column, specifications, traces, unscripted
 from trajectories.runs.directory import write_run
 from trajectories.runs.physics_gates import quiet_means
 
@@ -90,19 +88,6 @@ def test_the_noise_is_the_simulated_one(looked):
     assert found["unit"] == "deg/sqrt(h)"
 
 
-def test_the_page_fetches_nothing_and_reads_without_a_script(looked):
-    page = looked.page()
-    without = unscripted(page)
-    assert not re.search(r"""(?:src|href)=["']?(?:https?:)?//""", without)
-    # rates, force, temperatures, Allan deviations of six channels
-    assert without.count('role="img"') == 9
-    assert "recal align" in without and "Heading is found" in without
-    for found in specifications(page):
-        for trace in traces(found, mode="lines"):
-            edges = 2 if "fill" in trace else 1
-            assert column(trace["x"]).size == column(trace["y"]).size <= 2000 * edges
-
-
 def test_what_a_bare_log_does_not_say_is_taken_and_named(simulated, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = call(simulated / "bare.csv", "--json")
@@ -150,34 +135,12 @@ def test_of_a_log_with_gaps_the_longest_stretch_is_looked_at(simulated, tmp_path
     assert made.exit_code == 0
 
 
-def test_a_log_that_is_fit_for_nothing_is_refused(simulated, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = call(simulated / "shaken.csv")
-    assert done.exit_code == 4
-    assert done.stdout.startswith("shaken: refused\n")
-    assert (tmp_path / "recal-look" / "look.html").exists()
-
-
 def test_what_is_no_log_is_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "poem.txt").write_text("no numbers here\n" * 100)
     done = CliRunner().invoke(app, ["look", "poem.txt"])
     assert "format not recognised" in str(done.exception)
     assert not (tmp_path / "recal-look" / "look.html").exists()
-
-
-def test_the_page_shows_its_figures_in_a_browser(looked, tmp_path):
-    from tests.recal.chromium import chromium
-
-    page = looked.to_html(tmp_path / "look.html")
-    with chromium(tmp_path / "profile") as browser:
-        for width in (1280, 390):
-            browser.size(width, mobile=width < 500)
-            browser.open(page.as_uri())
-            browser.size(width, 6000, mobile=width < 500)
-            browser.until("document.querySelectorAll('figure.plot .main-svg').length >= 9")
-            assert browser.evaluate("document.documentElement.scrollWidth") <= width
-            assert browser.complaints() == []
 
 
 def test_dither_does_not_hide_the_earths_rate():

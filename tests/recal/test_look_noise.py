@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ins.records import AXES
-from recal.service.look.noise import shown_noise
+from recal.service.look.series import shown_noise
 from recal.service.results.plots import figure_of
 from simreal.report.twin_page import allan_panels
 from simreal.twin.fit.result import ChannelCurve
@@ -19,7 +19,7 @@ TAU = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 @pytest.fixture
 def fit(monkeypatch):
     """The parts of a fit that `look` shows: six channels on their model, a number a sensor."""
-    import recal.service.look.noise as room
+    import recal.service.look.series as room
 
     monkeypatch.setattr(room, "replace", changed)
     channels = [channel(f"{sensor}_{a}") for sensor in ("gyro", "accel") for a in AXES]

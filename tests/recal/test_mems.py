@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from recal.service.results.update_summary import stored_summary as summary
-from tests.infield.mems_flights import flight
 from tests.recal.verbs import align, update
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.directory import write_run
@@ -46,26 +44,6 @@ def test_align_gives_level_and_zero_rates_and_says_why_no_heading(warm_up, tmp_p
     assert gyro["x"]["sigma_deg_h"] == pytest.approx(7.5, abs=0.1)
     assert gyro["z"]["sigma_deg_h"] < 1.0
     assert not found["zero_rate"]["heading_known"]
-
-
-def test_update_proposes_and_words_fit_a_mems_unit(warm_up, tmp_path):
-    run, twin = warm_up
-    found = update(
-        [run], store_url=f"sqlite:///{tmp_path}/none.db", commit=False, twin=twin, output=tmp_path
-    )
-    assert found["verdict"] == "proposed" and found["zero_rate_effect"]["turn_on_deg_h"] == 100.0
-    assert "its shape by" in "\n".join(summary(found)) and "NM/h" not in "\n".join(summary(found))
-
-
-def test_update_says_which_stretches_it_used(tmp_path):
-    write_run(tmp_path / "run", flight(1, turn_deg=90.0).run)
-    (tmp_path / "twin.json").write_text(json.dumps({**TWIN, "imu_serial": "SN-1"}))
-    store, twin = f"sqlite:///{tmp_path}/none.db", tmp_path / "twin.json"
-    found = update([tmp_path / "run"], store_url=store, commit=False, twin=twin, output=tmp_path)
-    first, second = [line for line in summary(found) if " stretch " in line]
-    assert "stretch 1: 1" in first and "turned" not in first
-    assert "stretch 2: 1" in second and "turned by +" in second and "since the one before" in second
-    assert "stretches of rest" in (tmp_path / "update.html").read_text()
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is not beside the project")

@@ -71,26 +71,6 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folde
     assert specifications(page) and "http" not in unscripted(page) and "Measured" in page
 
 
-def test_the_same_biases_by_heading_are_the_same_answer(folder):
-    first = by_entry(result_of(*TABLE))
-    put(
-        HEADER.replace("north_to_west", "heading"),
-        (ROWS[0], "270" + ROWS[1][2:], ROWS[2], "90" + ROWS[3][3:]),
-    )
-    second = by_entry(result_of(*TABLE))
-    assert all(
-        second[e]["value_arcsec"] == pytest.approx(first[e]["value_arcsec"], abs=1e-9)
-        for e in first
-    )
-
-
-def test_own_sigmas_of_the_rows_are_used(folder):
-    sigmas = ",sigma_x_deg_h,sigma_y_deg_h,sigma_z_deg_h"
-    put(HEADER + sigmas, [row + ",0.001,0.002,0.004" for row in ROWS])
-    found = by_entry(result_of("k.csv", "--lat-deg", "39.9", "--sigma-heading-deg", "0"))
-    assert found["zx"]["sigma_arcsec"] == pytest.approx(4 * found["xy"]["sigma_arcsec"])
-
-
 def test_the_error_that_headings_share_is_in_the_sigmas_by_default(folder):
     exact, found = (by_entry(result_of(*given)) for given in (TABLE, HEADINGS_UNKNOWN))
     for entry in ("xy", "yx"):
@@ -187,11 +167,6 @@ def test_bad_tables_are_one_line(folder, header, rows, told):
 )
 def test_wrong_usage_is_exit_code_2(folder, arguments):
     assert run(*arguments).exit_code == 2
-
-
-def test_a_table_without_sigma_says_what_is_needed(folder):
-    outcome = run(*TABLE[:3])
-    assert isinstance(outcome.exception, InputError) and "--sigma-deg-h" in str(outcome.exception)
 
 
 def test_compensated_biases_are_level(folder):

@@ -12,7 +12,6 @@ from recal.cli.app import app
 from recal.service.results.overwrite import (
     CSV_TABLE,
     Peeked,
-    is_compensated,
     is_simulated,
     keep_report,
     need_free_file,
@@ -114,14 +113,6 @@ def test_a_log_is_converted_again_into_its_own_run(folder):
     assert not made_of(found, folder / "other" / "log.bin")
     log.write_bytes(b"second")
     assert not made_of(found, log)
-
-
-def test_a_run_says_that_it_is_simulated_and_keeps_its_hash(tmp_path):
-    write_run(tmp_path / "a", full_run())
-    write_run(tmp_path / "b", full_run(), simulation=SIMULATED)
-    a, b = (peeked(tmp_path / name / "run.json") for name in "ab")
-    assert is_simulated(b) and not is_simulated(a) and not is_compensated(a)
-    assert read_run(tmp_path / "a").sha256 == read_run(tmp_path / "b").sha256
 
 
 def test_a_report_of_other_runs_is_kept(tmp_path):

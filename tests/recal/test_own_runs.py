@@ -8,7 +8,6 @@ import pytest
 
 import recal
 from ins.records import InputError
-from tests.drawn import specifications
 from tests.infield.sessions import simulated
 
 ROUNDED = 1e-11  # rad and m/s: an increment over its interval and times it
@@ -126,9 +125,3 @@ def test_arrays_that_contradict_themselves_are_refused(recorded, what):
     with pytest.raises(InputError) as refused:
         recal.Run.from_arrays(time_s, w, f, **given)
     assert "/tmp" not in str(refused.value) and "\n" not in str(refused.value)
-
-
-def test_a_run_has_a_page_and_a_plot(made, tmp_path):
-    page = made.to_html(tmp_path / "run.html").read_text()
-    assert made.header.run_id in page
-    assert len(specifications(page)) == len(made.plot().to_dict()["layout"]["annotations"]) == 3

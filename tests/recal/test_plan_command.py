@@ -85,16 +85,6 @@ def test_bad_input_is_one_line(folder, arguments, said):
     assert "\n" not in str(outcome.exception) and not (folder / "recal-plan").exists()
 
 
-def test_a_twin_of_another_unit_is_bad_input(folder):
-    maker = RecordingMaker(
-        default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0)
-    )
-    write_run(folder / "cold", maker.view(Recording()).run)
-    (folder / "twin.json").write_text(json.dumps(twin_to_dict(default_twin("fog"))))
-    outcome = run("cold", "--twin", "twin.json")
-    assert isinstance(outcome.exception, InputError) and "gyro_technology" in str(outcome.exception)
-
-
 @pytest.mark.parametrize(
     "arguments",
     [("--without", "wings"), ("--most", "0"), ("--technology", "laser"), ("--lat-deg", "99")],

@@ -222,16 +222,6 @@ def test_outages_are_left_out_and_scored(folder):
     assert "--no-aided" in str(off.exception)
 
 
-def test_vehicle_is_asked_for_and_told(folder):
-    """A taxiing aircraft that may roll: taken or not, a note says so; another word is refused."""
-    document = result_of("run", "--vehicle", "find", "-o", "out")["aided"]
-    assert {"wheels_taken", "no_wheels"} & {code.split(".")[0] for code in document["note_codes"]}
-    assert ("wheels" in document) == ("wheels_taken" in document["note_codes"])
-    boat = CliRunner().invoke(app, ["run", "--vehicle", "boat", "-o", "other"])
-    assert boat.exit_code == 2
-    assert not (folder / "other").exists()
-
-
 def test_smoothed_solution_is_written_where_it_is_asked_for(folder):
     """Columns of the filter's, smaller sigmas, on the page and in a line; gone with the next replay
     that does not ask for it.

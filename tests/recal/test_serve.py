@@ -15,7 +15,6 @@ pytest.importorskip("fastapi")
 
 from infield.store.table_store import TableStore
 from recal.web import pages
-from recal.web.settings import token_of
 from tests.drawn import specifications
 from tests.infield import stores
 from tests.recal.serving import NAMED_TOKEN, Visitor, merged, put_unit, report, serving, shifted
@@ -110,47 +109,6 @@ def test_one_unit_shows_table_plot_history_and_proposals(visitor):
     assert visitor.get("/unit?serial=SN-2&technology=fog").status_code == 404
 
 
-def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
-    from infield.session.disagreement import SessionEvidence
-
-    url = f"sqlite:///{tmp_path}/recal.db"
-    put_unit(url)
-    said = SessionEvidence(
-        run_id="run-<x>",
-        run_sha256="c" * 64,
-        start_utc="2026-03-09T05:00:00Z",
-        temperature_degC=[5.0, 5.0, 5.0],
-        bias_deg_h=[0.041, 0.001, 0.001],
-        bend_deg_h=[0.0, 0.0, 0.0],
-        covariance=[[4e-6, 0, 0], [0, 4e-6, 0], [0, 0, 4e-6]],
-    )
-    with TableStore.open(url) as store:
-        store.remember_contradictions("SN-1", "rlg", "", [said])
-        sigma = store.active().table.sigma_deg_h("x", 5.0)[0]
-    with serving(url) as base, Visitor(base) as visitor:
-        words = text_of(visitor.get("/unit?serial=SN-1&technology=rlg"))
-        expanded = 2 * (4e-6 + sigma**2) ** 0.5
-        assert (
-            f"run-<x> cccccccccccc 2026-03-09T05:00:00Z +0.0400 ± {expanded:.4f} (k=2) at 5.0 °C"
-            in words
-        )
-        assert "contradicted 1 session" in words
-        assert "--accept-step --commit" in words
-        assert "session that contradicts it, U(k=2)" in words
-        listed = text_of(visitor.get("/?sort=contradictions&down=true"))
-        assert re.search(
-            r"SN-1 contradicted .* rlg revision 2, update \w{12} \S+ \S+ – 1 1 by technology",
-            listed,
-        )
-
-
-def test_two_revisions_are_compared(visitor):
-    words = text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=1&after=2"))
-    assert "revision 1 against 2" in words
-    assert re.search(r"Largest change: gyro x \+0\.0010* deg/h", words)
-    assert "same table" in text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=2&after=2"))
-
-
 @pytest.mark.parametrize(
     "path, status, words",
     [
@@ -233,11 +191,6 @@ def test_a_report_is_shown_alone_in_a_sandbox(visitor, monkeypatch):
     assert document.headers["content-disposition"].startswith("attachment")
 
 
-def test_a_report_that_cannot_be_drawn_says_so(visitor):
-    answer = visitor.get("/revision/report?serial=SN-1&technology=rlg&number=2")
-    assert answer.status_code == 409 and "cannot draw the stored report" in text_of(answer)
-
-
 def test_approval_is_recorded_and_commits(fresh):
     base, url = fresh
     with Visitor(base) as visitor:
@@ -296,20 +249,6 @@ def test_rejection_and_rollback_carry_the_name_of_the_token(fresh):
         assert store.proposals()[1].decision.decided_by == "R. Eviewer"
         assert store.active().note == "rolled back by R. Eviewer: wrong run"
         assert store.active().restored_number == 1
-
-
-def test_a_fresh_login_link_says_who_decides_from_now_on(tmp_path):
-    """In a browser where another person is signed in; a second click changes nothing."""
-    url, ticket = f"sqlite:///{tmp_path}/recal.db", "0123456789abcdef-ticket"
-    put_unit(url)
-    with (
-        serving(url, ticket=token_of(ticket, "B. Second", source="test")) as base,
-        Visitor(base, follow_redirects=True) as visitor,
-    ):
-        assert "B. Second" not in visitor.sign_in().text
-        for _ in range(2):
-            page = visitor.get(f"/login?ticket={ticket}")
-            assert page.status_code == 200 and "B. Second" in page.text
 
 
 @pytest.mark.parametrize(
@@ -420,20 +359,6 @@ def test_hundreds_of_units_come_in_pages(tmp_path):
         assert "A-451" in last.text
         assert visitor.get("/?page=99").text.count("A-451")
         assert visitor.get("/?q=a-45").text.count('<th scope="row">') == 2
-
-
-def test_the_forecast_lists_units_by_urgency_with_their_trend(visitor):
-    """A fibre-optic unit with a table of 0.05 deg/h before laser units of 0.01; all drawn; the same
-    forecast as long as nothing changes.
-    """
-    page = visitor.get("/forecast")
-    said = text_of(page)
-    assert page.status_code == 200 and "0.80 NM/h, the most urgent unit first" in said
-    assert said.index("SN-2 dithered fog") < said.index("SN-1 rlg, revision 2")
-    assert "defaults of fog" in said
-    assert '<a href="/unit?serial=SN-1&amp;technology=rlg&amp;mode=">SN-1</a>' in page.text
-    assert page.text.count('class="trend"') == 3 and page.text.count("Predicted drift of ") == 3
-    assert visitor.get("/forecast").text == page.text
 
 
 def test_who_put_it_forward_does_not_approve_it_on_the_page(fresh):

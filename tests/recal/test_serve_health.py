@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
+from recal.service.priors.records import DriftTrend, ForecastReport, UnitForecast
 from recal.service.store import UnitKey, UnitSummary
-from recal.web.health import HEALTH_WORDS, Health, Show, chosen, unit_health, urgency
+from recal.web.health import Show, chosen, unit_health, urgency
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
 
@@ -79,13 +79,6 @@ def test_the_unit_that_needs_most_comes_first():
     assert [row.age_days for row in rows if row.unit.unit.imu_serial == "OLD"] == [400.0]
 
 
-def test_without_a_forecast_nothing_is_said_of_the_drift():
-    rows = {row.unit.unit.imu_serial: row for row in unit_health(UNITS, None, NOW)}
-    assert {rows[name].health for name in ("GOOD", "SOON", "BEYOND")} == {Health.NO_FORECAST}
-    assert rows["GOOD"].words[1] != "good" and rows["BEYOND"].forecast is None
-    assert rows["WAITS"].health is Health.WAITS and rows["OLD"].health is Health.OLD
-
-
 def test_what_waits_for_a_decision_comes_before_what_only_drifts():
     rows = unit_health([unit("BEYOND"), unit("BOTH", undecided=1)], forecast(BOTH=(0.9, -5)), NOW)
     assert [row.unit.unit.imu_serial for row in sorted(rows, key=urgency)] == ["BOTH", "BEYOND"]
@@ -103,8 +96,3 @@ def test_what_waits_for_a_decision_comes_before_what_only_drifts():
 def test_filters(show, serials):
     rows = chosen(unit_health(UNITS, DRIFTS, NOW), show)
     assert {row.unit.unit.imu_serial for row in rows} == serials
-
-
-def test_each_health_has_its_words():
-    assert set(HEALTH_WORDS) == set(Health)
-    assert all(what for health, (_, _, what) in HEALTH_WORDS.items() if health < Health.GOOD)

@@ -111,14 +111,6 @@ def test_show_json_is_the_table_itself(folder):
     assert table_sha256(json.loads(ok("show", "--json"))) == table_sha256(data)
 
 
-def test_show_prints_expanded_uncertainty(folder):
-    table_file(folder)
-    ok("import", "table.json")
-    rows = [line.split() for line in ok("show").splitlines() if line.startswith("y ")]
-    expected = (("0.00", "+0.30000"), ("10.00", "+0.00000"), ("20.00", "-3.00000"))
-    assert rows == [["y", T, bias, "0.02000"] for T, bias in expected]
-
-
 def updated_store(folder):
     """A store whose unit SN-1 has one update of +0.001 deg/h on all nodes."""
     table_file(folder)
@@ -170,18 +162,6 @@ def test_import_sets_the_twin_without_opening_its_table(folder):
     assert not (folder / "new.db").exists()
 
 
-def test_json_alone_on_standard_output(folder):
-    table_file(folder)
-    for arguments in (
-        ["import", "table.json"],
-        ["list"],
-        ["show"],
-        ["verify"],
-        ["export", "-o", "t.json"],
-    ):
-        json.loads(ok(*arguments, "--json"))
-
-
 def test_a_serial_has_one_technology_unless_that_is_overridden_and_noted(folder):
     """R24: a table of another unit under the serial is a swapped unit until overridden."""
     table_file(folder)
@@ -224,13 +204,3 @@ def test_a_table_in_another_unit_is_refused_unless_that_is_overridden_and_noted(
             assert not (folder / "wild.db").exists()
     ok("import", "wild.json", "--any-size", "--store", "sqlite:///wild.db")
     assert f"got {size:g}" in ok("list", "--store", "sqlite:///wild.db")
-
-
-def test_quiet_prints_nothing_and_verbose_the_result_on_standard_error(folder):
-    table_file(folder)
-    ok("import", "table.json", "-q")
-    for name in ("list", "show", "verify"):
-        assert run(name, "-q", "--seed", "3").output == ""
-    seen = run("show", "-v")
-    assert json.loads(seen.stderr)["schema"] == "recal.table/1"
-    assert "axis  temperature" in seen.stdout

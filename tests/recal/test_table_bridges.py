@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from infield.table.file import json_text, table_to_dict
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import EvenNodes, default_table
+from infield.table.thermal_table import EvenNodes, default_table, prior_covariance
 from recal.cli.console import REFUSED_EXIT
 from tests.recal.test_table import ok, refused, run
 
@@ -85,16 +84,6 @@ def test_a_stiff_cubic_is_refused_unless_forced(folder):
     )
     assert forced["verdict"] == "exported" and forced["reasons"] == told["reasons"]
     assert "WRITTEN ALTHOUGH TOO STIFF: gyro y" in (folder / "u.params").read_text()
-
-
-def test_the_warning_of_a_forced_file_is_read_back_or_refused(folder):
-    stored(folder, sigma=1.0)
-    ok("export", "--to", "px4", "--device-id", 7, "-o", "u.params", "--force")
-    into = ("--serial", "SN-2", "--technology", "mems", "--store", "sqlite:///other.db")
-    assert "z 0 deg/h" in json.loads(ok("import", "u.params", *into, "--json"))["note"]
-    text = (folder / "u.params").read_text()
-    (folder / "u.params").write_text(text.replace("at most 4.9 deg/h", "at most a lot", 1))
-    assert "u.params" in refused("import", "u.params", *into)
 
 
 @pytest.mark.parametrize(

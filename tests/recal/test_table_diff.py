@@ -72,19 +72,6 @@ def test_two_files_need_no_store(stored):
         table_diff("new.csv", "new.csv", STORE)
 
 
-def test_tables_without_a_common_temperature_are_drawn_and_not_weighed(stored):
-    hot = default_table(
-        imu_serial="SN-1",
-        gyro_technology="rlg",
-        created_utc="2026-03-01T05:00:00Z",
-        span=EvenNodes(low_degC=30, high_degC=50),
-    )
-    (stored / "hot.json").write_text(json_text(table_to_dict(hot)))
-    found = table_diff("old.json", "hot.json", STORE)
-    assert found.record.worth is None
-    assert len(specifications(found.page())) == 6
-
-
 def test_the_command_writes_page_and_document(stored):
     said = command.run("table", "diff", "factory", "new.csv", "-o", "out", "--json")
     assert said.exit_code == 0, said.output

@@ -2,13 +2,12 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
-from tests.infield.sessions import TWIN, factory, factory_dict, shifted, simulated
+from tests.infield.sessions import factory, factory_dict, shifted, simulated
 from tests.recal.command import answered, run
 from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
@@ -99,25 +98,6 @@ def test_an_inconsistent_update_is_not_proposed(folder):
         assert store.active().number == 1
 
 
-@pytest.mark.slow
-def test_a_new_unit_gets_a_table_that_knows_its_sigma(folder):
-    # its ring lasers read -0.06 to 0.02 deg/h, six times what one with a table is off
-    made = simulated()
-    write_run(folder / "run", made.run)
-    document = answered("update", "run", "--propose", "--new-unit", "--new-store", "-o", "out")
-    assert document["verdict"] == "proposed"
-    axes = document["table_after"]["axes"]
-    seen = {p["axis"]: p["temperature_degC"] for p in document["points"]}
-    for k, axis in enumerate("xyz"):
-        nodes, temperature = axes[axis], seen[axis]
-        value, sigma = (
-            np.interp(temperature, nodes["temperature_degC"], nodes[key])
-            for key in ("bias_deg_h", "sigma_deg_h")
-        )
-        true = made.gyro_bias_true_deg_h[-600:, k].mean()
-        assert abs(value - true) < 4.0 * np.hypot(sigma, TWIN.gyro.bias_instability_deg_h)
-
-
 def test_a_proposal_is_written_as_files(folder, monkeypatch):
     from infield.reports import update_page as report
 
@@ -137,17 +117,6 @@ def test_commit_and_propose_exclude_each_other(folder):
     assert result.exit_code == 2
     assert "give one of them" in " ".join(result.output.replace("│", " ").split())
     assert not list(folder.iterdir())
-
-
-def test_an_approval_is_refused_where_the_table_has_moved(folder):
-    put_forward()
-    put_forward(shift_deg_h=0.002, run_id="run-2")
-    answered("table", "approve", 1, "--reason", "yes")
-    assert "revision 2" in run("table", "proposals").stdout
-    refused = answered("table", "approve", 2, "--reason", "yes", exit_code=4)
-    assert refused["verdict"] == "refused" and "update again" in refused["reasons"][0]
-    listed = answered("table", "proposals", "--state", "out of date")["proposals"]
-    assert [p["proposal"] for p in listed] == [2] and listed[0]["decision"] is None
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin
 from recal.cli.app import app
-from tests.drawn import specifications, unscripted
 from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
@@ -117,14 +116,6 @@ def test_coefficients_of_simulated_chamber_runs(runs, fitted):
     assert {leg["direction"] for leg in document["runs"][0]["ramps"]} == {"up", "down"}
 
 
-def test_files_beside_the_json(runs, fitted):
-    out = runs[0] / "out"
-    page = (out / "thermal_fog.html").read_text()
-    assert specifications(page) and "Held-out ramps" in page and "http" not in unscripted(page)
-    assert "x_bias" in (out / "thermal_fog.h").read_text()
-    assert (out / "thermal_fog.csv").read_text().startswith("table,")
-
-
 def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, fitted):
     run = read_run(runs[1]["check"])
     model, imu = model_from_document(fitted[1]), run.imu.whole()
@@ -173,20 +164,6 @@ def test_refusals_exit_4_and_say_what_is_needed(runs):
     result, document = run_fog(folder, "--fast", made["fast"], "--slow", made["surveyed"])
     assert result.exit_code == 4 and document["reason_codes"] == ["equal_rates"]
     assert "Refused" in (folder / "out" / "thermal_fog.html").read_text()
-
-
-def test_several_runs_may_follow_one_option(runs):
-    folder, made = runs
-    result, document = run_fog(
-        folder, "--fast", made["fast"], made["surveyed"], "--slow", made["slow"]
-    )
-    assert result.exit_code == 0
-    assert [run["role"] for run in document["runs"]] == ["fast", "fast", "slow"]
-    assert "some runs have a surveyed heading" in document["notes"][0]
-    for a in document["axes"].values():  # and the surveyed one gives the level to all
-        assert a["level"]["known"]
-        assert a["level"]["sigma_deg_h"] < 0.01
-        assert a["residual_over_sigma"] < 1.2
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from ins.records import InputError, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from recal.cli.app import app
-from tests.drawn import specifications, unscripted
 from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_run, write_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
@@ -166,23 +165,6 @@ def test_a_heater_whose_thermometer_lags_by_ten_minutes(runs):
     assert left["after_deg_h"] < left["causal_after_deg_h"] < left["before_deg_h"]
 
 
-def test_files_beside_the_json(runs, fitted):
-    out = runs[0] / "out"
-    page = (out / "thermal_rlg.html").read_text()
-    assert specifications(page) and "Held-out runs" in page and "http" not in unscripted(page)
-    assert json.loads((out / "thermal_rlg.json").read_text())["schema"] == "recal.thermal_rlg/1"
-
-
-def test_the_default_output_is_recal_thermal(runs, monkeypatch):
-    folder, made = runs
-    monkeypatch.chdir(folder)
-    assert CliRunner().invoke(app, ["thermal", "rlg", str(made["a"]), "-q"]).exit_code == 0
-    assert {p.name for p in (folder / "recal-thermal").iterdir()} == {
-        "thermal_rlg.json",
-        "thermal_rlg.html",
-    }
-
-
 def test_without_a_gradient_column_it_fits_and_says_so(runs):
     folder, made = runs
     run = read_run(made["a"])
@@ -192,14 +174,6 @@ def test_without_a_gradient_column_it_fits_and_says_so(runs):
     result, document = run_rlg(folder, folder / "bare")
     assert result.exit_code == 0 and "no gradient column" in document["notes"][0]
     assert all(a["terms"]["K6x"]["state"] == "no data" for a in document["axes"].values())
-
-
-def test_refusals_exit_4_and_say_what_is_needed(runs):
-    folder, made = runs
-    result, document = run_rlg(folder, made["warms"])
-    assert result.exit_code == 4 and document["verdict"] == "refused" and document["axes"] == {}
-    assert document["reason_codes"] == ["one_sided_heating"]
-    assert "Refused" in (folder / "out" / "thermal_rlg.html").read_text()
 
 
 @pytest.mark.parametrize(

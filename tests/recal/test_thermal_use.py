@@ -9,28 +9,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.reports.documents.fog import fit_models, fog_document
 from infield.reports.documents.rlg import rlg_document
 from infield.store.table_store import TableStore
-from infield.table.thermal_table import default_table
-from infield.thermal.fog.ramps import separate
 from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.stored_model import (
     prepared,
     read_thermal_model,
     removal,
-    seeded_table,
     with_model_sigma,
     without_rates,
 )
 from ins.documents import to_json
-from ins.records import ImuLog, InputError, Run, RunHeader, Site, TemperatureLog
+from ins.records import InputError
 from ins.twin_file import default_twin
-from ins.units import DEG_PER_HOUR
 from recal.cli.app import app
 from tests.infield.gradient_cases import TWIN, Unit, three_runs
-from tests.infield.ramp_cases import TWIN as FOG_TWIN
-from tests.infield.ramp_cases import Truth, ramp
 from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
@@ -222,19 +215,6 @@ def test_replay_with_the_model_drifts_less(folder, updated):
     assert "left the log before the table" in (folder / "replay" / "replay.html").read_text()
 
 
-def test_a_unit_without_a_table_starts_from_the_settled_part(folder):
-    stored = read_thermal_model(folder / "model.json")
-    plain = default_table(
-        imu_serial="SN-1", gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z"
-    )
-    seeded = seeded_table(plain, stored)
-    T = plain.temperature_degC[2]
-    np.testing.assert_allclose(
-        seeded.bias_deg_h(2, T), stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, 2]
-    )
-    np.testing.assert_array_equal(seeded.covariance, plain.covariance)
-
-
 def test_what_is_not_known_of_the_terms_widens_the_turn_on_by_hand(folder):
     twin, run = default_twin("rlg"), read_run(folder / "run")
     stored = read_thermal_model(folder / "model.json")
@@ -262,41 +242,3 @@ def test_a_model_of_another_unit_or_of_lines_that_are_not_logged_is_bad_input(fo
         (folder / "bad.json").write_text(json.dumps({**model, **change}))
         with pytest.raises(InputError, match=said):
             without_rates(run, read_thermal_model(folder / "bad.json"))
-
-
-def test_a_fibre_optic_model_serves_as_well(tmp_path):
-    """What leaves a fog session is K_delta dT/dt of its truth, known to what the document says."""
-    rng = np.random.default_rng(5)
-    truth = Truth(rng)
-    study = separate([ramp(rng, truth)], [], FOG_TWIN)
-    document = fog_document(
-        study, *fit_models(study), allowed_deg_h=0.002, word_bits=16, version=""
-    )
-    (tmp_path / "fog.json").write_text(to_json(document))
-    stored = read_thermal_model(tmp_path / "fog.json")
-    t = np.arange(0.0, 1800.0)
-    T = 20.0 + 0.5 * t / 60.0
-    log = TemperatureLog(time_s=t, gyro_degC=np.repeat(T[:, None], 3, axis=1))
-    still = ImuLog(
-        time_s=t + 1.0,
-        dt_s=np.ones(t.size),
-        dtheta_rad=np.zeros((t.size, 3)),
-        dv_m_s=np.zeros((t.size, 3)),
-    )
-    header = RunHeader(
-        run_id="r",
-        tail="",
-        imu_serial="SN-1",
-        gyro_technology="fog",
-        start_utc="2026-03-01T05:00:00Z",
-        site=Site(lat_rad=0.8, lon_rad=0.1, height_m=100.0),
-    )
-    left, gone = without_rates(
-        Run(header=header, imu=still, temperature=log, sha256="0" * 64), stored
-    )
-    for k, axis in enumerate("xyz"):
-        true = truth.K_delta(k, T) * 0.5
-        found = -left.imu.dtheta_rad[:, k] / DEG_PER_HOUR
-        assert np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[axis]
-        assert gone.sigma_deg_h[axis] < 0.01
-    assert left.header.removed_model.part == "rates" and left.sha256 == "0" * 64

@@ -8,7 +8,7 @@ import pytest
 from infield.store.table_store import TableStore
 from infield.table.file import table_to_dict
 from ins.verdicts import Outcome
-from recal.service.inputs import unit_marks
+from recal.service.inputs import new_units as unit_marks
 from recal.service.update import UpdateRequest, update_in_store
 from tests.infield.sessions import TWIN, factory, simulated
 

@@ -103,14 +103,3 @@ def test_each_step_of_an_update_is_told(folder):
     )
     assert said == ["reading 1 run", "estimating from 1 run", "drawing the report"]
     assert len(said) == UPDATE_STEPS
-
-
-def test_each_step_of_a_check_and_an_alignment_is_told(folder):
-    from recal.service.align import ALIGN_STEPS, align
-    from recal.service.check import CHECK_STEPS, check
-
-    said = []
-    check(folder / "run", told=said.append)
-    assert len(said) == CHECK_STEPS
-    align(folder / "run", told=said.append)
-    assert len(said) == CHECK_STEPS + ALIGN_STEPS

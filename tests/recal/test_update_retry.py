@@ -122,15 +122,6 @@ def test_the_same_run_committed_meanwhile_is_refused_not_merged_twice(
         assert store.active().number == 2
 
 
-def test_retry_needs_commit_and_a_number_is_optional(runs, filled, tmp_path):
-    for arguments in (["--retry"], ["--retry", "2"]):
-        done = CliRunner().invoke(
-            app, ["update", *arguments, runs[0], "--store", filled, "-o", str(tmp_path / "out")]
-        )
-        assert done.exit_code == 2 and "--commit" in done.output
-    assert update(runs[0], filled, tmp_path / "out", "--retry", "100").exit_code == 2
-
-
 @pytest.fixture(scope="module")
 def forks(runs, tmp_path_factory):
     """A server of processes in which one update was done, so that all is loaded."""

@@ -109,14 +109,3 @@ def test_no_step_to_accept_is_said(stepped, tmp_path):
     code, document = update(url, tmp_path, runs[0], "--accept-step", "--commit")
     assert code == 5
     assert "no_step" in document["reason_codes"]
-
-
-def test_a_changed_row_is_found(stepped, tmp_path):
-    url, runs, _ = stepped
-    update(url, tmp_path, runs[0], "--commit")
-    with closing(sqlite3.connect(tmp_path / "recal.db")) as db, db:
-        db.execute(
-            "UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '-', ' ')"
-        )
-    said = CliRunner().invoke(app, [str(runs[1]), "--store", url, "-o", str(tmp_path / "out")])
-    assert "was changed" in str(said.exception)

@@ -14,9 +14,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from infield.table.thermal_table import default_table
 from ins.records import InputError, TemperatureLog
-from ins.twin_file import twin_from_dict
 from ins.user_input import LONGEST_PRINTED, one_line, visible
 from recal.cli.app import app
 from recal.cli.console import BAD_INPUT_EXIT, print_lines, say
@@ -235,23 +233,6 @@ def test_a_text_of_another_kind_costs_one_short_line(folder, text):
 
 
 FORGED = "SN-1\nstore: 9 revisions, intact\x1b[31m\u202e"
-
-
-def test_a_serial_has_no_line_ends(folder):
-    (folder / HELD).write_text(json.dumps({**TABLE, "imu_serial": FORGED}))
-    refused("table import table", HELD)
-    rows = "".join(f"{axis},{T},0,0.01\n" for axis in "xyz" for T in (0, 10))
-    (folder / "BAD.csv").write_text(f"axis,temperature_degC,bias_deg_h,sigma_deg_h\n{rows}")
-    told = ["--technology", "rlg", "--serial"]
-    assert call(["table", "import", "BAD.csv", *told, FORGED])[0] == BAD_INPUT_EXIT
-    for wrong in (FORGED, "x" * 201):
-        with pytest.raises(InputError, match="imu_serial"):
-            default_table(imu_serial=wrong, gyro_technology="rlg", created_utc="")
-        with pytest.raises(InputError, match="imu_serial"):
-            twin_from_dict({**TWIN, "imu_serial": wrong}, source="", name="twin.json")
-        for key in ("run_id", "tail", "imu_serial", "gyro_mode"):
-            with pytest.raises(InputError, match=key):
-                header(**{key: wrong})
 
 
 def test_what_is_printed_forges_no_line(capsys):

@@ -67,21 +67,3 @@ def test_an_estimator_at_the_bound_misses_nothing():
     assert totals["observable_axes"] == 2 == totals["within_goal"]
     assert totals["verdicts_agreed"] == 1.0
     assert totals["nees_inside"] == 1 and totals["overconfident_axes"] == 0
-
-
-@pytest.mark.parametrize(
-    ("made", "said"),
-    [
-        ({"scale": 1.4}, "north: RMS 1."),
-        ({"sigma": 0.8}, "east: sigma 0.800 of the bound"),
-        ({"sigma": 0.8}, "NEES 1."),
-    ],
-)
-def test_what_misses_is_named(made, said):
-    found = accuracy.misses(summary(run_lines(400, **made))["cells"])
-    assert any(said in line for line in found)
-
-
-def test_a_verdict_that_the_bound_does_not_call_for_is_counted():
-    study = summary(run_lines(10, verdicts=("observed", "weak", "observed")))
-    assert study["totals"]["verdicts_agreed"] == pytest.approx(2 / 3)

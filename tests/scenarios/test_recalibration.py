@@ -2,7 +2,6 @@
 (benchmarks/).
 """
 
-import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,14 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import recalibration_study
-from benchmarks.baselines import (
-    BASELINES,
-    GlobalCubic,
-    IndependentVariance,
-    NewestPerBin,
-    Points,
-    SessionMean,
-)
+from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge
 from benchmarks.free_inertial import ALIGNMENT_S, HOUR_S, PROFILES, Flown, Sortie, fly, ideal
 from benchmarks.recalibration_unit import (
@@ -61,34 +53,6 @@ def points(temperature, bias, sigma=0.004, axis=0) -> Points:
         bias_deg_h=np.asarray(bias, dtype=float),
         sigma_deg_h=np.full(T.size, sigma),
     )
-
-
-def test_session_mean_replaces_its_offset():
-    rule = SessionMean(flat_table(0.01))
-    rule.update(points([0.0, 20.0], [0.03, 0.05]))
-    rule.update(points([0.0, 20.0], [0.02, 0.04]))
-    assert rule.bias_deg_h(0, [-40.0, 10.0]) == pytest.approx(0.03)
-    assert rule.bias_deg_h(1, [10.0]) == pytest.approx(0.01)  # no points of this axis
-
-
-def test_global_cubic_is_exact_inside_its_span_and_clamped_outside():
-    def curve(T):
-        return 0.01 + 1e-4 * T - 2e-5 * T**2 + 3e-7 * T**3
-
-    T = np.linspace(0.0, 30.0, 7)
-    rule = GlobalCubic(flat_table())
-    assert rule.bias_deg_h(0, [25.0]) == 0.0  # the factory table
-    rule.update(points(T, curve(T)))
-    assert rule.bias_deg_h(0, [5.0, 25.0]) == pytest.approx(curve(np.array([5.0, 25.0])), abs=1e-12)
-    assert rule.bias_deg_h(0, [-10.0, 50.0]) == pytest.approx(
-        curve(np.array([0.0, 30.0])), abs=1e-12
-    )
-
-
-def test_newest_point_takes_the_bin():
-    rule = NewestPerBin(flat_table())
-    rule.update(points([9.0, 11.0, 31.0], [0.5, 0.02, 0.04]))
-    assert rule.bias_deg_h(0, [0.0, 10.0, 20.0, 30.0]) == pytest.approx([0.0, 0.02, 0.0, 0.04])
 
 
 def test_independent_variance_is_the_inverse_variance_mean_at_a_node():
@@ -231,19 +195,6 @@ def test_two_sessions_bring_an_aged_table_back(small_study):
     assert ours["normalised_squared_error"] < 3.0
     assert {name.split(",")[0] for name in summary["rules"]} == {*BASELINES, EXACT, OURS}
     assert summary["rules"][HERMITE]["visited_deg_h"][-1] < 1.2 * ours["visited_deg_h"][-1]
-
-
-def test_a_unit_is_its_seed_and_is_written_down_whole(small_study):
-    record = json.loads(json.dumps(recalibration_study.one(0, "reference", 2, ())))
-    assert recalibration_study.results_of([record]) == small_study[:1]
-
-
-def test_the_table_of_rules_holds_what_the_study_found(small_study):
-    rules = recalibration_study.summarise(small_study)["rules"]
-    row = recalibration_study.rule_row(rules, OURS)
-    assert row[:4] == ["**recal**", "-", f"{rules[OURS]['visited_deg_h'][-1]:.4f}", "-"]
-    other = recalibration_study.rule_row(rules, "newest per bin, measured")
-    assert other[3] == f"{rules['newest per bin, smoothed']['visited_deg_h'][-1]:.4f}"
 
 
 def test_the_true_prior_is_the_ageing_that_units_are_drawn_with():

@@ -18,8 +18,7 @@ from infield.session.results import SessionResult
 from infield.store.table_store import MergedRun, RunAlreadyMerged, TableStore
 from infield.table.file import table_to_dict
 from infield.table.merge import SessionPoints, session_covariance
-from infield.table.prior import prior_covariance
-from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
+from infield.table.thermal_table import EvenNodes, ThermalTable, default_table, prior_covariance
 from ins.records import AXES
 from ins.verdicts import Outcome
 from tests.infield.point_merge import merge_points

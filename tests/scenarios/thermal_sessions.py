@@ -10,7 +10,7 @@ measurement, and the true curve over temperature. From there on everything is th
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ from infield.session.points import session_evidence, session_points
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
-from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
+from infield.table.thermal_table import EvenNodes, ThermalTable, default_table, smooth_kernel
 from ins.records import Site, TwinModel
 from ins.units import DEG
 from tests.reference_motions import reference_motion
@@ -43,21 +42,24 @@ OFFSET_DEG_H, SHAPE_DEG_H, LENGTH_DEGC = 0.006, 0.004, 30.0  # ageing, physics.m
 NODES_DEGC = np.arange(-20.0, 71.0, 10.0)
 
 
-@lru_cache(maxsize=1)
+STARTED = tuple((start, heading) for start in STARTS for heading in HEADINGS_DEG)
+
+
+@cache
+def template(k: int) -> SessionResult:
+    """A taxi of one start and heading, through the pipeline against a table of zeros."""
+    start, heading = STARTED[k]
+    rng = np.random.default_rng([k, 151])
+    unit = aged_unit(rng)
+    truth = build_truth(reference_motion("realistic_taxi")[1], SITE, heading_rad=heading * DEG)
+    ideal = ideal_sensors(truth, 10.0)
+    run = simulate_run(ideal, thermal_history(start, rng=rng), unit, TWIN, rng=rng).run
+    return update_calibration([run], aged_table(sigma=0.1), TWIN).sessions[0]
+
+
 def templates() -> tuple[SessionResult, ...]:
-    """A taxi for each start and heading, through the pipeline against a table of zeros."""
-    found = []
-    for k, (start, heading) in enumerate((s, h) for s in STARTS for h in HEADINGS_DEG):
-        rng = np.random.default_rng([k, 151])
-        unit = aged_unit(rng)
-        ideal = ideal_sensors(
-            build_truth(reference_motion("realistic_taxi")[1], SITE, heading_rad=heading * DEG),
-            10.0,
-        )
-        run = simulate_run(ideal, thermal_history(start, rng=rng), unit, TWIN, rng=rng).run
-        result = update_calibration([run], aged_table(sigma=0.1), TWIN)
-        found.append(result.sessions[0])
-    return tuple(found)
+    """All of them."""
+    return tuple(template(k) for k in range(len(STARTED)))
 
 
 def aged_table(*, sigma: float | None = None, values: NDArray | None = None) -> ThermalTable:

@@ -25,7 +25,7 @@ from ins.errors.telemetry import Trace
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 from ins.verdicts import sentence
-from recal.service.inputs.twin_effects import without_found_effects
+from recal.service.inputs.twin_table import without_found_effects
 from simreal.declared.twin_effects import parse_effects
 from simreal.evidence.run_view import view_run
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose

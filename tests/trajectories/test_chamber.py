@@ -7,7 +7,6 @@ import pytest
 
 from ins.records import InputError
 from trajectories.simulator.chamber import ChamberProfile
-from trajectories.simulator.scenario import packaged_scenarios, read_scenario
 from trajectories.simulator.unit_truth import aged_unit
 
 PROFILE = ChamberProfile(start_degC=-10.0, end_degC=30.0, rate_degC_min=2.0, soak_s=900.0)
@@ -58,18 +57,6 @@ def test_the_coils_bias_is_its_coefficient_times_the_rate_and_late():
     step = np.repeat(np.maximum(np.arange(600) - 300.0, 0.0)[:, None] * 0.5 / 60.0 + 5.0, 3, axis=1)
     seen = late.bias_history_deg_h(step, 1.0)[:, 0] - late.bias_deg_h("x", step[:, 0])
     assert seen[360] == pytest.approx(0.1 * (1 - np.exp(-1)), rel=0.06)
-
-
-def test_the_packaged_ramps_last_as_long_as_their_profiles():
-    names = [name for name in packaged_scenarios() if name.startswith("fog_ramp")]
-    assert len(names) == 3
-    for name in names:
-        plan = read_scenario(name)
-        assert (
-            0
-            <= sum(segment.duration_s for segment in plan.segments) - plan.thermal.duration_s
-            < 60.0
-        )
 
 
 def test_a_heater_on_one_side_by_hand():

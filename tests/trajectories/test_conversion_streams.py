@@ -10,7 +10,7 @@ import pytest
 from ins.earth import displacement_ned
 from ins.records import GnssLog, OdometerLog
 from tests.infield.aided_cases import flown, ideal, twin_of
-from trajectories.readers.conversion_streams import _pairs, check_streams
+from trajectories.readers.conversion_checks import _pairs, check_streams
 from trajectories.runs.checks import Findings
 
 TIME_S = np.arange(1.0, 121.0)

@@ -16,11 +16,11 @@ from alignment.motion.seconds import seconds_of
 from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.records import ImuLog, InputError
 from ins.strapdown.compensation import CorrectedImu, compensate, corrected
-from tests.trajectories.run_cases import csv_run, full_run, imu_log
+from tests.trajectories.run_cases import csv_run, imu_log
 from trajectories.runs import directory as run_module
 from trajectories.runs import stream_files
 from trajectories.runs.checks import Findings
-from trajectories.runs.directory import FORMATS, read_run, run_sha256, write_run
+from trajectories.runs.directory import read_run, run_sha256
 from trajectories.runs.imu_scan import Intervals
 from trajectories.runs.imu_stream import ImuFile, jitter, load_imu
 from trajectories.runs.stream_files import StreamFile, write_columns
@@ -83,10 +83,8 @@ def test_pieces_hold_the_bits_of_the_whole(tmp_path, kind, ending):
     path = tmp_path / f"imu.{ending}"
     whole, faults, lines = opened(path, columns, held_rows=10**6)
     assert isinstance(whole, ImuLog) and lines == [] and len(faults) == 4
-    # a block of text for each row: every reading of all takes a second
-    # (a row a piece of text: test_the_hash_and_the_run_are_the_same)
-    cuts = [cut for cut in CUTS if ending == "parquet" or cut > 2]
-    for cut in cuts:
+    # of one and two rows each reading of all takes a second: test_the_hash_and_the_run_are_the_same
+    for cut in CUTS[2:]:
         source, same_faults, lines = read_source(path, piece_rows=cut, block_bytes=cut * 80)
         assert isinstance(source, ImuFile) and same_faults == faults and lines == []
         assert source.rows == whole.rows
@@ -107,17 +105,6 @@ def test_pieces_hold_the_bits_of_the_whole(tmp_path, kind, ending):
             assert_same(source.between(start, end), whole.between(start, end))
             assert_same(joined(source.pieces(start, end)), whole.between(start, end))
         assert list(source.pieces(50.0, 60.0)) == []
-
-
-@pytest.mark.parametrize("group_rows", [1, 64, 593, 10**6])
-def test_row_groups_do_not_matter(tmp_path, group_rows):
-    whole, faults, _ = opened(tmp_path / "a.parquet", columns_of(), held_rows=10**6)
-    source, same_faults, _ = opened(
-        tmp_path / "b.parquet", columns_of(), group_rows=group_rows, piece_rows=333
-    )
-    assert same_faults == faults
-    assert_same(source.whole(), whole)
-    assert_same(source.between(8.0, 9.0), whole.between(8.0, 9.0))
 
 
 def test_a_log_in_memory_comes_in_pieces_of_two_rows_or_more(monkeypatch):
@@ -188,7 +175,7 @@ def test_a_fault_at_a_border_is_named_as_in_the_whole(tmp_path, damage):
         _, _, lines = opened(path, columns, held_rows=10**6)
         assert lines or (damage, row) in ((half_rate, 1199), (half_rate, 2))
         assert not lines or damage is half_rate or f"row {row + 1}" in lines[0]
-        for cut in (1, 300, 599, 600, 601):
+        for cut in (1, 300, 599, 600, 601) if row == 600 else (300, 601):
             assert read_source(path, piece_rows=cut)[2] == lines
 
 
@@ -198,14 +185,6 @@ def test_a_rate_change_is_named_at_its_row(tmp_path):
     _, _, lines = opened(tmp_path / "imu.parquet", columns, piece_rows=1000)
     assert len(lines) == 1
     assert "row 2001: rate changes" in lines[0]
-
-
-def test_many_bad_rows_are_counted_over_the_pieces(tmp_path):
-    columns = columns_of()
-    columns["time_s"] = np.round(columns["time_s"], 1)
-    _, _, lines = opened(tmp_path / "imu.parquet", columns, held_rows=10**6)
-    assert len(lines) == 5 and "more such rows" in lines[-1]
-    assert read_source(tmp_path / "imu.parquet", piece_rows=3)[2] == lines
 
 
 def cut_off(text):
@@ -300,13 +279,6 @@ def test_damaged_parquet_is_named(tmp_path):
         assert len(lines) == 1 and lines[0].startswith("imu.parquet: column dv_y_m_s: damaged")
 
 
-def test_a_file_that_goes_away_is_bad_input(tmp_path):
-    source, _, _ = opened(tmp_path / "imu.csv", columns_of())
-    (tmp_path / "imu.csv").unlink()
-    with pytest.raises(InputError, match=r"imu\.csv"):
-        source.whole()
-
-
 def test_intervals_have_the_order_statistics_of_the_array():
     rng = np.random.default_rng(4)
     for size in (1, 2, 5, 400, 401):
@@ -350,7 +322,8 @@ def test_the_first_rest_and_a_correction_do_not_see_the_pieces(tmp_path, cut):
     assert seen.rate_hz == whole.rate_hz
 
 
-def test_the_hash_does_not_see_the_format(tmp_path):
-    for fmt in FORMATS:
-        write_run(tmp_path / fmt, full_run(), fmt=fmt)
-    assert len({read_run(tmp_path / fmt, held_rows=0).sha256 for fmt in FORMATS}) == 1
+def test_a_file_that_goes_away_is_bad_input(tmp_path):
+    source, _, _ = opened(tmp_path / "imu.csv", columns_of())
+    (tmp_path / "imu.csv").unlink()
+    with pytest.raises(InputError, match=r"imu\.csv"):
+        source.whole()

@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import os
 import subprocess
 import sys
 import time
@@ -16,7 +15,6 @@ from scipy.io import savemat
 
 import recal
 from ins.records import InputError
-from recal.cli.app import app
 from tests.trajectories.run_cases import csv_run, full_run
 from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.text_columns import text_columns
@@ -24,7 +22,7 @@ from trajectories.readers.registry import read_log
 from trajectories.readers.rows.column_map import LayoutKeys, LogOptions
 from trajectories.runs import limits
 from trajectories.runs.directory import inspect_run, write_run
-from trajectories.runs.limits import Room, most_unpacked, unpack_limit
+from trajectories.runs.limits import most_unpacked, unpack_limit
 from trajectories.runs.stream_files import write_columns
 from trajectories.runs.text_rows import text_size
 
@@ -136,23 +134,6 @@ def test_the_limit_is_raised_by_an_option(tmp_path, monkeypatch):
             most_unpacked(1)
 
 
-def test_the_option_of_the_command_line(tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    monkeypatch.setattr(limits, "SMALL_BYTES", 10_000)
-    run = csv_run(tmp_path / "run")
-    for old in run.glob("odometer.*"):
-        old.unlink()
-    rows = "".join(f"{k / 10:.1f},0\n" for k in range(2000))
-    (run / "odometer.csv.gz").write_bytes(gzip.compress(f"time_s,speed_m_s\n{rows}".encode()))
-    monkeypatch.setattr(limits, "MAX_GROWTH", 1)
-    said = CliRunner().invoke(app, ["check", str(run)])
-    assert said.exit_code == 3 and "--max-unpacked-mb" in said.output
-    again = CliRunner().invoke(app, ["--max-unpacked-mb", "1", "check", str(run)])
-    assert "--max-unpacked-mb" not in again.output
-    assert limits.VARIABLE not in os.environ
-
-
 @pytest.mark.parametrize("ending", ("csv", "csv.gz", "parquet"))
 def test_what_is_held_in_memory_is_bounded(tmp_path, monkeypatch, ending):
     """Streams that are held whole, and the columns of a log; the increments of a run are read by
@@ -175,14 +156,6 @@ def test_what_is_held_in_memory_is_bounded(tmp_path, monkeypatch, ending):
     with unpack_limit(1):
         assert not inspect_run(run).errors
         assert len(read_columns(log, layout, columns)[0]["late_s"]) == rows
-
-
-def test_room_is_of_all_parts(monkeypatch):
-    monkeypatch.setattr(limits, "SMALL_BYTES", 100)
-    room = Room(1, "bag")
-    room.take(60)
-    with pytest.raises(InputError, match=r"1 bytes.*120"):
-        room.take(60)
 
 
 # Time by the length of a line
@@ -220,19 +193,3 @@ def test_time_is_linear_in_the_length_of_a_line(tmp_path, sign, read):
         path.write_text(f"{IMU.replace(',', ' ')}\n" + "\n".join(rows) + "\n", newline="")
         taken.append(min(cpu_s(read, path) for _ in range(2)))
     assert taken[1] < MOST_RATIO * max(taken[0], LEAST_S)
-
-
-def test_a_row_of_spaces_is_read(tmp_path):
-    """What 25,000 spaces part is the same as what one parts."""
-    rows = [f"{k / 200:.3f} 0 0 0 0 0 -9.81" for k in range(200)]
-    wide = [row.replace(" ", " " * 25_000, 1) if k == 100 else row for k, row in enumerate(rows)]
-    found = []
-    for text in (rows, wide, [f" \t{row} \t\r" for row in rows]):
-        path = tmp_path / "log.txt"
-        path.write_text(f"{IMU.replace(',', ' ')}\n" + "\n".join(text) + "\n", newline="")
-        columns, notes = text_columns(
-            path, LayoutKeys(format="text", header_lines=1), IMU.split(",")
-        )
-        assert notes == []
-        found.append(np.column_stack(list(columns.values())))
-    assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])

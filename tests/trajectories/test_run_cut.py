@@ -5,7 +5,7 @@ read.
 import numpy as np
 import pytest
 
-from ins.records import ImuLog, InputError, Site, Span
+from ins.records import ImuLog, InputError, Span
 from tests.cut import cut_run
 from tests.trajectories.run_cases import F_B, W_B, full_run
 from trajectories.runs.directory import read_run, write_run
@@ -71,17 +71,6 @@ def test_the_first_row_holds_one_nominal_interval():
         np.testing.assert_allclose(
             part.dv_m_s / part.dt_s[:, None], np.tile(F_B, (part.rows, 1)), rtol=1e-9
         )
-
-
-def test_another_site(run):
-    site = Site(lat_rad=0.5, lon_rad=0.1, height_m=20.0)
-    assert cut_run(run, 0.0, 20.0, site=site).header.site == site
-    assert cut_run(run, 0.0, 20.0).header.site == run.header.site
-
-
-def test_streams_without_a_sample_are_left_out(run):
-    part = cut_run(run, 3.2, 3.8)
-    assert part.temperature is None and part.gnss is None and part.imu.rows == 60
 
 
 @pytest.mark.parametrize(

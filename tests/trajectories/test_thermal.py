@@ -54,17 +54,6 @@ def test_named_starts_go_the_way_they_say():
     assert -10 <= coldest and hottest <= 52  # within the nodes of a table, but for its last degrees
 
 
-def test_gradient_is_not_a_multiple_of_the_rate():
-    at = thermal_history("cold").at(T[:4200])
-    rate = np.gradient(at.gyro_degC[:, 0], T[:4200])
-    assert abs(np.corrcoef(rate, at.gradient_degC[:, 0])[0, 1]) < 0.9999
-
-
-def test_rng_moves_a_start_and_only_then():
-    a, b = (thermal_history("cold", rng=np.random.default_rng(s)) for s in (1, 2))
-    assert a != b and thermal_history("cold") == thermal_history("cold")
-
-
 def test_bad_starts_and_times_are_refused():
     with pytest.raises(InputError, match="'tepid'"):
         thermal_history("tepid")

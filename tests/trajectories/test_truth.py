@@ -63,19 +63,6 @@ def test_rest_is_constant_to_the_bit_and_joins_the_motion():
     assert np.max(np.abs(joined.a_e)) < 1e-6
 
 
-def test_height_speed_and_course_are_those_of_the_motion():
-    motion = lay(TAXI)
-    truth = build_truth(motion, SITE, heading_rad=0.3)
-    k = truth.kinematics(np.linspace(0.0, motion.end_s, 3001))
-    lat, lon, height = geodetic_from_ecef(k.r_e)
-    v_n = np.einsum("nji,nj->ni", dcm_en(lat, lon), k.v_e)
-    np.testing.assert_allclose(np.hypot(*v_n[:, :2].T), motion.speed_m_s(k.time_s), atol=1e-6)
-    np.testing.assert_allclose(height, 250.0, atol=1e-5)
-    rolling = motion.speed_m_s(k.time_s) > 0.5
-    course = np.arctan2(v_n[rolling, 1], v_n[rolling, 0])
-    np.testing.assert_allclose(np.cos(course - k.euler_rad[rolling, 2]), 1.0, atol=1e-10)
-
-
 def test_straight_leg_ends_where_speed_times_time_says():
     motion = lay(
         [Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0), Stop(duration_s=1.0)]

@@ -25,11 +25,6 @@ def test_ageing_has_the_size_and_correlation_of_physics_6_8():
     assert covariance == pytest.approx(expected, abs=4 * 0.0072**2 / np.sqrt(3000))
 
 
-def test_axes_age_apart():
-    draws = np.stack([ageing(s, np.array([20.0]))[:, 0] for s in range(1000)])
-    assert np.max(np.abs(np.corrcoef(draws.T) - np.eye(3))) < 0.13  # 4 sigma
-
-
 def test_factory_table_is_the_curve_without_its_ageing():
     unit = aged_unit(np.random.default_rng(3), imu_serial="SN-9")
     table = unit.factory_table()

@@ -14,7 +14,7 @@ from ins.records import ImuLog, InputError, NavState, Site, VehicleNoise
 from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG, MILLIRADIAN
 from trajectories.simulator.motions import lay
-from trajectories.simulator.segments import Climb, Cruise, Park, Stop, Straight, TakeOff, Turn
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.vehicle import (
@@ -141,15 +141,6 @@ def test_crab_is_heading_less_direction_of_rolling(taxi):
     np.testing.assert_allclose(wrap_pi(heading - course), 5 * MILLIRADIAN, rtol=1e-4)
 
 
-def test_course_of_rolling_turns_with_the_heading(taxi):
-    """A parked vehicle that has yawed still rolls along its own x axis afterwards: no side slip."""
-    yawed = (Boarding(time_s=20.0, heading_arcsec=300.0),)
-    moved = disturb(taxi, VehicleNoise(**QUIET), yawed, np.random.default_rng(1))
-    leg = (taxi.time_s > 120) & (taxi.time_s < 160)
-    v_b = np.einsum("nji,nj->ni", moved.C_nb[leg], moved.v_n_m_s[leg])
-    assert np.max(np.abs(v_b[:, 1])) < 1e-4  # 300 arcsec of 9.5 m/s would be 14 mm/s
-
-
 def test_a_push_moves_the_vehicle_its_distance_and_turn(parked):
     push = Push(time_s=20.0, distance_m=-3.0, speed_m_s=0.25, ramp_s=2.0, turn_deg=0.8)
     moved = disturb(parked, VehicleNoise(**QUIET), (push,), np.random.default_rng(1))
@@ -235,19 +226,6 @@ def test_side_noise_acts_along_body_y_and_only_while_rolling(taxi):
     assert 0.02 < np.std(extra_b[taxi.speed_m_s > 1.5, 1]) < 0.08
 
 
-def test_nothing_shakes_a_vehicle_in_the_air():
-    ideal = ideal_sensors(
-        build_truth(lay([TakeOff(), Climb(height_m=300.0), Cruise(duration_s=30.0)]), SITE), 10.0
-    )
-    noise = VehicleNoise(crab_mrad=5.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.1)
-    moved = disturb(
-        ideal, noise, (Gust(time_s=0.0, duration_s=100.0, sway_m_s=1.0),), np.random.default_rng(11)
-    )
-    extra = moved.v_n_m_s - ideal.v_n_m_s
-    assert not extra[ideal.on_wheels < 1e-9].any()
-    assert np.abs(extra[ideal.on_wheels == 1.0]).max() > 0.1
-
-
 def test_boarding_settles_at_its_step_within_seconds(parked):
     event = Boarding(time_s=100.0, roll_arcsec=100.0, pitch_arcsec=-50.0, heading_arcsec=20.0)
     moved = disturb(parked, VehicleNoise(**QUIET), (event,), np.random.default_rng(8))
@@ -258,26 +236,6 @@ def test_boarding_settles_at_its_step_within_seconds(parked):
     np.testing.assert_allclose(
         settled, np.tile([100.0, -50.0, 20.0], (settled.shape[0], 1)), atol=0.1
     )
-
-
-def test_bump_reaches_its_velocity_and_leaves_no_displacement(taxi):
-    moved = disturb(
-        taxi,
-        VehicleNoise(**QUIET),
-        (Bump(time_s=20.0, velocity_m_s=0.2),),
-        np.random.default_rng(9),
-    )
-    assert np.max(np.abs(moved.v_n_m_s[:5000])) == pytest.approx(0.2 * np.cos(0.4), rel=0.01)
-    assert abs(moved.lat_rad[4000] - taxi.lat_rad[4000]) * 6.4e6 < 1e-6
-
-
-def test_gust_is_over_when_it_is_over(parked):
-    gust = Gust(time_s=1000.0, duration_s=500.0, sway_m_s=0.05)
-    moved = disturb(parked, VehicleNoise(**QUIET), (gust,), np.random.default_rng(10))
-    inside = (parked.time_s > 1100) & (parked.time_s < 1400)
-    assert 0.03 < np.std(moved.v_n_m_s[inside, :2]) < 0.08
-    outside = (parked.time_s < 1000) | (parked.time_s > 1500)
-    assert not moved.v_n_m_s[outside].any()
 
 
 def test_level_turns_with_the_displacement_as_the_frames_say():

@@ -10,8 +10,7 @@ import numpy as np
 
 from ins.records import AXES, ImuLog, InputError, ReferenceLog, Run, RunHeader, TemperatureLog
 from ins.user_input import open_regular
-from trajectories.readers.conversion_checks import check_rows
-from trajectories.readers.conversion_streams import check_streams
+from trajectories.readers.conversion_checks import check_rows, check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,

@@ -22,12 +22,12 @@ from ins.records import PIECE_ROWS, InputError
 from ins.user_input import open_regular
 from trajectories.runs.limits import refuse_held
 from trajectories.runs.notes import labelled
-from trajectories.runs.row_columns import joined_columns
 from trajectories.runs.text_rows import (
     BLOCK_BYTES,
     MAX_LINE_BYTES,
     MAX_ROWS,
     RowLayout,
+    joined_columns,
     line_blocks,
     parse_block,
     refuse_rows,

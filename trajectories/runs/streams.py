@@ -39,7 +39,7 @@ from ins.records import (
     Span,
     TemperatureLog,
 )
-from ins.thermometer_faults import HOLE_S, of_another_run
+from ins.thermometer_faults import HOLE_S, FaultKind, check_thermometers, of_another_run
 from ins.units import DEG
 from trajectories.runs.checks import (
     JITTER_WARNING,
@@ -51,7 +51,6 @@ from trajectories.runs.checks import (
 )
 from trajectories.runs.imu_stream import jitter
 from trajectories.runs.stream_files import StreamFile
-from trajectories.runs.thermometer import check_thermometer
 
 EARLIEST_S = -1.0  # of the first imu row: start_utc may have been rounded to whole seconds, by 1 s
 LATEST_S = 60.0  # chosen: loggers start within 60 s of power-on; later, time_s is another clock
@@ -61,6 +60,8 @@ SITE_DEG = 1.0  # 111 km, between the site and the first fix: another place was 
 # of one power-on; one every 5 s of the longest run (text_rows.MAX_ROWS, 13.9 h)
 MAX_PHASES = 10_000
 Loaded = tuple[Any, list[Span]]
+# what a log is told whose thermometers never change
+HOW_TO_ACCEPT = "where it is a constant temperature, accepted_constant_temperature accepts it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -409,3 +410,23 @@ def _place_records(columns: dict[str, NDArray]) -> dict[str, NDArray]:
         "height_m": columns["height_m"],
         "v_n_m_s": _stack(columns, VELOCITY),
     }
+
+
+def check_thermometer(
+    columns: dict[str, NDArray], label: str, findings: Findings, *, constant: bool = False
+) -> None:
+    """Warnings on thermometers and holes; kelvin, which no reader should pass on, is a suspect.
+    constant: readings that never change are accepted.
+    """
+    time_s = columns["time_s"]
+    thermometers = {
+        name: values
+        for name, values in columns.items()
+        if name != "time_s" and not name.startswith("gradient") and np.isfinite(values).any()
+    }
+    never_change = all(np.ptp(v[np.isfinite(v)]) == 0.0 for v in thermometers.values())
+    for fault in check_thermometers(time_s, thermometers, constant=constant).faults:
+        name = "" if fault.column == "temperature" else f"{fault.column} "
+        say = findings.suspect if fault.kind is FaultKind.IMPLAUSIBLE else findings.warn
+        hint = f" ({HOW_TO_ACCEPT})" if fault.kind is FaultKind.STUCK and never_change else ""
+        say(f"{label}: {name}{fault.text}{hint}")

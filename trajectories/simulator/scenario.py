@@ -29,17 +29,19 @@ from ins.units import DEG
 from trajectories.simulator.chamber import ChamberProfile
 from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.motions import lay
-from trajectories.simulator.scenario_ranges import (
-    refuse_many_parts,
-    refuse_many_rows,
-    refuse_out_of_range,
-)
 from trajectories.simulator.segments import SEGMENTS, Segment
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
 from trajectories.simulator.truth import Truth, build_truth
-from trajectories.simulator.truth_file import TruthProfile, TruthSection, read_profile
+from trajectories.simulator.truth_file import (
+    TruthProfile,
+    TruthSection,
+    read_profile,
+    refuse_many_parts,
+    refuse_many_rows,
+    refuse_out_of_range,
+)
 from trajectories.simulator.unit_truth import ZERO, ThermalTerms, Triple, UnitTruth, aged_unit
 from trajectories.simulator.vehicle import EVENTS, Event
 

@@ -6,12 +6,23 @@ from dataclasses import dataclass, field, replace
 from alignment.level_fit import LevelFound
 from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
-from infield.reports.documents.noise_fit import NoiseFit
 from infield.session.parked.zero_rate import ZeroRates
 from ins.documents import OMIT_NONE, Null
 from ins.records import Phase, Run, Span
 from ins.units import ARCSEC, DEG
 from ins.verdicts import Reason, codes, sentences
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseFit:
+    """p_value: of the worst band of any sensor, times their number; text: in one line, with the
+    command that would measure a model that does not fit.
+    """
+
+    fits: bool
+    p_value: float
+    text: str
+
 
 SCHEMA = "recal.alignment/1"
 

@@ -15,10 +15,9 @@ from infield.reports.documents.thermal import (
     noise_model,
 )
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
-from infield.thermal.fog.hysteresis import Hysteresis
 from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
-from infield.thermal.fog.ramps import Curves, RampFit, RampStudy
+from infield.thermal.fog.ramps import Curves, Hysteresis, RampFit, RampStudy
 from infield.thermal.ramp_runs import Leg, RampRun
 from ins.documents import UNWRITTEN
 from ins.records import AXES, Span
@@ -309,9 +308,7 @@ def _axis(
 
 
 def _sigma_shape(a: RampFit, pair: PiecewisePair) -> NDArray:
-    """Sigma of K_T less its mean. Where the data call for knees, a smooth curve cannot follow them:
-    what it is off the pieces is as uncertain as that.
-    """
+    """Sigma of K_T less its mean."""
     c, T = a.curves, a.curves.temperature_degC
     centre = np.eye(T.size) - 1.0 / T.size
     assert c.K_T_covariance is not None

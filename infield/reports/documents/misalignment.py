@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.misalignment.azimuth_levelling import LevelOffsets
 from infield.misalignment.closed_forms import DocumentAngles, document_angles, document_compensation
 from infield.misalignment.couplings import NOT_AT_ONE_ATTITUDE, CouplingEstimate
 from infield.misalignment.geometry import Geometry
 from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, north_to_west_rad
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
-from infield.misalignment.study import ENTRIES, AzimuthStudy, corrected_twin
+from infield.misalignment.study import ENTRIES, AzimuthStudy, LevelOffsets, corrected_twin
 from infield.reports.documents.update_records import RunDocument
 from ins.documents import OMIT_NONE
 from ins.records import AXES, InputError

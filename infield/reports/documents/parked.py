@@ -178,9 +178,7 @@ def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[s
 
 
 def _of_ways(session: SessionResult) -> Mapping[str, NDArray]:
-    """Terms of what the ways between the rests add, one sigma (3,): the mean bias of their bins as
-    they are left, and of it what may be read under way alone; empty where none was joined.
-    """
+    """Terms of what the ways between the rests add, one sigma (3,)."""
     evidence = session.flight
     if evidence is None or evidence.joined is None:
         return {}
@@ -281,9 +279,9 @@ def effect_words(found: ZeroRateEffect) -> str:
     """One line of it for people."""
     low, high = found.temperature_degC
     return (
-        f"over {low:.0f} to {high:.0f} degC the table's level moves by"
-        f" {found.level_change_deg_h:.3g} deg/h (left: {found.level_left_sigma_deg_h:.3g}),"
-        f" its shape by {found.shape_change_deg_h:.3g} deg/h (left:"
-        f" {found.shape_left_sigma_deg_h:.3g}), RMS over the gyros; each start adds its turn-on"
+        f"over {low:.0f} to {high:.0f} degC the table's level changes by"
+        f" {found.level_change_deg_h:.3g} deg/h (sigma now {found.level_left_sigma_deg_h:.3g}),"
+        f" its shape by {found.shape_change_deg_h:.3g} deg/h (sigma now"
+        f" {found.shape_left_sigma_deg_h:.3g}), RMS over the gyros; each start adds a turn-on"
         f" of {found.turn_on_deg_h:g}"
     )

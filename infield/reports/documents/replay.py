@@ -296,13 +296,7 @@ def _difference(result: ReplayResult) -> DifferenceDocument | None:
 
 
 def _sigma_of_change(old: TableReplay, new: TableReplay) -> float | None:
-    """What chance makes of the change of drift from one table to the other [NM/h].
-
-    Both fly the same log, so its noise and its turn-on bias are in both. Where one table was
-    updated to the other, the error of the one with more data is a part of the other's (the
-    posterior of Bayes): the variances subtract. Otherwise they add, which is too large where the
-    tables share data.
-    """
+    """What chance makes of the change of drift from one table to the other [NM/h]."""
     if new.predicted is None or old.predicted is None:
         return None
     before, after = old.predicted.sigma_nm_h**2, new.predicted.sigma_nm_h**2

@@ -17,8 +17,7 @@ from infield.reports.documents.thermal import (
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Condition, Residual, TermChoice
-from infield.thermal.rlg.gradients import GradientStudy
-from infield.thermal.rlg.held_out import RlgHeldOut
+from infield.thermal.rlg.gradients import GradientStudy, RlgHeldOut
 from infield.thermal.rlg.lag import Lag
 from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import TERM_UNITS, TERMS, Collinear

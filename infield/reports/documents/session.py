@@ -318,9 +318,7 @@ def _table_after(session: SessionResult, e: SessionEstimate, p: SessionPoints) -
 
 
 def _heating_cooling(p: SessionPoints, after_deg_h: NDArray) -> list[HeatingCooling]:
-    """Mean residual to the merged table over rising and over falling temperature, per axis, with
-    the sigma of their difference from the points' joint covariance.
-    """
+    """Mean residual to the merged table over rising and over falling temperature, per axis."""
     residual = p.bias_deg_h - after_deg_h
     found = []
     for k, axis in enumerate(AXES):

@@ -6,7 +6,7 @@ What formats.md does not promise of a file may be missing from an older one: it 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from infield.reports.documents.noise_fit import NoiseFit
+from infield.reports.documents.alignment import NoiseFit
 from infield.reports.documents.session_records import (
     EstimatedDocument,
     HeadingError,

@@ -177,11 +177,7 @@ def _integrated(
     begins: tuple[NDArray, NDArray],
     pulls: tuple[NDArray, NDArray],
 ) -> tuple[_Ends, NDArray]:
-    """Where each step ends, and the mean attitude over it (K, 3, 3).
-
-    row (K,): the row of the solution before; begins: velocities (R, 3) and attitudes (R, 3, 3) of
-    the rows; pulls (R, 3): turn rate of the frame, and gravity with Coriolis.
-    """
+    """Where each step ends, and the mean attitude over it (K, 3, 3). row (K,)."""
     count, dt = row.size, log.dt_s[:, None]
     begin = _Ends(np.zeros((count, 3)), begins[0][row], begins[1][row])
     end = _Ends(*(np.zeros_like(column) for column in begin))

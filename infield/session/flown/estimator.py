@@ -24,10 +24,9 @@ from alignment.navigation_filter import Aid, ParkedConstraint, StepPlan
 from alignment.result import BiasPrior, Solution
 from infield.session.bins import SessionBins, make_bins
 from infield.session.estimate import RollingEvidence, SessionEstimate
-from infield.session.flown.flight import Flight, flown_motion
+from infield.session.flown.flight import Flight, RunInputs, flown_motion
 from infield.session.flown.passes import Beginning, FlownPass, FlownSession, solved
 from infield.session.flown.priors import Layout
-from infield.session.flown.run_inputs import RunInputs
 from infield.session.log import compensated_imu
 from infield.session.navigated.estimator import alignment_heading_error, nuisance_sigmas
 from infield.session.navigated.nuisances import Assumed, priors_under

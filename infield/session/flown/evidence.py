@@ -7,7 +7,7 @@ from alignment.motion.inertial import Where
 from infield.session.estimate import SessionEstimate
 from infield.session.flown.estimator import FlownEstimate, estimate_flown
 from infield.session.flown.fixes import usable
-from infield.session.flown.flight import find_flight
+from infield.session.flown.flight import RunInputs, find_flight
 from infield.session.flown.gates import (
     SuspectedShift,
     against_joining,
@@ -19,7 +19,6 @@ from infield.session.flown.gates import (
 )
 from infield.session.flown.in_motion import estimate_in_motion, flight_from
 from infield.session.flown.information_gain import FlightEvidence, information_gain
-from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.start import begins_in_motion, fast_before, find_moving_start
 from infield.session.flown.without_heading import fly_without_heading
 from infield.session.log import compensated_imu

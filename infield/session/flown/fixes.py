@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from alignment.navigation_filter import StepViews
 from infield.session.flown.priors import Further, Layout
-from infield.session.navigated.fixes import FixAid
+from infield.session.navigated.receiver import FixAid
 from ins.earth import EARTH_RATE_RAD_S
 from ins.estimation import error_model as em
 from ins.estimation.error_filter import ErrorFilter

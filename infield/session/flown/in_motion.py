@@ -21,9 +21,8 @@ from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import BegunInMotion, SessionEstimate
 from infield.session.flown.estimator import FlownEstimate, reported_motion
-from infield.session.flown.flight import Flight, covered_share, flown_motion
+from infield.session.flown.flight import Flight, RunInputs, covered_share, flown_motion
 from infield.session.flown.passes import Beginning, FlownPass, FlownSession, solved
-from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.start import MovingStart
 from infield.session.log import compensated_imu
 from infield.session.navigated.estimator import nuisance_sigmas

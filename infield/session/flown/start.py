@@ -22,8 +22,7 @@ from infield.aided.headings import HeadingOpen, Sky
 from infield.aided.noise import Model, NoiseScales
 from infield.aided.reasons import StartMethod
 from infield.aided.smoothing import smooth_flight
-from infield.session.flown.flight import LEAST_FLOWN_S
-from infield.session.flown.run_inputs import RunInputs
+from infield.session.flown.flight import LEAST_FLOWN_S, RunInputs
 from infield.session.reasons import FlightReason
 from ins.filters.aided_records import Antenna, fixes_of
 from ins.filters.states import AIDED_THETA

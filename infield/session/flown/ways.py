@@ -156,11 +156,7 @@ def _tape(way: Way, believed: Believed) -> Tape:
 
 
 def _begin_and_fade(tape: Tape, believed: Believed) -> None:
-    """Motion and slow errors where a stretch begins, a step of no length; how the latter fade.
-
-    The velocity is known to BEGIN_SPEED_M_S whatever the heading, and w is dv - theta x v, v being
-    the velocity that the errors are linearised about.
-    """
+    """Motion and slow errors where a stretch begins, a step of no length; how the latter fade."""
     dt = np.asarray(tape.steps.dt_s)
     begins, moves = np.flatnonzero(dt == 0.0), np.flatnonzero(dt > 0.0)
     tilts = [BEGIN_TILT_RAD, BEGIN_TILT_RAD, BEGIN_HEADING_RAD]
@@ -196,12 +192,7 @@ def _drive(tape: Tape, way: Way, believed: Believed) -> None:
 
 
 def _turns(way: Way, believed: Believed) -> NDArray:
-    """Rate of the body (K, 3), no rate where bias and noise alone may read as much.
-
-    A gyro's noise turns the attitude once for each unit of it, as a scale error of 1 would: on
-    straight flights a scale is found that is as much of 1 as the noise tells of it. No mean helps,
-    for means of noise sum up to as much.
-    """
+    """Rate of the body (K, 3), no rate where bias and noise alone may read as much."""
     mean = believed.bias_mean.reshape(-1, 3)[way.bins]
     variance = np.diag(believed.bias_covariance).reshape(-1, 3)[way.bins]
     variance = variance + believed.flicker_process_rad_s**2 * FLICKER_SHARES.size

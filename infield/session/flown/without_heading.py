@@ -16,26 +16,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
+from alignment.reasons import AlignmentReason, AlignmentVerdict
+from alignment.result import Alignment
 from infield.aided.flight import AidedResult, navigate_aided, warmed_accel_walk
 from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
-from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEstimate
+from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEarth, SessionEstimate
 from infield.session.flown.aided_reference import reference
-from infield.session.flown.flight import Flight
+from infield.session.flown.flight import Flight, RunInputs
 from infield.session.flown.gates import against, carried, suspected_shift, uncovered
 from infield.session.flown.information_gain import FlightEvidence, information_gain
 from infield.session.flown.priors import Further, Layout, laid_out
-from infield.session.flown.run_inputs import RunInputs
 from infield.session.flown.ways import COMES_AND_GOES, Believed, Way, estimated_ways
 from infield.session.log import compensated_imu
-from infield.session.parked.never_at_rest import never_at_rest
 from infield.session.parked.stretches import MIN_PARKED_S, StationarySegments
 from infield.session.points import measurement_information
 from infield.session.reasons import FlightReason
 from ins.estimation import error_model as em
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.filters.aided_records import AidedHistory, AidedNoise
-from ins.records import ImuSource
+from ins.records import ImuSource, Span
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 from ins.verdicts import because
 
@@ -132,9 +132,7 @@ def _widened(
     usual: FlightEvidence,
     estimated: Callable[[RunInputs], FlightEvidence],
 ) -> FlightEvidence:
-    """The flight once more with a wider prior where its gyros hardly read as at rest; of two
-    estimates their mean, each as it is believed.
-    """
+    """The flight once more with a wider prior where its gyros hardly read as at rest."""
     doubt = None if usual.joined is None else suspected_shift(usual.carried)
     if usual.joined is None or doubt is None:
         return usual
@@ -155,9 +153,7 @@ def _between(rests: tuple[Where, ...], start_s: float, end_s: float) -> list[Whe
 
 
 def _linear(history: AidedHistory, away: list[Where]) -> list[slice]:
-    """Rows of the solution under way, from where its errors are small on; MIN_PARKED_S and
-    more.
-    """
+    """Rows of the solution under way, from where its errors are small on; MIN_PARKED_S and more."""
     tilt = np.sqrt(np.maximum(history.phi_covariance[:, 0, 0], history.phi_covariance[:, 1, 1]))
     heading = np.sqrt(history.phi_covariance[:, 2, 2])
     usable = (tilt < LINEAR_TILT_RAD) & (heading < LINEAR_HEADING_RAD)
@@ -243,9 +239,7 @@ def _begun(result: AidedResult) -> BegunInMotion:
 def _all_bins(
     known: RunInputs, parked: SessionBins | None, spans: list[Where]
 ) -> tuple[SessionBins, NDArray]:
-    """Bins of rests and ways in order of time, and which of them are under way (N,). parked: bins
-    of the rests, None where there are none.
-    """
+    """Bins of rests and ways in order of time, and which of them are under way (N,). parked."""
     of_rests = () if parked is None else (parked.start_s, parked.end_s)
     under_way_s = sum(b - a for a, b in spans)
     bin_s = float(np.clip(under_way_s / BINS_AWAY, SHORTEST_AWAY_BIN_S, known.settings.bin_s))
@@ -338,10 +332,7 @@ def _layout(every: Layout, antenna: Antenna) -> Layout:
 
 
 def _noise(known: RunInputs, flown: AidedNoise) -> AidedNoise:
-    """The noise that the log was flown with, less what is a state here: the slope of the
-    accelerometers over temperature. Where it was flown without slow errors of the receiver, they
-    are as large as assumed, for the likelihood of a flight does not show small ones.
-    """
+    """The noise that the log was flown with, less what is a state here."""
     gnss, priors = known.twin.gnss, known.settings.flight
     unheld = flown.accel_walk**2 - warmed_accel_walk(known.run) ** 2
     noise = replace(flown, accel_walk=float(np.sqrt(max(unheld, 0.0))))
@@ -395,9 +386,7 @@ def _joined(
 
 
 def _placed(parked: ParkedEvidence, bins: SessionBins, is_away: NDArray) -> ParkedEvidence:
-    """The rests' evidence at their places among all bins; -1 is no stretch. A short rest that a way
-    holds is not left out.
-    """
+    """The rests' evidence at their places among all bins; -1 is no stretch."""
     stretch = np.full(is_away.size, -1)
     rate, used_s = np.full((is_away.size, 3), np.nan), np.zeros(is_away.size)
     stretch[~is_away], rate[~is_away] = parked.stretch, parked.rate_deg_h
@@ -407,3 +396,46 @@ def _placed(parked: ParkedEvidence, bins: SessionBins, is_away: NDArray) -> Park
     held = [bool(((start_s <= m) & (m <= end_s)).any()) for m in middles]
     left_out = tuple(span for span, used in zip(parked.left_out, held) if not used)
     return replace(parked, stretch=stretch, rate_deg_h=rate, used_s=used_s, left_out=left_out)
+
+
+NOT_FOUND = float("nan")
+
+
+def never_at_rest(
+    bins: SessionBins, begun: BegunInMotion, left_out: tuple[Span, ...]
+) -> SessionEstimate:
+    """The session before anything was measured. bins: of its ways; left_out: short rests."""
+    count = bins.start_s.size
+    none = SessionEarth(
+        known=np.zeros((0, 3)),
+        covariance=np.zeros((0, 0)),
+        of_heading=np.zeros((0, 0)),
+        heading_deg_h=np.zeros(0),
+        down_b=np.zeros((0, 3)),
+    )
+    parked = ParkedEvidence(
+        stretches=(),
+        stretch=np.zeros(0, dtype=np.int64),
+        rate_deg_h=np.zeros((0, 3)),
+        used_s=np.zeros(0),
+        earth=none,
+        turns=(),
+        left_out=left_out,
+        shape_dof=0,
+        shape_nis=0.0,
+        shape_nis_compensated=0.0,
+    )
+    return SessionEstimate(
+        bins=bins,
+        mean_deg_h=np.zeros(3 * count),
+        covariance=bins.prior,
+        alignment=Alignment(AlignmentVerdict.REFUSED, (because(AlignmentReason.BEGINS_IN_MOTION),)),
+        solution=None,
+        heading_error_rad=NOT_FOUND,
+        sigma_heading_rad=NOT_FOUND,
+        sigma_heading_before_rad=NOT_FOUND,
+        nis_mean=0.0,
+        dof=0,
+        parked=parked,
+        begun=begun,
+    )

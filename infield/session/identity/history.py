@@ -132,9 +132,7 @@ def _warm(names: tuple[str, ...], sessions: Sequence[UnitMarks]) -> NDArray:
 def _of_history(
     names: tuple[str, ...], known: Sequence[UnitMarks], wider: NDArray
 ) -> tuple[NDArray, NDArray]:
-    """The unit's own marks: weighted mean (k,) and covariance (k, k) of all sessions; each lacks
-    what it does not show.
-    """
+    """The unit's own marks: weighted mean (k,) and covariance (k, k) of all sessions."""
     information, vector = np.zeros((len(names),) * 2), np.zeros(len(names))
     for one in known:
         at = [k for k, name in enumerate(names) if name in one.names]

@@ -108,10 +108,7 @@ class _Part(NamedTuple):
 
 
 def _thermometers(log: TemperatureLog | None, rest_end_s: float) -> _Part | None:
-    """Readings of the gyros' and accelerometers' thermometers as the log begins.
-
-    The block's is left out: gyros lag behind it from the first minute on.
-    """
+    """Readings of the gyros' and accelerometers' thermometers as the log begins."""
     if log is None:
         return None
     columns = [(f"gyro_{axis}_degC", log.gyro_degC[:, k]) for k, axis in enumerate(AXES)]

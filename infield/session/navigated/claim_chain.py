@@ -9,7 +9,7 @@ merged. Steps (o) to (q) are `infield.table.merge` and the table's use.
 
 Set 1 is taken twice: by the Schuler bracket on windows of the velocity, (e) to (g) to the letter,
 and by a filter over the parked phase that is smoothed over the whole of it
-(`alignment.tilt_smoother`). Sets 2 and 3 go on with the smoothed rates.
+(`alignment.tilt_rate`). Sets 2 and 3 go on with the smoothed rates.
 
 Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is
 not removed), the windows do not share their common errors, accelerometer drift counts as tilt rate.
@@ -28,8 +28,7 @@ from scipy.linalg import solve_triangular
 from alignment.motion.kinds import ROLLING, STILL
 from alignment.motion.stillness import Motion
 from alignment.result import Alignment
-from alignment.tilt_rate import TiltRate, tilt_rates
-from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates
+from alignment.tilt_rate import SmoothedTiltRate, TiltRate, smoothed_tilt_rates, tilt_rates
 from infield.session.reasons import ChainNote
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm
@@ -158,12 +157,7 @@ def _set_3(
 def _heading_from_taxi(
     history: NavHistory, kind: NDArray, twin: TwinModel, aligned: Alignment, prior_rad_s: float
 ) -> tuple[float, float, ChainNote]:
-    """(l): least squares of cross-track velocity while rolling and of both velocities at stops.
-
-    Unknowns: bias error eps along the parked east axis (psi = -eps / Omega cosL), level
-    accelerometer biases, crab. A bias fixed to the body is cancelled by the alignment on the parked
-    heading and appears as the heading changes.
-    """
+    """(l): least squares of cross-track velocity while rolling and of both velocities at stops."""
     rolling = np.flatnonzero(kind == ROLLING)
     lat = float(history.lat_rad[0])
     coupling = EARTH_RATE_RAD_S * np.cos(lat)

@@ -247,9 +247,7 @@ def _against(state: Carried, probed: Telemetry) -> OwnErrorState | None:
 
 
 def _means(run: Telemetry, series: NDArray, start_s: NDArray, end_s: NDArray) -> NDArray:
-    """Means (m, 3) of a series (n, 3) over spans of whole seconds; of a span beyond the run the
-    nearest second.
-    """
+    """Means (m, 3) of a series (n, 3) over spans of whole seconds."""
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(series, axis=0)])
     a = np.clip(np.searchsorted(run.time_s, start_s), 0, run.n - 1)
     b = np.clip(np.searchsorted(run.time_s, end_s), a + 1, run.n)

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews
-from infield.session.navigated.fixes import FixAid, Sigmas
 from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
-from infield.session.navigated.receiver import WHITE, ReceiverErrors
+from infield.session.navigated.receiver import WHITE, FixAid, ReceiverErrors, Sigmas
 from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.errors.catalogue import prior
@@ -225,9 +224,7 @@ class CentreLineAid:
 
 
 def _way_variance(views: StepViews) -> float:
-    """Variance of a step's way by sway, which the wheels do not see: the vehicle's jitter at both
-    ends [m^2].
-    """
+    """Variance of a step's way by sway, which the wheels do not see."""
     return LATERAL_FLOOR_M**2 + 2.0 * views.jitter_m**2
 
 

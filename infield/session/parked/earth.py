@@ -205,9 +205,7 @@ def _heading_part(
     heading: tuple[float, float] | None,
     groups: int,
 ) -> NDArray:
-    """E[e e'] of the level parts of two linked stretches (3, 3), over (Omega cosL)^2; heading: of
-    the earlier, where known.
-    """
+    """E[e e'] of the level parts of two linked stretches (3, 3), over (Omega cosL)^2."""
     turn, variance = (
         later.heading_rad - earlier.heading_rad,
         later.variance_rad2 - earlier.variance_rad2,

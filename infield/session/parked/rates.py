@@ -186,9 +186,7 @@ def _stretch(seconds: ParkedSeconds, twin: TwinModel) -> ParkedStretch:
 
 
 def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
-    """Edges (M + 1,) of the bins of all stretches and of what lies between them; the stretch of
-    each (M,), -1 between.
-    """
+    """Edges (M + 1,) of the bins of all stretches and of what lies between them."""
     spans = [(float(p.start_s[0]), float(p.end_s[-1])) for p in places]
     bin_s = bin_seconds(sum(b - a for a, b in spans))
     own = [equal_edges(a, b, bin_s) for a, b in spans]

@@ -86,9 +86,7 @@ def _short(start_s: float, end_s: float) -> Span:
 
 
 def _moves(run: Run, start_s: float, end_s: float) -> Reason | None:
-    """Why satellite velocity says that this is no rest; None where it stands, or where none is
-    logged.
-    """
+    """Why satellite velocity says that this is no rest."""
     heard = receiver_says(run.gnss, start_s, end_s)
     if heard.said is not Says.MOVES:
         return None

@@ -90,9 +90,7 @@ def _moved(row: NDArray, step: float) -> NDArray:
 
 
 def _seam(curve: Piecewise, edges_degC: NDArray) -> float:
-    """What using a segment up to its rounded edge, instead of the exact one, adds at most: the gap
-    of the neighbours there.
-    """
+    """What using a segment up to its rounded edge, instead of the exact one, adds at most."""
     gaps = [0.0]
     for j in range(1, len(curve.coefficients)):
         at = [

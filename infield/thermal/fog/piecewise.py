@@ -220,9 +220,7 @@ def _bic(fit: CurveFit) -> float:
 def _polynomials(
     fit: CurveFit, which: int, low: float, high: float, knots: tuple[Breakpoint, ...], degree: int
 ) -> Piecewise:
-    """Local powers of each segment from degree + 1 of its values; the value at each breakpoint is
-    shared exactly.
-    """
+    """Local powers of each segment from degree + 1 of its values."""
     edges = np.array([low, *(b.temperature_degC for b in knots), high])
     theta, rows = fit.theta[fit.part(which)], []
     for a, b in pairwise(edges):

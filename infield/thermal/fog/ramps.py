@@ -11,35 +11,112 @@ the exact separation as a least-squares fit over all blocks, each with its own r
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Basis, CurveFit, Reduced, fit_rough, smooth_basis
-from infield.thermal.fog.hysteresis import (
-    FREE_SIZE,
-    Hysteresis,
-    each_width,
-    hysteresis_of,
-    no_more_than,
-    with_sense,
-    without,
-)
 from infield.thermal.ramp_runs import Leg, RampRun
 from infield.thermal.reasons import BiasDriver, ThermalNote, ThermalReason
 from infield.thermal.study import (
     INFLATE_ABOVE,
+    AxisBlocks,
     ThermalStudy,
+    axis_blocks,
     contradicted,
     levels_differ,
     moving_base,
     widened,
     with_thermometer,
 )
+from ins.documents import UNWRITTEN
 from ins.records import AXES, TwinModel
 from ins.verdicts import Reason, because
+
+H = 2  # the third curve of a fit with hysteresis
+# of the pointers; the first is the usual one, the others turn over sooner or later; up to a
+# tenth of a chamber's 60 degC
+HALF_WIDTHS_degC = (1.5, 0.5, 3.0, 6.0)
+# h itself is free, the differences of its widths are as large as the data say
+FREE_SIZE = np.diag([0.0, 1.0, 1.0, 1.0])
+# sigmas of h from which on a note says so: 0.1 % of gyros without it (3.3)
+SHOWN_SIGMAS = 3.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hysteresis:
+    """The bias warming is not the bias cooling, whatever the rate::
+
+        b = K_T(T) + K_delta(T) dT/dt + h s_0 + sum_j d_j (s_j - s_0),   s from -1 (cooling) to 1
+
+    Each s_j is the play of a pointer dragged along the temperature over 2 w_j (Prandtl, Ishlinskii;
+    Visintin (1994), section III.2). h, with its sigma, and the coefficients (4,) of all senses;
+    held_apart: the runs tell it from K_delta (two rates, up and down), and it is a term of the fit;
+    shown: it is there beyond chance.
+    """
+
+    value_deg_h: float
+    sigma_deg_h: float
+    parts_deg_h: NDArray = field(metadata=UNWRITTEN)
+    held_apart: bool
+    shown: bool
+
+
+def no_more_than(sigma_deg_h: float) -> Hysteresis:
+    """What runs at one rate leave open."""
+    none = np.zeros(len(HALF_WIDTHS_degC))
+    return Hysteresis(
+        value_deg_h=0.0, sigma_deg_h=sigma_deg_h, parts_deg_h=none, held_apart=False, shown=False
+    )
+
+
+def play(T: NDArray, half_width_degC: float) -> NDArray:
+    """s (n,) along temperatures (n,); 0 as they begin."""
+    pointer, out = float(T[0]), np.empty(T.size)
+    for i, value in enumerate(T.tolist()):
+        pointer = min(max(pointer, value - half_width_degC), value + half_width_degC)
+        out[i] = (value - pointer) / half_width_degC
+    return out
+
+
+def with_sense(blocks: AxisBlocks, runs: Sequence[RampRun], k: int) -> AxisBlocks:
+    """The steady blocks of some runs with the senses of their temperatures, all but the first less
+    it.
+    """
+    senses = [
+        np.stack([play(run.temperature_degC[:, k], w) for w in HALF_WIDTHS_degC], axis=1)
+        for run in runs
+    ]
+    for sense in senses:
+        sense[:, 1:] -= sense[:, :1]
+    steady = [sense[run.steady] for sense, run in zip(senses, runs)]
+    return replace(blocks, sense=np.concatenate(steady))
+
+
+def without(blocks: AxisBlocks, found: Hysteresis) -> AxisBlocks:
+    """The blocks less the hysteresis, which is no part of either curve."""
+    assert blocks.sense is not None
+    return replace(blocks, bias_deg_h=blocks.bias_deg_h - blocks.sense @ found.parts_deg_h)
+
+
+def each_width(temperature_degC: NDArray) -> NDArray:
+    """The basis of the third curve: one coefficient a width, whatever the temperature."""
+    return np.ones((np.size(temperature_degC), len(HALF_WIDTHS_degC)))
+
+
+def hysteresis_of(fit: CurveFit) -> Hysteresis:
+    """What a fit with hysteresis says of it."""
+    parts, P = fit.linear(H, np.eye(len(HALF_WIDTHS_degC)))
+    value, sigma = float(parts[0]), float(np.sqrt(P[0, 0]))
+    return Hysteresis(
+        value_deg_h=value,
+        sigma_deg_h=sigma,
+        parts_deg_h=parts,
+        held_apart=True,
+        shown=abs(value) > SHOWN_SIGMAS * sigma,
+    )
+
 
 GRID_degC = 2.5
 # a slow ramp faster than this share of the fast one is the same ramp again; the separation divides
@@ -331,9 +408,7 @@ def _curves(fit: CurveFit, grid: NDArray, rate_share: float) -> Curves:
 def _closed_forms(
     fast: Sequence[RampRun], slow: Sequence[RampRun], k: int, twin: TwinModel, grid: NDArray
 ) -> tuple[Curves | None, Curves | None, Curves | None]:
-    """Subtraction and exact separation, up with up, down with down, the two then averaged; and the
-    fast ramp up and down.
-    """
+    """Subtraction and exact separation, up with up, down with down, the two then averaged."""
     ramps = {
         (role, way): _ramp_curve(runs, way, k, twin, grid)
         for role, runs in (("fast", fast), ("slow", slow))

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from infield.table.least_squares import NormalEquations, condition_number
 from infield.table.merge import session_covariance
-from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.ramp_runs import RAMP_BLOCK_S
@@ -33,7 +32,7 @@ from infield.thermal.rlg.terms import (
     solve_terms,
     term_sets,
 )
-from infield.thermal.study import INFLATE_ABOVE
+from infield.thermal.study import INFLATE_ABOVE, AxisBlocks, axis_blocks
 from ins.records import AXES, TwinModel
 
 # of a run: every fifth stretch is held out in turn; four bins of `recal update` (5 min) each, a

@@ -19,8 +19,7 @@ def command(shown: Shown, log: Path, /, output, *, force, **given) -> None:
     log
         A flight log of any known format, or a run directory.
     """
-    from recal.service.look.look import LOOK_STEPS, look
-    from recal.service.look.starter import UnknownLog, write_starter
+    from recal.service.look.look import LOOK_STEPS, UnknownLog, look, write_starter
     from recal.service.results.files import output_directory
     from recal.service.results.overwrite import need_free_report
 

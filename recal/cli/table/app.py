@@ -6,20 +6,20 @@ that `recal --help` stays fast.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recal.cli.console import Command, Shown, login_name
-from recal.cli.table import verify as table_verify
+from recal.cli.console import Command, Shown, finish, login_name, say
+from recal.cli.parameters.verbs import made_from
 from recal.cli.table.files import export, import_
 from recal.cli.table.options import REVISIONS, of_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from recal.service.store import Revision, UnitRecord
+    from recal.service.tables import VerifyReport
 
 app = typer.Typer(
     add_completion=False,
@@ -27,6 +27,7 @@ app = typer.Typer(
     no_args_is_help=True,
     help="List, compare, import and export the stored thermal tables.",
 )
+HEAD_DIGITS = 16  # printed; enough to find it again
 
 
 @app.command("list", cls=Command)
@@ -230,6 +231,48 @@ def rollback(
     shown.answer(found, lines)
 
 
-app.command("verify", cls=Command)(table_verify.command)
+@app.command(cls=Command)
+@made_from(report="FILE")
+def verify(
+    shown: Shown, /, store, *, head: Sequence[str] = (), report: Sequence[Path] = ()
+) -> None:
+    """Check every hash, chain, tag, merged run, twin and proposal; one line a unit, exit code 3
+    where one is broken.
+
+    Reads only. Example: recal table verify --store sqlite:///recal.db --report
+    recal-update/update.json
+
+    Parameters
+    ----------
+    head
+        A head printed earlier. It must still be in a chain. May be repeated.
+    report
+        An update.json. It must be as the store holds it. May be repeated.
+    """
+    from recal.service.tables import StoreVerdict
+    from recal.service.tables import verify as verified
+
+    result = verified(store, head, report)
+    shown.answer(result, verify_lines(result))
+    if shown.quiet and not shown.as_json and result.verdict is StoreVerdict.BROKEN:
+        for line in verify_lines(result):
+            say(line)
+    finish(result.verdict)
+
+
+def verify_lines(result: VerifyReport) -> list[str]:
+    """A line for each unit, and for each fault that belongs to none."""
+    said = [f"{result.store}: BROKEN: {fault}" for fault in result.faults]
+    for name, unit in zip(result.revisions, result.units):
+        count = f"{unit.revisions} revision{'s' if unit.revisions != 1 else ''}"
+        if unit.faults:
+            said.append(f"{name}: BROKEN: {'; '.join(unit.faults)}")
+        elif unit.head_sha256 is None:
+            said.append(f"{name}: proposals only, intact")
+        else:
+            said.append(f"{name}: {count}, intact, head {unit.head_sha256[:HEAD_DIGITS]}")
+    return said or ["no units"]
+
+
 app.command(cls=Command)(export)
 app.command("import", cls=Command)(import_)

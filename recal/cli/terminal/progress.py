@@ -64,7 +64,7 @@ class Progress:
     def _watch_compiling(self) -> None:
         if not self._compiles:
             return
-        from recal.service.results.compiled import watch_compiling
+        from recal.service.results.files import watch_compiling
 
         self._compiled_s = watch_compiling(lambda: self._say(FIRST_RUN))
 

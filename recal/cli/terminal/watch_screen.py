@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from ins.user_input import visible
-from recal.service.watch.records import WatchState
-from recal.service.watch.words import GYRO_HEAD, gyro_rows, rows
+from recal.service.watch.records import GYRO_HEAD, WatchState, gyro_rows, rows
 
 
 @contextmanager

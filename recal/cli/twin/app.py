@@ -54,7 +54,7 @@ def fit(shown: Shown, runs, /, start, output, force) -> None:
 
 
 @app.command("check", cls=Command)
-@made_from("recal.service.twin.check", "check_twin")
+@made_from("recal.service.twin.fit", "check_twin")
 def check(shown: Shown, runs, /, twin: Path, output, force) -> None:
     """Say channel by channel and band by band whether the noise of a twin fits these runs. Exit
     code 0 where it fits, 5 where not, 4 where the runs hold too little rest.
@@ -70,7 +70,7 @@ def check(shown: Shown, runs, /, twin: Path, output, force) -> None:
     """
     from recal.service.results.files import output_directory, write_text
     from recal.service.results.overwrite import need_free_report
-    from recal.service.twin.check import check_twin
+    from recal.service.twin.fit import check_twin
 
     if output is not None:
         need_free_report(output, "twin_check.json", "recal.twin_check/1", force=force)

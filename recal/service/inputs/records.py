@@ -9,7 +9,7 @@ from infield.table.file import read_table_dict, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import read_twin as read_twin_file
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath
 from trajectories.runs import directory
 from trajectories.runs.stream_files import HELD_ROWS
 

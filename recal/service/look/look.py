@@ -9,14 +9,11 @@ from ins.records import InputError, Run
 from ins.twin_file import default_twin
 from recal.service.align import align
 from recal.service.check import Check, check
-from recal.service.look.noise import shown_noise
 from recal.service.look.opened import LongestPart, Opened, opened_log
-from recal.service.look.page import look_html
 from recal.service.look.records import Fit, LogUse, LookReport, LookVerdict, NoiseNumber
-from recal.service.look.series import series_of
+from recal.service.look.series import series_of, shown_noise
 from recal.service.look.uses import LookFindings, convert_command, uses_of
-from recal.service.results.files import program_version
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, program_version
 from recal.service.results.plots import figure_of
 from recal.service.results.result import Result, write_report
 from simreal.report.twin_document import FitReport, twin_fit_document
@@ -26,6 +23,17 @@ from simreal.twin.fit.fit import fit_twin as fit_runs
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+import shlex
+from dataclasses import replace
+
+from infield.reports.drawing import Panel, ShadedSpan
+from recal.service.look.records import Use
+from recal.service.results.files import write_text
+from recal.service.results.overwrite import need_free_file
+from recal.service.results.pages import page_environment
+from simreal.report.twin_document import PARAMETER_NAMES, size_words
+from trajectories.readers.columns.starter_map import starter_map
+from trajectories.readers.registry import UnknownLog
 
 LOOK_STEPS = 5  # that `told` is told of
 OPTIONS = {  # of `recal convert`, by the key of run.json
@@ -46,6 +54,33 @@ OPTIONS = {  # of `recal convert`, by the key of run.json
     "from_s": "--from-s",
     "to_s": "--to-s",
 }
+LOOK_VERDICTS = {  # word, look, symbol
+    LookVerdict.USABLE: ("Usable", "good", "✔"),
+    LookVerdict.REFUSED: ("Fit for nothing here", "none", "■"),
+    LookVerdict.BAD_INPUT: ("Something is wrong with this log", "bad", "✖"),
+}
+FIT_BADGES = {Fit.YES: ("yes", "good"), Fit.PARTLY: ("partly", "fair"), Fit.NO: ("no", "none")}
+USES = {
+    Use.ALIGNMENT: "Alignment: attitude and heading",
+    Use.NOISE: "Noise model of the unit",
+    Use.TABLE: "Thermal table: recalibration",
+    Use.REPLAY: "Replay: navigation",
+    Use.DIAGNOSIS: "Diagnosis: simulator against log",
+}
+MEANS = (
+    "A line joins means of many rows. The shading in its colour reaches from the least to the"
+    " greatest of these rows."
+)
+CAPTIONS = {
+    "temperature": "All thermometers that the log holds values of.",
+    "rate": MEANS,
+    "force": MEANS,
+    "velocity": "North, east and down, as the receiver gives them.",
+    "height": "Height above the ellipsoid. A log that gives heights above mean sea level is drawn"
+    " with those: no geoid model is used.",
+    "odometer": "Speed along the vehicle.",
+}
+__all__ = ["UnknownLog", "write_starter"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -244,3 +279,66 @@ def summary(document: LookReport) -> list[str]:
     commands = [document.convert, *(use.command for use in document.uses)]
     lines += ["  next:", *(f"    {command}" for command in commands if command)]
     return lines
+
+
+def look_html(document: LookReport) -> str:
+    """The page of a look."""
+    fitted = document.fitted
+    told = [] if fitted is None or fitted.found is None else fitted.found.parameters
+    return (
+        page_environment("recal.service.look")
+        .get_template("look.html.j2")
+        .render(
+            d=document,
+            verdict=LOOK_VERDICTS[document.verdict],
+            fits=FIT_BADGES,
+            uses=USES,
+            series=[
+                (panel.label, _shaded(panel, document), CAPTIONS[name])
+                for name, panel in document.series.items()
+            ],
+            allan=None if fitted is None else allan_panels(fitted),
+            noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
+        )
+    )
+
+
+def _shaded(panel: Panel, document: LookReport) -> Panel:
+    """With every second phase shaded."""
+    spans = [ShadedSpan(phase.start_s, phase.end_s) for phase in document.phases[1::2]]
+    return replace(panel, spans=spans)
+
+
+def write_starter(log: Path, output: Path, unknown: UnknownLog, *, force: bool = False) -> None:
+    """Write the map of a table.
+
+    Parameters
+    ----------
+    log : Path
+        The table.
+    output : Path
+        The map; never written over without `force`, for somebody may have completed it.
+    unknown : UnknownLog
+        What the readers said of the log.
+
+    Raises
+    ------
+    InputError
+        Always: it says what was guessed and why, what is left to fill in, and the next command;
+        where no map could be begun, nothing and the caller goes on.
+    """
+    found = starter_map(log)
+    if found is None:
+        return
+    need_free_file(output, None, force=force)
+    write_text(output, found.text)
+    run = shlex.quote(f"{log.name.split('.')[0]}-run")
+    command = f"recal convert {shlex.quote(str(log))} --map {shlex.quote(str(output))} -o {run}"
+    raise InputError(
+        f"{log}: a table of unknown columns; {output} is a column map to begin with",
+        [
+            *(f"  {key:12s} {words}" for key, words in found.guesses),
+            f'  to be filled in where it says "?": {", ".join(found.missing)}',
+            f"  next: {command}",
+        ],
+    ) from unknown

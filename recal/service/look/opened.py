@@ -20,7 +20,7 @@ from ins.records import ImuLog, LatitudeSource, Run
 from ins.units import DEG, DEG_PER_HOUR
 from recal.service.convert import map_errors, map_keys
 from recal.service.look.records import Assumption
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath
 from trajectories.readers.conversion import RUN_OPTIONS, conversion_of, missing_keys
 from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.readers.rows.column_map import LogOptions

@@ -18,8 +18,7 @@ from ins.columns import GYRO_DEGC, spread
 from ins.documents import to_json
 from ins.records import GnssLog, InputError
 from recal.service.look.series import series_of
-from recal.service.results.files import write_text
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, write_text
 from recal.service.results.plots import figure_of
 from trajectories.readers.columns.imu_columns import second_means
 from trajectories.readers.columns.named_columns import frame_arrays

@@ -35,14 +35,14 @@ from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.priors.document import PriorValue, TechnologyPriors
 from recal.service.priors.forecast_page import NOT_LEARNT, forecast_html, outlook_words
-from recal.service.priors.forecast_records import (
+from recal.service.priors.reasons import ForecastReason
+from recal.service.priors.records import (
     BestSession,
     DriftTrend,
     ForecastReport,
     NoForecast,
     UnitForecast,
 )
-from recal.service.priors.reasons import ForecastReason
 from recal.service.priors.stored_sessions import EPOCH, stored_units
 from recal.service.priors.use import APPROVED, DEFAULT, chosen_priors
 from recal.service.results.files import program_version

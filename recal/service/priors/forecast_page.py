@@ -6,16 +6,13 @@ from datetime import date
 
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 
-from infield.reports.drawing import DASHED, INKS, Band, Item, Line, Panel
-from infield.reports.figures import BLUE, CURVE_COLOURS, GREY, PALE
+from infield.reports.drawing import BLUE, DASHED, GREY, INKS, PALE, Band, Line, Panel
 from infield.reports.page import render_page
-from recal.service.priors.forecast_records import ForecastReport, UnitForecast
+from recal.service.priors.records import ForecastReport, UnitForecast
 
 NOT_LEARNT = "no priors are approved: recal fleet learn"  # of what a forecast rests on
 UNITS_DRAWN = 6  # units with their trend in the drawing
-DRAWN_AT = 0.985  # of the height of a drawing: where it shows what is above its frame
 ABOVE_MEDIAN = 1.15  # of the greatest median of a drawing: a little room above the line
 ROWS_SHOWN = 100  # rows of the list
 STRIP_YEARS = 5.0  # of the 12 forecast: that a row's trend shows, as the drawing does
@@ -50,7 +47,6 @@ def forecast_html(document: ForecastReport) -> str:
         "forecast.html.j2",
         d=document,
         trend=trend_panels(document),
-        closer=closer_panel(document),
         trends=trend_strips(document),
         shown=ROWS_SHOWN,
         date_words=date_words,
@@ -62,23 +58,6 @@ def forecast_html(document: ForecastReport) -> str:
 def trend_panels(document: ForecastReport) -> list[Panel]:
     """The drift of the most urgent units and the limit, a panel each."""
     return [_panel(unit, document.limit_nm_h) for unit in document.units[:UNITS_DRAWN]]
-
-
-def closer_panel(document: ForecastReport) -> Panel | None:
-    """The same units over all years of the forecast in one figure; None without a unit."""
-    if not document.units:
-        return None
-    units = document.units[:UNITS_DRAWN]
-    years = np.array([_year(day) for day in units[0].trend.date_utc])
-    items: list[Item] = [_curve(unit, years, colour) for unit, colour in zip(units, CURVE_COLOURS)]
-    limit = np.full(2, document.limit_nm_h)
-    items.append(Line(years[[0, -1]], limit, GREY, "limit", dash=DASHED))
-    return Panel(items=items, label="Predicted drift", x_label="year", y_label="[NM/h]")
-
-
-def _curve(unit: UnitForecast, years: NDArray, colour: str) -> Line:
-    median, high = np.array(unit.trend.median_nm_h), np.array(unit.trend.high_nm_h)
-    return Line(years, median, colour, unit.imu_serial, low=median, high=high)
 
 
 def trend_strips(document: ForecastReport) -> list[Markup]:
@@ -115,13 +94,10 @@ def _panel(unit: UnitForecast, limit_nm_h: float) -> Panel:
     ends = years[0] + np.array([0.0, STRIP_YEARS])
     # a unit far above the limit gets room for its median, so that it is no line along the edge
     top = max(2.0 * limit_nm_h, ABOVE_MEDIAN * float(medians[years <= ends[1]].max()))
-    median, high = (
-        np.minimum(values, DRAWN_AT * top) for values in (medians, unit.trend.high_nm_h)
-    )
     return Panel(
         items=[
-            Band(years, median, high, PALE, 1.0, "to what 5 % exceed"),
-            Line(years, median, BLUE, "median"),
+            Band(years, medians, np.array(unit.trend.high_nm_h), PALE, 1.0, "to what 5 % exceed"),
+            Line(years, medians, BLUE, "median"),
             Line(ends, np.full(2, limit_nm_h), GREY, "limit", width=1.0, dash=DASHED),
         ],
         title=unit.imu_serial,

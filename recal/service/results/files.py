@@ -5,9 +5,12 @@ import os
 import tempfile
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
+from os import PathLike
 from pathlib import Path
 
 from ins.records import InputError
+
+AnyPath = str | PathLike[str]
 
 
 def program_version() -> str:
@@ -62,3 +65,13 @@ def write_files(texts: dict[Path, str], *, commit: Callable[[], object] = lambda
     finally:
         for name in staged.values():
             Path(name).unlink(missing_ok=True)
+
+
+def watch_compiling(began: Callable[[], None]) -> Callable[[], float]:
+    """What gives the seconds that this process has compiled for since; `began` is called when it
+    starts to.
+    """
+    from ins import jit
+
+    watch = jit.watch_compiling(began)
+    return lambda: watch.seconds

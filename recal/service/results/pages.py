@@ -3,19 +3,9 @@
 from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
 from infield.reports.documents.update_records import MethodDocument, UpdateDocument, update_of
 from infield.reports.drawing import (
+    BLUE,
     DASHED,
     DOTTED,
-    Boxes,
-    Item,
-    Line,
-    Marks,
-    Panel,
-    Uprights,
-    panels,
-    script_texts,
-)
-from infield.reports.figures import (
-    BLUE,
     GREEN,
     GREY,
     NEW,
@@ -23,8 +13,16 @@ from infield.reports.figures import (
     ORANGE,
     PALE,
     VERMILLION,
+    Boxes,
+    Item,
+    Line,
+    Marks,
+    Panel,
+    Uprights,
     drawn_temperatures,
+    panels,
     robust_limits,
+    script_texts,
     thinned,
 )
 from infield.reports.page import decimals_for, page_environment

@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from infield.reports.drawing import DASHED, Line, Marks, Panel, specification
-from infield.reports.figures import BLACK, NEW, OLD, drawn_temperatures
+from infield.reports.drawing import (
+    BLACK,
+    DASHED,
+    NEW,
+    OLD,
+    Line,
+    Marks,
+    Panel,
+    drawn_temperatures,
+    specification,
+)
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, InputError
 from recal.service.results.update_summary import Points

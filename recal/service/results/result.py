@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from ins.documents import plain, to_json
-from recal.service.results.files import output_directory, write_files, write_text
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, output_directory, write_files, write_text
 
 SHOWN_LINES = 8  # of a result's summary in its repr; chosen: a third of a screen of 25 lines
 

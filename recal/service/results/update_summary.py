@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from infield.reports.documents.parked import effect_words, stretch_words
 from infield.reports.documents.session_records import EstimatedDocument
+from infield.reports.documents.update import table_uncertainty
 from infield.reports.documents.update_records import (
     EffectsCompared,
     PointDocument,
@@ -13,7 +14,6 @@ from infield.reports.documents.update_records import (
     ZeroRateEffect,
     update_of,
 )
-from infield.reports.table_uncertainty import table_uncertainty
 from infield.session.hysteresis import ACTED_ON
 from infield.session.points import AxisObservability
 from infield.session.reasons import ThermalAction

@@ -2,18 +2,23 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from infield.reports.documents.alignment import NoiseFit
+from infield.session.log import find_rest
+from infield.table.thermal_table import ThermalTable
 from ins.documents import to_json
-from ins.records import TwinModel
+from ins.records import Run, TwinModel
 from ins.twin_file import default_twin, twin_to_dict
-from recal.service.inputs.records import AnyRun, AnyTwin, runs_of
+from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_fit_command
 from recal.service.inputs.twin_table import TwinTable, twin_and_table
-from recal.service.results.files import output_directory, program_version, write_files
-from recal.service.results.paths import AnyPath
+from recal.service.results.files import AnyPath, output_directory, program_version, write_files
 from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
+from simreal.report.twin_check_document import TwinCheck, agreement_line, twin_check_document
+from simreal.report.twin_check_document import summary as check_summary
 from simreal.report.twin_document import (
     FitReport,
     fitted_twin,
@@ -22,13 +27,17 @@ from simreal.report.twin_document import (
     twin_fit_document,
 )
 from simreal.report.twin_page import allan_panels, twin_html
+from simreal.twin.fit.agreement import Agreement, agreement
 from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
 from simreal.twin.fit.result import Parameter
+from simreal.twin.fit.streams import stream_at_rest, stream_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from plotly.graph_objects import Figure
+
+    from infield.session.results import UpdateResult  # the estimators of updates behind it
 
 TWIN_NAME = "twin.json"
 TWIN_FIT_STEPS = 2  # that `told` is told of beside the runs: the fit, the other sensors
@@ -153,3 +162,83 @@ def fit_twin(
     record = twin_fit_document(found, believed, program_version())
     twin = fitted_twin(found) if found.tells_any else None
     return FittedTwin(record, page=lambda: twin_html(record), twin=twin)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class CheckedTwin(Result[TwinCheck]):
+    """Whether a twin's noise fits runs: verdict `ok`, `inconsistent`, or `refused` where the runs
+    hold too little rest.
+    """
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """The headline, and every band that does not fit."""
+        return check_summary(self.record, verbose=verbose)
+
+
+def check_twin(runs: AnyRun | Sequence[AnyRun], twin: AnyTwin) -> CheckedTwin:
+    """Does the noise that a twin declares fit what runs show at rest?
+
+    Parameters
+    ----------
+    runs : Run or path, or several
+        Power-on sessions of one unit.
+    twin : TwinModel or path
+        With the table beside its file taken out.
+
+    Returns
+    -------
+    CheckedTwin
+        Per channel and band the size of the noise over the declared one, with p-values; the verdict
+        is over all of them together.
+
+    Raises
+    ------
+    InputError
+        Where an input cannot be read, or twin and runs are of different units.
+    """
+    read = runs_of(runs)
+    record, beside = twin_and_table(twin, read)
+    streams = [s for run in read if (s := stream_of(run, record, beside.table)) is not None]
+    given = [runs] if isinstance(runs, Run | str | PathLike) else list(runs)
+    document = twin_check_document(
+        agreement(streams, record),
+        record,
+        [run.header.run_id for run in read],
+        command=twin_fit_command(given),
+        version=program_version(),
+    )
+    return CheckedTwin(document)
+
+
+def update_agreement(result: "UpdateResult") -> Agreement | None:
+    """The noise model against the rest that the sessions of an update found; None where that is too
+    little.
+    """
+    streams = []
+    for session in result.sessions:
+        if session.estimate is None:
+            continue
+        motion = session.estimate.motion
+        stream = stream_at_rest(
+            session.run, result.twin, result.before, motion=motion, temperature=session.temperature
+        )
+        if stream is not None:
+            streams.append(stream)
+    return agreement(streams, result.twin) if streams else None
+
+
+def fit_at_rest(
+    run: Run, twin: TwinModel, table: ThermalTable | None, given: Sequence[AnyRun]
+) -> NoiseFit | None:
+    """The noise model against the first rest of a run."""
+    rest = find_rest(run)
+    stream = None if rest is None else stream_at_rest(run, twin, table, rest=rest)
+    return noise_fit(None if stream is None else agreement([stream], twin), given)
+
+
+def noise_fit(found: Agreement | None, given: Sequence[AnyRun]) -> NoiseFit | None:
+    """What a document says of an agreement; given: the runs, for the command."""
+    if found is None:
+        return None
+    text = agreement_line(found, twin_fit_command(given))
+    return NoiseFit(fits=found.fits, p_value=found.p_value, text=text)

@@ -1,4 +1,4 @@
 """`recal watch`: `session` (the verb), `recording` (rows to run directories), `monitor` (seconds,
 phase, faults), `interim` (estimates and predictions, in a process of its own), `advice` (what to
-do), `records` and `words` (what is said), `feed` (a run sent as MAVLink).
+do), `records` (what is said), `feed` (a run sent as MAVLink).
 """

@@ -4,12 +4,14 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 
 from ins.records import InputError, Run
 from ins.units import DEG
 from trajectories.readers.live.mavlink_source import NEEDS_EXTRA, TEMPERATURE_BIT
+from trajectories.runs.directory import read_run
 
 BOOT_S = 10.0  # of the autopilot's clock, at the start of the run
 # sent at once, by the clock, and at most: a socket's buffer holds them
@@ -18,15 +20,19 @@ IMU_BITS = 0x3F | TEMPERATURE_BIT  # of HIGHRES_IMU: gyros, accelerometers, temp
 
 
 def feed(
-    run: Run, address: str, *, speed: float = 1.0, told: Callable[[str], None] = lambda words: None
+    run: Run | Path,
+    address: str,
+    *,
+    speed: float = 1.0,
+    told: Callable[[str], None] = lambda words: None,
 ) -> int:
     """Send a run as HIGHRES_IMU and GPS_RAW_INT.
 
     Parameters
     ----------
-    run : Run
-        Its rates are sent in float32, as the message has them; the temperature is the mean of the
-        three gyros'.
+    run : Run or path
+        Or its run directory. Its rates are sent in float32, as the message has them; the
+        temperature is the mean of the three gyros'.
     address : str
         `udp:HOST:PORT` to send to, or `tcp:HOST:PORT` to wait on for one that connects.
     speed : float
@@ -46,6 +52,7 @@ def feed(
     """
     if not find_spec("pymavlink"):
         raise InputError(NEEDS_EXTRA)
+    run = read_run(run) if isinstance(run, Path) else run
     link = _opened(address, told)
     told(f"sending {run.header.run_id} to {address}, {speed:g} times as fast")
     burst = max(min(int(BURST_S * speed * run.imu.rate_hz), BURST_ROWS), 1)

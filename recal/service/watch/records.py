@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from infield.reports.documents.update_records import UpdateDocument
 from ins.documents import UNWRITTEN
 
+Row = tuple[str, str]
+
 
 @dataclass(frozen=True, kw_only=True)
 class GyroState:
@@ -65,3 +67,66 @@ class WatchState:
     visited_degC: Sequence[float]
     faults: Sequence[str]
     estimate: Estimated | None
+
+
+def rows(state: WatchState) -> list[Row]:
+    """What is shown first: name and value."""
+    rate = "" if state.rate_hz is None else f" at {state.rate_hz:.4g} Hz"
+    dropped = ", ".join(f"{n} {why}" for why, n in state.dropped.items()) or "none"
+    found = [
+        ("phase", f"{state.phase}, {clock(state.time_s)}"),
+        ("rows", f"{state.rows}{rate}, dropped: {dropped}"),
+    ]
+    if len(state.runs) > 1:
+        found.append(("parts", f"{len(state.runs)}: a gap of more than 1 s begins another run"))
+    if state.gyro_degC:
+        now = ", ".join(f"{value:.1f}" for value in state.gyro_degC)
+        low, high = state.visited_degC
+        to_come = ""
+        if state.estimate is not None and state.estimate.at_end_degC:
+            to_come = f"; in 40 min at rest {max(state.estimate.at_end_degC):.1f}"
+        found.append(("gyros", f"{now} degC; visited {low:.1f} to {high:.1f}{to_come}"))
+    if state.estimate is not None:
+        found += _estimate_rows(state, state.estimate)
+    else:
+        found.append(("estimate", "the first one comes after 90 s"))
+    return found
+
+
+def _estimate_rows(state: WatchState, found: Estimated) -> list[Row]:
+    left_out = ", ".join(f"{s:.0f} s {why}" for why, s in found.excluded_s.items()) or "nothing"
+    old = clock(state.time_s - found.until_s)
+    lines = [
+        ("estimate", f"{found.verdict}, of the rows until {clock(found.until_s)} ({old} ago)"),
+        ("seconds", f"{found.used_s:.0f} used, left out: {left_out}"),
+    ]
+    if found.heading_deg is not None:
+        lines.append(("heading", f"{found.heading_deg:.3f} +- {found.sigma_heading_deg:.3f} deg"))
+    return lines
+
+
+GYRO_HEAD = ("gyro", "bias", "sigma before", "now", "after the plan", "target")
+
+
+def gyro_rows(found: Estimated) -> list[tuple[str, ...]]:
+    """Gyro by gyro [deg/h], by GYRO_HEAD."""
+    lines: list[tuple[str, ...]] = []
+    for axis, gyro in found.gyros.items():
+        plan = "-" if gyro.sigma_plan_deg_h is None else f"{gyro.sigma_plan_deg_h:.4f}"
+        lines.append(
+            (
+                axis,
+                f"{gyro.bias_deg_h:+.4f}",
+                f"{gyro.sigma_before_deg_h:.4f}",
+                f"{gyro.sigma_now_deg_h:.4f}",
+                plan,
+                f"{gyro.target_deg_h:.4f}",
+            )
+        )
+    return lines
+
+
+def clock(seconds: float) -> str:
+    """h:mm:ss."""
+    whole = max(int(seconds), 0)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

@@ -2,7 +2,6 @@
 limits, its continuity.
 """
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from infield.thermometer.gyro_temperature import gyro_temperature
-from ins.earth import EARTH_RATE_RAD_S
 from ins.errors.base import AXIS, GYROS, Effect
 from ins.errors.gyro.compensation import COMPENSATION, table_slope
 from ins.errors.gyro.events import GYRO_EVENTS
@@ -75,19 +73,6 @@ def test_the_gyro_half_is_complete():
     assert all(isinstance(e, Effect) for e in EFFECTS.values())
     assert len(EFFECTS) == len(GYRO_EVENTS + GYRO_THERMAL + GYRO_RATE + GYRO_NOISE + COMPENSATION)
     assert {e.repeats for e in EFFECTS.values()} == {"R", "E", "S", "P"}
-
-
-@pytest.mark.parametrize("key", EFFECTS)
-def test_declaration_is_in_order(key):
-    effect = EFFECTS[key]
-    assert effect.coefficients and all(0 < c.low < c.high for c in effect.coefficients)
-    points = 1
-    for p in effect.shape:
-        grid = p.grid()
-        assert (grid[0], grid[-1]) == pytest.approx((p.low, p.high)) and np.all(np.diff(grid) > 0)
-        points *= 1 if p.of_time else grid.size
-    assert points <= 16
-    assert pickle.loads(pickle.dumps(effect)) == effect  # sent to other processes
 
 
 @pytest.mark.parametrize("key", EFFECTS)
@@ -541,18 +526,6 @@ def test_turns_to_one_side_do_not_show_an_asymmetry():
     assert EFFECTS["gyro_scale_asymmetry"].needs([right, taxi_run(right_deg=0.0)], "gyro_z") == ""
 
 
-def test_earth_rate_in_a_long_straight_taxi_is_no_turn():
-    straight = taxi_run(9000, right_deg=0.0, left_deg=0.0)
-    assert EARTH_RATE_RAD_S * 9000 > 0.5
-    assert EFFECTS["gyro_scale_factor"].needs([straight], "gyro_z") == "turns"
-
-
-def test_turns_at_one_temperature_do_not_show_its_effect():
-    cold = still(taxi_run(), 10.0)
-    assert EFFECTS["gyro_scale_thermal"].needs([cold], "gyro_z") == "turns at two temperatures"
-    assert EFFECTS["gyro_scale_thermal"].needs([cold, still(taxi_run(), 30.0)], "gyro_z") == ""
-
-
 def test_needs_of_temperature():
     warm, cold = still(parked_run(), 30.0), still(parked_run(), 10.0)
     assert (
@@ -577,60 +550,10 @@ def test_needs_of_temperature():
     assert EFFECTS["gyro_thermal_gradient"].needs([no_gradient], "gyro_y") == words
 
 
-def test_needs_of_headings_and_power_ons():
-    north, east = parked_run(heading_deg=0.0), parked_run(heading_deg=90.0)
-    unknown = [replace(run, heading_known=False) for run in (north, east)]
-    magnetic = EFFECTS["gyro_magnetic_sensitivity"]
-    words = ["several headings", "", "a known heading"]
-    assert [magnetic.needs(r, "gyro_x") for r in ([north], [north, east], unknown)] == words
-    assert EFFECTS["gyro_misalignment_x"].needs([north, east], "gyro_x") == ""
-    assert EFFECTS["gyro_turn_on_bias"].needs([north], "gyro_x") == "a second power-on"
-    assert EFFECTS["gyro_turn_on_bias"].needs([north, east], "gyro_x") == ""
-
-
-def test_a_heading_across_south_is_one_heading():
-    runs = [parked_run(heading_deg=179.0), parked_run(heading_deg=-179.0)]
-    assert EFFECTS["gyro_magnetic_sensitivity"].needs(runs, "gyro_x") == "several headings"
-
-
-def test_two_headings_half_a_radian_apart_are_several():
-    """Whichever run comes first: one that lies in between does not hide them."""
-    runs = [parked_run(60, heading_deg=h) for h in (180.0, 197.0, 163.0)]
-    magnetic = EFFECTS["gyro_magnetic_sensitivity"]
-    assert [magnetic.needs(r, "gyro_x") for r in (runs, runs[1:], runs[:2])] == [
-        "",
-        "",
-        "several headings",
-    ]
-    assert magnetic.needs([taxi_run(left_deg=0.0)], "gyro_x") == ""
-
-
 def test_what_no_log_of_this_format_holds():
     assert EFFECTS["gyro_supply_voltage"].needs([flight_run()], "gyro_x") == "housekeeping voltages"
     assert EFFECTS["gyro_dither_coning"].needs([flight_run()], "gyro_x") == "raw data at 500 Hz"
     assert EFFECTS["gyro_dither_coning"].needs([parked_run(dt_s=0.002)], "gyro_x") == ""
-
-
-def test_needs_of_force_length_and_table():
-    assert (
-        EFFECTS["gyro_g_sensitivity"].needs([taxi_run()], "gyro_x")
-        == "changes of acceleration (flight, tumbling)"
-    )
-    assert EFFECTS["gyro_g_sensitivity"].needs([flight_run()], "gyro_x") == ""
-    assert (
-        EFFECTS["gyro_bias_instability"].needs([parked_run(600)], "gyro_x") == "a run of 30 minutes"
-    )
-    assert (
-        EFFECTS["gyro_quantization"].needs([parked_run(60, dt_s=10.0)], "gyro_x")
-        == "samples at 1 Hz"
-    )
-    flat = replace(parked_run(), table_deg_h=np.full((3600, 3), 0.1))
-    for key, target in (
-        ("compensation_misapplied", "gyro_x"),
-        ("temperature_sensor_error", "temperature"),
-    ):
-        assert EFFECTS[key].needs([flat], target) == "a gyro temperature that moves the table"
-        assert EFFECTS[key].needs([bare(flat)], target) == "a thermal table and a gyro temperature"
 
 
 @pytest.mark.parametrize(
@@ -673,30 +596,6 @@ def test_needs_do_not_count_samples_for_seconds():
     assert (
         EFFECTS["gyro_dither_coning"].needs([parked_run(9, dt_s=0.002), parked_run(9)], "gyro_x")
         == "raw data at 500 Hz"
-    )
-
-
-def test_turns_count_while_the_vehicle_moves():
-    """A parked unit whose log turns was handled or shaken: that is no measurement of a scale
-    factor.
-    """
-    parked = replace(taxi_run(), kind=parked_run(600).kind)
-    assert EFFECTS["gyro_scale_factor"].needs([parked], "gyro_z") == "turns"
-
-
-def test_steady_gradient_and_unknown_headings():
-    steady = replace(parked_run(), gradient_degC=np.full((3600, 3), 2.0))
-    assert (
-        EFFECTS["gyro_thermal_gradient"].needs([steady], "gyro_x")
-        == "a temperature difference that changes"
-    )
-    north, east = (
-        parked_run(heading_deg=0.0),
-        replace(parked_run(heading_deg=90.0), heading_known=False),
-    )
-    assert EFFECTS["gyro_magnetic_sensitivity"].needs([north, east], "gyro_x") == "a known heading"
-    assert (
-        EFFECTS["gyro_misalignment_x"].needs([north, east], "gyro_x") == "turns or several headings"
     )
 
 

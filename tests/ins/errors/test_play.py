@@ -43,12 +43,6 @@ def test_the_rows_of_a_long_log_are_all_followed():
     np.testing.assert_array_equal(play(values, 0.02), step_by_step(values, 0.02))
 
 
-def test_the_series_is_left_as_it_is():
-    values = noisy_day(100)
-    play(values, 0.5)
-    np.testing.assert_array_equal(values, noisy_day(100))
-
-
 def test_sense_stays_between_its_ends_and_starts_in_the_middle():
     sense = heating_sense(noisy_day(3600), 2.0)
     assert sense[0] == 0.0 and (sense.min(), sense.max()) == (

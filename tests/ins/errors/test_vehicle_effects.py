@@ -10,7 +10,7 @@ import pytest
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, rotation_vector_from_dcm, skew
 from ins.earth import gravity_n, omega_ie_n
 from ins.errors.accelerometer import ACCELEROMETER
-from ins.errors.base import ACCELS, GYROS, Effect
+from ins.errors.base import Effect
 from ins.errors.catalogue import OWN, catalogue, prior, rivals_of
 from ins.errors.data import DATA_EFFECTS
 from ins.errors.flight import FLIGHT_EFFECTS
@@ -25,7 +25,7 @@ from ins.errors.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, to
 from ins.errors.wheels import WHEELS
 from ins.records import InputError
 from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G
-from tests.ins.errors.vehicle_fixture import LATITUDE_rad, drive, rich_drive, still, warm
+from tests.ins.errors.vehicle_fixture import LATITUDE_rad, drive, rich_drive, still
 
 LISTED = ACCELEROMETER + PLATFORM + WHEELS + NAVIGATION_EFFECTS + DATA_EFFECTS
 ALL = [effect for effect in LISTED if effect.diagnosed]
@@ -110,18 +110,6 @@ def test_a_part_is_its_coefficient_of_the_whole(part):
     for name, value in arrays(found).items():
         np.testing.assert_array_equal(value, arrays(every[place])[name])
     assert part.needs([still()], target) == whole.needs([still()], target)
-
-
-def test_effects_of_one_name_share_the_prior_of_one():
-    """Those with traces: noise is judged on other data."""
-    total = {}
-    for e in catalogue():
-        for target in e.targets if e.formula else ():
-            total[e.name, target] = total.get((e.name, target), 0.0) + np.exp(e.log_prior)
-    rarer = {("axis_or_unit_error", t) for t in (*GYROS, *ACCELS)}
-    rarer |= {(name, t) for name in ("gyro_lock_in", "compensation_misapplied") for t in GYROS}
-    assert {k for k, v in total.items() if v < 1.0 - 1e-9} == rarer
-    assert all(v < 1.0 + 1e-9 for v in total.values())
 
 
 def test_what_estimators_assume_is_asked_by_recipe_part_and_technology():
@@ -598,37 +586,6 @@ PARKED_NEEDS = {
 def test_what_a_parked_run_lacks(effect):
     whole = effect.whole if isinstance(effect, PartEffect) else effect.id
     assert effect.needs([still()], effect.targets[0]) == PARKED_NEEDS.get(whole, "")
-
-
-def test_needs_in_other_cases():
-    run = rich_drive()
-    straight = replace(run, turn_rad_s=0 * run.turn_rad_s)
-    assert BY_ID["lever_arm"].needs([straight], "vehicle") == "turns"
-    assert BY_ID["lever_arm"].needs([straight, run], "vehicle") == ""
-    # half a metre a second: a push, no taxi
-    creeping = replace(run, speed_m_s=0.05 * run.speed_m_s)
-    assert BY_ID["wheel_slip"].needs([creeping], "odometer") == "braking and acceleration"
-    for key in ("imu_size_effect", "accel_g2_sensitivity"):
-        assert BY_ID[key].needs([run], "accel_z") == "flight"
-    lost = replace(run, heading_known=False, speed_m_s=0 * run.speed_m_s)
-    assert BY_ID["odometer_boresight"].needs([lost], "vehicle") == "a known heading and taxi"
-    assert BY_ID["accel_scale_factor"].needs([still()], "accel_z") == ""  # always carries 1 g
-    T = warm(still())
-    assert (
-        BY_ID["accel_thermal_hysteresis"]
-        .needs([still(accel_degC=np.sort(T, axis=0))], "accel_x")
-        .startswith("temperature rising and falling")
-    )
-    assert (
-        BY_ID["accel_thermal"].needs([still(accel_degC=0 * T)], "accel_x")
-        == "an accelerometer temperature that changes"
-    )
-    assert (
-        BY_ID["accel_thermal"].needs([still(accel_degC=T), still()], "accel_x")
-        == "an accelerometer temperature"
-    )
-    with pytest.raises(InputError, match="run 0"):
-        traces("accel_thermal", still())
 
 
 def test_stamps_are_off_by_less_than_the_interval_of_their_rows():

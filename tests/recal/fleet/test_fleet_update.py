@@ -4,7 +4,6 @@ nothing twice, nothing lost.
 
 import json
 import shutil
-import time
 from pathlib import Path
 
 import pytest
@@ -16,14 +15,12 @@ from ins.documents import plain
 from recal.cli.app import app
 from recal.fleet.pools import work
 from recal.fleet.update import FleetRequest, update_fleet
-from recal.service.update import update_in_store
 from tests.infield.sessions import factory_dict, shifted
 from tests.recal.fleet.made_fleet import SERIALS, UPDATES, history, run_of
 from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
-MISSING = "runs/SN-A/flight-9"
 
 
 def call(mode="commit", source="runs", output="out", store_url=URL, **more):
@@ -79,14 +76,6 @@ def test_a_second_call_does_nothing_and_says_the_same(fleet, inline):
     assert second["units"][0]["drift"] == first["units"][0]["drift"]
     assert [len(history(fleet, serial)) for serial in SERIALS] == [3, 3, 3]
     assert second["timing"]["runs"] == 0 and len(second["timing"]["earlier_calls"]) == 1
-
-
-def test_another_output_folder_finds_all_runs_merged_already(fleet, inline):
-    call()
-    time.sleep(1.0)  # the store's times are whole seconds
-    document = call(output="other")
-    assert document["verdict"] == "up_to_date" and document["counts"]["already"] == UPDATES
-    assert "merged as revision 2" in document["runs"][0]["reasons"][0]
 
 
 def spoil_some(fleet):
@@ -207,47 +196,6 @@ def test_a_dead_worker_costs_a_try_and_three_cost_the_run(fleet, inline):
     assert outcomes(call())["SN-A/flight-0"] == "committed"  # the next call tries again
 
 
-def test_a_crash_is_kept_apart_with_its_traceback(fleet, inline, monkeypatch):
-    def broken(request):
-        if "SN-B" in str(request.runs[0]):
-            raise ZeroDivisionError("by a bug")
-        return update_in_store(request)
-
-    monkeypatch.setattr(work, "update_in_store", broken)
-    document = call()
-    assert document["counts"]["crashed"] == 2 and document["counts"]["committed"] == 4
-    run = next(r for r in document["runs"] if r["outcome"] == "crashed")
-    assert run["reasons"][0].startswith("ZeroDivisionError: by a bug (test_fleet_update.py, line")
-    assert "by a bug" in next(Path("out").glob("units/SN-B*/*/crash.txt")).read_text()
-
-
-def test_another_writer_in_between_is_waited_out(fleet, inline, monkeypatch):
-    """Somebody imports a table between reading and committing: the update is made again, on the new
-    table.
-    """
-    told = []
-
-    def update_beside(request):
-        if not told:
-            table = factory_dict()
-            table["axes"]["x"]["bias_deg_h"][0] += 0.001
-            real = TableStore.commit_update
-
-            def commit(self, *arguments, **more):
-                if not told:
-                    told.append(True)
-                    with TableStore.open(URL) as store:
-                        store.import_table({**table, "imu_serial": "SN-A"})
-                return real(self, *arguments, **more)
-
-            monkeypatch.setattr(TableStore, "commit_update", commit)
-        return update_in_store(request)
-
-    monkeypatch.setattr(work, "update_in_store", update_beside)
-    assert call()["counts"]["committed"] == UPDATES
-    assert [r.kind for r in history(fleet, "SN-A")] == ["factory", "import", "update", "update"]
-
-
 def test_a_rollback_is_respected(fleet, inline):
     call()
     with TableStore.open(URL) as store:
@@ -272,33 +220,6 @@ def test_a_stepped_unit_is_named_and_not_followed(fleet, inline):
         "2 sessions contradict it"
         in next(s for s in document["stale"] if s["imu_serial"] == "SN-A")["reasons"]
     )
-
-
-def test_units_without_a_table(fleet, inline):
-    write_run(fleet / "runs" / "SN-NEW" / "flight-0", run_of("SN-NEW", 0))
-    document = call(known_only=True)
-    assert outcomes(document)["SN-NEW/flight-0"] == "refused"
-    assert document["counts"]["committed"] == UPDATES
-    document = call()
-    run = next(r for r in document["runs"] if r["imu_serial"] == "SN-NEW")
-    assert run["outcome"] == "refused" and "--new-unit" in run["reasons"][0]
-    document = call(new_unit=True)
-    run = next(r for r in document["runs"] if r["imu_serial"] == "SN-NEW")
-    assert run["outcome"] == "committed" and "begins with the default" in run["notes"][0]
-    assert "sigma rests on the defaults of rlg; recal twin fit" in run["notes"][1]
-    assert history(fleet, "SN-NEW")[0].kind == "factory"
-
-
-def test_a_store_that_is_not_there_is_made_where_it_is_asked_for(fleet, inline):
-    document = call(store_url="sqlite:///typo.db")
-    assert document["verdict"] == "refused" and not Path("typo.db").exists()
-    assert all("no store at sqlite:///" in r["reasons"][0] for r in document["runs"])
-    document = call(store_url="sqlite:///typo.db", new_store=True)
-    assert document["verdict"] == "refused" and "--new-unit" in document["runs"][0]["reasons"][0]
-    document = call(
-        "commit", "runs/SN-A", store_url="sqlite:///typo.db", new_store=True, new_unit=True
-    )
-    assert document["counts"]["committed"] == 2
 
 
 def test_exit_codes_and_json(fleet, inline):

@@ -120,7 +120,7 @@ def test_a_store_is_forecast_by_urgency(tmp_path, monkeypatch):
     document = json.loads(Path("recal-fleet-forecast/forecast.json").read_text())
     assert document["schema"] == "recal.forecast/1" and document["limit_nm_h"] == 1.5
     page = Path("recal-fleet-forecast/forecast.html").read_text()
-    assert page.index("SN-OLD") < page.index("SN-NEW") and page.count('class="wide plot"') == 1
+    assert page.index("SN-OLD") < page.index("SN-NEW")
     done = CliRunner().invoke(app, ["fleet", "forecast", "--store", URL, "--json", "-o", "f"])
     assert done.exit_code == 0 and json.loads(done.stdout)["verdict"] == "ok"
     wrong = CliRunner().invoke(app, ["fleet", "forecast", "--store", "sqlite:///no.db"])

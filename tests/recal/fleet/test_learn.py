@@ -107,12 +107,3 @@ def test_what_cannot_be_learnt_from_is_named(folder):
     Path("p.json").write_text('{"schema": "recal.table/1"}')
     bad = recal("update", str(folder / "run-3"), "--priors", "p.json")
     assert "'recal.priors/1'" in str(bad.exception)
-
-
-def test_an_empty_store_and_a_dry_run_keep_nothing(folder):
-    with TableStore.open("sqlite:///empty.db", create=True):
-        pass
-    done = CliRunner().invoke(app, ["fleet", "learn", "--store", "sqlite:///empty.db"])
-    assert done.exit_code == 4 and "no unit with a table: recal table list" in done.stdout
-    assert recal("fleet", "learn", "--dry-run", "-q").exit_code == 0
-    assert "holds no priors" in recal("fleet", "priors").stdout

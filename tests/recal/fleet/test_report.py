@@ -3,24 +3,18 @@ groups of reasons.
 """
 
 import re
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from infield.reports.drawing import specification
 from infield.session.disagreement import BiasStep
 from infield.store.rows import UnitKey
-from recal.cli.console import EXIT_CODES
-from recal.cli.fleet import summary as summary_lines
-from recal.fleet.document import MAX_POINTS, Timing, fleet_document, fleet_verdict, plain_reason
+from recal.fleet.document import Timing, fleet_document, plain_reason
 from recal.fleet.document_records import FleetTiming, TableDrift, TemperatureBand, UnitReport
-from recal.fleet.figures import progress_panel
-from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
+from recal.fleet.records import FleetRequest, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
-from recal.service.priors.forecast_records import DriftTrend, ForecastReport, UnitForecast
-from tests.drawn import column, unscripted
+from tests.drawn import unscripted
 
 UNITS = 240
 STEP = BiasStep(
@@ -103,15 +97,6 @@ def test_units_are_ranked_by_predicted_drift_a_step_counted(document):
     assert first.page.startswith("units/U7/last") and first.page.endswith("/last/update.html")
 
 
-def test_the_first_line_counts_runs_and_units_in_english(document):
-    """Units of refused runs count; where no run names its unit, only runs are counted."""
-    assert summary_lines(document)[0] == f"committed: {UNITS} runs of {UNITS} units"
-    one = replace(document, runs=document.runs[:1], counts={"refused": 1})
-    assert summary_lines(one)[0] == "committed: 1 run of 1 unit"
-    nobody = replace(one, runs=[replace(document.runs[0], imu_serial="")])
-    assert summary_lines(nobody)[0] == "committed: 1 run"
-
-
 def test_the_page_is_whole_and_fetches_nothing(document):
     page = unscripted(fleet_html(document))
     assert not re.search(r"https?://|<script|<link|@import|src=", page)
@@ -123,26 +108,6 @@ def test_the_page_is_whole_and_fetches_nothing(document):
     assert len(page) < 600_000
 
 
-def test_a_curve_of_many_runs_is_thinned(document):
-    timing = Timing()
-    for _ in range(3 * MAX_POINTS):
-        timing.tell(RunOutcome(path="", outcome="committed", seconds=1.0))
-    told = timing.document(10.0)
-    assert len(told.curve) == MAX_POINTS and told.curve[-1][1] == 3 * MAX_POINTS
-    (curve,) = specification([progress_panel(told)])["data"]
-    assert column(curve["y"]).size == MAX_POINTS and column(curve["y"])[-1] == 3 * MAX_POINTS
-
-
-def test_verdicts_have_exit_codes_and_go_by_the_best_then_the_worst():
-    assert set(FleetVerdict) <= set(EXIT_CODES)
-    assert EXIT_CODES[fleet_verdict(Counter(committed=1, inconsistent=5, bad_input=3))] == 0
-    assert fleet_verdict(Counter(already=3)) == "up_to_date" and EXIT_CODES["up_to_date"] == 0
-    assert fleet_verdict(Counter(already=3, refused=1)) == "refused"
-    assert EXIT_CODES[fleet_verdict(Counter(inconsistent=1, refused=5))] == 5
-    assert EXIT_CODES[fleet_verdict(Counter(bad_input=5))] == 3
-    assert EXIT_CODES[fleet_verdict(Counter(crashed=5))] == 1
-
-
 def test_reasons_are_grouped_without_names_and_numbers():
     run = RunOutcome(
         path="/a/b",
@@ -152,47 +117,3 @@ def test_reasons_are_grouped_without_names_and_numbers():
         reasons=("/a/b: r7 of SN-7 rests 4.5 s, x2 axis y",),
     )
     assert plain_reason(run) == "RUN: RUN of UNIT rests # s, x2 axis y"
-
-
-def test_the_forecast_is_on_the_page_by_urgency(document):
-    """The first unit of the document first, its trend beside it; without a store, a line."""
-    assert document.forecast is None and "No store, so no unit." in fleet_html(document)
-    units = [unit_forecast("<LATE>", 0.9), unit_forecast("EARLY", 0.3)]
-    found = ForecastReport(
-        verdict="ok",
-        reasons=[],
-        store="s",
-        issued_utc="2026-11-22T00:00:00Z",
-        version="0",
-        limit_nm_h=0.8,
-        units=units,
-        less_urgent=3,
-    )
-    page = fleet_html(replace(document, forecast=found))
-    listed = page[page.index('id="forecast"') :]
-    assert listed.index("<strong>&lt;LATE&gt;") < listed.index("<strong>EARLY")
-    assert listed.count('class="trend"') == 2 and "3 units whose drift passes" in listed
-    assert "passed already" in listed and "2030-01-01" in listed and "<LATE>" not in page
-
-
-def unit_forecast(serial, drift_nm_h):
-    return UnitForecast(
-        imu_serial=serial,
-        gyro_technology="rlg",
-        gyro_mode="",
-        revision=1,
-        sessions=2,
-        last_session_utc="2026-01-01",
-        drift_now_nm_h=drift_nm_h,
-        drift_now_95_nm_h=2.0 * drift_nm_h,
-        expected_bias_deg_h=0.01,
-        date_50_utc="2030-01-01",
-        date_95_utc="2026-11-22",
-        temperature_degC=(0.0, 40.0),
-        rests_on="defaults of rlg",
-        trend=DriftTrend(
-            date_utc=["2026-11-22", "2027-11-22", "2040-11-22"],
-            median_nm_h=[drift_nm_h, 1.0, 5.0],
-            high_nm_h=[2.0 * drift_nm_h, 2.0, 9.0],
-        ),
-    )

@@ -13,17 +13,14 @@ import pytest
 
 import recal
 from infield.table.file import json_text
-from ins.json_file import Written
 from ins.records import InputError
 from recal.service.update import UpdateRequest, update_in_store
-from recal.service.watch.advice import advised
-from recal.service.watch.feed import feed
 from recal.service.watch.interim import InterimRequest, estimated
 from recal.service.watch.monitor import Monitor, Phase
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import WatchState
 from recal.service.watch.session import WatchRequest, watch
-from simreal.plan.ahead import TURN, Outlook, outlook, stay
+from simreal.plan.ahead import TURN, outlook, stay
 from tests.recal.command import run as typed
 from trajectories.readers.live.text_source import RunSource
 from trajectories.runs.directory import read_run, write_run
@@ -107,31 +104,6 @@ def test_a_stay_and_a_turn_bring_what_was_predicted(simulated):
     np.testing.assert_allclose(ten.sigma_deg_h, sigma(updated(simulated, 2100.0)), rtol=0.1)
     [turned] = outlook(updated(towed, 4199.0), [TURN])
     np.testing.assert_allclose(turned.sigma_deg_h, sigma(updated(towed, 4560.0)), rtol=0.1)
-
-
-def test_advice_has_the_numbers_of_the_outlook():
-    now, target = (0.004, 0.0075, 0.004), (0.003, 0.003, 0.003)
-    stays = [
-        Outlook(
-            name="stay",
-            duration_s=60.0 * m,
-            sigma_deg_h=(0.004 / (1 + m / 10), 0.0075, 0.004 / (1 + m / 10)),
-            gyro_degC=(30.0, 30.0, 30.0),
-        )
-        for m in (5.0, 10.0, 20.0, 40.0)
-    ]
-    turn = Outlook(
-        name="turn", duration_s=360.0, sigma_deg_h=(0.0026, 0.003, 0.003), gyro_degC=(30.0,) * 3
-    )
-    found = advised(now, target, [*stays, turn])
-    # 0.004 / (1 + m / 10) is 0.003 after 3.3 min, by straight information after 3.0
-    assert found.plan_min in (3.0, 4.0)
-    assert not found.enough
-    assert any("0.0075 -> 0.0030" in line for line in found.lines)
-    assert advised((0.001,) * 3, target, []).enough
-    only_y = advised((0.002, 0.0075, 0.002), target, [*stays, turn])
-    assert only_y.plan_min == 6.0
-    assert only_y.plan_deg_h == turn.sigma_deg_h
 
 
 def test_phases_and_a_gap_are_seen_from_the_rows(simulated, recorded):
@@ -263,36 +235,35 @@ def test_the_page_is_guarded_and_tells_the_state(interim, tmp_path):
             LivePage(int(page.url.rsplit(":", 1)[1].strip("/")))
 
 
-def test_a_session_is_sent_to_who_connects(simulated, tmp_path):
-    """By tcp, many times as fast, into a watch that ends when the sender does."""
+def test_a_recorded_log_is_sent_as_mavlink(grown, tmp_path):
+    """Row by row, to who connects."""
     import socket
     import threading
 
+    from pymavlink.dialects.v20 import common
+
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    address = f"tcp:127.0.0.1:{port}"
-    sender = threading.Thread(target=feed, args=(simulated.run, address), kwargs={"speed": 1e4})
-    sender.start()
-    request = WatchRequest(
-        source=address,
-        run=tmp_path / "out",
-        store_url="sqlite:///no.db",
-        serial="SN-0042",
-        technology="rlg",
-        lat_deg=Written("45.000"),
-        output=tmp_path / "report",
-    )
-    for _ in range(50):
-        try:
-            result = watch(request)
-            break
-        except InputError as error:
-            if "refused" not in str(error):
-                raise
-            time.sleep(0.2)
-    sender.join()
-    direct = recal.update(simulated.run)
-    for axis, seen in result.axes.items():
-        assert seen.sigma_after_deg_h == pytest.approx(
-            direct.axes[axis].sigma_after_deg_h, rel=0.02
-        )
+    received = bytearray()
+
+    def take():
+        for _ in range(100):
+            try:
+                link = socket.create_connection(("127.0.0.1", port))
+                break
+            except ConnectionRefusedError:
+                time.sleep(0.1)
+        with link:
+            while piece := link.recv(1 << 16):
+                received.extend(piece)
+
+    taker = threading.Thread(target=take)
+    taker.start()
+    options = "--serial SN-0042 --technology rlg --lat-deg 45.000 --start-utc 2026-03-02T06:00:00Z"
+    log = ["convert", grown / "imu.csv", *options.split(), "-o", tmp_path / "out"]
+    done = typed(*log, "--live", "10000", "--to", f"tcp:127.0.0.1:{port}")
+    taker.join()
+    assert done.exit_code == 0, done.output
+    messages = common.MAVLink(None).parse_buffer(bytes(received))
+    assert len(messages) == read_run(tmp_path / "out").imu.rows
+    assert typed(*log, "--split", "--to", "tcp:127.0.0.1:1").exit_code == 2

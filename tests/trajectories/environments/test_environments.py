@@ -11,7 +11,7 @@ from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG
 from tests.trajectories.test_scenario import small as minute
 from trajectories.simulator.environments.kinds import Environment, EnvironmentKind, environment_of
-from trajectories.simulator.environments.laying import draw_moves, lay_environments, lay_moves
+from trajectories.simulator.environments.laying import draw_moves, lay_environments
 from trajectories.simulator.motions import lay
 from trajectories.simulator.scenario import scenario_from_dict, simulate_scenario
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
@@ -150,18 +150,6 @@ def test_people_make_the_gear_ring_at_its_modes(parked_hour):
     assert 0.8 < f[quick][np.argmax(power[quick])] < 1.2
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_strength_scales_every_motion(ideal, kind):
-    once, twice = (
-        draw_moves(ideal, [Environment(kind=kind, strength=s)], np.random.default_rng(5))
-        for s in (1.0, 2.0)
-    )
-    np.testing.assert_allclose(twice.q_rad, 2 * once.q_rad, atol=1e-18)
-    assert np.abs(once.q_rad).max() > 0
-    shaken = [laid(ideal, kind, strength=s).v_n_m_s[ideal.at_rest].std() for s in (0.5, 1.0)]
-    assert shaken[1] == pytest.approx(2 * shaken[0], rel=1e-2)
-
-
 def small(**changes):
     """A scenario of two minutes with a receiver, as a dict."""
     parked = [{"segment": "park", "duration_s": 120}]
@@ -196,15 +184,6 @@ def test_the_antenna_swings_with_the_body():
     assert np.std(up + simpson) < 0.05 * np.std(up)
 
 
-def test_several_environments_add_up(ideal):
-    both = draw_moves(
-        ideal, [Environment(kind="gusty"), Environment(kind="refuelling")], np.random.default_rng(2)
-    )
-    assert np.std(np.diff(both.q_rad, axis=0)) > 0 and len(both.lines) == 0
-    made = lay_moves(ideal, both)
-    assert made.swing_rad_s is not None
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -227,9 +206,3 @@ def test_wrong_words_on_the_command_line_are_named(text):
     with pytest.raises(InputError, match="environment"):
         environment_of(text)
     assert environment_of("boarding:1.5") == Environment(kind="boarding", strength=1.5)
-
-
-def test_a_vehicle_that_never_stands_has_no_environment():
-    truth = build_truth(lay([Straight(duration_s=60.0, speed_m_s=9.0)]), SITE)
-    with pytest.raises(InputError, match="never stands"):
-        laid(ideal_sensors(truth, 10.0), "calm")

@@ -2,8 +2,6 @@
 off and garbled.
 """
 
-import re
-
 import numpy as np
 import pytest
 
@@ -13,9 +11,7 @@ from tests.trajectories.readers import ardupilot_logs as logs
 from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.dataflash import read_tables
 from trajectories.readers.conversion import convert_log
-from trajectories.readers.formats.ardupilot_gnss import fixes
-from trajectories.readers.registry import read_log
-from trajectories.readers.rows.column_map import LogOptions
+from trajectories.readers.formats.ardupilot import fixes
 
 DT_S = 0.02
 
@@ -25,12 +21,6 @@ pytestmark = pytest.mark.usefixtures("forked")
 @pytest.fixture
 def old(tmp_path):
     return logs.write(tmp_path / "flight.bin", logs.old_messages())
-
-
-def rates(log, rows: int = logs.ROWS):
-    np.testing.assert_allclose(log.imu.dt_s, DT_S, rtol=1e-6)
-    assert log.imu.time_s.size == rows
-    return log.imu.dtheta_rad / DT_S, log.imu.dv_m_s / DT_S
 
 
 def check_parked(run, *, w=logs.W, decimals: float = 1e-6):
@@ -131,13 +121,6 @@ def test_matlab_form(tmp_path, suffix, compress):
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
 
 
-def test_start_later_in_the_log(old):
-    made = convert_log(old, {"from_s": 25.0}, {})
-    assert made.run.imu.rows == logs.ROWS - 250
-    assert made.record.time_shift_s == pytest.approx(24.98)
-    assert made.run.header.start_utc == "2015-11-21T23:45:07.980Z"
-
-
 @pytest.mark.parametrize(
     ("options", "line"),
     [
@@ -164,23 +147,6 @@ def test_a_log_without_gps_needs_the_site(tmp_path):
         "start_utc": "2015-11-22T00:00:00Z",
     }
     assert convert_log(path, {}, site).run.gnss is None
-
-
-def test_accelerations_in_g_are_refused(tmp_path):
-    """Firmware or an export that changed units: the physics gate names them."""
-    messages = logs.head_of(logs.OLD)
-    messages += [
-        logs.message(logs.OLD["IMU"], 20 * k, *logs.W, *(F_B / 9.80665), 0, 0, 30.0)
-        for k in range(2000)
-    ]
-    site = {
-        "lat_deg": -35.0,
-        "lon_deg": 149.0,
-        "height_m": 500.0,
-        "start_utc": "2015-11-22T00:00:00Z",
-    }
-    with pytest.raises(InputError, match=r"0.9986 m/s2, needed 9.8: g"):
-        convert_log(logs.write(tmp_path / "log.bin", messages), {}, site)
 
 
 # Damage
@@ -228,156 +194,6 @@ def test_damage_within_is_read_around(tmp_path, damage):
     assert at - 50 <= first <= at
 
 
-def test_garbled_values_and_times_are_dropped_and_named(tmp_path):
-    """A time far ahead, an impossible rate, a temperature no sensor has."""
-    messages = logs.old_messages()
-    form = logs.OLD["IMU"]
-    rows = [k for k, m in enumerate(messages) if m[2] == form[0]]
-    good = (*logs.W, *F_B, 0, 0)
-    messages[rows[100]] = logs.message(form, 4_000_000_000, *good, 30.2)
-    messages[rows[200]] = logs.message(form, FIRST + 200 * 20, 1e30, *good[1:], 30.4)
-    messages[rows[300]] = logs.message(form, FIRST + 300 * 20, *good, 1e8)
-    made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
-    assert made.run.imu.rows == logs.ROWS - 2
-    told = " ".join(made.record.notes)
-    assert "IMU: row 101 dropped" in told
-    assert "IMU: row 201 dropped: beyond 100 rad/s" in told
-    assert np.all(np.abs(made.run.temperature.gyro_degC - 30.5) < 1.0)
-    assert [s.reason for s in made.run.faults] == ["dropout: 1 imu rows lost"] * 2
-
-
-FIRST = logs.FIRST_MS
-
-
-def test_a_gps_fix_that_jumps_is_left_out(tmp_path):
-    messages = logs.old_messages()
-    form = logs.OLD["GPS"]
-    first = next(k for k, m in enumerate(messages) if m[2] == form[0])
-    messages[first] = logs.message(
-        form, 3, 0, 5, 9, 150, 500_000_000, 70_000_000, 12, 100, 200, 9000, -0.5, FIRST
-    )
-    made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
-    assert made.run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
-    assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
-    assert any("GPS row 1 left out: time or position jumps" in n for n in made.record.notes)
-
-
-def test_a_garbled_format_costs_its_messages_only(tmp_path):
-    messages = logs.old_messages()
-    k = next(i for i, m in enumerate(messages) if m[2] == 128 and m[5:9] == b"IMU2")
-    messages[k] = messages[k][:4] + b"\xff" + messages[k][5:]
-    path = logs.write(tmp_path / "log.bin", messages)
-    tables, notes = read_tables(path, {"IMU", "IMU2"})
-    assert tables["IMU"]["TimeMS"].size > logs.ROWS // 2 - 2 and "IMU2" not in tables
-    assert "message type 132 garbled" in notes[0]
-
-
-GARBLED = [(b"GPS", b"BIHBcLL", b"BIHBcnL"), (b"PARM", b"Nf", b"Nn"), (b"IMU", b"Iff", b"Inf")]
-
-
-@pytest.mark.parametrize(("name", "letters", "garbled"), GARBLED)
-def test_a_number_that_a_garbled_format_makes_a_text(tmp_path, name, letters, garbled):
-    """The length still fits, so the messages are read; the column is as if it were not there."""
-    messages = logs.old_messages()
-    k = next(i for i, m in enumerate(messages) if m[2] == 128 and m[5:9].rstrip(b"\0") == name)
-    messages[k] = messages[k].replace(letters, garbled, 1)
-    path = logs.write(tmp_path / "log.bin", messages)
-    if name == b"IMU":
-        with pytest.raises(InputError, match="no column GyrX"):
-            read_log(path, LogOptions({}))
-        return
-    _, log = read_log(path, LogOptions({"imu": 2}))
-    assert log.imu.rows == logs.ROWS and (log.gnss is None) == (name == b"GPS")
-
-
-def test_another_format_of_the_same_type_is_not_taken(tmp_path):
-    messages = logs.old_messages()
-    messages.insert(
-        20,
-        logs.fmt(131, "IMU", "IffffffIIf", "TimeMS,GyrY,GyrX,GyrZ,AccX,AccY,AccZ,ErrG,ErrA,Temp"),
-    )
-    tables, notes = read_tables(logs.write(tmp_path / "log.bin", messages), {"IMU"})
-    assert tables["IMU"]["GyrX"][100] == pytest.approx(logs.W[0])
-    assert "message type 131 (IMU)" in notes[0]
-
-
-def test_text_damage(tmp_path):
-    path = logs.write_text(tmp_path / "flight.log")
-    lines = path.read_bytes().split(b"\r\n")
-    lines[100] = b"IMU, 1, garbled"
-    lines[200] = lines[200].replace(b"0", b"\xff", 1)
-    path.write_bytes(b"\r\n".join(lines)[:-20])
-    _, log = read_log(path, LogOptions({}))
-    assert log.imu.rows >= logs.ROWS - 3
-    assert "lines 101, 201" in log.notes[0]
-
-
-def test_matlab_damage(tmp_path):
-    """A file cut off within IMU has none; one cut off later, or with another variable garbled, is
-    read without it.
-    """
-    path = logs.write_mat(tmp_path / "flight.mat", compress=False)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:5000])
-    with pytest.raises(InputError, match="cut off at byte 128: the last 4872 bytes"):
-        convert_log(path, {"format": "ardupilot_mat"}, {})
-    path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2))
-    with pytest.raises(InputError, match="no IMU 1, has none"):
-        convert_log(path, {"format": "ardupilot_mat"}, {})
-    path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2)[:-40])
-    with pytest.raises(InputError, match=r"cut off at byte \d+"):
-        convert_log(path, {"format": "ardupilot_mat"}, {})
-    gps = whole.index(b"GPS_label")
-    path.write_bytes(whole[:gps] + b"\xff" * 60 + whole[gps + 60 :])
-    made = convert_log(
-        path,
-        {},
-        {
-            "lat_deg": -35.0,
-            "lon_deg": 149.0,
-            "height_m": 500.0,
-            "start_utc": "2015-11-22T00:00:00Z",
-        },
-    )
-    assert made.run.imu.rows == logs.ROWS and made.run.gnss is None
-    assert "GPS has shape (50, 14)" in str(made.record.notes)
-    path.write_bytes(whole[:-40])
-    made = convert_log(path, {}, {})
-    check_parked(made.run)
-    assert any("cut off at byte" in n for n in made.record.notes)
-
-
-def test_a_packed_matlab_variable_that_is_garbled(tmp_path):
-    """The packed GPS array does not unpack: named by its place, the IMU read without it."""
-    path = logs.write_mat(tmp_path / "flight.mat")
-    data = bytearray(path.read_bytes())
-    at = 128
-    for _ in range(2):  # past IMU and IMU_label
-        at += 8 + int.from_bytes(data[at + 4 : at + 8], "little")
-    data[at + 200 : at + 260] = bytes(60)
-    path.write_bytes(data)
-    _, log = read_log(path, LogOptions({}))
-    assert log.imu.rows == logs.ROWS and log.gnss is None
-    assert any(
-        re.match(rf"flight\.mat: variable at byte {at} damaged \(.*\), not read", n)
-        for n in log.notes
-    )
-
-
-def test_other_matlab_files_are_named(tmp_path):
-    path = logs.write_mat(tmp_path / "a.mat", IMU=np.ones((50, 3)))
-    with pytest.raises(InputError, match=r"a\.mat: no IMU 1, has none"):
-        convert_log(path, {}, {})
-    logs.savemat(tmp_path / "b.mat", {"x": np.ones(3)})
-    with pytest.raises(InputError, match=r"needed --map .* x 1x3"):
-        convert_log(tmp_path / "b.mat", {}, {})
-    with pytest.raises(InputError, match=r"b\.mat: holds none of the messages"):
-        convert_log(tmp_path / "b.mat", {"format": "ardupilot_mat"}, {})
-    (tmp_path / "c.mat").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    with pytest.raises(InputError, match=r"c\.mat: HDF5 that cannot be opened"):
-        convert_log(tmp_path / "c.mat", {"format": "ardupilot_mat"}, {})
-
-
 # Units
 
 
@@ -408,15 +224,6 @@ def test_declared_units_are_used(tmp_path):
     np.testing.assert_allclose(
         turned.imu.dtheta_rad / DT_S, np.tile(logs.W * np.pi / 180, (logs.ROWS, 1)), rtol=1e-6
     )
-
-
-@pytest.mark.parametrize(
-    ("gyro", "accel", "line"),
-    [("rev/s", "m/s/s", "GyrX is in 'rev/s'"), ("rad/s", "ft/s/s", "AccX is in 'ft/s/s'")],
-)
-def test_unknown_declared_units_are_refused(tmp_path, gyro, accel, line):
-    with pytest.raises(InputError, match=line):
-        convert_log(log_that_declares(tmp_path, gyro=gyro, accel=accel), {}, {})
 
 
 @pytest.mark.parametrize(("first", "taken"), [(3.0, 47.0), (1.0, 48.0)])

@@ -18,8 +18,7 @@ from tests.trajectories.readers.hostile_rows import (
     noisy,
 )
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.readers.rows.clocks import evened, going_on, unwrapped
-from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
+from trajectories.readers.rows.clocks import evened, going_on, gps_of_unix, unix_seconds
 
 PERIODS = [
     ("32 bits of microseconds", 4294.967296),
@@ -43,16 +42,6 @@ def test_a_clock_that_starts_again_goes_on(tmp_path, name, period_s):
     np.testing.assert_allclose(made.run.imu.dtheta_rad, straight.run.imu.dtheta_rad, rtol=1e-3)
     assert [n for n in made.record.notes if f"starts again at row 3001 ({name})" in n]
     assert len(made.record.notes) == 1
-
-
-def test_many_wraps_of_a_short_clock():
-    t = np.arange(0.0, 1000.0, 0.01)
-    out, found = going_on(t % 65.536)
-    np.testing.assert_allclose(out, t, atol=1e-9)
-    assert [round(k * 0.01 / 65.536) for k, _, _ in found] == list(range(1, 16))
-    # a clock that is set back by a minute goes beyond one
-    out, found = going_on(np.concatenate([t[:9000], t[3000:9000]]))
-    assert found == []
 
 
 def test_everything_on_the_clock_wraps_with_it(tmp_path):
@@ -82,15 +71,6 @@ def test_everything_on_the_clock_wraps_with_it(tmp_path):
         np.testing.assert_allclose(made.run.temperature.gyro_degC[:, 0], slow["T"])
 
 
-def test_another_stream_that_begins_after_the_wrap():
-    np.testing.assert_allclose(
-        unwrapped(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
-    )
-    np.testing.assert_allclose(
-        unwrapped(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0]
-    )
-
-
 @pytest.mark.parametrize("back_s", [18.0, 59.99, 999.0])
 def test_a_clock_that_is_set_back_is_refused(tmp_path, back_s):
     """Half of the rows again before the others: nobody knows whether they were joined, swapped or
@@ -105,20 +85,6 @@ def test_a_clock_that_is_set_back_is_refused(tmp_path, back_s):
         convert(tmp_path, columns)
     made = convert(tmp_path, columns, {"from_s": 2000.0}) if back_s > 59 else None
     assert made is None or made.run.imu.rows == 3000
-
-
-def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
-    """150 of 18,000 rows have times that were written before: few, and a hole in the motion that
-    no time shows. Half a second of them is read.
-    """
-    columns = {name: np.concatenate([values] * 3) for name, values in noisy().items()}
-    steps = np.arange(3 * N) * 0.01
-    rng = np.random.default_rng(3)
-    columns["wz"] += 0.1 * rng.standard_normal(steps.size)  # no row is like another
-    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001"):
-        convert(tmp_path, columns | {"t": steps - 1.5 * (steps >= 90.0)})
-    made = convert(tmp_path, columns | {"t": steps - 0.5 * (steps >= 90.0)})
-    assert any("dropped: time repeats or goes back" in note for note in made.record.notes)
 
 
 def test_one_garbled_time_costs_one_row(tmp_path):
@@ -187,15 +153,6 @@ def test_gps_time_of_utc_and_back():
     assert gps_of_unix(UNIX_S) == UNIX_S + GPS_LESS_UNIX_S
 
 
-def test_fixes_beyond_the_imu_are_said(tmp_path):
-    """A log by UTC and one by GPS time without a word of it: the 18 s show."""
-    (tmp_path / "gps.csv").write_text(csv_text({"stamp": 4982.01 + SECONDS, **FIXES}))
-    made = convert(
-        tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
-    )
-    assert "18 of 60 fixes" in str(made.record.notes)
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from([p for _, p in PERIODS]), st.floats(0, 1), st.integers(0, 2**32 - 1))
 def test_any_wrapped_clock_goes_on(period_s, phase, seed):
@@ -205,14 +162,6 @@ def test_any_wrapped_clock_goes_on(period_s, phase, seed):
     out, found = going_on(t % period_s)
     np.testing.assert_allclose(np.diff(out), np.diff(t), atol=1e-6)
     assert len(found) == int(t[-1] // period_s) - int(t[0] // period_s)
-
-
-@pytest.mark.parametrize(
-    "keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}]
-)
-def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
-    with pytest.raises(InputError, match=r"5000\.010 to 5060\.000 s"):
-        convert(tmp_path, noisy(), keys)
 
 
 def bursts(rng, rate_hz=100.0, seconds=60.0, of=4) -> np.ndarray:
@@ -247,3 +196,25 @@ def test_lost_rows_are_no_bursts():
     rng, t = np.random.default_rng(1), np.arange(0.0, 60.0, 0.01)
     assert evened(t[rng.random(t.size) < 0.4]) is None
     assert evened(t + 0.003 * rng.random(t.size)) is None
+
+
+@pytest.mark.parametrize(
+    "keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}]
+)
+def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
+    with pytest.raises(InputError, match=r"5000\.010 to 5060\.000 s"):
+        convert(tmp_path, noisy(), keys)
+
+
+def test_a_clock_set_back_within_a_long_log_is_refused_too(tmp_path):
+    """150 of 18,000 rows have times that were written before: few, and a hole in the motion that
+    no time shows. Half a second of them is read.
+    """
+    columns = {name: np.concatenate([values] * 3) for name, values in noisy().items()}
+    steps = np.arange(3 * N) * 0.01
+    rng = np.random.default_rng(3)
+    columns["wz"] += 0.1 * rng.standard_normal(steps.size)  # no row is like another
+    with pytest.raises(InputError, match=r"goes back by 1\.490 s at row 9001"):
+        convert(tmp_path, columns | {"t": steps - 1.5 * (steps >= 90.0)})
+    made = convert(tmp_path, columns | {"t": steps - 0.5 * (steps >= 90.0)})
+    assert any("dropped: time repeats or goes back" in note for note in made.record.notes)

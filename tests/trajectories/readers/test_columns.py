@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ins.records import InputError
-from ins.units import DEG, DEG_PER_HOUR
+from ins.units import DEG
 from tests.trajectories.run_cases import F_B, W_B
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.rows.column_map import (
@@ -14,13 +14,10 @@ from trajectories.readers.rows.column_map import (
     ACCEL_RATES,
     GYRO_INCREMENTS,
     GYRO_RATES,
-    AxesKeys,
     LogOptions,
-    axis_matrix,
     binary_type,
     column_map,
 )
-from trajectories.readers.rows.row_cleaning import row_ranges
 
 N, DT_S = 200, 0.01
 
@@ -153,21 +150,6 @@ def test_a_gap_is_refused_with_the_stretch_to_take():
     assert log.notes == ("log: 80 rows outside the stretch that was asked for (from_s, to_s)",)
 
 
-@pytest.mark.parametrize(
-    ("period_s", "name"), [(2**32 * 1e-6, "32 bits of microseconds"), (604_800.0, "GPS week")]
-)
-def test_a_clock_that_starts_again(period_s, name):
-    """The clock passes its period at row 101; the rows are those of a clock that does not."""
-    columns = raw_columns(start_s=period_s - 1.005)
-    straight = convert(columns)
-    columns["t"] = columns["t"] % period_s
-    log = convert(columns)
-    np.testing.assert_allclose(log.imu.time_s, straight.imu.time_s, atol=1e-9)
-    assert log.notes == (
-        f"log: clock starts again at row 102 ({name}): {period_s:.6f} s added from there",
-    )
-
-
 def test_filler_of_zeros_is_left_out():
     """Zeros before the first and after the last row, as flash memory has them, and rows before the
     clock is set.
@@ -197,16 +179,6 @@ def test_late_rows_are_put_back_where_they_fit():
     np.testing.assert_allclose(log.imu.dtheta_rad[:100], straight.imu.dtheta_rad[:100], rtol=1e-9)
     dropped, late = log.notes
     assert "row 101 dropped" in dropped and "row 52 written late" in late
-
-
-def test_rows_written_twice_cost_nothing():
-    columns = raw_columns()
-    columns["wx"] = columns["wx"] + 1e-5 * np.arange(N)
-    order = np.sort(np.concatenate([np.arange(N), np.arange(0, N, 3)]))
-    log = convert({name: values[order] for name, values in columns.items()})
-    np.testing.assert_array_equal(log.imu.dtheta_rad, convert(columns).imu.dtheta_rad)
-    assert len(log.notes) == 1
-    assert log.notes[0].endswith("57 more stretches dropped: repeat an earlier row")
 
 
 def test_mixed_increments_and_rates():
@@ -253,30 +225,8 @@ def test_wrong_maps_are_refused(changes, line):
     assert line in str(caught.value)
 
 
-def test_a_wrong_map_is_not_taken_for_damaged_rows():
-    columns = raw_columns()
-    columns["wx"][:50] = 1e9
-    with pytest.raises(InputError, match="50 of 200 rows are damaged"):
-        convert(columns)
-
-
-def test_axis_matrix_takes_raw_into_body():
-    M = axis_matrix(AxesKeys(x="z", y="y", z="-x"))
-    np.testing.assert_array_equal(M @ [1.0, 2.0, 3.0], [3.0, 2.0, -1.0])
-
-
 def test_number_types_hold_no_objects():
     assert binary_type(">i2").itemsize == 2
     for text in ("O", "|O8", "V8", "<f8, O", "U10", "<f16", ""):
         with pytest.raises(InputError, match="map: dtype"):
             binary_type(text)
-
-
-def test_row_ranges():
-    assert row_ranges(np.array([6])) == "row 7"
-    assert row_ranges(np.array([6, 8, 9, 10])) == "rows 7, 9-11"
-    assert row_ranges(np.arange(0, 40, 2)).endswith("and 10 more stretches")
-
-
-def test_deg_per_hour_is_named_once():
-    assert GYRO_RATES["deg/h"] == DEG_PER_HOUR

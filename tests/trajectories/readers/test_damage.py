@@ -6,19 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ins.records import InputError
 from tests.trajectories.readers import damage
 from tests.trajectories.readers.damage import SAMPLES, Sample
 from trajectories.readers.columns.imu_columns import converted
-from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import ConvertedLog, read_log, readers
 from trajectories.readers.rows.column_map import LogOptions, column_map
 
 pytestmark = pytest.mark.usefixtures("forked")
-NORMAL, LONG = 30, 3000  # mutations of each sample
+NORMAL, LONG = 10, 3000  # mutations of each sample
 IDS = [s.name for s in SAMPLES]
 
 
@@ -131,7 +128,7 @@ def test_cut_off_at_every_share(whole, tmp_path, sample):
     """
     data, before = whole[sample.name]
     rows = []
-    for share in np.linspace(0.02, 0.98, 9):
+    for share in np.linspace(0.02, 0.98, 5):
         path = tmp_path / f"log{sample.suffix}"
         path.write_bytes(data[: int(share * len(data))])
         rows.append(_rows(sample, path, before))
@@ -200,23 +197,6 @@ def test_a_quarter_of_the_packets_lost(burst):
     assert np.abs(turned(log) - turned(whole)).max() < 0.1 * burst * 0.01 * np.sqrt(n / burst)
 
 
-def test_many_lost_rows_are_a_warning(tmp_path):
-    columns = noisy_columns()
-    keep = np.sort(np.random.default_rng(2).choice(2000, size=1500, replace=False))
-    path = tmp_path / "log.csv"
-    rows = np.column_stack([v[keep] for v in columns.values()]).tolist()
-    path.write_text(
-        ",".join(damage.COLUMNS) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
-    )
-    site = {"lat_deg": 30.0, "lon_deg": 7.0, "height_m": 250.0, "start_utc": "2026-03-01T05:00:00Z"}
-    made = convert_log(path, {}, {"imu_serial": "S", "gyro_technology": "mems", **site})
-    lost = round((columns["time_s"][keep[-1]] - columns["time_s"][keep[0]]) * 100) + 1 - 1500
-    assert any(
-        f.text.startswith(f"log.csv: {lost} of {1500 + lost} rows lost (25%)")
-        for f in made.findings
-    )
-
-
 @pytest.mark.parametrize(
     ("value", "why"), [(np.nan, "missing"), (1e38, "beyond"), (-np.inf, "missing"), (3e5, "beyond")]
 )
@@ -231,68 +211,3 @@ def test_corrupt_rows_are_named_and_only_those_are_gone(value, why):
     columns["gyro_x_rad_s"][:400] = value
     with pytest.raises(InputError, match=rf"rows are damaged \(first row 1: {why}"):
         convert(columns)
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_any_mixture_of_faults(seed):
-    """Rows doubled, swapped, garbled, lost and filled with zeros, clocks that jump and wrap: a good
-    log or one line.
-    """
-    rng = np.random.default_rng(seed)
-    table = np.column_stack(list(noisy_columns(seconds=6.0).values()))
-    for fault in rng.choice(len(ROW_FAULTS), size=rng.integers(1, 5)):
-        table = ROW_FAULTS[fault](table, rng)
-    try:
-        log = convert(dict(zip(damage.COLUMNS, table.T.copy())))
-    except InputError as error:
-        assert "\n" not in str(error)
-        return
-    assert log.imu.rows <= len(table)
-
-
-def _double(table, rng):
-    order = np.sort(
-        np.concatenate([np.arange(len(table)), rng.integers(len(table), size=rng.integers(1, 50))])
-    )
-    return table[order]
-
-
-def _swap(table, rng):
-    table, k = table.copy(), rng.integers(len(table) - 3, size=rng.integers(1, 30))
-    table[k], table[k + 1] = table[k + 1].copy(), table[k].copy()
-    return table
-
-
-def _garble(table, rng):
-    table = table.copy()
-    wild = np.array([np.nan, np.inf, -np.inf, 1e38, -1e308, 0.0, 1e-320, 2.0**32])
-    for _ in range(rng.integers(1, 8)):
-        table[rng.integers(len(table)), rng.integers(7)] = wild[rng.integers(wild.size)]
-    return table
-
-
-def _lose(table, rng):
-    return table[rng.random(len(table)) > rng.choice([0.05, 0.25])]
-
-
-def _fill(table, rng):
-    return np.concatenate(
-        [np.zeros((rng.integers(0, 30), 7)), table, np.zeros((rng.integers(0, 30), 7))]
-    )
-
-
-def _wrap(table, rng):
-    table, period = table.copy(), rng.choice([2**32 * 1e-6, 604_800.0, 86_400.0])
-    with np.errstate(invalid="ignore"):  # a garbled time may be infinite
-        table[:, 0] = (table[:, 0] + period - rng.uniform(0, 16)) % period
-    return table
-
-
-def _jump(table, rng):
-    table = table.copy()
-    table[rng.integers(len(table)) :, 0] += rng.choice([-5.0, -0.05, 0.05, 0.9, 5.0, 1e9])
-    return table
-
-
-ROW_FAULTS = (_double, _swap, _garble, _lose, _fill, _wrap, _jump)

@@ -70,18 +70,6 @@ def test_euroc(tmp_path, place):
     assert "axes of the sensor taken as x up, y right, z forward" in str(made.record.notes)
 
 
-def test_another_sensor_in_the_layout_of_asl(tmp_path):
-    """Without sensor.yaml, and with one that turns the sensor in its body."""
-    file = euroc(tmp_path / "a", parked_and_turned(), yaml="")
-    check_right_turn(convert_log(tmp_path / "a", {}, GIVEN | KNOWN).run)
-    turned = YAML.replace("ADIS16448", "BMI160").replace("0.0, 1.0, 0.0, 0.0", "0.0, 0.0, 1.0, 0.0")
-    file.with_name("sensor.yaml").write_text(turned)
-    notes = convert_log(tmp_path / "a", {}, GIVEN | KNOWN).record.notes
-    assert any("turns the sensor in its body (T_BS): not applied" in note for note in notes)
-    with pytest.raises(InputError, match=r"z points up|z must point down"):
-        convert_log(tmp_path / "a", {"axes": {"x": "x", "y": "y", "z": "z"}}, GIVEN | KNOWN)
-
-
 def moments(output: Output = OUT):
     """Rows of 30 numbers; the solution stands still, left side up, front up, heading 40 deg."""
     dt = output.time_s[1] - output.time_s[0]
@@ -124,21 +112,6 @@ def test_kitti(tmp_path, place):
     check_truth(made)
     notes = " ".join(made.record.notes)
     assert "heights are above mean sea level" in notes and "no time zone: taken as UTC" in notes
-
-
-def test_kitti_with_damage(tmp_path):
-    path = kitti(tmp_path / "drive")
-    data = path / "oxts" / "data"
-    (data / f"{5:010d}.txt").unlink()
-    (data / f"{6:010d}.txt").write_text("1 2 3")
-    (data / f"{7:010d}.txt").write_text("x " * 30)
-    made = convert_log(path, {}, KNOWN)
-    assert made.run.imu.rows == OUT.rows - 3
-    assert any("data rows 6-8 missing or damaged" in note for note in made.record.notes)
-    for file in data.iterdir():
-        file.write_text("")
-    with pytest.raises(InputError, match="0 of 1000 moments"):
-        convert_log(path, {}, KNOWN)
 
 
 def test_links_and_pipes_of_a_folder_are_not_read(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds, utc_text
+from trajectories.readers.rows.clocks import gps_seconds, unix_seconds, utc_text
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import PLACELESS, SECONDS, convert, noisy, with_fixes
-from tests.trajectories.readers.known_motion import LAT_DEG, LON_DEG
+from tests.trajectories.readers.known_motion import LAT_DEG
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
 from trajectories.runs.directory import read_run, write_run
 
@@ -25,13 +25,6 @@ def test_no_fix_at_the_origin(tmp_path):
     assert "GPS rows 1-20 left out" in str(made.record.notes)
     with pytest.raises(InputError, match=r"lat_deg .*GPS rows 1-60 left out"):
         with_fixes(tmp_path, **{name: 0 * SECONDS for name in ("lat", "lon", "h")})
-
-
-def test_types_of_fix(tmp_path):
-    kinds = np.repeat([0.0, 1.0, 2.0, np.nan, 3.0, 4.0], 10)
-    made = with_fixes(tmp_path, fix=kinds, gnss={"fix": {"column": "fix"}})
-    assert made.run.gnss.time_s.size == 20
-    assert list(made.record.notes) == ["gps.csv: GPS rows 1-40 left out: no 3D fix"]
 
 
 @pytest.mark.parametrize("missing", [np.nan, 0.0, -1.0])
@@ -107,11 +100,6 @@ def test_positions_in_a_unit_that_is_said(tmp_path, changes, place):
     ).run.gnss
     np.testing.assert_allclose(np.degrees(gnss.lat_rad), FIXES["lat"], atol=1e-9)
     np.testing.assert_allclose(gnss.height_m, FIXES["h"], atol=1e-9)
-
-
-def test_longitudes_up_to_360(tmp_path):
-    made = with_fixes(tmp_path, lon=FIXES["lon"] + 200.0)
-    np.testing.assert_allclose(np.degrees(made.run.gnss.lon_rad), LON_DEG - 160.0)
 
 
 def test_fixes_written_twice(tmp_path):

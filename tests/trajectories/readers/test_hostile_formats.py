@@ -7,18 +7,10 @@ import struct
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from ins.records import InputError
 from tests.trajectories.readers import ardupilot_logs as ap
-from tests.trajectories.readers import (
-    ros_bags,
-    test_kfgins,
-    test_navego,
-    test_novatel,
-    test_psins,
-    test_px4,
-)
+from tests.trajectories.readers import test_kfgins, test_novatel, test_psins, test_px4
 from tests.trajectories.readers.known_motion import (
     GIVEN,
     LAT_DEG,
@@ -27,10 +19,8 @@ from tests.trajectories.readers.known_motion import (
     Output,
     parked,
 )
-from tests.trajectories.readers.test_navego import gnss as navego_gnss
 from trajectories.readers.conversion import convert_log
 
-DATELESS = {k: v for k, v in GIVEN.items() if k != "start_utc"}
 ROWS = 2000
 
 
@@ -58,20 +48,6 @@ def test_px4_with_a_slow_accelerometer(tmp_path):
     assert any("vehicle_imu 1: rates are less" in note for note in made.record.notes)
     with pytest.raises(InputError, match="sensor_gyro 1: 100 Hz, sensor_accel 25 Hz"):
         px4(tmp_path, kept, {"topic": "sensor_gyro"})
-
-
-def test_px4_with_30_percent_lost_and_with_messages_twice(tmp_path):
-    rng = np.random.default_rng(2)
-    made = px4(tmp_path, [m for _, m in px4_messages()[1] if rng.random() > 0.3])
-    lost = sum(int(s.reason.split()[1]) for s in made.run.faults)
-    assert 0.6 * ROWS < made.run.imu.rows == round(made.run.imu.end_s * 100) - lost
-    assert any("dropped: no sensor_accel beside them (lost)" in note for note in made.record.notes)
-    assert any("rows lost" in f.text for f in made.findings)
-    test_px4.check_parked(
-        px4(tmp_path, [m for _, m in px4_messages()[1] for _ in (0, 1)]).run,
-        test_px4.W + test_px4.OFFSET,
-        ROWS,
-    )
 
 
 def changed(messages: list[bytes], name: str, change) -> list[bytes]:
@@ -103,17 +79,6 @@ def test_ardupilot_over_the_wrap_of_its_milliseconds(tmp_path):
     np.testing.assert_allclose(a.gnss.time_s, b.gnss.time_s, atol=1e-6)
     # by whole seconds
     np.testing.assert_allclose(a.temperature.gyro_degC, b.temperature.gyro_degC, atol=0.01)
-
-
-@pytest.mark.parametrize("week", [0, ap.WEEK - 1024])
-def test_ardupilot_without_the_week(tmp_path, week):
-    messages = changed(ap.old_messages(rows=200), "GPS", lambda v: [*v[:2], week, *v[3:]])
-    with pytest.raises(InputError, match=r"start_utc .*GPS weeks that give no date"):
-        ardupilot(tmp_path, messages)
-    assert (
-        ardupilot(tmp_path, messages, {"start_utc": "2026-03-01T05:00:00Z"}).run.gnss.time_s.size
-        == 20
-    )
 
 
 def test_ardupilot_temperatures_that_are_none(tmp_path):
@@ -181,48 +146,6 @@ def test_texts_of_autopilots_and_receivers_as_editors_save_them(tmp_path):
             convert_log(tmp_path / name, {}, given)
 
 
-def in_week(lines: list[str], week) -> list[str]:
-    """NovAtel lines with another week, and the check that goes with it."""
-    bodies = [
-        text[1:]
-        .rsplit("*", 1)[0]
-        .replace(f",{test_novatel.WEEK},", f",{week},")
-        .replace(f";{test_novatel.WEEK},", f";{week},")
-        for text in lines
-    ]
-    return [test_novatel.line(text[0], body) for text, body in zip(lines, bodies)]
-
-
-def test_novatel_without_the_week(tmp_path):
-    lines = test_novatel.raw_lines(parked(dt=0.005, start_s=200_000.0, seconds=20.0))
-    for week, line in (
-        (0, r"its clock shows the year 1980: no date"),
-        (1023, "its clock shows the year 1999: no date"),
-        ("", r"RAWIMUSX rows without GPS week and seconds"),
-    ):
-        with pytest.raises(InputError, match=line):
-            test_novatel.convert(tmp_path, in_week(lines, week), given=DATELESS)
-    made = test_novatel.convert(tmp_path, in_week(lines, 0))
-    assert made.run.imu.rows == 4000 and made.run.header.start_utc == GIVEN["start_utc"]
-
-
-def test_novatel_fixes_at_the_origin(tmp_path):
-    lines = test_novatel.raw_lines()
-    nowhere = [
-        test_novatel.position(200_001.0 + k, k).replace(
-            f"{LAT_DEG + k * 1e-5:.11f},{LON_DEG:.11f}", "0.0,0.0"
-        )
-        for k in range(20)
-    ]
-    lines += [test_novatel.line("#", text[1:].rsplit("*", 1)[0]) for text in nowhere]
-    lines += [test_novatel.velocity(200_001.0 + k, 1.0) for k in range(49)]
-    lines += [test_novatel.position(200_021.0 + k, k) for k in range(25)]
-    made = test_novatel.convert(tmp_path, lines, given={"imu_serial": "SN-1"})
-    assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3)
-    assert made.run.gnss.time_s.size == 25
-    assert "GPS rows 1-20 left out" in str(made.record.notes)
-
-
 OUT = parked(seconds=60.0, start_s=100.0)
 
 
@@ -254,49 +177,3 @@ def test_kfgins_fixes(tmp_path):
         )
     with pytest.raises(InputError, match=r"lat_deg .*GPS rows 1-59 left out"):
         kfgins(tmp_path, [fix(t, sigma="nan") for t in np.arange(101.0, 160.0)])
-
-
-def test_kfgins_rows_twice_and_a_byte_order_mark(tmp_path):
-    """Known by content all the same, and no row lost."""
-    twice = np.repeat(np.arange(OUT.rows), 2)
-    test_kfgins.write_imu(
-        tmp_path / "imu.txt", Output(OUT.time_s[twice], OUT.dtheta[twice], OUT.dv[twice])
-    )
-    made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    assert made.record.format == "kfgins" and made.run.imu.rows == OUT.rows
-    test_kfgins.write_imu(tmp_path / "imu.txt")
-    (tmp_path / "marked.txt").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "imu.txt").read_bytes())
-    made = convert_log(tmp_path / "marked.txt", {}, GIVEN)
-    assert made.run.imu.rows == 6000 and list(made.record.notes) == []
-
-
-def test_receivers_of_nothing_but_nan(tmp_path):
-    """No warning of numpy, no fix, and a line that says so."""
-    gps = test_psins.gps_rows(3) * np.nan
-    savemat(tmp_path / "log.mat", {"imu": test_psins.imu_rows(OUT), "gps": gps})
-    made = convert_log(tmp_path / "log.mat", {}, GIVEN)
-    assert made.run.gnss is None and "GPS rows 1-3 left out" in str(made.record.notes)
-    receiver = navego_gnss()
-    for name in ("lat", "lon"):
-        savemat(
-            tmp_path / "log.mat",
-            {"imu1": test_navego.imu(OUT), "gnss": {**receiver, name: receiver[name] * np.nan}},
-        )
-        assert convert_log(tmp_path / "log.mat", {}, GIVEN).run.gnss is None
-
-
-@pytest.mark.parametrize("form", ["ros1", "mcap"])
-def test_bags_with_messages_lost_or_twice(tmp_path, form):
-    messages, rng = ros_bags.messages(rows=ROWS), np.random.default_rng(3)
-    given = {"imu_serial": "SN-1", "gyro_technology": "mems"}
-    made = convert_log(
-        ros_bags.write(tmp_path / "twice", form, [m for m in messages for _ in (0, 1)]), {}, given
-    )
-    assert made.run.imu.rows == ROWS and made.run.gnss.time_s.size == ROWS // 20
-    made = convert_log(
-        ros_bags.write(tmp_path / "lost", form, [m for m in messages if rng.random() > 0.3]),
-        {},
-        given,
-    )
-    lost = sum(int(s.reason.split()[1]) for s in made.run.faults)
-    assert made.run.imu.rows == round(made.run.imu.end_s * 100) - lost and lost > 0.25 * ROWS

@@ -80,22 +80,6 @@ def test_a_right_turn_is_one(tmp_path):
     )
 
 
-def test_over_the_end_of_the_week(tmp_path):
-    late = parked(start_s=604_770.0)
-    path = write_imu(tmp_path / "imu.txt", late)
-    rows = np.loadtxt(path)
-    rows[:, 0] %= 604_800.0
-    np.savetxt(path, rows, fmt="%16.9f" + " %.12e" * 6)
-    made = convert_log(
-        path, {"gps_week": 2400}, {k: v for k, v in GIVEN.items() if k != "start_utc"}
-    )
-    check_parked(made.run, late)
-    assert any("clock starts again at row 3000 (GPS week)" in note for note in made.record.notes)
-    # Week 2400 began on 2026-01-04, so its last 30 s are those of Saturday 2026-01-10, less 18 leap
-    # seconds.
-    assert made.run.header.start_utc == "2026-01-10T23:59:12.000Z"
-
-
 def test_fixes_of_another_file_give_the_place(tmp_path):
     gnss = write_gnss(tmp_path / "gnss.txt")
     made = convert_log(write_imu(tmp_path / "imu.txt"), {"gnss": {"file": "gnss.txt"}}, PLACELESS)
@@ -161,49 +145,3 @@ def test_what_is_missing_or_wrong_is_named(tmp_path, options, given, line):
     np.savetxt(tmp_path / "six.txt", np.ones((30, 6)))
     with pytest.raises(InputError, match=line):
         convert_log(tmp_path / "imu.txt", options, given)
-
-
-def test_axes_the_wrong_way_up_are_refused(tmp_path):
-    """Forward, left, up: what a KF-GINS file is not."""
-    with pytest.raises(InputError, match=r"\+9\.\d+ m/s2 on z"):
-        convert_log(write_imu(tmp_path / "imu.txt", sign=-1.0), {}, GIVEN)
-
-
-def test_rates_are_not_taken_for_increments(tmp_path):
-    """The same rows in rad/s and m/s2 are not recognised; forced, gravity gives them away."""
-    np.savetxt(
-        tmp_path / "imu.txt",
-        np.column_stack([OUT.time_s, OUT.dtheta / 0.01, OUT.dv / 0.01]),
-        fmt="%.12e",
-    )
-    with pytest.raises(InputError, match="format not recognised"):
-        convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    with pytest.raises(InputError, match=r"979\.6 m/s2, needed 9\.8"):
-        convert_log(tmp_path / "imu.txt", {"format": "kfgins"}, GIVEN)
-
-
-def test_a_damaged_row_is_named(tmp_path):
-    text = write_imu(tmp_path / "imu.txt").read_text().splitlines()
-    (tmp_path / "imu.txt").write_text(
-        "\n".join([*text[:3000], "456280.0 1.0", *text[3000:]]) + "\n"
-    )
-    made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    check_parked(made.run, OUT)
-    assert "line 3001 (2 values, needed 7)" in str(made.record.notes)
-
-
-def test_a_few_garbled_lines_are_dropped_and_named(tmp_path):
-    """In the first lines, by which the format is known, and in the file of fixes too."""
-    for write, name, at in (
-        (write_imu, "imu.txt", (3, 70, 4000)),
-        (write_gnss, "gnss.txt", (7, 20)),
-    ):
-        lines = write(tmp_path / name).read_text().splitlines()
-        for k in at:
-            lines[k] = lines[k][:20] + "x" + lines[k][21:]
-        (tmp_path / name).write_text("\n".join(lines) + "\n")
-    made = convert_log(tmp_path / "imu.txt", {"gnss": {"file": "gnss.txt"}}, GIVEN)
-    assert made.run.imu.rows == OUT.rows - 3 and made.run.gnss.time_s.size == 58
-    notes = " ".join(made.record.notes)
-    assert "imu.txt: no row of 7 numbers in line 4, 71, 4001" in notes
-    assert "gnss.txt: no row of 7 numbers in line 8, 21" in notes

@@ -95,55 +95,6 @@ def test_text(tmp_path, text, keys, packed):
     assert list(made.record.notes) == []
 
 
-@pytest.mark.parametrize(
-    ("delimiter", "needed"),
-    [
-        (";", r'delimiter = ";"'),
-        ("\t", r'delimiter = "\\t"'),
-        ("   ", r'format = "text"'),
-        ("|", r'delimiter = "\|"'),
-    ],
-)
-@pytest.mark.parametrize("named", [True, False])
-def test_another_separator_is_named(tmp_path, delimiter, needed, named):
-    columns = rate_table()
-    text = csv_text(columns, head=delimiter.join(columns), delimiter=delimiter)
-    (tmp_path / "log.csv").write_text(text if named else text.partition("\n")[2])
-    with pytest.raises(InputError, match=rf"log\.csv: one column '.*', needed {needed} in the map"):
-        convert(tmp_path / "log.csv", MAP | ({} if named else {"columns": list(columns)}))
-
-
-def test_raw_numbers_are_not_taken_for_text(tmp_path):
-    np.column_stack(list(rate_table().values())).tofile(tmp_path / "log.dat")
-    with pytest.raises(InputError, match="binary, with columns and dtype"):
-        convert(tmp_path / "log.dat")
-
-
-def test_columns_that_are_not_used_may_hold_anything(tmp_path):
-    rows = csv_text(rate_table()).splitlines()
-    rows = [rows[0] + ",state,utc"] + [f'{row},"ok, fine",2026-03-01 05:00' for row in rows[1:]]
-    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
-    check_parked(convert(tmp_path / "log.csv").run, OUT)
-    with pytest.raises(InputError, match=r"row 1 \(line 2\): column utc"):
-        convert(tmp_path / "log.csv", MAP | {"time": {"column": "utc"}})
-
-
-def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
-    """Few are rows of missing values, and listed; many are a wrong map, and the first is named."""
-    rows = ["# head", *csv_text(rate_table()).splitlines()]
-    rows[10], rows[99] = "1,2,what,4,5,6,7", '5000.5,"1,2'
-    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
-    made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
-    assert made.run.imu.rows == N - 2
-    told, dropped = made.record.notes[:2]
-    assert "line 11, 100 (column wy: got 'what'" in told and "rows 9, 98 dropped" in dropped
-    assert [s.reason for s in made.run.faults] == ["dropout: 2 imu rows lost"]
-    rows[10:110] = ["1,2,what,4,5,6,7"] * 100
-    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
-    with pytest.raises(InputError, match=r"\(line 11\): column wy: got 'what'"):
-        convert(tmp_path / "log.csv", MAP | {"comment": "#"})
-
-
 def test_parquet(tmp_path):
     """By its content, not its name; a part of a record by its path."""
     columns = rate_table()
@@ -177,33 +128,6 @@ def test_parquet_time_stamps_give_the_date(tmp_path):
     )
     assert made.run.header.start_utc == "2026-03-01T04:59:59.990Z"
     np.testing.assert_allclose(made.run.imu.dtheta_rad, OUT.dtheta, rtol=1e-4)
-
-
-def test_parquet_refusals(tmp_path):
-    pq.write_table(pa.table(rate_table() | {"wz": ["x"] * N}), tmp_path / "log.parquet")
-    with pytest.raises(InputError, match="column wz holds string"):
-        convert(tmp_path / "log.parquet")
-    with pytest.raises(InputError, match=r"log\.parquet: no column up, has t wx"):
-        convert(
-            tmp_path / "log.parquet", MAP | {"accel": {"columns": ["up", "fy", "fz"], "unit": "g"}}
-        )
-    with pytest.raises(InputError, match="do not name the imu columns"):
-        convert_log(tmp_path / "log.parquet", {"format": "parquet"}, GIVEN)
-    whole = (tmp_path / "log.parquet").read_bytes()
-    (tmp_path / "cut.parquet").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"cut\.parquet: not a whole Parquet file"):
-        convert(tmp_path / "cut.parquet")
-
-
-def test_own_names_need_no_map(tmp_path):
-    names = ["time_s", *(f"dtheta_{a}_rad" for a in "xyz"), *(f"dv_{a}_m_s" for a in "xyz")]
-    columns = dict(zip(names, [OUT.time_s, *OUT.dtheta.T, *OUT.dv.T]))
-    pq.write_table(pa.table(columns), tmp_path / "imu.parquet")
-    made = convert_log(tmp_path / "imu.parquet", {}, GIVEN)
-    check_parked(made.run, OUT)
-    assert made.record.format == "parquet"
-    (tmp_path / "imu.csv.gz").write_bytes(gzip.compress(csv_text(columns).encode()))
-    check_parked(convert_log(tmp_path / "imu.csv.gz", {}, GIVEN).run, OUT)
 
 
 MAT_MAPS = {
@@ -267,56 +191,6 @@ def struct_array(*elements: dict) -> np.ndarray:
         for name, value in element.items():
             out[name][k] = value
     return out
-
-
-@pytest.mark.parametrize(
-    ("column", "line"),
-    [
-        ("log.w[0]", r"no matrix log\.w"),
-        ("gyro[0]", "no matrix gyro"),
-        ("log.wb", r"which column: log\.wb\[0\]"),
-        ("log.wb[3]", r"log\.wb has 3 columns"),
-        ("log.wb(:,0)", r"log\.wb has 3 columns"),
-        ("log.wb(1,:)", r"map: column 'log\.wb\(1,:\)', needed a name such as"),
-        ("log.short", r"log\.short has 5 values"),
-    ],
-)
-def test_matlab_columns_that_are_not_there(tmp_path, column, line):
-    columns = rate_table()
-    w = np.column_stack([columns["w" + a] for a in "xyz"])
-    savemat(
-        tmp_path / "log.mat",
-        {"log": {"t": OUT.time_s[:, None], "wb": w, "fb": w, "short": np.ones((5, 1))}},
-    )
-    keys = {
-        "time": {"column": "log.t"},
-        "gyro": {"columns": [column, "log.wb[1]", "log.wb[2]"], "unit": "deg/h"},
-        "accel": {"columns": ["log.fb[0]", "log.fb[1]", "log.fb[2]"], "unit": "mg"},
-    }
-    with pytest.raises(InputError, match=line):
-        convert(tmp_path / "log.mat", keys)
-
-
-def test_matlab_7_3_that_is_none(tmp_path):
-    """Its head as MATLAB writes it: text to byte 124, version 0x0200, then HDF5 from byte 512."""
-    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sat Nov 21 2026 HDF5 schema 1.00 ."
-    (tmp_path / "log.mat").write_bytes(
-        head.ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF\r\n\x1a\n" + bytes(500)
-    )
-    for options in ({}, MAP, {"format": "mat"}):
-        with pytest.raises(InputError, match=r"log\.mat: HDF5 that cannot be opened"):
-            convert_log(tmp_path / "log.mat", options, GIVEN)
-
-
-@pytest.mark.parametrize(("written", "taken"), [(">f8", "<f8"), ("<f8", ">f8"), (">f4", "<f4")])
-def test_the_other_byte_order_is_named(tmp_path, written, taken):
-    table = rate_table()
-    np.column_stack(list(table.values())).astype(written).tofile(tmp_path / "log.bin")
-    keys = {**MAP, "columns": list(table), "format": "binary"}
-    with pytest.raises(InputError, match=f"other byte order\\? dtype = '{written}' in the map"):
-        convert_log(tmp_path / "log.bin", keys | {"dtype": taken}, GIVEN)
-    if written == "<f8":
-        check_parked(convert_log(tmp_path / "log.bin", keys | {"dtype": written}, GIVEN).run, OUT)
 
 
 FIXES = {
@@ -459,21 +333,6 @@ def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
     assert "no sigma to give" in str(made.record.notes)
 
 
-def test_another_clock_is_said(tmp_path):
-    (tmp_path / "gps.csv").write_text(csv_text({"stamp": np.arange(60.0), **FIXES}))
-    (tmp_path / "log.csv").write_text(csv_text(rate_table()))
-    keys = MAP | {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
-    made = convert(tmp_path / "log.csv", keys)
-    assert made.run.gnss is None
-    assert "no gnss stream" in str(made.record.notes)
-    for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
-        with pytest.raises(InputError, match="another clock"):
-            convert(
-                tmp_path / "log.csv",
-                MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}},
-            )
-
-
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
@@ -506,3 +365,24 @@ def test_wrong_units_and_axes_are_refused(tmp_path, keys, line):
     (tmp_path / "log.csv").write_text(csv_text(rate_table()))
     with pytest.raises(InputError, match=line):
         convert(tmp_path / "log.csv", MAP | keys)
+
+
+def test_another_clock_is_said(tmp_path):
+    (tmp_path / "gps.csv").write_text(csv_text({"stamp": np.arange(60.0), **FIXES}))
+    (tmp_path / "log.csv").write_text(csv_text(rate_table()))
+    keys = MAP | {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
+    made = convert(tmp_path / "log.csv", keys)
+    assert made.run.gnss is None
+    assert "no gnss stream" in str(made.record.notes)
+    for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
+        with pytest.raises(InputError, match="another clock"):
+            convert(
+                tmp_path / "log.csv",
+                MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}},
+            )
+
+
+def test_raw_numbers_are_not_taken_for_text(tmp_path):
+    np.column_stack(list(rate_table().values())).tofile(tmp_path / "log.dat")
+    with pytest.raises(InputError, match="binary, with columns and dtype"):
+        convert(tmp_path / "log.dat")

@@ -132,16 +132,6 @@ def test_a_parked_log(tmp_path):
     check_parked(convert_log(log(tmp_path / "log.mat"), MAP, GIVEN).run, SHORT)
 
 
-def test_hdf5_of_another_program(tmp_path):
-    """No head of MATLAB, rows as rows."""
-    with h5py.File(tmp_path / "log.h5", "w") as file:
-        file["imu/t"] = SHORT.time_s
-        file["imu/w"] = SHORT.dtheta / 0.01
-        file["imu/f"] = SHORT.dv / 0.01
-    made = convert_log(tmp_path / "log.h5", MAP, GIVEN)
-    check_parked(made.run, SHORT)
-
-
 def with_item(path, add):
     """A sound file and one thing that `add` puts into it."""
     log(path)
@@ -176,12 +166,6 @@ def mislabelled(file):
     data.id.write_direct_chunk((0,), zlib.compress(bytes(8192)), filter_mask=1)
 
 
-def circle(file):
-    group = file.create_group("bad")
-    for name in "abc":
-        group[name] = group
-
-
 LOG = {"imu.t", "imu.w", "imu.f"}
 
 
@@ -199,11 +183,6 @@ LOG = {"imu.t", "imu.w", "imu.f"}
 def test_what_would_harm_costs_its_variable_alone(tmp_path, add, told):
     found, notes = read_arrays(with_item(tmp_path / "a.mat", add))
     assert set(found) == LOG and told in notes[0]
-
-
-def test_a_circle_of_groups_ends(tmp_path):
-    found, notes = read_arrays(with_item(tmp_path / "a.mat", circle))
-    assert set(found) == LOG and notes == []
 
 
 def test_nothing_is_read_from_other_files(tmp_path):

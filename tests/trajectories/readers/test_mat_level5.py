@@ -12,7 +12,6 @@ from scipy.io import savemat
 
 from ins.records import InputError
 from trajectories.readers.containers.mat_file import read_arrays, variable_names
-from trajectories.runs import limits
 
 pytestmark = pytest.mark.usefixtures("forked")
 
@@ -72,21 +71,6 @@ def test_what_a_file_holds(tmp_path, packed):
     assert set(read_arrays(tmp_path / "a.mat", ["matrix", "x"])[0]) == {"matrix"}
 
 
-def test_the_other_byte_order(tmp_path):
-    """A file as a big-endian machine writes it, laid down by hand."""
-    body = (
-        struct.pack(">IIII", 6, 8, 6, 0)
-        + struct.pack(">IIii", 5, 8, 1, 2)
-        + struct.pack(">HH4s", 1, 1, b"x\0\0\0")
-    )
-    body += struct.pack(">II2d", 9, 16, 1.5, -2.5)
-    path = tmp_path / "a.mat"
-    path.write_bytes(
-        b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + struct.pack(">II", 14, len(body)) + body
-    )
-    assert read_arrays(path)[0]["x"].tolist() == [[1.5, -2.5]]
-
-
 def lying(path, *, dims=(1, 2), kind=9, length=16, packed=False):
     body = (
         struct.pack("<IIII", 6, 8, 6, 0)
@@ -103,16 +87,6 @@ def lying(path, *, dims=(1, 2), kind=9, length=16, packed=False):
 
 
 @pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize(
-    "changes", [{"dims": (2**31 - 1, 2**31 - 1)}, {"dims": (1, 3)}, {"length": 2**32 - 8}]
-)
-def test_lengths_that_lie(tmp_path, changes, packed):
-    found, notes = read_arrays(lying(tmp_path / "a.mat", **changes, packed=packed))
-    assert found == {} and len(notes) == 1 and "variable at byte 128 damaged (" in notes[0]
-    assert read_arrays(lying(tmp_path / "a.mat", packed=packed))[0]
-
-
-@pytest.mark.parametrize("packed", [False, True])
 def test_a_type_that_ends_scipy_is_one_line(tmp_path, packed):
     """A type of numbers that is none; what scipy finds at its place in a table is by chance."""
     path = lying(tmp_path / "a.mat", kind=77, packed=packed)
@@ -123,24 +97,3 @@ def test_a_type_that_ends_scipy_is_one_line(tmp_path, packed):
         assert re.fullmatch(told, str(error))
         return
     assert found == {} and "variable at byte 128 damaged (" in notes[0]
-
-
-def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
-    """Some kilobytes of one-byte zeros, which would take eight times what they unpack to; a name
-    that is not wanted costs its head alone.
-    """
-    monkeypatch.setattr(limits, "SMALL_BYTES", 1 << 20)
-    rows = 1 << 18
-    values = np.zeros((rows, 1), dtype=np.int8)
-    path = tmp_path / "a.mat"
-    savemat(path, {"imu": values, "x": np.array([[1.0]])}, do_compression=True)
-    size = path.stat().st_size
-    assert size < 1000
-    with pytest.raises(InputError, match=f"^a.mat: {size} bytes hold .*, needed at most 1048576"):
-        read_arrays(path)
-    assert set(read_arrays(path, ["x"])[0]) == {"x"}
-    with limits.unpack_limit(10):
-        assert read_arrays(path)[0]["imu"].shape == (rows, 1)
-    with pytest.raises(InputError, match="needed version 5"):
-        path.write_bytes(b"junk")
-        read_arrays(path)

@@ -24,7 +24,7 @@ from tests.trajectories.readers.known_motion import (
 )
 from trajectories.readers.containers.novatel_lines import crc32
 from trajectories.readers.conversion import convert_log
-from trajectories.readers.formats.novatel_types import TYPES, imu_type
+from trajectories.readers.formats.novatel_tables import imu_type
 
 # Examples of docs.novatel.com/OEM7, each on the page of its log.
 DOCUMENTED = """\
@@ -225,13 +225,6 @@ def test_types(tmp_path, name):
     assert not any("rows missing" in note for note in made.record.notes)
 
 
-def test_every_type_is_found_by_its_number_and_names():
-    assert len({t.number for t in TYPES}) == len(TYPES)
-    for known in TYPES:
-        for text in (str(known.number), *known.names, f"IMU-{known.names[0].replace('_', '-')}"):
-            assert imu_type(text) is known
-
-
 @pytest.mark.parametrize(
     ("lines", "options", "line_of_error"),
     [
@@ -292,19 +285,6 @@ def test_bad_lines_are_dropped_and_listed(tmp_path):
     )
 
 
-def test_rows_before_the_receiver_knew_the_week(tmp_path):
-    early = [text.replace(f"{WEEK},", "0,", 2) for text in raw_lines()[:5]]
-    early = [line("%", text[1:].partition("*")[0]) for text in early]
-    made = convert(tmp_path, [*early, *raw_lines()[5:]])
-    assert "RAWIMUSX rows 1-5 dropped" in str(made.record.notes)
-    assert made.run.imu.rows == OUT.rows - 5
-
-
-def test_missing_rows_are_noticed(tmp_path):
-    made = convert(tmp_path, raw_lines(parked(dt=0.01, start_s=SECONDS)))
-    assert any("ISA100C makes 200" in note for note in made.record.notes)
-
-
 def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
     """Speed grows by 0.1 m/s each second and is a quarter of a second old: at a position's time it
     is 0.025 m/s more.
@@ -327,17 +307,6 @@ def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
     assert made.run.header.site.height_m == pytest.approx(HEIGHT_M)
 
 
-def test_fixes_of_a_log_of_their_own(tmp_path):
-    pairs = [
-        text
-        for k in range(1, 50)
-        for text in (position(SECONDS + k, k), velocity(SECONDS + k, 2.0))
-    ]
-    write(tmp_path / "gnss.log", pairs)
-    made = convert(tmp_path, raw_lines(), {"gnss": {"file": "gnss.log"}}, PLACELESS)
-    assert made.run.gnss.time_s.size == 49 and made.record.other_sources[0].source == "gnss.log"
-
-
 def test_inertial_solutions_are_no_fixes(tmp_path):
     """BESTPOS of a SPAN receiver; a position that was not computed is left out too."""
     lines = [
@@ -352,15 +321,6 @@ def test_inertial_solutions_are_no_fixes(tmp_path):
     assert made.run.gnss.time_s.size == 20
     notes = " ".join(made.record.notes)
     assert "19 inertial solutions" in notes and "left out: no 3D fix" in notes
-
-
-def test_positions_without_velocity(tmp_path):
-    made = convert(
-        tmp_path, [*raw_lines(), *(position(SECONDS + k, k) for k in range(1, 50))], given=PLACELESS
-    )
-    # 1e-5 deg a second
-    np.testing.assert_allclose(made.run.gnss.v_n_m_s[1:-1, 0], 1.109, atol=0.002)
-    assert any("differences of their positions" in note for note in made.record.notes)
 
 
 def test_the_filters_solution_is_reference_only(tmp_path):
@@ -378,7 +338,12 @@ def test_the_filters_solution_is_reference_only(tmp_path):
     assert any("50 rows" in note for note in made.record.notes)
 
 
-def test_a_file_without_a_good_log_is_named(tmp_path):
-    write(tmp_path / "other.txt", ["#RAWIMUA,but nothing;else*00000000"])
-    with pytest.raises(InputError, match="no RAWIMU log"):
-        convert_log(tmp_path / "other.txt", {}, GIVEN)
+def test_fixes_of_a_log_of_their_own(tmp_path):
+    pairs = [
+        text
+        for k in range(1, 50)
+        for text in (position(SECONDS + k, k), velocity(SECONDS + k, 2.0))
+    ]
+    write(tmp_path / "gnss.log", pairs)
+    made = convert(tmp_path, raw_lines(), {"gnss": {"file": "gnss.log"}}, PLACELESS)
+    assert made.run.gnss.time_s.size == 49 and made.record.other_sources[0].source == "gnss.log"

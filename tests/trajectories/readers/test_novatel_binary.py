@@ -157,18 +157,6 @@ def test_fixes_of_the_first_antenna(tmp_path):
     assert any("6 logs of the second antenna left out" in note for note in made.record.notes)
 
 
-def test_a_turned_imu_needs_axes(tmp_path):
-    frames = [config(26, (180.0, 0.0, 90.0)), *raw_frames()]
-    with pytest.raises(InputError, match="RBV 180 0 90"):
-        convert(tmp_path, frames)
-
-
-def test_over_the_end_of_the_week(tmp_path):
-    made = convert(tmp_path, raw_frames(parked(dt=0.01, start_s=604_795.0, seconds=10.0)))
-    assert made.run.imu.rows == 1000
-    np.testing.assert_allclose(made.run.imu.dt_s, 0.01, atol=1e-6)
-
-
 def test_damage_costs_the_frame_that_it_hits(tmp_path):
     """A wrong bit, a frame cut off by the next, a wild length, bytes that look like a head."""
     frames = raw_frames()

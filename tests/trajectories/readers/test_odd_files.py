@@ -171,14 +171,6 @@ def test_rows_of_other_streams_between_those_of_the_imu(tmp_path):
     )
 
 
-def test_gyros_and_accelerometers_of_two_rates_are_refused(tmp_path):
-    columns = noisy()
-    for name in ("fx", "fy", "fz"):
-        columns[name][np.arange(N) % 4 > 0] = np.nan
-    with pytest.raises(InputError, match="6000 rows have all gyros, 1500"):
-        convert(tmp_path, columns)
-
-
 def degC(made) -> np.ndarray:
     return made.run.temperature.gyro_degC[:, 0]
 
@@ -228,20 +220,3 @@ def test_single_wild_temperatures_are_left_out_and_stuck_ones_said(tmp_path):
     turns["V"] = np.where(np.arange(N) % 2, np.nan, WARM)
     with pytest.raises(InputError, match=r"columns T U V hold no complete row, needed one$"):
         convert(tmp_path, noisy() | turns, three)
-
-
-SENSOR = {"unit": "deg/h"}
-MAPS = [
-    ({"gyro": {"columns": ["wx", "wx", "wz"], **SENSOR}}, "column wx is named twice"),
-    ({"gyro": {"columns": ["fx", "fy", "fz"], **SENSOR}}, "column fx is named twice"),
-    ({"gyro": {"columns": ["t", "wy", "wz"], **SENSOR}}, "column t is named twice"),
-    ({"gnss": {"position": {"columns": ["fx", "fx", "fz"]}}}, "gnss: column fx is named twice"),
-    ({"gyro": {"columns": ["wx", "wy", "wz"], "scale": 0.0, **SENSOR}}, r"gyro\.scale: got 0"),
-    ({"temperature": {"columns": ["fx"], "scale": 0.0}}, r"temperature\.scale: got 0"),
-]
-
-
-@pytest.mark.parametrize(("keys", "line"), MAPS)
-def test_maps_that_name_a_column_twice_or_make_nothing_of_it(tmp_path, keys, line):
-    with pytest.raises(InputError, match=f"map: .*{line}"):
-        convert(tmp_path, noisy(), keys)

@@ -199,36 +199,6 @@ def test_a_wrong_map_is_refused_with_the_right_one(tmp_path, technology):
     assert 'x = "y", y = "x", z = "-z"' in told
 
 
-def test_of_the_maps_that_the_refusal_names_the_second_is_right(tmp_path):
-    """Gravity and the vertical Earth rate cannot tell which, so both convert; they differ by a
-    quarter turn of heading.
-    """
-    path = text_file(tmp_path / "imu.txt")
-    named = convert_log(path, RFU_MAP | {"axes": {"x": "x", "y": "-y", "z": "-z"}}, GIVEN).run
-    true = convert_log(path, RFU_MAP | {"axes": {"x": "y", "y": "x", "z": "-z"}}, GIVEN).run
-    check_parked(true, OUT)
-    np.testing.assert_allclose(named.imu.dv_m_s[:, 2], true.imu.dv_m_s[:, 2])
-    np.testing.assert_allclose(named.imu.dtheta_rad[:, 0], true.imu.dtheta_rad[:, 1])
-
-
-def test_increments_taken_for_rates_are_refused(tmp_path):
-    rates = RFU_MAP | {"axes": {"x": "y", "y": "x", "z": "-z"}}
-    rates |= {
-        "gyro": {**RFU_MAP["gyro"], "unit": "rad/s"},
-        "accel": {**RFU_MAP["accel"], "unit": "m/s2"},
-    }
-    with pytest.raises(InputError, match=r"0\.09796 m/s2, needed 9\.8"):
-        convert_log(text_file(tmp_path / "imu.txt"), rates, GIVEN)
-
-
-def test_gyros_in_degrees_are_refused(tmp_path):
-    columns = imu_rows()
-    columns[:, :3] *= 180 / np.pi
-    np.savetxt(tmp_path / "imu.txt", columns, fmt="%.12e")
-    with pytest.raises(InputError, match=r"deg/s\?"):
-        convert_log(tmp_path / "imu.txt", {}, GIVEN)
-
-
 @pytest.mark.parametrize(
     ("change", "line"),
     [
@@ -246,19 +216,3 @@ def test_damaged_simu_files_are_named(tmp_path, change, line):
     path.write_text(change(path.read_text()))
     with pytest.raises(InputError, match=line):
         convert_log(path, {}, PLACELESS)
-
-
-@pytest.mark.parametrize(
-    ("held", "options", "line"),
-    [
-        ({"data": imu_rows()}, {"format": "psins"}, r"no matrix imu or trj\.imu"),
-        ({"imu": imu_rows()[:, :6]}, {"format": "psins"}, r"log\.mat: 6 columns, needed 7 \(imu\)"),
-        ({"imu": imu_rows(), "gps": gps_rows()[:, 1:]}, {}, "6 columns, needed 4 or 7"),
-        ({"imu": imu_rows(), "gps": gps_rows() * 57.3}, {}, r"latitude of a fix 34\.\d+ rad"),
-        ({"imu": imu_rows()}, {}, r"lat_deg \(--lat-deg\)"),
-    ],
-)
-def test_matrices_that_do_not_fit_are_named(tmp_path, held, options, line):
-    savemat(tmp_path / "log.mat", held)
-    with pytest.raises(InputError, match=line):
-        convert_log(tmp_path / "log.mat", options, PLACELESS)

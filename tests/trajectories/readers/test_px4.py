@@ -284,13 +284,6 @@ def test_compensation_in_flight_leaves_the_raw_topics_usable(tmp_path):
     check_parked(convert_log(path, {}, {}).run, W + OFFSET)
 
 
-def test_a_turned_external_sensor_is_that_of_its_own_number_only(tmp_path):
-    parameters = {"CAL_GYRO1_ID": 101, "CAL_GYRO1_ROT": 6}
-    check_parked(
-        convert_log(write(tmp_path / "f.ulg", ulog(parameters=parameters)), {}, {}).run, W + OFFSET
-    )
-
-
 def test_the_same_as_pyulog(tmp_path):
     """Every topic and field of the wanted ones, bit for bit."""
     from pyulog import ULog
@@ -306,28 +299,6 @@ def test_the_same_as_pyulog(tmp_path):
             np.testing.assert_array_equal(values, d.data[name].astype(float))
     assert own.parameters == pytest.approx(theirs.initial_parameters)
     assert own.information["sys_uuid"] == theirs.msg_info_dict["sys_uuid"]
-
-
-def test_nested_topics_and_unknown_flags(tmp_path):
-    """A topic with another one inside has the right length and keeps its own numbers; unknown flags
-    are refused.
-    """
-    flags = b"ULog\x01\x12\x35\x01" + bytes(8)
-    body = b"".join(
-        [
-            block("F", b"inner:float a;uint8_t b;"),
-            block("F", b"outer:uint64_t timestamp;inner[2] parts;float[2] c;"),
-            block("A", b"\0\7\0outer"),
-            block("D", struct.pack("<HQfBfBff", 7, 5, 1, 2, 3, 4, 0.5, 0.25)),
-        ]
-    )
-    (tmp_path / "a.ulg").write_bytes(flags + body)
-    topic = read_ulog(tmp_path / "a.ulg", ["outer"]).topics["outer", 0]
-    found = {k: v.tolist() for k, v in topic.items()}
-    assert found == {"timestamp": [5.0], "c[0]": [0.5], "c[1]": [0.25]}
-    (tmp_path / "b.ulg").write_bytes(flags + block("B", bytes(8) + b"\3" + bytes(31)) + body)
-    with pytest.raises(InputError, match=r"b\.ulg: incompatible flags 03 00"):
-        read_ulog(tmp_path / "b.ulg", ["outer"])
 
 
 def test_cut_off_and_damaged_logs_name_the_place(tmp_path):

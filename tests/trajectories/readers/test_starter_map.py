@@ -7,7 +7,7 @@ from ins.json_file import read_toml
 from ins.records import InputError
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from recal.service.convert import convert
-from recal.service.look.starter import write_starter
+from recal.service.look.look import write_starter
 from trajectories.readers.columns.named_columns import named
 from trajectories.readers.columns.starter_map import starter_map
 from trajectories.readers.registry import UnknownLog, read_log
@@ -138,17 +138,6 @@ def test_what_nothing_shows_is_left_open_and_refused(tmp_path):
         convert(path, map_file=tmp_path / "map.toml", header=UNIT)
 
 
-def test_options_say_what_the_map_leaves_open(tmp_path):
-    time_s, w, f = at_rest()
-    path = written(tmp_path / "l.csv", named_table(time_s, w, f, ("t", "w{}", "a{}")), decimals=12)
-    (tmp_path / "map.toml").write_text(starter_map(path).text)
-    with pytest.raises(InputError, match=r"run\.gyro_technology, run\.start_utc, run\.site"):
-        convert(path, map_file=tmp_path / "map.toml", header={"imu_serial": "SN-1"})
-    assert (
-        convert(path, map_file=tmp_path / "map.toml", header=UNIT).run.header.imu_serial == "SN-1"
-    )
-
-
 def test_fixes_and_temperatures_come_with_their_units(tmp_path):
     time_s, w, f = at_rest()
     columns = named_table(time_s, w, f, ("t", "w{}", "a{}"))
@@ -158,6 +147,21 @@ def test_fixes_and_temperatures_come_with_their_units(tmp_path):
     assert keys["temperature"] == {"columns": ["Temp"], "unit": "K"}
     assert keys["gnss"]["velocity"]["frame"] == "enu"
     assert keys["gnss"]["position"]["unit"] == "deg" and "site" not in keys["run"]
+
+
+def test_a_steady_turn_is_no_rest_and_a_slow_column_perhaps_a_temperature(tmp_path):
+    """Turned on a table for a fifth of the log: no force shows it. The column has a name that says
+    nothing, so its unit is left open; a counter and noise are no temperatures.
+    """
+    time, w, f = at_rest()
+    w[(time > 60) & (time < 84), 2] += 0.05
+    columns = named_table(time, w / DEG, f, ("stamp", "g{}", "a{}"))
+    columns["count"] = np.arange(ROWS) % 1000 * 1.0
+    columns["spare"] = np.random.default_rng(1).normal(0.0, 1.0, ROWS)
+    columns["board"] = 20.0 + 10.0 * (1.0 - np.exp(-time / 60.0))
+    text = starter_map(written(tmp_path / "log.csv", columns)).text
+    assert 'columns = ["gx", "gy", "gz"]\nunit = "deg/s"' in text
+    assert '[temperature]\ncolumn = "board"\nunit = "?"' in text
 
 
 def read_toml_of(found, tmp_path):

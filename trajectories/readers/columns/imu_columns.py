@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ins.records import InputError, TemperatureLog
 from trajectories.readers.columns.text_columns import refuse_missing
 from trajectories.readers.registry import ConvertedLog
-from trajectories.readers.rows.clocks import evened
+from trajectories.readers.rows.clocks import dated, evened, unix_seconds
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -29,7 +29,6 @@ from trajectories.readers.rows.column_map import (
     other_columns,
     used_columns,
 )
-from trajectories.readers.rows.gps_time import dated, unix_seconds
 from trajectories.readers.rows.row_cleaning import CleanRows, LogSpan, are_all, clean_rows
 from trajectories.runs.checks import MAX_GAP_S, MAX_RATE_HZ, MIN_RATE_HZ
 from trajectories.runs.imu_stream import imu_log

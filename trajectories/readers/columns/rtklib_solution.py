@@ -20,14 +20,14 @@ from ins.records import InputError
 from trajectories.readers.columns.fix_types import RTKLIB, fix_types
 from trajectories.readers.columns.fixes import RawFixes
 from trajectories.readers.columns.text_columns import HEADER_BYTES, text_columns
-from trajectories.readers.rows.column_map import LayoutKeys
-from trajectories.readers.rows.gps_time import (
+from trajectories.readers.rows.clocks import (
     GPS_EPOCH_UNIX_S,
     WEEK_S,
     gps_of_unix,
     gps_seconds,
     unix_seconds,
 )
+from trajectories.readers.rows.column_map import LayoutKeys
 from trajectories.runs.notes import About, Note
 from trajectories.runs.text_rows import text_parts
 
@@ -36,7 +36,7 @@ SOLUTION_CLOCKS = ("GPST", "UTC")
 SOLUTION_DATE = ("year", "month", "day", "hour", "minute", "second")
 SOLUTION_WEEK = ("week", "tow")
 FIRST_DATE = (1980, 1, 1)  # GPS time begins on 1980-01-06
-LAST_DATE = (2096, 12, 31)  # 4e9 s since 1970, the last of gps_time.UNIX_S
+LAST_DATE = (2096, 12, 31)  # 4e9 s since 1970, the last of rows.clocks.UNIX_S
 SOLUTION_QUALITY = "Q"
 SOLUTION_SIGMAS = ("sdn", "sde", "sdu")
 SOLUTION_SPEED = ("vn", "ve", "vu")

@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from ins.json_file import StrictModel
 from ins.records import InputError, OdometerLog, ReferenceLog
 from trajectories.readers.columns.fix_types import BY_NAME, fix_types
-from trajectories.readers.columns.fix_velocity import with_velocities
 from trajectories.readers.columns.fixes import (
     MAX_SPEED_M_S,
     RawFixes,
     chosen,
     good_fixes,
     may_be_radians,
+    with_velocities,
 )
 from trajectories.readers.columns.imu_columns import body_temperatures, plausible_degC, second_means
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.registry import ConvertedLog
-from trajectories.readers.rows.clocks import unwrapped
+from trajectories.readers.rows.clocks import gps_of_unix, unix_seconds, unwrapped
 from trajectories.readers.rows.column_map import (
     ANGLES_DEG,
     HEIGHTS,
@@ -40,7 +40,6 @@ from trajectories.readers.rows.column_map import (
     TemperatureKeys,
     side_columns,
 )
-from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
 from trajectories.runs.notes import About, Note
 
 Columns = Mapping[str, NDArray]

@@ -4,7 +4,9 @@ units by gravity and the Earth's rate.
 What the log cannot show stays PLACEHOLDER, which no reader of a map takes.
 """
 
+import csv
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +20,6 @@ from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.readers.columns.layouts import content_format, read_columns
 from trajectories.readers.columns.named_columns import NamedColumn, named, triad
 from trajectories.readers.columns.parquet_columns import flat_names
-from trajectories.readers.columns.text_layout import text_layout
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -29,6 +30,7 @@ from trajectories.readers.rows.column_map import (
     LayoutKeys,
 )
 from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
+from trajectories.runs.text_rows import text_parts
 
 OF_GRAVITY = 0.05  # how far a mean force may be off it: MEMS have scales within 3 %
 OF_EARTH_RATE = 0.2  # likewise of the Earth's rate: 3 deg/h of bias
@@ -37,7 +39,28 @@ CALM_SHARE = 0.2
 TURNS_AGREE = 0.7  # least correlation of gravity's turns with the rates; noise alone has 0.1
 LEVEL = 0.9  # of gravity along one axis: a unit within 25 deg of it
 UNIX_S = (1.6e9, 2.5e9)  # September 2020 on; seconds of GPS time get there in 2030
+COLDEST, HOTTEST = -76.0, 400.0  # -60 degC in degF, 127 degC in K (docs/log_formats.md)
+SLOW = 0.02  # of all its change in one row; white noise has 0.2 (tests/trajectories)
 OFTEN_HZ = (10.0, 2000.0)  # rates of loggers: what a run may have (formats.md)
+SIGHTED_BYTES = 1 << 16  # of the text's beginning
+SIGHTED_ROWS = 20  # that have to agree
+FEWEST_NUMBERS = 6  # of a row: 3 rates and 3 forces
+SIGNS = (
+    (";", ","),
+    ("\t", ","),
+    (" ", ","),
+    (",", "."),
+    (";", "."),
+    ("\t", "."),
+    ("|", "."),
+    (" ", "."),
+)
+NUMBER = {
+    ".": re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[nN]a[nN]|"),
+    ",": re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[nN]a[nN]|"),
+}
+COMMENT = re.compile(r"\s*(#|%|//)")
+UNIT_LINE = re.compile(r"[\[(]?[a-zA-Z\u00b0\u00b5/^0-9\u00b2*._ -]{0,12}[\])]?")
 
 
 @dataclass(kw_only=True)
@@ -95,6 +118,7 @@ class _Guess:
         self._known, self._columns = known, columns
         self._found, self._lines = StarterMap(), _layout_lines(layout)
         self._rate_hz = np.nan
+        self._taken: set[str] = set()
 
     def map(self) -> StarterMap | None:
         self._time()
@@ -118,7 +142,8 @@ class _Guess:
         self._lines += ["", f"# {why}", f"[{key}]"]
         self._lines += [f"{name} = {_toml(value)}" for name, value in values.items()]
         shown = values.get("columns", values.get("column", ""))
-        names = ", ".join(shown) if isinstance(shown, list) else shown
+        names = ", ".join(shown) if isinstance(shown, list) else str(shown)
+        self._taken |= set(names.split(", "))
         self._found.guesses.append((key, f"{names} [{values.get('unit', '')}]: {why}"))
         self._found.missing += [f"{key}.{k}" for k, v in values.items() if v == PLACEHOLDER]
 
@@ -187,6 +212,13 @@ class _Guess:
         size = float(np.nanmedian(np.linalg.norm(calm, axis=1)))
         return _Unit(PLACEHOLDER, 1.0, f"at rest |f| is {size:.4g}: no unit makes that gravity")
 
+    def _at_rest(self, calm: NDArray) -> NDArray:
+        """Median of the blocks' means: a turn at a steady rate is calm too, and shorter."""
+        rows = _block_rows(self._rate_hz)
+        blocks = max(len(calm) // rows, 1)
+        means = np.nanmean(calm[: blocks * rows].reshape(blocks, -1, calm.shape[1]), axis=1)
+        return np.asarray(np.nanmedian(means, axis=0))
+
     def _said_unit(self, names: Sequence[str]) -> str:
         return next(c.unit for c in self._known if c.name == names[0])
 
@@ -197,7 +229,7 @@ class _Guess:
         said = self._said_unit(names)
         units = GYRO_INCREMENTS if accel.increments else GYRO_RATES
         scale = self._rate_hz if accel.increments else 1.0
-        size = float(np.linalg.norm(np.nanmean(w[calm], axis=0)))
+        size = float(np.linalg.norm(self._at_rest(w[calm])))
         for unit, factor in units.items():
             rate_deg_h = size * factor * scale / DEG_PER_HOUR
             if abs(rate_deg_h * DEG_PER_HOUR / EARTH_RATE_RAD_S - 1.0) < OF_EARTH_RATE:
@@ -240,10 +272,7 @@ class _Guess:
         warm = triad(self._known, "temperature")
         warm = warm or [c for c in self._known if c.quantity == "temperature"][:1]
         if not warm:
-            self._lines += [
-                "",
-                "# No temperature: a thermal table cannot be renewed from this log.",
-            ]
+            self._temperature_by_values()
             return
         middle = float(np.nanmedian(self._columns[warm[0].name]))
         unit, why = warm[0].unit, f"reads {middle:.4g}"
@@ -251,6 +280,19 @@ class _Guess:
             unit = "K" if middle > 200.0 else "degC"
             why += f", which a unit has in {unit}"
         self._table("temperature", {"columns": [c.name for c in warm], "unit": unit}, why)
+
+    def _temperature_by_values(self) -> None:
+        """A column without a known name that reads and changes as a temperature does."""
+        bare = [c.name for c in self._known if not c.quantity and c.name not in self._taken]
+        slow = [name for name in bare if _like_temperature(self._columns[name])]
+        if not slow:
+            self._lines += ["", "# No temperature: this log cannot renew a thermal table."]
+            return
+        low, high = np.nanquantile(self._columns[slow[0]], (0.0, 1.0))
+        why = (
+            f"perhaps a temperature, {low:.4g} to {high:.4g}: degC, degF, K, or delete these lines"
+        )
+        self._table("temperature", {"column": slow[0], "unit": PLACEHOLDER}, why)
 
     def _gnss_and_run(self) -> None:
         """Fixes with velocities; the site is their first, else it is to be given."""
@@ -322,7 +364,7 @@ def _rises(values: NDArray) -> bool:
 
 def _calm(f: NDArray, rate_hz: float) -> NDArray:
     """Rows (n,) of the calmest blocks, by the scatter of the forces."""
-    rows = max(int(BLOCK_S * rate_hz), 10) if np.isfinite(rate_hz) else 100
+    rows = _block_rows(rate_hz)
     blocks = len(f) // rows
     if blocks < 2:
         return np.ones(len(f), dtype=bool)
@@ -332,6 +374,19 @@ def _calm(f: NDArray, rate_hz: float) -> NDArray:
     kept = np.zeros(len(f), dtype=bool)
     kept[: blocks * rows] = np.repeat(scatter <= limit, rows)
     return kept
+
+
+def _block_rows(rate_hz: float) -> int:
+    return max(int(BLOCK_S * rate_hz), 10) if np.isfinite(rate_hz) else 100
+
+
+def _like_temperature(values: NDArray) -> bool:
+    """Within what thermometers read in degC, degF or K, and slow against its whole change."""
+    finite = values[np.isfinite(values)]
+    if finite.size < 2 or finite.min() < COLDEST or finite.max() > HOTTEST:
+        return False
+    change = float(np.ptp(finite))
+    return change > 0.0 and float(np.std(np.diff(finite))) < SLOW * change
 
 
 def _turns(w: NDArray, f: NDArray, rate_hz: float) -> float:
@@ -351,3 +406,81 @@ def _turns(w: NDArray, f: NDArray, rate_hz: float) -> float:
     if not power or a @ b < TURNS_AGREE * np.sqrt(power * float(b @ b)):
         return float("nan")
     return float(a @ b) / power
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """The layout as a map says it, the names of the columns in turn, the unit of each where a line
+    below the names gives them, and which columns hold numbers.
+    """
+
+    layout: LayoutKeys
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    numbers: tuple[str, ...]
+
+
+def text_layout(path: Path) -> TextLayout | None:
+    """How the rows of a text lie; None where it holds no rows of six numbers or more."""
+    try:
+        head = next(iter(text_parts(path, [], block_bytes=SIGHTED_BYTES)), b"")[:SIGHTED_BYTES]
+    except InputError:
+        return None
+    if b"\x00" in head:
+        return None
+    text = head.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.split("\n")
+    lines = lines[:-1] if len(lines) > 1 else lines  # the last may be cut
+    best: tuple[int, int, str, str] | None = None
+    for sign, decimal in SIGNS:
+        found = _first_row(lines, sign, decimal)
+        if found and (best is None or found[1] > best[1]):
+            best = *found, sign, decimal
+    return None if best is None else _layout(lines, *best)
+
+
+def _first_row(lines: Sequence[str], sign: str, decimal: str) -> tuple[int, int] | None:
+    """The first line of rows that agree in size, and how many numbers each has; None without."""
+    run, size, numbers = 0, 0, 0
+    for k, line in enumerate(lines):
+        row = _fields(line, sign)
+        count = sum(bool(NUMBER[decimal].fullmatch(field)) and field != "" for field in row)
+        is_row = count >= FEWEST_NUMBERS and count >= len(row) / 2
+        if is_row and run and len(row) == size:
+            run, numbers = run + 1, min(numbers, count)
+        else:
+            run, size, numbers = int(is_row), len(row), count
+        if run == min(SIGHTED_ROWS, max(len(lines) - k, 2)):
+            return k - run + 1, numbers
+    return None
+
+
+def _fields(line: str, sign: str) -> list[str]:
+    if sign == " ":
+        return line.split()
+    return [field.strip() for field in next(csv.reader([line], delimiter=sign), [])]
+
+
+def _layout(lines: Sequence[str], first: int, numbers: int, sign: str, decimal: str) -> TextLayout:
+    row = _fields(lines[first], sign)
+    above = [k for k in range(first) if lines[k].strip()]
+    heads = [(k, _fields(re.sub(COMMENT, "", lines[k], count=1), sign)) for k in above[-2:]]
+    heads = [(k, fields) for k, fields in heads if len(fields) == len(row)]
+    units = ("",) * len(row)
+    if len(heads) == 2 and all(UNIT_LINE.fullmatch(unit) for unit in heads[1][1]):
+        units = tuple(heads.pop()[1])
+    keys: dict[str, str | int | list[str]] = (
+        {"format": "csv", "delimiter": sign} if sign != " " else {"format": "text"}
+    )
+    if decimal != ".":
+        keys["decimal"] = decimal
+    comment = COMMENT.match(lines[heads[-1][0]]) if heads else None
+    if heads and comment is None and len(set(heads[-1][1])) == len(row):
+        names = heads[-1][1]
+        keys |= {"header_lines": first, "names_line": heads[-1][0] + 1}
+    else:
+        named = heads[-1][1] if heads and len(set(heads[-1][1])) == len(row) else []
+        names = named or [f"column_{k + 1}" for k in range(len(row))]
+        keys |= {"header_lines": first, "columns": names}
+    held = [n for n, field in zip(names, row) if NUMBER[decimal].fullmatch(field)]
+    return TextLayout(LayoutKeys.model_validate(keys), tuple(names), units, tuple(held))

@@ -6,6 +6,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
@@ -13,12 +14,13 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys, MapError
-from trajectories.runs.row_columns import Block, column_rows
 from trajectories.runs.text_rows import (
     MAX_COLUMNS,
     BadRowError,
+    Block,
     RowLayout,
     TextSize,
+    column_rows,
     line_blocks,
     text_parts,
     text_size,
@@ -30,6 +32,9 @@ NO_TEXT = bytes([*range(9), *range(14, 32), *range(127, 256)])
 # of the bytes of a text, names in any script and damage allowed for; raw numbers have 0.4
 MIN_TEXT = 0.8
 SEPARATORS = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"'}  # as a map writes them
+SIGHTED_TEXT = 1 << 16  # bytes; as many as a log without a head is looked at
+LINES_BEFORE = 100  # at most, before the names; chosen: MT Manager writes some 15
+SEPARATED_BY = "\t,;"
 
 
 def text_columns(
@@ -211,3 +216,42 @@ def _names(line: bytes, delimiter: str) -> list[str]:
         return [name.strip() for name in next(csv.reader([words], delimiter=delimiter), [])]
     except csv.Error:  # not a line of text
         return []
+
+
+@dataclass(frozen=True)
+class Heading:
+    """names: of the columns, each once; layout: how the rows below them lie; before: the lines
+    above.
+    """
+
+    names: tuple[str, ...]
+    layout: LayoutKeys
+    before: tuple[str, ...]
+
+
+def heading(path: Path, are_names: Callable[[Sequence[str]], bool]) -> Heading | None:
+    """The first line whose fields are such names; None where there is none near the start."""
+    try:
+        head = next(iter(text_parts(path, [], block_bytes=SIGHTED_TEXT)), b"")[:SIGHTED_TEXT]
+    except InputError:
+        return None
+    lines = head.decode("utf-8-sig", errors="replace").splitlines()[: LINES_BEFORE + 1]
+    for k, line in enumerate(lines):
+        for sign in SEPARATED_BY:
+            names = [name.strip().strip('"') for name in line.split(sign)]
+            if are_names(names):
+                return _found(names, lines[:k], sign)
+    return None
+
+
+def _found(names: Sequence[str], before: Sequence[str], sign: str) -> Heading:
+    """A name that stands there twice counts the first time."""
+    seen: Counter[str] = Counter()
+    once = []
+    for name in names:
+        seen[name] += 1
+        once.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    layout = LayoutKeys(
+        format="csv", delimiter=sign, columns=once, header_lines=len(before) + 1, names_line=None
+    )
+    return Heading(tuple(once), layout, tuple(before))

@@ -4,7 +4,11 @@ Version 5 to 7.2 are MATLAB's own layout (`mat_elements`, `mat_level5`), version
 (`mat_hdf5`).
 """
 
-from collections.abc import Collection
+import os
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 
 from numpy.typing import NDArray
@@ -12,13 +16,24 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from ins.user_input import open_regular
 from trajectories.readers.contained import Contents, read_contained
-from trajectories.readers.containers.mat_elements import MAT_HEAD_BYTES, variables
+from trajectories.readers.containers.unpacking import Damaged, inflated
+from trajectories.runs.notes import About, Note
 
 VERSION_5, VERSION_7_3 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
 HDF5 = b"\x89HDF"
 
 _sought: dict[tuple[str, int, int], Contents | InputError] = {}
 """The contents of the last file whose format was sought, until its reader takes them."""
+MAT_HEAD_BYTES = 128
+ELEMENT_HEAD_BYTES = 8  # kind and length, 4 bytes each (MAT-File Level 5)
+HEAD_BYTES = 4096  # of a variable: flags, dimensions and name have 300 at most
+MAX_FIELD_DEPTH = 4  # of fields within fields; chosen: those of NaveGo and PSINS lie 1 deep
+MAX_ELEMENTS = 100  # of an array of structs that are looked at
+# Types of an element that holds a variable.
+ARRAY = 14
+COMPRESSED = 15
+# Types of the first three elements of an array: flags (uint32), dimensions (int32), name (int8).
+FIRST_TYPES = (6, 5, 1)
 
 
 def is_matlab(path: Path) -> bool:
@@ -90,3 +105,80 @@ def _read(path: Path, wanted: Collection[str] | None) -> Contents:
 def _identity(path: Path) -> tuple[str, int, int]:
     stat = path.stat()
     return str(path.resolve()), stat.st_size, stat.st_mtime_ns
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Where the element of a variable begins, its bytes with its head, its name, and the bytes that
+    it has unpacked.
+    """
+
+    at: int
+    size: int
+    name: str
+    unpacked: int
+
+
+def variables(path: Path, notes: list[str]) -> Iterator[Variable]:
+    """The variables whose head can be read; notes: of the others, and of where the file ends."""
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        order = byte_order(file.read(MAT_HEAD_BYTES))
+        at = MAT_HEAD_BYTES
+        while at + ELEMENT_HEAD_BYTES <= size:
+            file.seek(at)
+            kind, length = struct.unpack(order + "II", file.read(ELEMENT_HEAD_BYTES))
+            after = at + ELEMENT_HEAD_BYTES + length
+            if after > size or kind not in (ARRAY, COMPRESSED):
+                break
+            try:
+                yield _variable(file, at, after, kind, order)
+            except Damaged as error:
+                notes.append(damaged(path, at, error))
+            at = after
+    if at < size:
+        left = size - at
+        known = left < ELEMENT_HEAD_BYTES or kind in (ARRAY, COMPRESSED)
+        what = "cut off" if known else "damaged"
+        told = f"{path.name}: {what} at byte {at}: the last {left} bytes dropped"
+        notes.append(Note(told, About.DAMAGE))
+
+
+def byte_order(head: bytes) -> str:
+    """ "<" or ">", by the last two bytes of a file's head."""
+    return ">" if head[126:128] == b"MI" else "<"
+
+
+def damaged(path: Path, at: int, error: Exception) -> str:
+    """The note on a variable that cannot be read."""
+    why = " ".join(str(error).split())[:120] or type(error).__name__
+    return Note(f"{path.name}: variable at byte {at} damaged ({why}), not read", About.DAMAGE)
+
+
+def _variable(file: BufferedReader, at: int, after: int, kind: int, order: str) -> Variable:
+    """The variable whose element ends before byte `after`; the file stands behind its head."""
+    head = file.read(min(HEAD_BYTES, after - at - ELEMENT_HEAD_BYTES))
+    unpacked = after - at
+    if kind == COMPRESSED:
+        head = inflated(memoryview(head), HEAD_BYTES, whole=False)
+        inner, unpacked = struct.unpack_from(order + "II", head) if len(head) >= 8 else (0, 0)
+        if inner != ARRAY:
+            raise Damaged("no array in it")
+        head = head[ELEMENT_HEAD_BYTES:]
+    return Variable(at=at, size=after - at, name=_variable_name(head, order), unpacked=unpacked)
+
+
+def _variable_name(body: bytes, order: str) -> str:
+    """The name of an array; a small element has its type, length and bytes in eight."""
+    at, found = 0, b""
+    for needed in FIRST_TYPES:
+        if at + ELEMENT_HEAD_BYTES > len(body):
+            raise Damaged("an array cut off")
+        kind, length = struct.unpack_from(order + "II", body, at)
+        start, end = at + 8, at + 8 + length + (-length % 8)
+        if kind >> 16:
+            kind, length, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+        if kind != needed or start + length > len(body):
+            raise Damaged("no flags, dimensions and name")
+        found, at = body[start : start + length], end
+    return found.decode("latin-1").rstrip("\0")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.contained import Contents
-from trajectories.readers.containers.mat_elements import MAX_ELEMENTS, MAX_FIELD_DEPTH
+from trajectories.readers.containers.mat_file import MAX_ELEMENTS, MAX_FIELD_DEPTH
 from trajectories.readers.containers.unpacking import Damaged, inflated
 from trajectories.runs.limits import NUMBER_BYTES, Room
 from trajectories.runs.notes import About, Note

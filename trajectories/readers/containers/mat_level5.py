@@ -17,7 +17,7 @@ from scipy.io import loadmat
 
 from ins.user_input import open_regular
 from trajectories.readers.contained import Contents
-from trajectories.readers.containers.mat_elements import (
+from trajectories.readers.containers.mat_file import (
     MAT_HEAD_BYTES,
     MAX_ELEMENTS,
     MAX_FIELD_DEPTH,

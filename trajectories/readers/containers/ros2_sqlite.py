@@ -79,10 +79,9 @@ def _messages(
     connection: sqlite3.Connection, topics: dict[int, Topic], bag: Bag, label: str
 ) -> None:
     marks = ",".join("?" * len(topics))
-    rows = connection.execute(
-        f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id",
-        tuple(topics),
-    )
+    # of question marks alone
+    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # noqa: S608
+    rows = connection.execute(f"{query} ORDER BY id", tuple(topics))
     count = 0
     try:
         for number, received, data in rows:

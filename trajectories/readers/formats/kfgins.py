@@ -25,6 +25,7 @@ from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.columns.rtklib_solution import is_solution, on_gps_week, read_solution
 from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
 from trajectories.readers.registry import ConvertedLog, Reader
+from trajectories.readers.rows.clocks import dated, gps_seconds, unix_seconds, week_unwrapped
 from trajectories.readers.rows.column_map import (
     LayoutKeys,
     LogOptions,
@@ -32,7 +33,6 @@ from trajectories.readers.rows.column_map import (
     column_map,
     stretch_of,
 )
-from trajectories.readers.rows.gps_time import dated, gps_seconds, unix_seconds, unwrapped
 from trajectories.readers.rows.increment_rows import (
     are_increments,
     head_doubles,
@@ -116,7 +116,7 @@ def _fixes_of(path: Path, gps_week: int | None) -> tuple[RawFixes, list[str]]:
 
 def _fixes(path: Path, gps_week: int | None) -> tuple[RawFixes, list[str]]:
     columns, notes = _table(path, GNSS_ROWS, "time, lat, lon, height, [velocity,] sigmas")
-    time_s = unwrapped(columns["time"])
+    time_s = week_unwrapped(columns["time"])
     none = np.full(time_s.size, np.nan)
     v_n = np.column_stack([columns.get(name, none) for name in SPEED])
     if SPEED[0] in columns:
@@ -159,7 +159,7 @@ def _with_truth(log: ConvertedLog, path: Path) -> ConvertedLog:
     columns, notes = _table(
         path, {11: TRUTH_ROW[1:]}, "week, time, position, velocity, attitude", first="week"
     )
-    time_s = unwrapped(columns["time"])
+    time_s = week_unwrapped(columns["time"])
     log = with_reference(
         log,
         {

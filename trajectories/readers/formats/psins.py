@@ -33,8 +33,14 @@ from trajectories.readers.rows.increment_rows import (
     is_file_of,
     refuse_other_width,
 )
-from trajectories.runs.row_columns import column_rows
-from trajectories.runs.text_rows import RowLayout, is_number, line_blocks, text_parts, text_size
+from trajectories.runs.text_rows import (
+    RowLayout,
+    column_rows,
+    is_number,
+    line_blocks,
+    text_parts,
+    text_size,
+)
 
 W = [f"wm_{a}" for a in AXES]
 V = [f"vm_{a}" for a in AXES]

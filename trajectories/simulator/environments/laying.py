@@ -13,7 +13,7 @@ dv_n are exact.
 Decision: docs/decisions/0058-environments-over-ideal-run.md.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,15 +22,30 @@ from scipy.fft import irfft, rfft
 
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm, wrap_pi
 from ins.earth import omega_ie_n, radii_of_curvature
-from trajectories.simulator.environments.catalogue import CATALOGUE
-from trajectories.simulator.environments.gear import AIRLINER, Vibration
+from trajectories.simulator.environments.cargo import loading, refuelling
+from trajectories.simulator.environments.gear import AIRLINER, Forcing, Vibration
 from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
+from trajectories.simulator.environments.machines import engines, gpu
+from trajectories.simulator.environments.people import boarding, maintenance
 from trajectories.simulator.environments.scene import Scene, scene_of
+from trajectories.simulator.environments.ship import ship
+from trajectories.simulator.environments.wind import calm, gusty
 from trajectories.simulator.sensors import IdealSensors
 from trajectories.simulator.vehicle import turn, turn_back
 
 GRAVITY_GRADIENT = 3.086e-6  # of gravity with depth [1/s^2], free air
 IMU_ABOVE_M = 2.0  # of the IMU above the ground where the lever arm to the wheels says less
+CATALOGUE: dict[EnvironmentKind, Callable[[Scene, np.random.Generator], Forcing]] = {
+    EnvironmentKind.CALM: calm,
+    EnvironmentKind.GUSTY: gusty,
+    EnvironmentKind.BOARDING: boarding,
+    EnvironmentKind.REFUELLING: refuelling,
+    EnvironmentKind.LOADING: loading,
+    EnvironmentKind.ENGINES: engines,
+    EnvironmentKind.GPU: gpu,
+    EnvironmentKind.MAINTENANCE: maintenance,
+    EnvironmentKind.SHIP: ship,
+}
 
 
 @dataclass(frozen=True, kw_only=True)

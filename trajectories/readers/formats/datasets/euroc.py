@@ -17,9 +17,9 @@ import numpy as np
 
 from ins.records import AXES, InputError
 from ins.user_input import open_regular
-from trajectories.readers.columns.headings import heading
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
+from trajectories.readers.columns.text_columns import heading
 from trajectories.readers.containers.file_bytes import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (

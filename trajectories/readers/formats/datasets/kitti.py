@@ -28,6 +28,7 @@ from trajectories.readers.columns.layouts import read_columns
 from trajectories.readers.columns.side_streams import with_reference
 from trajectories.readers.containers.file_bytes import is_own_file
 from trajectories.readers.registry import ConvertedLog, Reader
+from trajectories.readers.rows.clocks import dated
 from trajectories.readers.rows.column_map import (
     AxesKeys,
     LayoutKeys,
@@ -36,7 +37,6 @@ from trajectories.readers.rows.column_map import (
     column_map,
     stretch_of,
 )
-from trajectories.readers.rows.gps_time import dated
 from trajectories.readers.rows.increment_rows import head_rows
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.notes import About, Note

@@ -21,25 +21,25 @@ from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.columns.fix_types import VECTORNAV, fix_types
 from trajectories.readers.columns.fixes import RawFixes, chosen
-from trajectories.readers.columns.headings import heading
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.columns.side_streams import GnssFile, with_fixes, with_reference
+from trajectories.readers.columns.text_columns import heading
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import (
-    AxesKeys,
-    LogOptions,
-    StretchKeys,
-    column_map,
-    stretch_of,
-)
-from trajectories.readers.rows.gps_time import (
+from trajectories.readers.rows.clocks import (
     UNIX_S,
     WEEK_S,
     gps_of_unix,
     gps_seconds,
     unix_seconds,
     utc_text,
+)
+from trajectories.readers.rows.column_map import (
+    AxesKeys,
+    LogOptions,
+    StretchKeys,
+    column_map,
+    stretch_of,
 )
 
 NS = 1e-9

@@ -22,11 +22,11 @@ from pydantic import Field
 
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.readers.columns.headings import Heading, heading
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns
+from trajectories.readers.columns.text_columns import Heading, heading
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.clocks import going_on
+from trajectories.readers.rows.clocks import UNIX_S, going_on, utc_text
 from trajectories.readers.rows.column_map import (
     AxesKeys,
     LogOptions,
@@ -34,7 +34,6 @@ from trajectories.readers.rows.column_map import (
     column_map,
     stretch_of,
 )
-from trajectories.readers.rows.gps_time import UNIX_S, utc_text
 from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
 
 COUNTER, FINE_CLOCK = "PacketCounter", "SampleTimeFine"

@@ -1,5 +1,0 @@
-"""What counts as a path."""
-
-from os import PathLike
-
-AnyPath = str | PathLike[str]
