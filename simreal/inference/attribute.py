@@ -25,7 +25,7 @@ from ins.errors.telemetry import Trace
 from ins.records import TwinModel
 from simreal.declared.generic import Generic
 from simreal.evidence.run_view import RunView
-from simreal.evidence.whitened import CHANNELS, Evidence, ExtraNoise
+from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, ExtraNoise
 from simreal.inference.bank import Bank, Group, Hypothesis, limits
 from simreal.inference.noise_hypotheses import (
     NoiseHypothesis,
@@ -319,12 +319,12 @@ class Attributor:
         tried: list[list[str]] = []
         while any(self._room()):
             found = self._best(self.slots, noise_first if not tried else ())
-            if found and found[0].extra is not None and self._in_shadow(found[0]):
-                self._shadowed.add(found[0].hypothesis.key)
+            hidden = [s for s in found if s.extra is not None and self._in_shadow(s)]
+            if hidden:
+                self._shadowed |= {s.hypothesis.key for s in hidden}
                 continue
-            for slot in found:
-                total += slot.log_odds - self.threshold
-                self._enter(slot)
+            total += sum(s.log_odds - self.threshold for s in found)
+            self._enter(found)
             self._stopped = self.enough(self)
             keys = sorted(str(s.hypothesis.key) for s in self.slots)
             if not found or self._stopped or keys in tried:
@@ -403,9 +403,31 @@ class Attributor:
         if odds[best] < self.threshold and not noise_first:
             return []
         slot = self._slot(best, odds, groups)
+        if slot.extra is not None and slot.hypothesis.name != SLOW_NAME:
+            return [slot, *self._noises_beside(slot, odds, groups)]
         if slot.hypothesis.named and slot.hypothesis.name != SLOW_NAME:
             return [slot]
         return (not noise_first and self._pair(slot, others)) or [slot]
+
+    def _noises_beside(self, first: Slot, odds: NDArray, groups: NDArray) -> list[Slot]:
+        """Noises of other sensors that are likelier than any effect: one by one they would be the
+        next, and everything is whitened once.
+        """
+        sensors, known = CHANNELS[:SENSORS], len(self.bank.hypotheses)
+        if first.hypothesis.target not in sensors:
+            return []
+        least, best = max(self.threshold, float(odds[:known].max())), {first.hypothesis.target: -1}
+        for number in known + np.argsort(-odds[known:]):
+            h = self.hypotheses[number]
+            if odds[number] > least and h.target in sensors and h.name != SLOW_NAME:
+                best.setdefault(h.target, int(number))
+        room = MOST_NOISES - sum(s.extra is not None for s in self.slots)
+        targets, beside = list(best)[:room], []
+        for target in targets[1:]:
+            taken = [h.target in targets and h.target != target for h in self.hypotheses]
+            left = np.where(taken, -np.inf, odds)
+            beside.append(self._slot(best[target], left, groups))
+        return beside
 
     def _leading(self, odds: NDArray) -> int:
         """The best source of the name whose sources are together the likeliest."""
@@ -523,10 +545,10 @@ class Attributor:
                 ]
         return pair
 
-    def _enter(self, slot: Slot) -> None:
-        """Add a slot; noise changes the whitening, and all columns are made anew."""
-        self.slots.append(slot)
-        if slot.extra is not None:
+    def _enter(self, slots: Sequence[Slot]) -> None:
+        """Add slots; noise changes the whitening, and all columns are made anew."""
+        self.slots = [*self.slots, *slots]
+        if any(s.extra is not None for s in slots):
             self._whiten_again()
 
     def _drop(self, slot: Slot) -> None:

@@ -16,7 +16,7 @@ from infield.table.file import table_from_dict
 from ins.errors.catalogue import catalogue
 from ins.units import ARCSEC
 from simreal.inference.attribute import Attributor
-from simreal.inference.causes import shares_of
+from simreal.inference.causes import shares_of, unlisted
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
 from tests.simreal import diagnosed as small
@@ -97,6 +97,33 @@ def test_noise_of_all_sensors_leaves_room_for_effects_and_they_for_noise(noises,
     odds, _ = Attributor._odds_with_room(searched, slots)
     # two effects and a noise
     assert [bool(v) for v in np.isfinite(odds)] == [room[0], room[0], room[1]]
+
+
+@pytest.mark.parametrize(
+    "own,noise,hidden",
+    [
+        ([20.0, 0.0], False, True),  # under 5 % of the amplitude of 10^4
+        ([40.0, 0.0], False, True),
+        ([60.0, 0.0], False, False),
+        ([20.0, 30.0], False, False),  # most of it where the large one is not
+        ([60.0, 0.0], True, True),  # of noise, squares are compared: 10 %
+    ],
+)
+def test_a_companion_is_hidden_where_the_form_of_a_large_effect_is(own, noise, hidden):
+    small, large = (SimpleNamespace(extra=1.0 if noise else None) for _ in range(2))
+    energy = {id(small): np.array(own), id(large): np.array([1e4, 0.0])}
+    searched = SimpleNamespace(_effects=[small, large], _energy=lambda s: energy[id(s)])
+    assert Attributor._in_shadow(searched, small) is hidden
+    assert not Attributor._in_shadow(searched, large)
+
+
+def test_an_implausible_size_is_more_likely_of_a_cause_that_is_not_listed():
+    assert unlisted(10.0, 1.0) == unlisted(10.0) > unlisted(100.0)
+    # six times beyond: 36 times the odds
+    share, beyond = unlisted(100.0), unlisted(100.0, 6.0)
+    assert beyond / (1.0 - beyond) == pytest.approx(36.0 * share / (1.0 - share))
+    assert beyond < 0.5 < unlisted(100.0, 6.0, any_form=True)
+    assert unlisted(100.0, 1.0, any_form=True) == pytest.approx(share)
 
 
 def test_runs_of_another_unit_are_refused():
