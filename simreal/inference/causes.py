@@ -315,6 +315,8 @@ def _rivals(
     own, total, out = (slot.hypothesis.name, slot.hypothesis.target), 0.0, []
     cosines = _cosines(attribution, slot)
     total = shares.get(own, 0.0) + shares.get(UNLISTED, 0.0)
+    if shares.get(UNLISTED, 0.0) > shares.get(own, 0.0):
+        out.append(Rival(*UNLISTED, shares[UNLISTED], None))
     for key, p in shares.items():
         if key in (own, UNLISTED):
             continue

@@ -16,7 +16,7 @@ from infield.table.file import table_from_dict
 from ins.errors.catalogue import catalogue
 from ins.units import ARCSEC
 from simreal.inference.attribute import Attributor
-from simreal.inference.causes import shares_of, unlisted
+from simreal.inference.causes import UNLISTED, _rivals, shares_of, unlisted
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
 from tests.simreal import diagnosed as small
@@ -124,6 +124,14 @@ def test_an_implausible_size_is_more_likely_of_a_cause_that_is_not_listed():
     assert beyond / (1.0 - beyond) == pytest.approx(36.0 * share / (1.0 - share))
     assert beyond < 0.5 < unlisted(100.0, 6.0, any_form=True)
     assert unlisted(100.0, 1.0, any_form=True) == pytest.approx(share)
+
+
+@pytest.mark.parametrize("outside,rivals", [(0.85, [UNLISTED]), (0.15, [])])
+def test_a_cause_less_likely_than_one_outside_the_catalogue_has_that_for_a_rival(outside, rivals):
+    own = ("slow_variation", "gyro_x")
+    slot = SimpleNamespace(group=None, hypothesis=SimpleNamespace(name=own[0], target=own[1]))
+    found = _rivals(None, slot, {own: 1.0 - outside, UNLISTED: outside})
+    assert [(r.effect, r.target) for r in found] == rivals
 
 
 def test_runs_of_another_unit_are_refused():
