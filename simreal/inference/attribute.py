@@ -481,9 +481,11 @@ class Attributor:
         start = self.scorer.groups[mine[int(np.argmax(groups[mine]))]]
         best = self._refined(hypothesis, start, others)
         hypothesis.refine(best)
-        onset = best.shape.get("onset_s")
-        for h in self.bank.hypotheses if onset is not None else ():
-            if h.run == hypothesis.run and h is not hypothesis and "onset_s" in h.groups[0].shape:
+        if "onset_s" in best.shape:
+            onset = best.shape["onset_s"]
+            for h in self.bank.hypotheses:
+                if h is hypothesis or h.run != hypothesis.run or "onset_s" not in h.groups[0].shape:
+                    continue
                 near = min(h.groups, key=lambda g: abs(g.shape["onset_s"] - onset))
                 shapes = [{**near.shape, "onset_s": onset + d} for d in ONSET_OFFSETS_S]
                 h.refine(self._best_of(h, shapes, others))
