@@ -403,13 +403,15 @@ def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
     return out
 
 
-def size_weights(group_norm: float, low: float, high: float) -> NDArray:
+def size_weights(
+    group_norm: float | NDArray, low: float | NDArray, high: float | NDArray
+) -> NDArray:
     """Log weights of SIZES for a signature of this norm per unit: flat over the usual range,
     falling as its inverse root beyond it, thin beyond REACH times its end; at most 1 together.
 
     Where the data cannot choose, the more usual of two sizes leads and the other stays in the set.
     """
-    coefficient = np.sqrt(SIZES) / max(group_norm, 1e-300)
+    coefficient = np.sqrt(SIZES) / np.maximum(group_norm, 1e-300)
     beyond = np.maximum(coefficient / high, 1.0)
     weight = -0.5 * np.log(beyond) - 3.0 * (beyond > REACH)
     weight = weight - 1.0 * (coefficient < low / 30.0)

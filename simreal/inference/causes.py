@@ -4,7 +4,7 @@ sigma and usual size.
 Decision: docs/decisions/0084-table-error-state.md.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -185,7 +185,7 @@ def _kept_out(cause: Cause) -> KeptOut | None:
     the gap of data that it was not fitted to, at 95 %. On halves of real logs, guesses made the
     other half's gap as much as 17 times as large (docs/gap.md). What an update would
     take out of its log must be of a size that is usual, and no other answer of the set may leave
-    another table.
+    another table. So must what takes any form, a value of its own in each run or a slow variation.
     """
     if cause.effect in OF_UNNAMED_MOTION:
         return KeptOut.OF_MOTION
@@ -199,10 +199,12 @@ def _kept_out(cause: Cause) -> KeptOut | None:
     free = cause.effect in OF_TELEMETRY or cause.effect == NOISE_OF_TIME
     if free and low <= 0.0:
         return KeptOut.NOT_SHOWN
-    if cause.repeats != "R" or not leaves_the_log(cause.effect, cause.target):
-        return None
-    if any(p.unusual for p in cause.parameters.values()):
+    taken_out = cause.repeats == "R" and leaves_the_log(cause.effect, cause.target)
+    judged_by_size = taken_out or of_any_form(cause.effect, cause.repeats)
+    if judged_by_size and beyond_usual(cause.parameters.values()) > 1.0:
         return KeptOut.IMPLAUSIBLE
+    if not taken_out:
+        return None
     return KeptOut.NOT_UNIQUE if _another_table(cause) else None
 
 
@@ -264,19 +266,47 @@ def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], flo
         shares[key] = shares.get(key, 0.0) + float(p)
     shares = shared_with_time(attribution, slot, shares)
     # what it adds to the others: two may cancel
-    alien = unlisted(float(np.sqrt(2.0 * max(slot.log_odds, 0.0))))
+    size = float(np.sqrt(2.0 * max(slot.log_odds, 0.0)))
+    h = slot.hypothesis
+    repeats = "" if h.effect is None else h.effect.repeats
+    beyond = beyond_usual(_parameters(attribution, slot)[0].values())
+    alien = unlisted(size, beyond, any_form=of_any_form(h.name, repeats))
     shares = {key: (1.0 - alien) * p for key, p in shares.items()}
     shares[UNLISTED] = alien
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def unlisted(size: float) -> float:
+def unlisted(size: float, beyond: float = 0.0, *, any_form: bool = False) -> float:
     """Probability that the cause is none of the catalogue's and only looks like one of them.
 
     No catalogue is complete: a share of OUTSIDE is kept for what is not in it. An effect of many
-    sigmas leaves less room for a look-alike, whose difference would show.
+    sigmas leaves less room for a look-alike, whose difference would show, but where what was found
+    may take any form. What is not listed may have any size, as likely in each decade; a listed
+    effect beyond ABSURD times the upper end of its usual range is as rare as the inverse square.
     """
-    return OUTSIDE / (1.0 + (size / ROOM_SIGMA) ** 2)
+    share = OUTSIDE / (1.0 + (size / ROOM_SIGMA) ** 2)
+    rarer = max(beyond, 1.0) ** 2
+    odds = share / (1.0 - share) * rarer
+    if any_form:
+        odds += OUTSIDE / (1.0 - OUTSIDE) * (rarer - 1.0)
+    return odds / (1.0 + odds)
+
+
+def of_any_form(name: str, repeats: str) -> bool:
+    """Whether an effect takes any form: a value of its own in each run, or a slow variation."""
+    return name == SLOW_NAME or repeats == "P"
+
+
+def beyond_usual(parameters: Iterable[CauseParameter]) -> float:
+    """The largest of the parameters over what is still usual, two sigmas taken off; 0: none has a
+    usual size.
+    """
+    beyond = [
+        (abs(p.value) - 2.0 * (p.sigma or 0.0)) / (ABSURD * p.usual[1])
+        for p in parameters
+        if p.usual is not None
+    ]
+    return max(beyond, default=0.0)
 
 
 def _rivals(
@@ -285,6 +315,8 @@ def _rivals(
     own, total, out = (slot.hypothesis.name, slot.hypothesis.target), 0.0, []
     cosines = _cosines(attribution, slot)
     total = shares.get(own, 0.0) + shares.get(UNLISTED, 0.0)
+    if shares.get(UNLISTED, 0.0) > shares.get(own, 0.0):
+        out.append(Rival(*UNLISTED, shares[UNLISTED], None))
     for key, p in shares.items():
         if key in (own, UNLISTED):
             continue

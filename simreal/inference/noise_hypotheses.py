@@ -142,17 +142,19 @@ class Squares:
                     dof.append(np.ones(rows.size))
                     at += rows.size
         self.dof = np.concatenate(dof) if dof else np.zeros(0)
-        self.channel = self._channels()
+        self.place = self._places()
 
-    def _channels(self) -> NDArray:
-        """Number of the channel of each entry (k,)."""
-        out = np.zeros(self.dof.size, dtype=int)
+    def _places(self) -> NDArray:
+        """Number of the channel of each entry (k,), what is within ten seconds and single rows
+        beyond those of the parked transform.
+        """
+        out, count = np.zeros(self.dof.size, dtype=int), len(CHANNELS)
         for (_, c), index in self.slow.items():
             out[index] = c
         for (_, c, _), index in self.quick.items():
-            out[index] = c
+            out[index] = c + count
         for (_, c), (index, _) in self.single.items():
-            out[index] = c
+            out[index] = c + 2 * count
         return out
 
     def ratio(self, z: NDArray, rng: np.random.Generator | None = None) -> NDArray:

@@ -15,6 +15,7 @@ Source: single-effect regression of Wang, Sarkar, Carbonetto and Stephens (2020)
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +41,15 @@ class Scorer:
         self.hypotheses = list(bank.hypotheses if hypotheses is None else hypotheses)
         self.groups: list[Group] = []
         self.owner: list[int] = []
+        alike: dict[tuple[int, bool], list[int]] = {}
         for number, hypothesis in enumerate(self.hypotheses):
             for group in hypothesis.groups:
+                alike.setdefault((group.columns.size, group.precision > 0.0), []).append(
+                    len(self.groups)
+                )
                 self.groups.append(group)
                 self.owner.append(number)
+        self._batches = [_Batch.of(self, np.array(numbers)) for numbers in alike.values()]
         self._owner = np.array(self.owner, dtype=int)
         self._log_prior = np.array([h.log_prior for h in self.hypotheses])
         self._weight = np.array([g.log_weight for g in self.groups])
@@ -52,36 +58,9 @@ class Scorer:
         """Log Bayes factor of each group (groups, reps) given selected columns; score (m, reps)."""
         left = Conditioned(self.bank.gram, score, selected)
         out = np.zeros((len(self.groups), score.shape[1]))
-        for k, group in enumerate(self.groups):
-            out[k] = self._one(group, self.hypotheses[self.owner[k]], left)
+        for batch in self._batches:
+            out[batch.numbers] = batch.log_bf(self.bank.gram, left)
         return out
-
-    def _one(self, group: Group, hypothesis: Hypothesis, left: "Conditioned") -> NDArray:
-        c, scale = group.columns, group.scale
-        before = (self.bank.gram[c, c] - group.precision) * scale**2
-        if before.max() < NO_TRACE_SQUARE:
-            return np.zeros(left.score.shape[1])
-        data = left.gram_of(c) - group.precision * np.eye(c.size)
-        data *= np.outer(scale, scale)
-        b = left.score[c] * scale[:, None]
-        if c.size == 1:
-            values, projected = data[0], b / np.sqrt(max(data[0, 0], 1e-300))
-        else:
-            values, vectors = np.linalg.eigh(data)
-            values = np.maximum(values, 0.0)
-            projected = vectors.T @ b / np.sqrt(np.maximum(values, 1e-300))[:, None]
-        top = float(values.max())
-        if top < ALIKE * before.max() or top < NO_TRACE_SQUARE:
-            return np.zeros(left.score.shape[1])
-        share = values / top
-        live = share > 1e-8
-        y2, share = projected[live] ** 2, share[live]
-        sizes, weights = _sizes(hypothesis, group, top)
-        w = sizes[:, None] * share  # (V, p)
-        fit = (
-            0.5 * np.einsum("vp,pr->vr", w / (1.0 + w), y2) - 0.5 * np.log1p(w).sum(axis=1)[:, None]
-        )
-        return np.asarray(np.logaddexp.reduce(fit + weights[:, None], axis=0))
 
     def log_posterior(self, selected: NDArray, score: NDArray) -> tuple[NDArray, NDArray]:
         """Unnormalised log posterior of each hypothesis (h, reps) and the groups' log Bayes
@@ -89,27 +68,70 @@ class Scorer:
         """
         groups = self.groups_log_bf(selected, score)
         out = np.full((len(self.hypotheses), score.shape[1]), -np.inf)
-        for h in range(len(self.hypotheses)):
-            mine = groups[self._owner == h]
-            if mine.size:
-                out[h] = (
-                    np.logaddexp.reduce(mine + self._weight[self._owner == h][:, None], axis=0)
-                    + self._log_prior[h]
-                )
-        return out, groups
+        have, first = np.unique(self._owner, return_index=True)
+        if have.size:
+            weighted = groups + self._weight[:, None]
+            out[have] = np.logaddexp.reduceat(weighted, first, axis=0)
+        return out + self._log_prior[:, None], groups
 
     def groups_of(self, hypothesis: int) -> NDArray:
         """Numbers of a hypothesis's groups."""
         return np.flatnonzero(self._owner == hypothesis)
 
 
-def _sizes(hypothesis: Hypothesis, group: Group, top: float) -> tuple[NDArray, NDArray]:
-    """Squared sizes of the largest principal signature (V,) and their log weights; top: its squared
-    length in typical coefficients.
+@dataclass(frozen=True)
+class _Batch:
+    """Groups of as many columns (n, p), with their typical coefficients, the precision before any
+    data (n,), and the usual sizes in typical coefficients (n, 1).
     """
-    if group.precision:
-        return np.array([top / group.precision]), np.zeros(1)
-    return SIZES, size_weights(np.sqrt(top), *usual_range(hypothesis))
+
+    numbers: NDArray
+    columns: NDArray
+    scale: NDArray
+    precision: NDArray
+    low: NDArray
+    high: NDArray
+
+    @classmethod
+    def of(cls, scorer: Scorer, numbers: NDArray) -> "_Batch":
+        groups = [scorer.groups[k] for k in numbers]
+        usual = np.array([usual_range(scorer.hypotheses[scorer.owner[k]]) for k in numbers])
+        return cls(
+            numbers,
+            np.stack([g.columns for g in groups]),
+            np.stack([g.scale for g in groups]),
+            np.array([g.precision for g in groups]),
+            usual[:, :1],
+            usual[:, 1:],
+        )
+
+    def log_bf(self, gram: NDArray, left: "Conditioned") -> NDArray:
+        """Log Bayes factors (n, reps)."""
+        c, scale = self.columns, self.scale
+        before = ((gram[c, c] - self.precision[:, None]) * scale**2).max(axis=1)
+        data = left.gram_of_each(c) - self.precision[:, None, None] * np.eye(c.shape[1])
+        values, vectors = np.linalg.eigh(data * scale[:, :, None] * scale[:, None, :])
+        values = np.maximum(values, 0.0)
+        projected = np.swapaxes(vectors, 1, 2) @ (left.score[c] * scale[:, :, None])
+        top = values.max(axis=1, keepdims=True)
+        share = values / np.maximum(top, 1e-300)
+        live = share > 1e-8
+        y2 = np.where(live[:, :, None], projected**2 / np.maximum(values, 1e-300)[:, :, None], 0.0)
+        sizes, weights = self._sizes(top)
+        w = sizes[:, :, None] * np.where(live, share, 0.0)[:, None, :]  # (n, V, p)
+        fit = 0.5 * (w / (1.0 + w)) @ y2 - 0.5 * np.log1p(w).sum(axis=2, keepdims=True)
+        out = np.logaddexp.reduce(fit + weights[:, :, None], axis=1)
+        seen = (top[:, 0] >= ALIKE * before) & (np.minimum(top[:, 0], before) >= NO_TRACE_SQUARE)
+        return np.where(seen[:, None], out, 0.0)
+
+    def _sizes(self, top: NDArray) -> tuple[NDArray, NDArray]:
+        """Squared sizes of the largest principal signatures (n, V) and their log weights; top (n,
+        1): its squared length in typical coefficients.
+        """
+        if self.precision[0]:
+            return top / self.precision[:, None], np.zeros_like(top)
+        sizes = np.broadcast_to(SIZES, (len(top), SIZES.size))
+        return sizes, size_weights(np.sqrt(top), self.low, self.high)
 
 
 def usual_range(hypothesis: Hypothesis) -> tuple[float, float]:
@@ -139,6 +161,14 @@ class Conditioned:
         if not self._selected.size:
             return block
         return block - self._gain[rows] @ self._gram[np.ix_(self._selected, columns)]
+
+    def gram_of_each(self, rows: NDArray) -> NDArray:
+        """The blocks (n, p, p) of several sets of rows (n, p)."""
+        blocks = self._gram[rows[:, :, None], rows[:, None, :]]
+        if not self._selected.size:
+            return blocks
+        across = self._gram[self._selected[:, None], rows[:, None, :]]
+        return blocks - self._gain[rows] @ across
 
 
 def _inverse(S: NDArray) -> NDArray:

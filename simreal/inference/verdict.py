@@ -51,10 +51,9 @@ class KeptOut(ReasonCode):
         "Record the drive again with a receiver and wheels.",
     )
     TABLE_AGED = "table_aged", "an update learns it; taken out of the log, it would be lost"
-    # of what an update takes out of its log
     IMPLAUSIBLE = (
         "implausible",
-        "it is larger than such an effect is, and an update would take it out of the log",
+        "it is larger than such an effect is, so that something else may only look like it",
         "Look for it by itself, or for what else makes it.",
     )
     NOT_UNIQUE = (

@@ -55,7 +55,8 @@ def record_next(diagnosis: Diagnosis, settled_by: Sequence[Sequence[str]]) -> li
 
 
 def _likely(cause: Cause) -> list[Rival]:
-    return [r for r in cause.rivals if r.probability >= LEAST_PROBABILITY]
+    """The rivals that a recording may tell from it: none outside the catalogue."""
+    return [r for r in cause.rivals if r.target and r.probability >= LEAST_PROBABILITY]
 
 
 def _again(cause: Cause) -> str:

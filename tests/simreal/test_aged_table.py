@@ -184,6 +184,8 @@ LARGE = {"coefficient": parameter_of(0.0165, 0.002, "deg/h/g", USUAL)}
         ({"probability": 0.6, "rivals": (SUBJECT,)}, KeptOut.NOT_UNIQUE),
         ({"effect": "gyro_thermal_linear", "probability": 0.6, "rivals": (AGED,)}, None),
         ({"repeats": "S", "parameters": LARGE}, None),
+        ({"effect": "slow_variation", "repeats": "S", "parameters": LARGE}, KeptOut.IMPLAUSIBLE),
+        ({"effect": "gyro_turn_on_bias", "repeats": "P", "parameters": LARGE}, KeptOut.IMPLAUSIBLE),
         ({"target": "odometer", "parameters": LARGE}, None),
     ],
 )

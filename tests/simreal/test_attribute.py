@@ -16,7 +16,7 @@ from infield.table.file import table_from_dict
 from ins.errors.catalogue import catalogue
 from ins.units import ARCSEC
 from simreal.inference.attribute import Attributor
-from simreal.inference.causes import shares_of
+from simreal.inference.causes import UNLISTED, _rivals, shares_of, unlisted
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
 from tests.simreal import diagnosed as small
@@ -88,13 +88,51 @@ def test_noise_of_all_sensors_leaves_room_for_effects_and_they_for_noise(noises,
         for extra, of_table in ((1.0, False), (None, False), (None, True))
     )
     slots = [noise] * noises + [effect] * others + [table] * 3
-    searched = SimpleNamespace(slots=slots, bank=SimpleNamespace(hypotheses=[None] * 2))
+    sources = [SimpleNamespace(key=k) for k in range(3)]
+    bank = SimpleNamespace(hypotheses=sources[:2])
+    searched = SimpleNamespace(slots=slots, bank=bank, hypotheses=sources, _shadowed=set())
     searched._room = lambda: Attributor._room(searched)
     searched._odds = lambda _: (np.array([1.0, 2.0, 3.0]), np.zeros(0))
     assert searched._room() == room
     odds, _ = Attributor._odds_with_room(searched, slots)
     # two effects and a noise
     assert [bool(v) for v in np.isfinite(odds)] == [room[0], room[0], room[1]]
+
+
+@pytest.mark.parametrize(
+    "own,noise,hidden",
+    [
+        ([20.0, 0.0], False, True),  # under 5 % of the amplitude of 10^4
+        ([40.0, 0.0], False, True),
+        ([60.0, 0.0], False, False),
+        ([20.0, 30.0], False, False),  # most of it where the large one is not
+        ([60.0, 0.0], True, True),  # of noise, squares are compared: 10 %
+    ],
+)
+def test_a_companion_is_hidden_where_the_form_of_a_large_effect_is(own, noise, hidden):
+    of = SimpleNamespace(target="gyro_x")
+    small, large = (SimpleNamespace(extra=1.0 if noise else None, hypothesis=of) for _ in range(2))
+    energy = {id(small): np.array(own), id(large): np.array([1e4, 0.0])}
+    searched = SimpleNamespace(_effects=[small, large], _energy=lambda s: energy[id(s)])
+    assert Attributor._in_shadow(searched, small) is hidden
+    assert not Attributor._in_shadow(searched, large)
+
+
+def test_an_implausible_size_is_more_likely_of_a_cause_that_is_not_listed():
+    assert unlisted(10.0, 1.0) == unlisted(10.0) > unlisted(100.0)
+    # six times beyond: 36 times the odds
+    share, beyond = unlisted(100.0), unlisted(100.0, 6.0)
+    assert beyond / (1.0 - beyond) == pytest.approx(36.0 * share / (1.0 - share))
+    assert beyond < 0.5 < unlisted(100.0, 6.0, any_form=True)
+    assert unlisted(100.0, 1.0, any_form=True) == pytest.approx(share)
+
+
+@pytest.mark.parametrize("outside,rivals", [(0.85, [UNLISTED]), (0.15, [])])
+def test_a_cause_less_likely_than_one_outside_the_catalogue_has_that_for_a_rival(outside, rivals):
+    own = ("slow_variation", "gyro_x")
+    slot = SimpleNamespace(group=None, hypothesis=SimpleNamespace(name=own[0], target=own[1]))
+    found = _rivals(None, slot, {own: 1.0 - outside, UNLISTED: outside})
+    assert [(r.effect, r.target) for r in found] == rivals
 
 
 def test_runs_of_another_unit_are_refused():
