@@ -280,15 +280,15 @@ def unlisted(size: float, beyond: float = 0.0, *, any_form: bool = False) -> flo
     """Probability that the cause is none of the catalogue's and only looks like one of them.
 
     No catalogue is complete: a share of OUTSIDE is kept for what is not in it. An effect of many
-    sigmas leaves less room for a look-alike, whose difference would show, but where what was found
-    may take any form. What is not listed may have any size, as likely in each decade; a listed
-    effect beyond ABSURD times the upper end of its usual range is as rare as the inverse square.
+    sigmas leaves less room for a look-alike, whose difference would show. Where what was found may
+    take any form, no difference would, and size alone speaks: what is not listed may have any, as
+    likely in each decade; a listed effect beyond ABSURD times the upper end of its usual range is
+    as rare as the inverse square.
     """
     share = OUTSIDE / (1.0 + (size / ROOM_SIGMA) ** 2)
-    rarer = max(beyond, 1.0) ** 2
-    odds = share / (1.0 - share) * rarer
+    odds = share / (1.0 - share)
     if any_form:
-        odds += OUTSIDE / (1.0 - OUTSIDE) * (rarer - 1.0)
+        odds += OUTSIDE / (1.0 - OUTSIDE) * (max(beyond, 1.0) ** 2 - 1.0)
     return odds / (1.0 + odds)
 
 

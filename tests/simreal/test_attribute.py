@@ -119,12 +119,14 @@ def test_a_companion_is_hidden_where_the_form_of_a_large_effect_is(own, noise, h
 
 
 def test_an_implausible_size_is_more_likely_of_a_cause_that_is_not_listed():
-    assert unlisted(10.0, 1.0) == unlisted(10.0) > unlisted(100.0)
-    # six times beyond: 36 times the odds
-    share, beyond = unlisted(100.0), unlisted(100.0, 6.0)
-    assert beyond / (1.0 - beyond) == pytest.approx(36.0 * share / (1.0 - share))
-    assert beyond < 0.5 < unlisted(100.0, 6.0, any_form=True)
-    assert unlisted(100.0, 1.0, any_form=True) == pytest.approx(share)
+    assert unlisted(10.0, 6.0) == unlisted(10.0) > unlisted(100.0)  # a form of its own says more
+    usual = unlisted(100.0)
+    assert unlisted(100.0, 1.0, any_form=True) == pytest.approx(usual)
+    absurd = unlisted(100.0, 6.0, any_form=True)
+    # six times beyond: 35 times the odds of 0.15 more
+    more = absurd / (1.0 - absurd) - usual / (1.0 - usual)
+    assert more == pytest.approx(35.0 * 0.15 / 0.85)
+    assert usual < 0.5 < absurd
 
 
 @pytest.mark.parametrize("outside,rivals", [(0.85, [UNLISTED]), (0.15, [])])
