@@ -322,10 +322,6 @@ class Attributor:
         tried: list[list[str]] = []
         while any(self._room()):
             found = self._best(self.slots, noise_first if not tried else ())
-            hidden = [s for s in found if s.extra is not None and self._in_shadow(s)]
-            if hidden:
-                self._shadowed |= {s.hypothesis.key for s in hidden}
-                continue
             total += sum(s.log_odds - self.threshold for s in found)
             self._enter(found)
             self._stopped = self.enough(self)
@@ -429,7 +425,9 @@ class Attributor:
         for target in targets[1:]:
             taken = [h.target in targets and h.target != target for h in self.hypotheses]
             left = np.where(taken, -np.inf, odds)
-            beside.append(self._slot(best[target], left, groups))
+            # a noise of the vehicle may lead by what another sensor shows: it is judged after that
+            if int(np.argmax(left)) == best[target]:
+                beside.append(self._slot(best[target], left, groups))
         return beside
 
     def _leading(self, odds: NDArray) -> int:

@@ -118,6 +118,21 @@ def test_a_companion_is_hidden_where_the_form_of_a_large_effect_is(own, noise, h
     assert not Attributor._in_shadow(searched, large)
 
 
+@pytest.mark.parametrize("vehicle,beside", [(100.0, ["gyro_z"]), (500.0, [])])
+def test_noises_enter_together_where_none_of_the_vehicle_leads(vehicle, beside):
+    of = [SimpleNamespace(name="n", target=t) for t in ("gyro_y", "gyro_x", "gyro_z", "vehicle")]
+    searched = SimpleNamespace(
+        bank=SimpleNamespace(hypotheses=of[:1]),
+        hypotheses=of,
+        threshold=5.0,
+        slots=[],
+        _slot=lambda number, odds, groups: of[number].target,
+    )
+    odds = np.array([0.0, 900.0, 200.0, vehicle])
+    first = SimpleNamespace(hypothesis=of[1])
+    assert Attributor._noises_beside(searched, first, odds, None) == beside
+
+
 def test_an_implausible_size_is_more_likely_of_a_cause_that_is_not_listed():
     assert unlisted(10.0, 6.0) == unlisted(10.0) > unlisted(100.0)  # a form of its own says more
     usual = unlisted(100.0)
