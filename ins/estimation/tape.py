@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ins.estimation.states import THETA, YAW
 
-ADVANCE, MEASURE, ADD, ASSIGN = 0, 1, 2, 3  # operations
-REFUSED, USED, LOST, NOT_FINITE = 0, 1, -1, -2  # what became of one
+ADVANCE, MEASURE, ADD, ASSIGN, RENEW, RECORD = 0, 1, 2, 3, 4, 5  # operations
+# what became of one, below 0 the sweep stops; of RENEW: position and velocity were begun anew, or
+# the positions had leapt
+REFUSED, USED, RENEWED, LEAPT, LOST, NOT_FINITE = 0, 1, 2, 3, -1, -2
 BIN, ROLLING, KEEP, MOVING = 0, 1, 2, 3  # columns 0 to 3 of a step's flags
 # what the core errors are driven by: wrong rates of the gyros (0 to 2) and specific forces of the
 # accelerometers (3 to 5), body axes, and a wrong acceleration north, east, down (6 to 8)
@@ -363,6 +365,35 @@ class Tape:
         """
         if len(at):
             self._blocks.append(_block(ASSIGN, at, [row], [0.0], [variance], target=index))
+
+    def renew(self, at: NDArray, slow: Sequence[int], measured: int, after_s: float) -> None:
+        """Begin a filter anew that refuses the positions of fixes one after the other.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps of the fixes, whose measurements were asked for last.
+        slow : sequence of int
+            States of the slow error of the positions, north, east, down.
+        measured : int
+            How many measurements each fix has: 2, the second its velocity, or 1.
+        after_s : float
+            How long it refuses them; 0: for ever.
+        """
+        if len(at):
+            row = dict.fromkeys(slow, 1.0)
+            block = _block(RENEW, at, [row], [0.0], [0.0], target=measured, gate=after_s)
+            self._blocks.append(block)
+
+    def record(self, at: NDArray) -> None:
+        """Record states and covariances as they stand at the end of steps.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps.
+        """
+        self._blocks.append(_block(RECORD, at, [{}], [0.0], [0.0]))
 
     def clone(self, at: NDArray, target: slice) -> None:
         """Copy theta as it stands at the end of steps.
