@@ -28,7 +28,7 @@ WORDS = {
         "refused: what was measured, what was needed; the report is written all the same"
     ),
     console.INCONSISTENT_EXIT: (
-        "inconsistent: the data contradict the model or the stored table; nothing was committed"
+        "inconsistent: the data contradict the model or the table; nothing was committed"
     ),
 }
 

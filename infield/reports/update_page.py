@@ -247,12 +247,11 @@ def _statement(document: UpdateDocument) -> Statement:
                 use="Keep using the stored table: nothing was written to it.",
             )
         case Outcome.INCONSISTENT:
-            several = "The data contradict the model or the stored table:"
+            several = "The data contradict the model or the table:"
             return Statement(
                 why=reasons[0] if len(reasons) == 1 else several,
                 use=(
-                    "Do not use: the data contradict the model or the stored table. Nothing was"
-                    " committed."
+                    "Do not use: the data contradict the model or the table. Nothing was committed."
                 ),
             )
     return Statement(why="; ".join(reasons), use="Unknown verdict: do not use.")

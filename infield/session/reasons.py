@@ -264,7 +264,7 @@ class SessionReason(ReasonCode):
         "no_gain",
         "no gyro gains: the best keeps {kept_percent:.0f} % of its prior sigma, needed below 90 %",
     )
-    AGAINST_TABLE = "against_table", "the session contradicts the stored table: {found}"
+    AGAINST_TABLE = "against_table", "the session contradicts the table before it: {found}"
     MERGE_RESIDUALS = (
         "merge_residuals",
         "NIS {nis:.1f} for {dof} degrees of freedom, 99.9 % lie below {limit:.1f}",

@@ -318,7 +318,8 @@ class Attributor:
         noise_first: channels of which one's slow noise is the first source; pairs are not tried
         then.
         """
-        total, self._stopped, self._shadowed = 0.0, False, set()
+        total, self._stopped = 0.0, False
+        self._shadowed: set[tuple[str, str, int | None]] = set()
         tried: list[list[str]] = []
         while any(self._room()):
             found = self._best(self.slots, noise_first if not tried else ())
