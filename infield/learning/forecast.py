@@ -193,22 +193,24 @@ class Paths:
     def ahead(self, state: UnitState, *, year: float, limit_nm_h: float = LIMIT_NM_H) -> Outlook:
         """The drift from `year` on."""
         mean, P = state.level_error(self._temperature_degC)
-        n = len(mean) // 2
         values, vectors = np.linalg.eigh(P)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         now = mean + self._now @ root.T + np.sqrt(max(year - state.year, 0.0)) * self._since
         error = now[:, None, :] + self._ageing
-        squared = np.sum(error**2, axis=2) / n
-        drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
+        drift = self._drift_nm_h(error)
         beyond = drift > limit_nm_h
         beyond[:, 1:] |= self._passed_between(error, drift, limit_nm_h)
         first = np.where(beyond.any(axis=1), LOOK_YEARS[np.argmax(beyond, axis=1)], np.inf)
         # of one date the paths are scattered as one draw each, grown by the root of the time, which
         # makes a smooth band of them
-        squared = np.sum((now[:, None, :] + self._grown) ** 2, axis=2) / n
-        drift = NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None])
-        median, high = np.quantile(drift, [0.5, 0.95], axis=0)
+        spread = self._drift_nm_h(now[:, None, :] + self._grown)
+        median, high = np.quantile(spread, [0.5, 0.95], axis=0)
         return Outlook(LOOK_YEARS, median, high, first)
+
+    def _drift_nm_h(self, error: NDArray) -> NDArray:
+        """Drift (paths, looks) of power-ons with errors (paths, looks, 2n) [deg/h] of the table."""
+        squared = np.sum(error**2, axis=2) / (error.shape[2] // 2)
+        return np.asarray(NM_H_PER_DEG_H * np.sqrt(squared + self._start[:, None]))
 
     def _passed_between(self, error: NDArray, drift: NDArray, limit_nm_h: float) -> NDArray:
         """Whether a path (paths, looks - 1) was beyond the limit since the look before, where

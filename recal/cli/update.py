@@ -59,13 +59,9 @@ def update(
         With --commit: where another writer was faster, estimate again from the table that is
         active then, at most N times. Default: 0; 3 where N is left out.
     """
-    if commit and propose:
-        raise typer.BadParameter(
-            "--commit stores the table at once, --propose keeps it for review: give one of them"
-        )
+    signed = _signed(propose, by, note, commit=commit)
     if asked["retry"] and not commit:
         raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
-    signed = (login_name() if by is None else by, note) if propose else None
     from recal.service.update import UPDATE_STEPS, UpdateRequest, update_in_store
 
     folder = shown.folder(output, "recal.update/1", "update.html", force=force)
@@ -84,6 +80,15 @@ def update(
         )
         result = update_in_store(request)
     shown.end(result, folder / "update.html")
+
+
+def _signed(propose: bool, by: str | None, note: str, *, commit: bool) -> tuple[str, str] | None:
+    """Who proposes and their note; None of what is no proposal."""
+    if commit and propose:
+        raise typer.BadParameter(
+            "--commit stores the table at once, --propose keeps it for review: give one of them"
+        )
+    return (login_name() if by is None else by, note) if propose else None
 
 
 @made_from(
@@ -135,9 +140,7 @@ def watch(
     report
         The folder of the update's report. Default: recal-watch.
     """
-    if commit and propose:
-        raise typer.BadParameter("--commit stores the table at once, --propose keeps it for review")
-    signed = (login_name() if by is None else by, note) if propose else None
+    signed = _signed(propose, by, note, commit=commit)
     from recal.service.watch.session import WatchRequest
     from recal.service.watch.session import watch as watched
 

@@ -31,7 +31,7 @@ from recal.service.results.pages import (
     Panel,
     Uprights,
     decimals_for,
-    page_environment,
+    render_page,
     thinned,
 )
 
@@ -254,29 +254,27 @@ def fleet_html(document: FleetReport) -> str:
     drifts = [u.drift for u in document.units if u.drift]
     most = document.criteria.surprise_sigmas
     counts = [coverage_panel(document), tables_panel(document), progress_panel(document.timing)]
-    return (
-        page_environment("recal.fleet")
-        .get_template("fleet.html.j2")
-        .render(
-            d=document,
-            verdict=VERDICTS[document.verdict],
-            looks=LOOKS,
-            meanings=OUTCOMES,
-            bar=outcome_bar(document.counts),
-            total=sum(document.counts.values()),
-            first=ranked[:SHOWN_UNITS],
-            rest=ranked[SHOWN_UNITS:],
-            unranked=[view for view in units if not view.row.drift],
-            surprising=[drift for drift in drifts if drift.surprise_sigmas > most],
-            stepped=[view for view in units if view.row.step_words],
-            decimals=decimals_for([drift.sigma_after_deg_h for drift in drifts]),
-            ranking=ranking_panel(document),
-            counts=[panel for panel in counts if panel],
-            trend=trend_panels(document.forecast) if document.forecast else [],
-            trends=trend_strips(document.forecast) if document.forecast else [],
-            date_words=date_words,
-            name=_name,
-        )
+    return render_page(
+        "fleet.html.j2",
+        "recal.fleet",
+        d=document,
+        verdict=VERDICTS[document.verdict],
+        looks=LOOKS,
+        meanings=OUTCOMES,
+        bar=outcome_bar(document.counts),
+        total=sum(document.counts.values()),
+        first=ranked[:SHOWN_UNITS],
+        rest=ranked[SHOWN_UNITS:],
+        unranked=[view for view in units if not view.row.drift],
+        surprising=[drift for drift in drifts if drift.surprise_sigmas > most],
+        stepped=[view for view in units if view.row.step_words],
+        decimals=decimals_for([drift.sigma_after_deg_h for drift in drifts]),
+        ranking=ranking_panel(document),
+        counts=[panel for panel in counts if panel],
+        trend=trend_panels(document.forecast) if document.forecast else [],
+        trends=trend_strips(document.forecast) if document.forecast else [],
+        date_words=date_words,
+        name=_name,
     )
 
 

@@ -30,7 +30,7 @@ from infield.reports.drawing import Panel, ShadedSpan
 from recal.service.look.records import Use
 from recal.service.results.files import write_text
 from recal.service.results.overwrite import need_free_file
-from recal.service.results.pages import page_environment
+from recal.service.results.pages import render_page
 from simreal.report.twin_document import PARAMETER_NAMES, size_words
 from trajectories.readers.columns.starter_map import starter_map
 from trajectories.readers.registry import UnknownLog as UnknownLog
@@ -274,21 +274,19 @@ def look_html(document: LookReport) -> str:
     """The page of a look."""
     fitted = document.fitted
     told = [] if fitted is None or fitted.found is None else fitted.found.parameters
-    return (
-        page_environment("recal.service.look")
-        .get_template("look.html.j2")
-        .render(
-            d=document,
-            verdict=LOOK_VERDICTS[document.verdict],
-            fits=FIT_BADGES,
-            uses=USES,
-            series=[
-                (panel.label, _shaded(panel, document), CAPTIONS[name])
-                for name, panel in document.series.items()
-            ],
-            allan=None if fitted is None else allan_panels(fitted),
-            noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
-        )
+    return render_page(
+        "look.html.j2",
+        "recal.service.look",
+        d=document,
+        verdict=LOOK_VERDICTS[document.verdict],
+        fits=FIT_BADGES,
+        uses=USES,
+        series=[
+            (panel.label, _shaded(panel, document), CAPTIONS[name])
+            for name, panel in document.series.items()
+        ],
+        allan=None if fitted is None else allan_panels(fitted),
+        noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
     )
 
 

@@ -28,6 +28,7 @@ from infield.reports.drawing import script_texts as script_texts
 from infield.reports.drawing import thinned as thinned
 from infield.reports.page import decimals_for as decimals_for
 from infield.reports.page import page_environment as page_environment
+from infield.reports.page import render_page as render_page
 from infield.reports.update_page import estimated_of as estimated_of
 from infield.reports.update_page import update_html as update_html
 from infield.session.disagreement import BiasStep as BiasStep
