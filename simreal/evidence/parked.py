@@ -113,6 +113,11 @@ class ParkedBlock:
         """Log of the root of the determinant of some channels' covariances."""
         return float(sum(np.log(np.diag(self._factors[c])).sum() for c in channels))
 
+    @property
+    def log_sigma_of_rows(self) -> float:
+        """The same of all rows, with what phi adds to their covariance."""
+        return self.log_sigma(np.flatnonzero(self.shown)) - float(np.log1p(-self._shrink).sum())
+
     def _prepare(self) -> None:
         of_phi = self._with_turns(np.repeat(self.A[:, None, :], self.bins, axis=1))
         tilde = np.zeros((6, self.bins, 3))

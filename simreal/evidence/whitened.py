@@ -291,6 +291,13 @@ class Evidence:
     def size(self) -> int:
         return int(self.z.size)
 
+    @property
+    def log_likelihood(self) -> float:
+        """Of all rows of the data, but for what no noise changes [nats]."""
+        spread = sum(run.parked.log_sigma_of_rows for run in self.runs)
+        spread += 0.5 * float(np.log(self.rows.variance[self.followed]).sum())
+        return -0.5 * float(self.z @ self.z) - spread
+
     @cached_property
     def followed(self) -> NDArray:
         """Rows of what follows the parked stretches (boolean)."""

@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from benchmarks.gap_trials.trial import draw_trial
@@ -116,6 +117,16 @@ def test_parked_whitening_is_exact():
     error = handoff.mean[:3] - phi  # attitude at the end: as certain as claimed
     nees = np.einsum("ik,ij,jk->k", error, np.linalg.inv(handoff.covariance[:3, :3]), error)
     assert np.mean(nees) == pytest.approx(3.0, abs=4 * np.sqrt(6.0 / draws))
+
+
+def test_the_likelihood_is_that_of_the_whole_covariance():
+    """The determinant against that of all parked rows at once, the attitude they share with it."""
+    block = null_evidence("trajectories").runs[0].parked
+    of_phi = np.repeat(block.A * block._sigma0, block.bins, axis=0)
+    C = block_diag(*(factor @ factor.T for factor in block._factors)) + of_phi @ of_phi.T
+    scale = np.sqrt(np.diag(C))
+    dense = 0.5 * np.linalg.slogdet(C / np.outer(scale, scale))[1] + np.log(scale).sum()
+    assert block.log_sigma_of_rows == pytest.approx(dense, abs=1e-3)
 
 
 def test_a_signature_is_what_the_effect_does_to_the_rows():
