@@ -30,9 +30,11 @@ from simreal.inference.bank import Bank, Group, Hypothesis, limits
 from simreal.inference.noise_hypotheses import (
     NoiseHypothesis,
     Squares,
+    Term,
     log_bf,
     noise_hypotheses,
     observed,
+    term_of,
 )
 from simreal.inference.phases import phases_contradict
 from simreal.inference.scoring import Scorer, fit
@@ -492,16 +494,36 @@ class Attributor:
     def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
         scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
         at = int(np.argmax(scores[:, 0]))
-        square = _refined_level(
-            float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z)
-        )
+        shape, term, level = hypothesis.shapes[at], hypothesis.terms[at], float(best[at, 0])
+        if "onset_s" in shape:
+            shape, term, level = self._refined_onset(hypothesis, shape["onset_s"])
+        square = _refined_level(level, *observed(term, self.squares, self._ratio, self._z))
         square = min(square, hypothesis.most)
         if square < 0:
             square = max(square, -MOST_MISSING * hypothesis.declared)
-        extra = ExtraNoise(
-            hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run
-        )
+        extra = ExtraNoise(hypothesis.effect, hypothesis.target, shape, square, hypothesis.run)
         return Slot(hypothesis, None, extra, odds)
+
+    def _refined_onset(
+        self, noise: NoiseHypothesis, onset_s: float
+    ) -> tuple[dict[str, float], Term, float]:
+        """The onset of a noise between those of the grid, where it shows, and its level."""
+        width = float(np.diff([s["onset_s"] for s in noise.shapes[:2]])[0])
+        for _ in range(REFINEMENTS):
+            tried = np.clip(onset_s + width * np.linspace(-1.0, 1.0, REFINED_POINTS), 0.0, None)
+            shapes = [{"onset_s": float(t)} for t in tried]
+            terms = [self._term(noise, shape) for shape in shapes]
+            near = replace(noise, shapes=shapes, terms=terms)
+            scores, levels = log_bf(near, self.squares, self._ratio, self._z)
+            at = int(np.argmax(scores[:, 0]))
+            onset_s, width = shapes[at]["onset_s"], width / 4.0
+        return shapes[at], terms[at], float(levels[at, 0])
+
+    def _term(self, noise: NoiseHypothesis, shape: Mapping[str, float]) -> Term:
+        """Where a noise of this shape shows."""
+        return term_of(
+            self.evidence, self.squares, noise.effect, noise.target, dict(shape), noise.run
+        )
 
     def _refine(self, number: int, groups: NDArray, others: Sequence[Slot]) -> None:
         """Enter a source's best member between those of the grid. The onset of an event becomes a
@@ -690,7 +712,7 @@ class Attributor:
         for slot in noisy:
             h = next(n for n in self.noises if n.key == slot.hypothesis.key)
             assert slot.extra is not None
-            term = h.terms[h.shapes.index(dict(slot.extra.shape))]
+            term = self._term(h, slot.extra.shape)
             n, y, a = observed(term, self.squares, ratio, z[:, None])
             gained = _gained_by(slot.extra.square, n, y[:, 0], a)
             slot.log_odds = min(slot.log_odds, gained - _cost(h))
@@ -727,7 +749,7 @@ class Attributor:
             return np.bincount(place, signature**2, minlength=3 * count)
         h = next(n for n in self.noises if n.key == slot.hypothesis.key)
         assert slot.extra is not None
-        term = h.terms[h.shapes.index(dict(slot.extra.shape))]
+        term = self._term(h, slot.extra.shape)
         change = self.squares.dof[term.index] * (slot.extra.square * term.factor) ** 2
         share = np.bincount(self.squares.place[term.index], change, minlength=3 * count)
         return 2.0 * max(slot.log_odds, 0.0) * share / max(float(share.sum()), 1e-300)
