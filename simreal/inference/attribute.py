@@ -184,17 +184,18 @@ class Attributor:
         # of the fit that lost against a slow noise alone, or for it, and its probability
         self._instead: list[Slot] = []
         self._share_instead = 0.0
-        self._set(self._under(()))
-        self.plain, self.plain_squares = self.evidence, self.squares
+        self.plain = self._under(())
+        self._plain_bank = Bank(self.plain, self.effects, tables=self._listed.tables)
+        self._set(self.plain, self._plain_bank)
+        self.plain_squares = self.squares
         self.not_testable = list(self.bank.not_testable)
         self._replicates(rng, replicates)
         self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
         self.slots = self._tables()
 
-    def _set(self, evidence: Evidence) -> None:
-        """A new noise model: everything is whitened again, found columns included."""
-        self.evidence = evidence
-        self.bank = Bank(evidence, self.effects, tables=self._listed.tables)
+    def _set(self, evidence: Evidence, bank: Bank) -> None:
+        """A noise model, and all that is whitened with it."""
+        self.evidence, self.bank = evidence, bank
         self.scorer, self.squares = Scorer(self.bank), Squares(evidence)
         self.noises = noise_hypotheses(evidence, self.squares, self.effects)
         self.hypotheses: list[AnyHypothesis] = [*self.bank.hypotheses, *self.noises]
@@ -281,7 +282,11 @@ class Attributor:
 
     def _begin_anew(self) -> None:
         """Under the twin's own noise, nothing found."""
-        self._set(self._under(()))
+        if self._parked_only:
+            evidence = self._under(())
+            self._set(evidence, self._plain_bank.under(evidence))
+        else:
+            self._set(self.plain, self._plain_bank.anew())
         self.slots = self._tables()
 
     def _is_found(self, slot: Slot) -> bool:
@@ -618,8 +623,9 @@ class Attributor:
             self._whiten_again()
 
     def _whiten_again(self) -> None:
-        """Everything under the noise of the slots."""
-        self._set(self._under([s.extra for s in self.slots if s.extra is not None]))
+        """Everything under the noise of the slots, found columns included."""
+        evidence = self._under([s.extra for s in self.slots if s.extra is not None])
+        self._set(evidence, self._plain_bank.under(evidence))
         for slot in self.slots:
             if slot.group is not None:
                 self._restore(slot)
