@@ -68,7 +68,6 @@ from ins.json_file import JsonObject
 from ins.records import InputError, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
-
 TAGGED = and_(revision.c.unit_id == tag.c.unit_id, revision.c.number == tag.c.number)
 
 
