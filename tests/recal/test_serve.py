@@ -23,24 +23,6 @@ url = stores.url
 HOSTILE = "SN\"><script>alert(1)</script>&'/../%2e%2e"
 
 
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """Three units in a store, two folders with diagnoses."""
