@@ -14,13 +14,12 @@ half-minutes that it is drawn through, a smooth curve is right whatever made it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from ins.documents import UNWRITTEN
 from ins.errors.telemetry import Trace
 from simreal.declared.generic import OF_ONE_RUN, OF_TELEMETRY
 from simreal.evidence.run_view import RunView
@@ -44,8 +43,6 @@ MOST_ENERGY = 0.9  # of an effect's energy within the low band; chosen: 0.1 of i
 LOOSE = 0.25
 RIDGE = 1e-3  # of a signature's whole energy
 SURE = 1.96  # sigmas: 95 %
-# of a cause on data that it was not fitted to; chosen: half. A form that predicts less is another's
-PREDICTED = 0.5
 FEW_SIGMA = 8.0  # 1e-15 of Gaussian errors lie beyond
 
 
@@ -60,15 +57,13 @@ class Gone:
 @dataclass(frozen=True)
 class Shrink(Gone):
     """Share of the excess that is gone on held-out data; size: of the held-out gap, in sigmas;
-    too_small: to quantify a shrink; against_nats: what these data say against a form of which at
-    least PREDICTED must be gone there, in log likelihood.
+    too_small: to quantify a shrink.
     """
 
     held_out: bool
     how: Judging
     size: float
     too_small: bool
-    against_nats: float = field(default=0.0, metadata=UNWRITTEN)
 
 
 def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = None) -> Shrink:
@@ -104,7 +99,7 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
     # half the data do not fix it: an event is short
     if how is not Judging.BY_RUN and loose > LOOSE * max(D, dd):
         return _in_sample(attribution, slot, touched)
-    return fieller(N, D, dd=dd, dz=dz, m=m, how=how, loose=loose)
+    return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
 
 
 def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink:
@@ -130,7 +125,6 @@ def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink
             how=Judging.SAME_RUN_LESS_FIT,
         ),
         held_out=False,
-        against_nats=0.0,
     )
 
 
@@ -181,26 +175,16 @@ class HeldOut:
         slot = self._of_all.slots[number]
         rows = self._of_all.evidence.rows
         held = rows.run >= self._first
-        N, D, dd, dz, m, loose = _fold(
+        N, D, dd, dz, m, _ = _fold(
             self._of_all, slot, held, _touched(self._of_all, slot), by_run=True
         )
-        return fieller(N, D, dd=dd, dz=dz, m=m, how=Judging.APART, loose=loose)
+        return fieller(N, D, dd=dd, dz=dz, m=m, how=Judging.APART)
 
 
 def fieller(
-    N: float,
-    D: float,
-    *,
-    dd: float,
-    dz: float,
-    m: float,
-    how: Judging = Judging.APART,
-    loose: float = 0.0,
+    N: float, D: float, *, dd: float, dz: float, m: float, how: Judging = Judging.APART
 ) -> Shrink:
-    """S = N / D with its interval: all S in [-1, 1] that the data do not exclude at 95 %.
-
-    loose: variance of the predicted effect, by which N falls short of that of the true one.
-    """
+    """S = N / D with its interval: all S in [-1, 1] that the data do not exclude at 95 %."""
     S = np.linspace(-1.0, 1.0, 2001)
     # the effect is at least what its projection on the fit shows
     s2 = max(D, dz**2 / dd if dd > 0 else 0.0, 0.0)
@@ -213,9 +197,7 @@ def fieller(
     interval = (float(S[inside].min()), float(S[inside].max())) if inside.any() else (value, value)
     interval = (min(interval[0], value), max(interval[1], value))
     size = float(np.sqrt(max(D, 0.0)))
-    of_form = 0.5 * (N + loose - S * D) ** 2 / (variance + 2.0 * loose**2)
-    against = float(of_form[S >= PREDICTED].min() - of_form.min())
-    return Shrink(value, interval, True, how, size, size < FEW_SIGMA, against)
+    return Shrink(value, interval, True, how, size, size < FEW_SIGMA)
 
 
 def _touched(attribution: Attribution, slot: Slot) -> NDArray:

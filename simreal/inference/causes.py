@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logit
 
 from ins.documents import OMIT_NONE
 from ins.errors.base import ACCELS, GYROS, SLOW_NAME, Effect
@@ -259,12 +258,8 @@ def cause_of(
     return judged(cause)
 
 
-def shares_of(
-    attribution: Attribution, slot: Slot, against_nats: float = 0.0
-) -> dict[tuple[str, str], float]:
-    """Posterior by name and target, largest first; against_nats: what data that the slot was not
-    fitted to say against its form, which is then none of the catalogue's.
-    """
+def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
+    """Posterior by name and target, largest first."""
     shares: dict[tuple[str, str], float] = {}
     for hypothesis, p in zip(attribution.hypotheses, slot.posterior):
         key = hypothesis.name, hypothesis.target
@@ -276,8 +271,6 @@ def shares_of(
     repeats = "" if h.effect is None else h.effect.repeats
     beyond = beyond_usual(_parameters(attribution, slot)[0].values())
     alien = unlisted(size, beyond, any_form=of_any_form(h.name, repeats))
-    if h.effect is not None:
-        alien = float(expit(logit(alien) + against_nats))
     shares = {key: (1.0 - alien) * p for key, p in shares.items()}
     shares[UNLISTED] = alien
     return dict(sorted(shares.items(), key=lambda item: -item[1]))

@@ -344,14 +344,10 @@ def _diagnosed(
     ratio_after = after_squares.ratio(residual[:, None])[:, 0]
     after = locate(cells, after_squares, ratio_after, threshold)
     p_after, looks_like = leftover.judge(residual, ratio_after, statistics)
-    shrinks = [shrink_of(attribution, k, apart) for k in range(len(attribution.slots))]
-    shares = [
-        shares_of(attribution, slot, shrink.against_nats)
-        for slot, shrink in zip(attribution.slots, shrinks)
-    ]
+    shares = [shares_of(attribution, slot) for slot in attribution.slots]
     causes = tuple(
-        cause_of(attribution, k, of_slot, shrink)
-        for k, (of_slot, shrink) in enumerate(zip(shares, shrinks))
+        cause_of(attribution, k, of_slot, shrink_of(attribution, k, apart))
+        for k, of_slot in enumerate(shares)
     )
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * how.alpha
