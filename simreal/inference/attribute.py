@@ -341,7 +341,7 @@ class Attributor:
             out -= sum(_cost(s.hypothesis) for s in slow)
         given = [s for s in self.slots if s.of_table]
         for slot in self.slots:
-            if slot.extra is None and not slot.of_table:
+            if isinstance(slot.hypothesis, Hypothesis) and not slot.of_table:
                 odds, _ = self._odds(given, noise=False)
                 out += float(odds[self.bank.hypotheses.index(slot.hypothesis)])
                 given.append(slot)
@@ -427,7 +427,7 @@ class Attributor:
         if noise_first:
             wanted = [h.name == SLOW_NAME and h.target in noise_first for h in self.hypotheses]
             odds = np.where(wanted, odds, -np.inf)
-            slow = [self._slot(k, odds, groups) for k in np.flatnonzero(wanted)]
+            slow = [self._slot(k, odds, groups) for k in np.flatnonzero(wanted).tolist()]
             return [max(slow, key=self._likelihood_with)]
         while (best := self._leading(odds[:known])) not in refined:
             if odds[best] < self.threshold:

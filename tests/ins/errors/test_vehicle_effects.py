@@ -326,6 +326,12 @@ def test_yaw_creep_is_on_gz_while_parked_only():
     np.testing.assert_allclose(trace.gyro_rad_s[run.parked, 2], DEG_PER_HOUR / 3600, rtol=1e-6)
     assert np.abs(trace.gyro_rad_s[run.rolling, 2]).max() < 1e-12
     assert np.abs(trace.accel_m_s2[:600]).max() < 1e-12
+    # it rolls along its own axis: its way turns by the heading of 600 parked seconds
+    north, east, _ = run.v_n_m_s[680]
+    turned = 600.0 / 3600.0 * ARCSEC * np.array([-east, north, 0.0])
+    np.testing.assert_allclose(trace.gnss_velocity_m_s[680], turned, rtol=1e-3)
+    moved = np.gradient(trace.gnss_position_m, run.time_s, axis=0)
+    np.testing.assert_allclose(moved[680], turned, rtol=1e-3)
 
 
 @pytest.mark.parametrize("dt_s", [0.1, 1.0])
