@@ -140,16 +140,15 @@ class PartRows:
         if not self._summed:
             return
         rows = np.concatenate(self._summed)
-        columns = {
-            "time_s": rows[:, 0],
-            "dt_s": rows[:, 1],
-            "dtheta_rad": rows[:, 2:5],
-            "dv_m_s": rows[:, 5:8],
-        }
+        columns = [rows[:, 0], rows[:, 1], rows[:, 2:5], rows[:, 5:8]]
         if self._imu is not None:
-            columns = {n: frozen_after(getattr(self._imu, n), new) for n, new in columns.items()}
-        if len(columns["time_s"]) > 1:
-            self._imu, self._summed = ImuLog(**columns), []
+            log = self._imu
+            before = [log.time_s, log.dt_s, log.dtheta_rad, log.dv_m_s]
+            columns = list(map(frozen_after, before, columns))
+        time_s, dt_s, dtheta_rad, dv_m_s = columns
+        if len(time_s) > 1:
+            self._imu = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta_rad, dv_m_s=dv_m_s)
+            self._summed = []
 
     def _take(self, lines: list[bytes]) -> None:
         if not self._names:
