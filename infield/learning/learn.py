@@ -1,5 +1,5 @@
 """Parameters of a technology from the sessions of its units: the largest posterior, its curvature,
-weighed draws of the posterior, then types and units.
+weighted draws of the posterior, then types and units.
 """
 
 from collections.abc import Mapping, Sequence

@@ -19,7 +19,7 @@ OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
 HOW_LEARNT = (
     "marginal likelihood of the session points with their covariances; turn-on, flicker, random"
     " walk, ageing, heading errors and table nodes integrated out; log-normal priors about the"
-    " defaults; which sessions are outliers summed over; weighed draws of the posterior"
+    " defaults; which sessions are outliers summed over; weighted draws of the posterior"
 )
 
 
