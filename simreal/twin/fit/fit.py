@@ -318,7 +318,6 @@ def _parameter(
         sigma=sigma,
         low=low,
         high=high,
-        identified=told.identified,
         believed=believed,
         seconds=seconds,
         nats=told.nats if np.isfinite(told.nats) else None,
@@ -429,7 +428,6 @@ def _shape_parameters(
                 sigma=sigma * value,
                 low=value * float(np.exp(-1.96 * sigma)),
                 high=value * float(np.exp(1.96 * sigma)),
-                identified=identified,
                 believed=believed_value(twin, key),
                 seconds=seconds,
                 why=why,
@@ -471,7 +469,6 @@ def _unknown(name: str, value: float, why: Why, seconds: float) -> Parameter:
         sigma=float("inf"),
         low=0.0,
         high=float("inf"),
-        identified=False,
         believed=value,
         seconds=seconds,
         why=why,
@@ -529,7 +526,6 @@ def _spread(
         sigma=value / np.sqrt(2.0 * found.freedom),
         low=low,
         high=high,
-        identified=identified,
         believed=believed,
         seconds=float(runs),
         why=None if identified else Why.FEW_RUNS,
@@ -557,9 +553,7 @@ def _thermometer_parameters(streams: list[ParkedStream], twin: TwinModel) -> lis
     if seen.noise.sigma < 0.3 * seen.resolution:
         limit = 0.3 * seen.resolution
         value = min(noise.believed, limit)
-        noise = replace(
-            noise, value=value, low=0.0, high=limit, identified=False, why=Why.BELOW_RESOLUTION
-        )
+        noise = replace(noise, value=value, low=0.0, high=limit, why=Why.BELOW_RESOLUTION)
     if seen.resolution == 0.0:
         return [noise, _kept(step_name, twin, Why.NOT_ON_A_GRID, seen.noise.count)]
     step = Parameter(
@@ -568,7 +562,6 @@ def _thermometer_parameters(streams: list[ParkedStream], twin: TwinModel) -> lis
         sigma=0.0,
         low=seen.resolution,
         high=seen.resolution,
-        identified=True,
         believed=believed_value(twin, step_name),
         seconds=seen.noise.count,
     )
@@ -588,7 +581,6 @@ def _sampled(name: str, sample: Sample | None, twin: TwinModel) -> Parameter:
         sigma=sample.sigma / float(np.sqrt(2.0 * freedom)),
         low=sample.sigma * float(np.sqrt(freedom / high)),
         high=sample.sigma * float(np.sqrt(freedom / low)),
-        identified=identified,
         believed=believed,
         seconds=sample.count,
         why=None if identified else Why.EXACT_ZERO if sample.sigma == 0 else Why.TOO_LOOSE,
