@@ -217,8 +217,8 @@ def _written(value: Any, number: Callable[[float], Any]) -> Any:
 
 def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for key, of, metadata in _columns(record.__class__):
-        item = of(record)
+    for key, path, metadata in written_of(record.__class__):
+        item = attrgetter(path)(record)
         if item is None and (metadata.get("omit_none") or metadata.get("inline")):
             continue
         if metadata.get("inline"):
@@ -229,15 +229,25 @@ def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=512)
-def _columns(kind: Any) -> tuple[tuple[str, attrgetter, Mapping[str, Any]], ...]:
-    """Key, attribute and metadata of all that is written of a record."""
+def written_of(kind: Any) -> tuple[tuple[str, str, Mapping[str, Any]], ...]:
+    """What is written of a record.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass.
+
+    Returns
+    -------
+    columns : tuple of (str, str, Mapping)
+        Of each key, in their order: the key, the attribute ("a.b": b of a), the field's metadata.
+    """
     known = {f.name: f for f in _fields(kind)}
     found = []
     for item in KEYS_OF.get(kind, known):
         key, _, path = item.partition("=")
-        path = path or key
-        metadata = known[path].metadata if path in known else {}
-        found.append((metadata.get("alias", key), attrgetter(path), metadata))
+        metadata: Mapping[str, Any] = known[key].metadata if key in known else {}
+        found.append((metadata.get("alias", key), path or key, metadata))
     return tuple(found)
 
 

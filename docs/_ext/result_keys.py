@@ -5,17 +5,18 @@ the functions that make it.
 import ast
 import collections.abc
 import importlib
+import inspect
 import re
 import typing
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from api_pages import parsed
 from key_units import unit_of
 
-from ins.documents import UNWRITTEN
+from ins.documents import written_of
 
 SCHEMA_KEY = "schema"
 WORDS = ""  # the key under which a record's own words stand
@@ -102,16 +103,26 @@ def _maker(tree: ast.Module, record: str) -> str:
 
 def _fields(kind: type) -> "Keys":
     """Fields of a record that are written, with those of the records in them."""
-    hints = typing.get_type_hints(kind)
     keys: Keys = {WORDS: _first_sentence(kind)}
-    for f in fields(kind):
-        if f.metadata.items() >= UNWRITTEN.items():
-            continue
-        inner, many = _record_in(hints[f.name])
-        key = f.metadata.get("alias", f.name)
+    for key, path, _ in written_of(kind):
+        hint = _hint_of(kind, path)
+        inner, many = _record_in(hint)
         listed = key + ("[]" if many else "")
-        keys[listed] = measure_of(key, hints[f.name]) if inner is None else _fields(inner)
+        keys[listed] = measure_of(key, hint) if inner is None else _fields(inner)
     return keys
+
+
+def _hint_of(kind: type, path: str) -> Any:
+    """The type of an attribute of a record, or of an attribute of that."""
+    hint: Any = kind
+    for name in path.split("."):
+        owner = _record_in(hint)[0] or hint
+        hints = typing.get_type_hints(owner)
+        if name not in hints:
+            made = inspect.getattr_static(owner, name)
+            hints = typing.get_type_hints(getattr(made, "fget", None) or made.func)
+        hint = hints.get(name, hints.get("return"))
+    return hint
 
 
 def measure_of(key: str, hint: Any) -> str:
