@@ -10,9 +10,11 @@ import re
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from api_pages import parsed
 from key_units import unit_of
 
@@ -140,8 +142,10 @@ def measure_of(key: str, hint: Any) -> str:
 def _kinds(hint: Any) -> set[Any]:
     """The types that an annotation names, inside out."""
     inner = typing.get_args(hint)
+    if typing.get_origin(hint) is np.ndarray:
+        return {float}
     if not inner:
-        return {hint}
+        return {str} if isinstance(hint, type) and issubclass(hint, Enum) else {hint}
     found: set[Any] = set()
     for part in inner[1:] if typing.get_origin(hint) in MAPPINGS else inner:
         found |= _kinds(part)
