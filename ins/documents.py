@@ -17,6 +17,7 @@ from types import UnionType
 from typing import (
     Annotated,
     Any,
+    NamedTuple,
     TypeVar,
     Union,
     cast,
@@ -217,19 +218,28 @@ def _written(value: Any, number: Callable[[float], Any]) -> Any:
 
 def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for key, path, metadata in written_of(record.__class__):
-        item = attrgetter(path)(record)
-        if item is None and (metadata.get("omit_none") or metadata.get("inline")):
+    for column in written_of(record.__class__):
+        item = attrgetter(column.path)(record)
+        if item is None and (column.omit_none or column.inline):
             continue
-        if metadata.get("inline"):
+        if column.inline:
             found |= _record(item, number)
         else:
-            found[key] = _written(item, number)
+            found[column.key] = _written(item, number)
     return found
 
 
+class WrittenKey(NamedTuple):
+    """A key and the attribute that it holds ("a.b": b of a), written as the metadata say."""
+
+    key: str
+    path: str
+    omit_none: bool = False
+    inline: bool = False
+
+
 @lru_cache(maxsize=512)
-def written_of(kind: Any) -> tuple[tuple[str, str, Mapping[str, Any]], ...]:
+def written_of(kind: type) -> tuple[WrittenKey, ...]:
     """What is written of a record.
 
     Parameters
@@ -239,16 +249,22 @@ def written_of(kind: Any) -> tuple[tuple[str, str, Mapping[str, Any]], ...]:
 
     Returns
     -------
-    columns : tuple of (str, str, Mapping)
-        Of each key, in their order: the key, the attribute ("a.b": b of a), the field's metadata.
+    keys : tuple of WrittenKey
+        In their order.
     """
-    known = {f.name: f for f in _fields(kind)}
+    of_fields = {f.name: _of_field(f) for f in _fields(kind)}
     found = []
-    for item in KEYS_OF.get(kind, known):
+    for item in KEYS_OF.get(kind, of_fields):
         key, _, path = item.partition("=")
-        metadata: Mapping[str, Any] = known[key].metadata if key in known else {}
-        found.append((metadata.get("alias", key), path or key, metadata))
+        plain_key = WrittenKey(key, path or key)
+        found.append(plain_key if path else of_fields.get(key, plain_key))
     return tuple(found)
+
+
+def _of_field(f: Field) -> WrittenKey:
+    said = f.metadata
+    omitted, inline = bool(said.get("omit_none")), bool(said.get("inline"))
+    return WrittenKey(said.get("alias", f.name), f.name, omitted, inline)
 
 
 @lru_cache(maxsize=512)

@@ -106,7 +106,7 @@ def _maker(tree: ast.Module, record: str) -> str:
 def _fields(kind: type) -> "Keys":
     """Fields of a record that are written, with those of the records in them."""
     keys: Keys = {WORDS: _first_sentence(kind)}
-    for key, path, _ in written_of(kind):
+    for key, path, *_ in written_of(kind):
         hint = _hint_of(kind, path)
         inner, many = _record_in(hint)
         listed = key + ("[]" if many else "")
