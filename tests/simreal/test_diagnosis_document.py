@@ -48,9 +48,9 @@ def found():
     return diagnosed()
 
 
-def document_of(found, **more):
+def document_of(found):
     asked = DiagnosisRequest(version="1", seed=0, table_sha256="f" * 64)
-    return diagnosis_document(found, trial().runs, asked, **more)
+    return diagnosis_document(found, trial().runs, asked)
 
 
 def cause(**changes):
@@ -377,7 +377,7 @@ def test_the_page_draws_each_cause_in_every_run(found):
 
 def test_the_page_answers_three_questions_first(found):
     """Each with its number, before anything else; a cause's words are linked."""
-    document = document_of(found, drift=sessions_of(found)[0])
+    document = replace(document_of(found), expected_drift=sessions_of(found)[0])
     page = diagnosis_html(document, overlays(found))
     first = page[: page.index('id="now"')]
     place, cause_, drift = document.where[0], document.causes[0], document.expected_drift
@@ -468,7 +468,7 @@ def test_a_shrink_of_nearly_all_reads_as_one(found):
 
 def test_a_document_reads_back_from_its_json(found):
     """What `recal serve` does with a stored document: the same record, the same lines."""
-    document = document_of(found, record_next=["one more"])
+    document = replace(document_of(found), record_next=("one more",))
     stored = json.loads(json.dumps(plain(document)))
     again = from_json(GapReport, stored, name="d.json")
     assert again == document and summary(again) == summary(document)
