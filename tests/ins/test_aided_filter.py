@@ -240,10 +240,10 @@ def test_scalar_updates_are_filterpys_joint_update():
 
 @pytest.mark.parametrize("technology", ["rlg", "mems"])
 def test_nees_and_nis_over_seeds(technology):
-    """Five flights of 8 min, scales and misalignments in their truth: NEES of all 15 states at 4
+    """Ten flights of 8 min, scales and misalignments in their truth: NEES of all 15 states at 4
     times, of the scales at the end; NIS of each kind: 99.9 % bands.
     """
-    made = [monte_carlo(technology, seed) for seed in range(5)]
+    made = [monte_carlo(technology, seed) for seed in range(10)]
     at = [60, 180, 300, 480]
     mean = np.mean([nees(*pair)[at] for pair in made])
     # times of one flight are not independent
