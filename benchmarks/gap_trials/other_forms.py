@@ -241,18 +241,24 @@ def fuel_burn(streams: Streams, seen: Seen, target: str, p: Parameters, size: fl
     confounded=("gyro_scale_factor", "gyro_scale_asymmetry"),
 )
 def dead_zone(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """The mean output of a dithered laser: its beat vanishes while the rate is within the dead
-    zone, w sqrt(1 - (lock / w)^2) elsewhere, averaged over a sinusoidal dither (Aronowitz 1971).
+    """The mean output of a laser whose dither swings at random: its beat vanishes while the rate is
+    within the dead zone, w sqrt(1 - (lock / w)^2) elsewhere (Aronowitz 1971).
+
+    Its steps are a twentieth of the dead zone: steps as long as that made a curve of their own.
     """
     axis = axis_of(target)
     rate = seen.dtheta_rad[:, axis] / seen.dt_s
     lock, dither = p["lock_deg_h"] * DEG / 3600.0, p["dither_deg_h"] * DEG / 3600.0
-    grid = np.linspace(-4.0 * dither, 4.0 * dither, 401)
-    phase = np.linspace(0.0, 2.0 * np.pi, 257)[:-1]
-    swung = grid[:, None] + dither * np.sin(phase)
-    beat = np.sign(swung) * np.sqrt(np.maximum(swung**2 - lock**2, 0.0))
-    error = (beat - swung).mean(axis=1)
-    return streams.turning(target, size * np.interp(rate, grid, error))
+    grid = np.linspace(-10.0 * dither, 10.0 * dither, 401)
+    steps = int(16.0 * dither / (0.05 * lock))
+    swung = 0.05 * lock * np.arange(-steps, steps + 1)
+    lost = np.sign(swung) * np.sqrt(np.maximum(swung**2 - lock**2, 0.0)) - swung
+    weights = np.exp(-0.5 * ((swung - grid[:, None]) / dither) ** 2)
+    error = weights @ lost / weights.sum(axis=1)
+    error = np.interp(rate, grid, error) * np.minimum(
+        grid[-1] / np.maximum(np.abs(rate), 1e-9), 1.0
+    )
+    return streams.turning(target, size * error)
 
 
 @OTHER_FORMS.plants(
@@ -287,7 +293,7 @@ def fixes_by_heading(
         "ug_sqrt_hz": 20.0,
         "seed": seed(rng),
     },
-    answers=("engine_start", "accel_noise"),
+    answers=("platform_vibration", "accel_noise"),
     linear=False,
 )
 def white_vibration(

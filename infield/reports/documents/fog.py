@@ -3,7 +3,7 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,7 @@ from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidu
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, Hysteresis, RampFit, RampStudy
 from infield.thermal.ramp_runs import Leg, RampRun
-from ins.documents import UNWRITTEN
-from ins.records import AXES, Span
+from ins.records import Span
 
 DAY_S = 86400.0
 
@@ -159,38 +158,15 @@ class FittedAxis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FogCheckedAxisDocument:
-    """What the model leaves of one gyro on a held-out run."""
-
-    before_deg_h: float
-    after_deg_h: float
-    ratio: float
-    causal_after_deg_h: float
-    causal_ratio: float
-    noise_deg_h: float
-    blocks: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class FogCheckDocument:
-    """A held-out run."""
-
-    run_id: str
-    sha256: str
-    axes: Mapping[str, FogCheckedAxisDocument]
-
-
-@dataclass(frozen=True, kw_only=True)
 class FogDocument(ThermalDocument):
-    """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
+    """thermal_fog.json; check: of the runs that were held out."""
 
     schema: str = SCHEMA
     runs: Sequence[FogRunDocument]
     remounted: bool
     noise_model: NoiseModelDocument
     axes: Mapping[str, FittedAxis]
-    check: Sequence[FogCheckDocument]
-    held_out: Sequence[HeldOutResidual] = field(repr=False, compare=False, metadata=UNWRITTEN)
+    check: Sequence[HeldOutResidual]
 
 
 @dataclass(frozen=True)
@@ -220,8 +196,7 @@ def fog_document(
         **said_of(study, study.notes, runs[0][1], version),
         runs=[_run(role, run) for role, run in runs],
         axes={a.axis: _axis(a, pairs[a.axis], model, study, export) for a in study.axes},
-        check=[_check(found) for found in checks],
-        held_out=checks,
+        check=checks,
     )
 
 
@@ -391,21 +366,3 @@ def _fixed_point(
         worst_rounding_deg_h=worst_rounding(only, tables, rate)[axis],
         fraction_bits={key[2:]: table.fraction_bits for key, table in tables.items()},
     )
-
-
-def _check(found: HeldOutResidual) -> FogCheckDocument:
-    before, after, causal = found.before_deg_h, found.after_deg_h, found.causal_deg_h
-    axes = {
-        axis: FogCheckedAxisDocument(
-            before_deg_h=before[k],
-            after_deg_h=after[k],
-            ratio=after[k] / before[k],
-            causal_after_deg_h=causal[k],
-            causal_ratio=causal[k] / before[k],
-            noise_deg_h=found.noise_deg_h[k],
-            blocks=int(found.rows[:, k].sum()),
-        )
-        for k, axis in enumerate(AXES)
-        if np.isfinite(after[k] / before[k])
-    }
-    return FogCheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)

@@ -18,7 +18,6 @@ from infield.reports.documents.session_records import (
     EstimatedDocument,
     HeadingError,
     HeatingCooling,
-    OwnErrorDocument,
     ResidualDocument,
     SessionAlignment,
     SessionDocument,
@@ -30,7 +29,7 @@ from infield.reports.documents.session_records import (
     UnitMarksDocument,
     VelocityDocument,
 )
-from infield.session.estimate import Found, OwnErrorsFound, RollingEvidence, SessionEstimate
+from infield.session.estimate import Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.environment import environment
 from infield.session.navigated.taxi_heading import heading_source
@@ -141,7 +140,7 @@ def _estimated(
         motion_level=level_document(e.navigated.level) if rested else None,
         environment=environment(e.navigated) if rested else None,
         taxi=_taxi(e.rolling),
-        own_errors=_own_errors(e.own),
+        own_errors=None if e.own is None else e.own.errors or None,
         flight=flight_document(session),
         begun_in_motion=e.begun,
         unit_marks=_unit_marks(session),
@@ -237,16 +236,6 @@ def _nuisance(found: Found, gain_nats: float | None) -> TaxiNuisance:
         unit=unit,
         gain_nats=gain_nats,
     )
-
-
-def _own_errors(own: OwnErrorsFound | None) -> list[OwnErrorDocument] | None:
-    """The errors of installed packages; None without any."""
-    if own is None or not own.errors:
-        return None
-    return [
-        OwnErrorDocument(**{**vars(error), "state": error.state.value}, text=sentence(error.reason))
-        for error in own.errors
-    ]
 
 
 def _smoothing(e: SessionEstimate) -> Mapping[str, SmoothingDocument]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.alignment import FilterNis, LevelDocument
-from infield.session.estimate import BegunInMotion
+from infield.session.estimate import BegunInMotion, OwnError
 from infield.session.flown.gates import InformationGain
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
@@ -122,23 +122,6 @@ class TaxiNuisance(CarriedNuisance):
 
     value: Sequence[float]
     gain_nats: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnErrorDocument:
-    """A coefficient of an error of an installed package, in `unit`; value, sigma: None where it was
-    not estimated. state: `estimated`, or why not; text: that in words.
-    """
-
-    error: str
-    target: str
-    coefficient: str
-    value: float | None
-    sigma: float | None
-    prior_sigma: float
-    unit: str
-    state: str
-    text: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,7 +314,7 @@ class EstimatedDocument(SessionDocument):
     motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
     environment: StandingMotion | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
-    own_errors: Sequence[OwnErrorDocument] | None = field(default=None, metadata=OMIT_NONE)
+    own_errors: Sequence[OwnError] | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
     begun_in_motion: BegunInMotion | None = field(default=None, metadata=OMIT_NONE)
     unit_marks: UnitMarksDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -28,7 +28,6 @@ from infield.reports.documents.update_records import (
     DisagreementDocument,
     EffectsCompared,
     EffectsOutcome,
-    HysteresisDocument,
     MergeDocument,
     MethodDocument,
     PointDocument,
@@ -38,9 +37,7 @@ from infield.reports.documents.update_records import (
     VarianceShares,
 )
 from infield.session.budget import variance_budget
-from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
-from infield.session.reasons import ThermalKind
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
@@ -53,7 +50,7 @@ from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import Observability, Outcome, codes, sentence, sentences
+from ins.verdicts import Observability, Outcome, codes, sentences
 
 DECISION_RULE = (
     "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"
@@ -145,7 +142,7 @@ def update_document(
         predicted_effect=None if parked else _predicted_effect(result),
         zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
         changes=_changes(result.before, result.after),
-        hysteresis=[_hysteresis(term) for term in result.terms],
+        hysteresis=result.terms,
         flight_terms=result.flight_terms or None,
         disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
@@ -172,20 +169,6 @@ def _effects_outcome(result: UpdateResult) -> EffectsOutcome:
         merge_nis=sum(m.nis for m in merged) / dof if dof else None,
         level_change_deg_h=None if change is None else change.level_change_deg_h,
         drift_removed_nm_h=None if change is None else change.drift_removed_nm_h,
-    )
-
-
-def _hysteresis(term: ThermalTerm) -> HysteresisDocument:
-    rate = term.kind is ThermalKind.RATE
-    return HysteresisDocument(
-        axis=term.axis,
-        kind=term.kind,
-        value=term.value,
-        sigma=term.sigma,
-        z=term.z,
-        action=term.action,
-        unit="deg/h per degC/min" if rate else "deg/h",
-        text=sentence(term.reason),
     )
 
 

@@ -8,7 +8,7 @@ from infield.reports.drawing import Panel
 from ins.documents import UNWRITTEN
 from ins.records import Phase, Span
 from recal.service.check import RunHolds
-from simreal.report.twin_document import FitReport
+from simreal.twin.fit.result import TwinFit
 from trajectories.runs.checks import Finding
 
 SCHEMA = "recal.look/1"
@@ -103,4 +103,4 @@ class LookReport:
     noise: Sequence[NoiseNumber]
     convert: str
     series: Mapping[str, Panel] = field(metadata=UNWRITTEN)
-    fitted: FitReport | None = field(metadata=UNWRITTEN)
+    fitted: TwinFit | None = field(metadata=UNWRITTEN)

@@ -5,7 +5,7 @@ term, with the other sensors and the spread between runs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -59,19 +59,12 @@ ENOUGH_FREEDOM = 2.0 / IDENTIFIED_SIGMA**2
 ENOUGH_READINGS = 2.0 * ENOUGH_FREEDOM
 
 
-@dataclass(frozen=True)
-class NoRest:
-    """No run of a fit ever rests: nothing can be told. runs: what was looked at."""
-
-    runs: tuple[RunUsed, ...]
-
-
 def fit_twin(
     runs: Sequence[Run],
     believed: TwinModel,
     table: ThermalTable | None = None,
     told: Callable[[str], None] = lambda words: None,
-) -> TwinFit | NoRest:
+) -> TwinFit:
     """The noise of the unit that made the runs. InputError where they are of several units.
 
     believed: what is kept of what the runs do not tell; table: its thermal table, taken out first.
@@ -87,7 +80,8 @@ def fit_twin(
         parked = 0.0 if stream is None else stream.still_s
         used.append(RunUsed(run_id=run.header.run_id, sha256=run.sha256, parked_s=parked))
     if not streams:
-        return NoRest(tuple(used))
+        unit = replace(believed, imu_serial=header.imu_serial)
+        return TwinFit(twin=unit, start=believed.source, runs=tuple(used))
     told("fitting the noise")
     evidence, lines, left_out, shared = _evidence(streams)
     rate_hz = float(np.median([s.run.imu.rate_hz for s in streams]))
@@ -134,6 +128,7 @@ def fit_twin(
     rocked = [SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})]
     return TwinFit(
         twin=twin,
+        start=believed.source,
         parameters=tuple(parameters),
         names=names,
         covariance=covariance,

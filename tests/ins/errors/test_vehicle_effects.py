@@ -379,6 +379,12 @@ def test_engine_start_shifts_and_shakes_from_its_onset_on():
     assert noises[0].white == MICRO_G**2 and noises[0].profile.sum() == pytest.approx(399.75)
 
 
+def test_a_machine_that_never_stops_shakes_from_the_first_second_to_the_last():
+    noises = BY_ID["platform_vibration"].noise(still(), "vehicle", {})
+    assert [n.channel for n in noises] == ["accel_x", "accel_y", "accel_z"]
+    assert all(n.white == MICRO_G**2 and n.profile is None for n in noises)
+
+
 def test_sway_is_the_twins_own_and_rocking_is_seen_by_both_sensors():
     swaying = BY_ID["platform_sway"].noise(still(heading_deg=50.0), "vehicle", {})
     assert [n.channel for n in swaying] == ["accel_x", "accel_y", "accel_z"]
