@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session.points import mean_rows, measurement_information, observability, session_points
+from infield.session.points import (
+    mean_rows,
+    measurement_information,
+    observability,
+    session_evidence,
+    session_points,
+)
 from tests.infield.sessions import (
     PARKED,
     estimate,
@@ -72,6 +78,30 @@ def test_a_point_that_says_nothing_says_so():
     y, x = p.axis_index == 1, p.axis_index == 0
     assert (p.sigma_deg_h[y] > 30 * prior[y]).all()
     assert (p.sigma_deg_h[x] < 2 * prior[x]).all()
+    # nor do all of them together: what they lack is common to them
+    A = mean_rows(estimate(1, PARKED))
+    together = np.sqrt((A @ p.covariance @ A.T)[1, 1])
+    assert together > 60 * np.sqrt((A @ estimate(1, PARKED).bins.prior @ A.T)[1, 1])
+
+
+def test_points_have_the_errors_of_their_temperatures_and_means_those_of_the_session():
+    run, e = simulated(1).run, estimate(1)
+    p, A = session_points(run, e), mean_rows(e)
+    more = np.diag(np.linspace(1e-6, 2e-6, len(p.time_s)))
+    thermometer = replace(e, bins=replace(e.bins, thermometer=e.bins.thermometer + more))
+    assert session_points(run, thermometer).covariance - p.covariance == pytest.approx(
+        more, abs=1e-12
+    )
+    turned_on = replace(e, bins=replace(e.bins, own=e.bins.own + more))
+    found, other = (session_evidence(run, factory(), of, p) for of in (e, turned_on))
+    assert other.covariance - found.covariance == pytest.approx(A @ more @ A.T, abs=1e-15)
+    assert found.bias_deg_h == pytest.approx(A @ p.bias_deg_h)
+    # the table of the session's mean temperature is its mean but for the kinks at nodes
+    level = A @ e.bins.table_deg_h
+    assert np.abs(found.bend_deg_h).max() < 0.1 * np.abs(level).max()
+    shift = replace(e.bins, table_deg_h=e.bins.table_deg_h + 0.02)
+    moved = session_evidence(run, factory(), replace(e, bins=shift), p)
+    assert moved.bend_deg_h - found.bend_deg_h == pytest.approx(0.02, abs=1e-12)
 
 
 def test_points_carry_what_the_contract_asks():
