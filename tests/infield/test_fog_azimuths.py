@@ -78,6 +78,11 @@ def test_hand_case_of_the_document():
     k[0, 2], k[2, 2] = 0.03577, 0.02423
     found = document_angles(FOUR, k, SIGMA**2 * np.eye(12), level_rate_deg_h=RATE)
     assert found.ezy_rad == pytest.approx(0.5e-3, rel=1e-3)
+    # what all stops share drops out of a difference of two
+    shared = SIGMA**2 * (np.eye(12) + np.ones((12, 12)))
+    together = document_angles(FOUR, k, shared, level_rate_deg_h=RATE)
+    assert together.sigma_rad == pytest.approx(found.sigma_rad, rel=1e-9)
+    assert found.sigma_rad[2] == pytest.approx(SIGMA / (np.sqrt(2) * RATE), rel=1e-3)
     # (29) as printed, off by w^2 = 133
     assert found.literal_ezy_rad / MILLIRADIAN == pytest.approx(66.6, abs=0.1)
     assert RATE**2 == pytest.approx(133.1, abs=0.1)
