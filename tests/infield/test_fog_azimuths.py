@@ -179,6 +179,12 @@ def test_a_contradiction_between_the_azimuths_is_told():
     assert result.fit.chi2 > result.fit.band
 
 
+def test_stops_that_agree_gain_nothing_by_an_error_of_their_own():
+    """Restricted likelihood: a wide sigma costs, however well it fits."""
+    small, wide = measured(FOUR).fit.heading_gain(np.array([1e-7, 1.0 * DEG]))
+    assert abs(small) < 1e-3 and wide < -1.0
+
+
 def test_noise_beyond_the_prior_is_refused():
     bias = biases(FOUR)
     result = measure_misalignment(FOUR, bias, 0.1**2 * np.eye(12), level_rate_deg_h=RATE)
