@@ -141,7 +141,7 @@ def test_one_unit_shows_table_plot_history_and_proposals(visitor):
 )
 def test_a_wrong_address_is_a_readable_line(visitor, path, status, words):
     answer = visitor.get(path)
-    assert answer.status_code == status and words in text_of(answer)
+    assert answer.status_code == status and words.lower() in text_of(answer).lower()
     assert "Traceback" not in answer.text and "sqlite" not in answer.text
 
 
@@ -281,7 +281,7 @@ def test_a_wrong_form_is_a_readable_line_and_changes_nothing(untouched, change, 
         visitor.sign_in()
         token = visitor.form_token("/proposal?serial=SN-1&technology=rlg&number=1")
         answer = visitor.decide(token, **change)
-        assert answer.status_code == status and words in text_of(answer)
+        assert answer.status_code == status and words.lower() in text_of(answer).lower()
     with TableStore.open(url) as store:
         assert len(store.history()) == 2 and not any(p.decision for p in store.proposals())
 
@@ -336,7 +336,7 @@ def test_a_damaged_row_is_told_and_nothing_else_fails(tmp_path):
         assert str(tmp_path) not in broken.text
         assert visitor.get("/unit?serial=SN-2&technology=rlg").status_code == 200
         (tmp_path / "recal.db").unlink()
-        assert "the store is not where it was." in text_of(visitor.get("/"))
+        assert "the store is not where it was." in text_of(visitor.get("/")).lower()
 
 
 def test_hundreds_of_units_come_in_pages(tmp_path):
