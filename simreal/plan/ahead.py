@@ -26,7 +26,7 @@ from infield.session.points import AxisObservability, observability
 from infield.session.results import SessionResult, UpdateResult
 from infield.thermometer.gyro_temperature import gyro_temperature, plausible_range
 from ins.attitude import euler_from_dcm, level_angles
-from ins.records import ImuLog, Run, TemperatureLog
+from ins.records import ImuLog, Run, TemperatureLog, frozen_after
 from ins.units import MINUTE
 from trajectories.runs.checks import MIN_RATE_HZ
 from trajectories.simulator.motions import lay
@@ -178,8 +178,8 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     )
     ideal = ideal_sensors(truth, max(rows.rate_hz, MIN_RATE_HZ))
     imu = ImuLog(
-        time_s=np.concatenate([rows.time_s, rows.time_s[-1] + ideal.time_s]),
-        dt_s=np.concatenate([rows.dt_s, np.full(ideal.time_s.size, ideal.dt_s)]),
+        time_s=frozen_after(rows.time_s, rows.time_s[-1] + ideal.time_s),
+        dt_s=frozen_after(rows.dt_s, np.full(ideal.time_s.size, ideal.dt_s)),
         dtheta_rad=_joined(rows.dtheta_rad, ideal.dtheta_rad, still.dtheta_rad, backwards=-1.0),
         dv_m_s=_joined(rows.dv_m_s, ideal.dv_m_s, still.dv_m_s, backwards=1.0),
         source=rows.source,
