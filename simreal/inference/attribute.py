@@ -499,10 +499,10 @@ class Attributor:
     def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
         scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
         at = int(np.argmax(scores[:, 0]))
-        shape, term, level = hypothesis.shapes[at], hypothesis.terms[at], float(best[at, 0])
+        shape, level = hypothesis.shapes[at], float(best[at, 0])
         if "onset_s" in shape:
-            shape, term, level = self._refined_onset(hypothesis, shape["onset_s"])
-        square = _refined_level(level, *observed(term, self.squares, self._ratio, self._z))
+            shape = self._refined_onset(hypothesis, shape["onset_s"], level)
+        square, _ = self._refined_level(hypothesis, shape, level)
         square = min(square, hypothesis.most)
         if square < 0:
             square = max(square, -MOST_MISSING * hypothesis.declared)
@@ -510,19 +510,36 @@ class Attributor:
         return Slot(hypothesis, None, extra, odds)
 
     def _refined_onset(
-        self, noise: NoiseHypothesis, onset_s: float
-    ) -> tuple[dict[str, float], Term, float]:
-        """The onset of a noise between those of the grid, where it shows, and its level."""
+        self, noise: NoiseHypothesis, onset_s: float, level: float
+    ) -> dict[str, float]:
+        """The onset of a noise between those of the grid, each at its best level."""
         width = float(np.diff([s["onset_s"] for s in noise.shapes[:2]])[0])
         for _ in range(REFINEMENTS):
             tried = np.clip(onset_s + width * np.linspace(-1.0, 1.0, REFINED_POINTS), 0.0, None)
-            shapes = [{"onset_s": float(t)} for t in tried]
-            terms = [self._term(noise, shape) for shape in shapes]
-            near = replace(noise, shapes=shapes, terms=terms)
-            scores, levels = log_bf(near, self.squares, self._ratio, self._z)
-            at = int(np.argmax(scores[:, 0]))
-            onset_s, width = shapes[at]["onset_s"], width / 4.0
-        return shapes[at], terms[at], float(levels[at, 0])
+            fits = [self._refined_level(noise, {"onset_s": t}, level)[1] for t in tried]
+            onset_s, width = float(tried[int(np.argmax(fits))]), width / 4.0
+        return {"onset_s": onset_s}
+
+    def _refined_level(
+        self, noise: NoiseHypothesis, shape: Mapping[str, float], level: float
+    ) -> tuple[float, float]:
+        """The coefficient squared of most likelihood, between its neighbours of the scan, and its
+        log likelihood.
+        """
+        from scipy.optimize import minimize_scalar
+
+        n, ratio, a = observed(self._term(noise, shape), self.squares, self._ratio, self._z)
+        y = ratio[:, 0]
+
+        def loss(factor: float) -> float:
+            s = np.maximum(1.0 + factor * level * a, 1e-3)
+            return -float(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s))))
+
+        high = 4.0 if level > 0 else min(4.0, 0.99 / (-level * float(a.max())))
+        found = minimize_scalar(
+            loss, bounds=(0.25, high), method="bounded", options={"xatol": 1e-3}
+        )
+        return float(found.x) * level, -float(found.fun)
 
     def _term(self, noise: NoiseHypothesis, shape: Mapping[str, float]) -> Term:
         """Where a noise of this shape shows."""
@@ -779,18 +796,3 @@ def _gained_by(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> float:
     """
     s = np.maximum(1.0 - square * a, 1e-3)
     return float(np.sum(0.5 * n * (ratio / s - ratio + np.log(s))))
-
-
-def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> float:
-    """The coefficient squared of most likelihood, between its neighbours of the scan."""
-    from scipy.optimize import minimize_scalar
-
-    y = ratio[:, 0]
-
-    def loss(factor: float) -> float:
-        s = np.maximum(1.0 + factor * square * a, 1e-3)
-        return -float(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s))))
-
-    high = 4.0 if square > 0 else min(4.0, 0.99 / (-square * float(a.max())))
-    found = minimize_scalar(loss, bounds=(0.25, high), method="bounded", options={"xatol": 1e-3})
-    return float(found.x) * square

@@ -40,6 +40,8 @@ SAME_DIGITS = 3  # of a channel's noise: factors that are the same to a thousand
 # to a digit, so that runs of one plan share what follows; a length 10 % off moves the variance of
 # what is constant by 3 % of the flicker's
 LENGTH_DIGITS = 1
+# of a noise, of which the level is told more finely; chosen: the best and its two neighbours
+LIKELIEST_SHAPES = 3
 SUMMED_BLOCKS = 12  # blocks of ten seconds that are summed for noise that is not steady
 
 
@@ -422,23 +424,47 @@ def log_bf(
     """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise; ratio (k, reps), z
     (rows, reps).
     """
-    scores, best = [], []
+    scores, best = np.zeros((2, len(hypothesis.terms), ratio.shape[1]))
     tried, weights = hypothesis.tried()
-    last = None
-    for term in hypothesis.terms:
+    last, seen = None, {}
+    for k, term in enumerate(hypothesis.terms):
         if last is not None and not term.bases and np.array_equal(term.index, last.index):
             a = term.factor  # what is seen is the same, as much of it is not
         else:
             n, y, a = observed(term, squares, ratio, z)
         last = None if term.bases else term
         if not a.size or hypothesis.levels[-1] * float(a.max()) < 1e-3:
-            scores.append(np.zeros(ratio.shape[1]))
-            best.append(np.zeros(ratio.shape[1]))
             continue
         fits = _fits(n, y, 1.0 + np.outer(tried, a))
-        scores.append(np.logaddexp.reduce(fits + weights[:, None], axis=0))
-        best.append(tried[np.argmax(fits, axis=0)])
-    return np.array(scores), np.array(best)
+        scores[k] = np.logaddexp.reduce(fits + weights[:, None], axis=0)
+        best[k] = tried[np.argmax(fits, axis=0)]
+        seen[k] = n, y, a, fits[:, 0]
+    if ratio.shape[1] == 1:
+        for k in sorted(seen, key=lambda k: -scores[k, 0])[:LIKELIEST_SHAPES]:
+            finer = _between(*seen[k], tried[: hypothesis.levels.size], weights)
+            scores[k, 0], best[k, 0] = finer or (scores[k, 0], best[k, 0])
+    return scores, best
+
+
+def _between(
+    n: NDArray, y: NDArray, a: NDArray, fits: NDArray, levels: NDArray, weights: NDArray
+) -> tuple[float, float] | None:
+    """Log Bayes factor and best level of one set of data, on finer grids about the best level until
+    its neighbours do as well to a nat: what is loud knows its level better than the scan has it.
+    None where the scan is fine enough.
+    """
+    at, found = int(np.argmax(fits)), None
+    if not 0 < at < levels.size - 1:
+        return None
+    step, level, weight = float(np.log(levels[1] / levels[0])), float(levels[at]), weights[at]
+    while fits[at] - max(fits[max(at - 1, 0)], fits[min(at + 1, fits.size - 1)]) > 1.0:
+        step, weight = step / 4.0, weight - np.log(4.0)
+        finer = level * np.exp(step * np.arange(-4.0, 5.0))
+        fits = _fits(n, y, 1.0 + np.outer(finer, a))[:, 0]
+        at = int(np.argmax(fits))
+        level = float(finer[at])
+        found = float(np.logaddexp.reduce(fits + weight)), level
+    return found
 
 
 def _fits(n: NDArray, y: NDArray, s: NDArray) -> NDArray:

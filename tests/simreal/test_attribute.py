@@ -247,6 +247,25 @@ def test_one_start_does_not_tell_noise_of_a_temperature_from_noise_of_time():
     assert four["gyro_noise_thermal"] > 0.7
 
 
+@pytest.mark.parametrize(
+    "planted,name", [("white_vibration", "platform_vibration"), ("engine_start", "engine_start")]
+)
+def test_a_start_is_what_begins_within_the_run(planted, name):
+    """Both make the accelerometers noisier in one run: a machine through the whole of it, an engine
+    from its start on.
+    """
+    trial = draw_trial(75, names=[planted], plan="four_parked", parked_s=900.0)
+    names = ("engine_start", "platform_vibration", "accel_noise", "platform_sway")
+    found = diagnosed(trial, effects=[e for e in catalogue() if e.name in names])
+    first = found.causes[0]
+    number = trial.truth[0].parameters["run"]
+    assert (first.effect, first.run_id) == (name, trial.runs[number].header.run_id)
+    assert first.probability > 0.9
+    if name == "engine_start":
+        onset_s = trial.truth[0].parameters["onset_s"]
+        assert first.parameters["onset_s"].value == pytest.approx(onset_s, abs=30.0)
+
+
 SETTLED_WITHIN_S = 700.0
 
 

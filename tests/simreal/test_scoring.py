@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.special import logsumexp
 
 from ins.errors.base import Coefficient, ErrorSource
 from simreal.inference.bank import SIZES, Group, Hypothesis, size_weights
+from simreal.inference.noise_hypotheses import _between, _fits
 from simreal.inference.scoring import Conditioned, Scorer, fit
 
 
@@ -78,3 +80,21 @@ def test_a_size_beyond_the_usual_costs_but_is_not_excluded():
         np.logaddexp.reduce(size_weights(n, 0.5, 2.0)) for n in (10.0, 0.1, 1e-5)
     )
     assert usual > beyond > absurd > -np.inf
+
+
+@pytest.mark.parametrize("dof", [400.0, 40_000.0])
+def test_a_loud_noise_is_weighed_as_finely_as_its_level_is_known(dof):
+    """Against a sum over so fine a grid that it is the integral."""
+    levels, n, a = np.geomspace(1e-2, 1e3, 28), np.full(50, dof), np.ones(50)
+    y = np.full((50, 1), 1.0 + 3.3)
+
+    def fits(tried):
+        return _fits(n, y, 1.0 + np.outer(tried, a))[:, 0]
+
+    weights = np.full(28, -np.log(28.0))
+    score, level = _between(n, y, a, fits(levels), levels, weights)
+    fine = np.geomspace(1e-2, 1e3, 27 * 4000 + 1)
+    exact = logsumexp(fits(fine)) - np.log(28.0 * 4000.0)
+    assert level == pytest.approx(3.3, rel=0.03)
+    assert score == pytest.approx(exact, abs=0.1)
+    assert logsumexp(fits(levels)) - np.log(28.0) < exact - 10.0
