@@ -15,6 +15,8 @@ from recal.service.priors.reasons import PriorsReason
 from recal.service.priors.stored_sessions import SessionLeftOut
 
 PRIORS_SCHEMA = "recal.priors/1"
+# sums in another order differ from the eleventh on (tests/recal/fleet/test_learn.py)
+SAME_DIGITS = 6
 OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
 HOW_LEARNT = (
     "marginal likelihood of the session points with their covariances; turn-on, flicker, random"
@@ -98,8 +100,7 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
             units=units,
             sessions=sessions,
             parameters={
-                str(n): replace(learnt, default=defaults[n], unit=UNITS[n])
-                for n, learnt in of.items()
+                str(n): _written(learnt, defaults[n], UNITS[n]) for n, learnt in of.items()
             },
         )
 
@@ -127,6 +128,23 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
     )
 
 
+def _alike(value: float) -> float:
+    """A number to the digits in which machines and numbers of threads agree."""
+    return float(f"{value:.{SAME_DIGITS - 1}e}")
+
+
+def _written(learnt: Learnt, default: float, unit: str) -> Learnt:
+    low, high = learnt.interval_95
+    return replace(
+        learnt,
+        value=_alike(learnt.value),
+        interval_95=(_alike(low), _alike(high)),
+        sigma_log=_alike(learnt.sigma_log),
+        default=default,
+        unit=unit,
+    )
+
+
 def _outliers(found: LearntFleet) -> list[OutlierSession]:
     told = []
     for u, unit in enumerate(found.units):
@@ -135,7 +153,9 @@ def _outliers(found: LearntFleet) -> list[OutlierSession]:
             if probability >= OUTLIER_NAMED:
                 told.append(
                     OutlierSession(
-                        imu_serial=unit.imu_serial, run_id=session.run_id, probability=probability
+                        imu_serial=unit.imu_serial,
+                        run_id=session.run_id,
+                        probability=_alike(probability),
                     )
                 )
     return told
@@ -144,13 +164,14 @@ def _outliers(found: LearntFleet) -> list[OutlierSession]:
 def _check(found: LearntFleet) -> PriorsCheck:
     sound = (found.evidence.outlier < OUTLIER_NAMED) & (found.evidence.dof > 0)
     dof = float(found.evidence.dof[sound].sum())
-    squared = [float(e.nis[sound].sum()) / dof for e in (found.evidence, found.defaults) if dof]
+    both = (found.evidence, found.defaults)
+    squared = [_alike(float(e.nis[sound].sum()) / dof) for e in both if dof]
     learnt, default = squared or (None, None)
     return PriorsCheck(
         squared_innovation=learnt,
         squared_innovation_defaults=default,
         draws=found.check.draws,
-        effective_draws=found.check.effective,
+        effective_draws=_alike(found.check.effective),
         from_draws=found.check.used,
     )
 
