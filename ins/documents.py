@@ -17,6 +17,7 @@ from types import UnionType
 from typing import (
     Annotated,
     Any,
+    NamedTuple,
     TypeVar,
     Union,
     cast,
@@ -217,28 +218,53 @@ def _written(value: Any, number: Callable[[float], Any]) -> Any:
 
 def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for key, of, metadata in _columns(record.__class__):
-        item = of(record)
-        if item is None and (metadata.get("omit_none") or metadata.get("inline")):
+    for column in written_of(record.__class__):
+        item = attrgetter(column.path)(record)
+        if item is None and (column.omit_none or column.inline):
             continue
-        if metadata.get("inline"):
+        if column.inline:
             found |= _record(item, number)
         else:
-            found[key] = _written(item, number)
+            found[column.key] = _written(item, number)
     return found
 
 
+class WrittenKey(NamedTuple):
+    """A key and the attribute that it holds ("a.b": b of a), written as the metadata say."""
+
+    key: str
+    path: str
+    omit_none: bool = False
+    inline: bool = False
+
+
 @lru_cache(maxsize=512)
-def _columns(kind: Any) -> tuple[tuple[str, attrgetter, Mapping[str, Any]], ...]:
-    """Key, attribute and metadata of all that is written of a record."""
-    known = {f.name: f for f in _fields(kind)}
+def written_of(kind: type) -> tuple[WrittenKey, ...]:
+    """What is written of a record.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass.
+
+    Returns
+    -------
+    keys : tuple of WrittenKey
+        In their order.
+    """
+    of_fields = {f.name: _of_field(f) for f in _fields(kind)}
     found = []
-    for item in KEYS_OF.get(kind, known):
+    for item in KEYS_OF.get(kind, of_fields):
         key, _, path = item.partition("=")
-        path = path or key
-        metadata = known[path].metadata if path in known else {}
-        found.append((metadata.get("alias", key), attrgetter(path), metadata))
+        plain_key = WrittenKey(key, path or key)
+        found.append(plain_key if path else of_fields.get(key, plain_key))
     return tuple(found)
+
+
+def _of_field(f: Field) -> WrittenKey:
+    said = f.metadata
+    omitted, inline = bool(said.get("omit_none")), bool(said.get("inline"))
+    return WrittenKey(said.get("alias", f.name), f.name, omitted, inline)
 
 
 @lru_cache(maxsize=512)

@@ -58,7 +58,18 @@ from infield.aided.wheels import Mounting, seen_wheels
 from ins.errors.catalogue import prior
 from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.filters.aided_filter import KINDS
-from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
+from ins.filters.aided_records import (
+    JUMPED,
+    REJECTED,
+    RESET,
+    UNSEEN,
+    USED,
+    AidedHistory,
+    AidedNoise,
+    Antenna,
+    Fixes,
+    fixes_of,
+)
 from ins.noise import accel_densities, flicker_walk, gyro_densities
 from ins.records import ImuSource, Run, TemperatureLog, TwinModel
 from ins.units import (
@@ -459,28 +470,20 @@ def nis_of(history: AidedHistory, kind: int) -> tuple[float, int]:
 
 
 def used_rows(history: AidedHistory, kind: int) -> NDArray:
-    from ins.filters.aided_kernel import USED
-
     return np.flatnonzero(history.used[:, kind] == USED)
 
 
 def rejected_rows(history: AidedHistory, kind: int) -> NDArray:
-    from ins.filters.aided_kernel import REJECTED
-
     return np.flatnonzero(history.used[:, kind] == REJECTED)
 
 
 def reset_times(history: AidedHistory) -> NDArray:
     """When the solution was begun anew at a fix."""
-    from ins.filters.aided_kernel import RESET
-
     return history.fix_time_s[history.used[:, 0] == RESET]
 
 
 def leap_times(history: AidedHistory) -> NDArray:
     """When the positions had leapt while the velocities went on to fit."""
-    from ins.filters.aided_kernel import JUMPED
-
     return history.fix_time_s[history.used[:, 0] == JUMPED]
 
 
@@ -510,8 +513,6 @@ def find_outages(history: AidedHistory) -> tuple[Outage, ...]:
     """Stretches of OUTAGE_S and more between used positions, from the start on, and after the last
     one.
     """
-    from ins.filters.aided_kernel import REJECTED, UNSEEN
-
     used = np.flatnonzero((history.used[:, 0] != UNSEEN) & (history.used[:, 0] != REJECTED))
     times = np.concatenate([history.time_s[:1], history.fix_time_s[used], history.time_s[-1:]])
     found = []

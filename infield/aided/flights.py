@@ -16,6 +16,7 @@ from infield.aided.start import FoundStart, moving_start, parked_start, surveyed
 from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import (
     NO_WHEELS,
+    USED,
     AidedHistory,
     AidedNoise,
     AidedOptions,
@@ -178,8 +179,6 @@ class Flights:
         """What positions change by from one to the next beside the sensors' way, over what their
         declared sigmas allow for. The median: leaps do not count. 1 where there are none.
         """
-        from ins.filters.aided_kernel import USED
-
         rows = np.flatnonzero(history.used[:, 0] == USED)
         pairs = np.flatnonzero(np.diff(rows) == 1)
         if not pairs.size:

@@ -42,7 +42,7 @@ from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.estimation.choice import Level, Sizes, climb
 from ins.filters.aided_filter import AidedNavigator
-from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.filters.aided_records import USED, AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
 from ins.filters.states import AIDED_THETA
 from ins.records import ImuLog, ImuSource, TwinModel
 from ins.units import DEG
@@ -387,8 +387,6 @@ def fix_logliks(history: AidedHistory) -> NDArray:
     """Log likelihood (n,) of each fix; one that the flight could not use is a wild one, as likely
     anywhere within WILD.
     """
-    from ins.filters.aided_kernel import USED
-
     seen = np.isfinite(history.loglik)
     fits = seen & (history.used == USED)
     wild = (seen & ~fits) * -np.log(np.array(WILD) ** 3 / (2.0 * np.pi) ** 1.5)

@@ -15,6 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.filters.aided_records import (
+    REJECTED,
+    UNSEEN,
+    USED,
     AidedHistory,
     AidedNoise,
     AidedOptions,
@@ -105,7 +108,7 @@ class AidedNavigator:
             ]
         )
         self._fix_out = np.full((fixes.time_s.size, kernel.FIX), np.nan)
-        self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = kernel.UNSEEN
+        self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = UNSEEN
         self._wheels = options.wheels
         self._rolled, self._mount = options.wheels.rows, options.wheels.mount
         self._roll_out = np.zeros(options.wheels.time_s.size, dtype=np.int64)
@@ -278,10 +281,7 @@ class AidedNavigator:
             loglik=fix[:, k.F_LOGLIK :],
             stand_nis=float(self._carry[k.STAND_NIS]),
             stand_dof=int(self._carry[k.STOOD]),
-            rolled=(
-                int((self._roll_out == k.USED).sum()),
-                int((self._roll_out == k.REJECTED).sum()),
-            ),
+            rolled=(int((self._roll_out == USED).sum()), int((self._roll_out == REJECTED).sum())),
             antenna=replace(
                 self._antenna,
                 lever_arm_m=self._bias[k.B_LEVER : k.B_DELAY].copy(),

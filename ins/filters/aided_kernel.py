@@ -41,6 +41,7 @@ import numpy as np
 
 from ins.earth import EARTH_RATE_RAD_S, SEMI_MAJOR_AXIS_M
 from ins.filters import states
+from ins.filters.aided_records import JUMPED, REJECTED, RESET, USED
 from ins.jit import jit
 from ins.strapdown.kernel import (
     C_NB_AT,
@@ -131,8 +132,6 @@ F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
 TAPE_H, TAPE_K, TAPE = 0, states.AIDED_STATES, 2 * states.AIDED_STATES + 2
 # of a fix that is given, behind its 12 values: whether it is of the other type
 OTHER = 12
-# what became of a fix, 0 to 4, in F_USED of its row
-UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 POLE_TAN = 1e6
 UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 # gaps between rejected positions that make a filter lost, however long they are: an outage counts

@@ -9,6 +9,8 @@ from ins.earth import ecef_from_geodetic
 from ins.errors.catalogue import prior
 from ins.records import GnssLog, NavState
 
+# what became of a fix: from 2 on it was used
+UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 FEWEST_OF_TYPE = 10  # chosen: fixes, as many as a flight needs (10)
 
 

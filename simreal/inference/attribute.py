@@ -673,12 +673,17 @@ class Attributor:
     def _conclude(self) -> None:
         """The posterior of each slot, and what the runs show of the tables."""
         for slot in self.slots:
+            others = [s for s in self.slots if s is not slot]
             if slot.extra is None:
-                odds, _ = self._odds([s for s in self.slots if s is not slot])
+                odds, _ = self._odds(others)
                 if slot.of_table:
                     self._judge_table(slot, odds)
                     continue
                 slot.posterior = np.exp(odds - logsumexp(odds))
+            else:  # from when it was found: what was found after it is no rival
+                found = {s.hypothesis.key for s in others}
+                slot.posterior[[h.key in found for h in self.hypotheses]] = 0.0
+                slot.posterior /= slot.posterior.sum()
             self._share_with_other_fit(slot)
 
     def _share_with_other_fit(self, slot: Slot) -> None:

@@ -34,6 +34,7 @@ from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.streams import DitherLine, stream_at_rest, stream_of
 from simreal.twin.fit.terms import NoiseTerm, Shape, bin_covariance, sampled_psd, sway_folded
+from simreal.twin.reasons import Why
 from tests.drawn import unscripted
 
 
@@ -192,7 +193,7 @@ def test_runs_that_tell_nothing_of_the_sensors_make_no_twin(tmp_path, monkeypatc
     simulated, told = fitted()
     found = told.record
     nothing = tuple(
-        p if p.name.startswith("temperature.") else replace(p, identified=False)
+        p if p.name.startswith("temperature.") else replace(p, why=Why.TOO_LOOSE)
         for p in found.parameters
     )
     assert any(p.identified for p in nothing)

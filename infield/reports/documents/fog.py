@@ -3,7 +3,7 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error
 from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, Hysteresis, RampFit, RampStudy
-from infield.thermal.ramp_runs import Leg, RampRun
-from ins.records import Span
+from infield.thermal.ramp_runs import RampRun
 
 DAY_S = 86400.0
 
@@ -48,22 +47,6 @@ def fit_models(study: RampStudy) -> tuple[dict[str, PiecewisePair], FogModel]:
         pair = pairs[a.axis]
         gyros[a.axis] = FogCurves(shifted(pair.K_T, level_deg_h), pair.K_delta)
     return pairs, FogModel(gyros)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FogRunDocument:
-    """One chamber run; role: "fast" or "slow"."""
-
-    run_id: str
-    sha256: str
-    role: str
-    blocks: int
-    steady_blocks: int
-    heading_known: bool
-    sigma_block_deg_h: Sequence[float]
-    sigma_rate_degC_min: Sequence[float]
-    ramps: Sequence[Leg]
-    excluded: Sequence[Span]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +145,7 @@ class FogDocument(ThermalDocument):
     """thermal_fog.json; check: of the runs that were held out."""
 
     schema: str = SCHEMA
-    runs: Sequence[FogRunDocument]
+    runs: Sequence[RampRun]
     remounted: bool
     noise_model: NoiseModelDocument
     axes: Mapping[str, FittedAxis]
@@ -190,11 +173,12 @@ def fog_document(
     version: str,
 ) -> FogDocument:
     """The result of a study, refused or fitted."""
-    runs = [("fast", r) for r in study.fast] + [("slow", r) for r in study.slow]
+    runs = [replace(run, role="fast") for run in study.fast]
+    runs += [replace(run, role="slow") for run in study.slow]
     export = FogExport(allowed_deg_h, word_bits)
     return FogDocument(
-        **said_of(study, study.notes, runs[0][1], version),
-        runs=[_run(role, run) for role, run in runs],
+        **said_of(study, study.notes, runs[0], version),
+        runs=runs,
         axes={a.axis: _axis(a, pairs[a.axis], model, study, export) for a in study.axes},
         check=checks,
     )
@@ -224,21 +208,6 @@ def worst_rounding(
             largest_K_delta=float(np.max(np.abs(curves.K_delta(T)))),
         )
     return found
-
-
-def _run(role: str, run: RampRun) -> FogRunDocument:
-    return FogRunDocument(
-        run_id=run.run_id,
-        sha256=run.sha256,
-        role=role,
-        blocks=int(run.time_s.size),
-        steady_blocks=int(run.steady.sum()),
-        heading_known=run.heading_known,
-        sigma_block_deg_h=run.sigma_deg_h.tolist(),
-        sigma_rate_degC_min=run.rate_sigma_degC_min.tolist(),
-        ramps=run.legs,
-        excluded=[span.in_words() for span in run.excluded],
-    )
 
 
 def _axis(

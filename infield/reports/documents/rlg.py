@@ -163,7 +163,7 @@ def _run(run: GradientRun) -> RlgRunDocument:
         sigma_block_deg_h=b.sigma_deg_h.tolist(),
         sigma_rate_degC_min=run.sigma_rate_degC_min.tolist(),
         sigma_gradient_degC=run.sigma_gradient_degC.tolist(),
-        excluded=[span.in_words() for span in b.excluded],
+        excluded=b.excluded,
     )
 
 

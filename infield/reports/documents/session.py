@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
-from infield.reports.documents.alignment import FilterNis, level_document
+from infield.reports.documents.alignment import (
+    FilterNis,
+    SessionAlignment,
+    alignment_document,
+    level_document,
+)
 from infield.reports.documents.flight import flight_document
 from infield.reports.documents.session_records import (
     ChainDocument,
@@ -19,7 +24,6 @@ from infield.reports.documents.session_records import (
     HeadingError,
     HeatingCooling,
     ResidualDocument,
-    SessionAlignment,
     SessionDocument,
     SiteDocument,
     SmoothingDocument,
@@ -121,7 +125,7 @@ def _estimated(
     phases = logged_phases(session, e)
     return EstimatedDocument(
         **vars(facts),
-        alignment=_alignment(e),
+        alignment=SessionAlignment(**vars(alignment_document(e.alignment, session.run))),
         heading_error=heading_error(session),
         observability={a.axis: a for a in session.seen if a.axis},
         phases=phases,
@@ -158,23 +162,6 @@ def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
         covariance=marks.covariance.tolist(),
         heat=marks.heat.tolist(),
         **({} if likeness is None else {name: getattr(likeness, name) for name in compared}),
-    )
-
-
-def _alignment(e: SessionEstimate) -> SessionAlignment:
-    aligned = e.alignment
-    return SessionAlignment(
-        verdict=aligned.verdict,
-        time_s=aligned.time_s,
-        roll_deg=aligned.roll_rad / DEG,
-        pitch_deg=aligned.pitch_rad / DEG,
-        sigma_roll_deg=aligned.sigma_roll_rad / DEG,
-        heading_deg=aligned.heading_rad / DEG,
-        sigma_heading_deg=aligned.sigma_heading_rad / DEG,
-        latitude_found_deg=aligned.latitude_rad / DEG,
-        sigma_latitude_deg=aligned.sigma_latitude_rad / DEG,
-        reasons=sentences(aligned.reasons),
-        reason_codes=codes(aligned.reasons),
     )
 
 

@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from alignment.reasons import AlignmentVerdict
-from infield.reports.documents.alignment import FilterNis, LevelDocument
+from infield.reports.documents.alignment import FilterNis, LevelDocument, SessionAlignment
 from infield.session.estimate import BegunInMotion, OwnError
 from infield.session.flown.gates import InformationGain
 from infield.session.navigated.claim_chain import ChainPoint
@@ -37,23 +36,6 @@ class TemperatureDocument:
     faults: Sequence[str]
     time_s: Sequence[float]
     gyro_degC: Sequence[Sequence[float]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SessionAlignment:
-    """The session's alignment; angles not found are NaN."""
-
-    verdict: AlignmentVerdict | str
-    time_s: float
-    roll_deg: float
-    pitch_deg: float
-    sigma_roll_deg: float
-    heading_deg: float
-    sigma_heading_deg: float
-    latitude_found_deg: float
-    sigma_latitude_deg: float
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,6 @@ from infield.reports.documents.session import (
     phases_of,
     session_document,
 )
-from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.documents.update_records import (
     BudgetDocument,
     ChangeDocument,
@@ -75,32 +74,13 @@ METHOD = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kept:
-    """Where an update is kept: the store that was opened, and once committed the revision and the
-    command that takes it back.
-    """
-
-    store: str | None = None
-    committed: bool = False
-    revision: int | None = None
-    rollback_command: str | None = None
-
-
 def update_document(
-    result: UpdateResult,
-    kept: Kept,
-    *,
-    version: str,
-    table_before: TableDocument,
-    thermal_model: ThermalUseDocument | None = None,
+    result: UpdateResult, *, version: str, table_before: TableDocument
 ) -> UpdateDocument:
-    """update.json. table_before: the dict as stored, so that its hash is the stored one;
-    thermal_model: of the model that left the log before the table.
+    """update.json of an update that no store holds yet; table_before: the dict as stored, so that
+    its hash is the stored one.
     """
-    verdict = result.outcome
-    if verdict is Outcome.ACCEPTED:
-        verdict = Outcome.COMMITTED if kept.committed else Outcome.PROPOSED
+    accepted = result.outcome is Outcome.ACCEPTED
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
     without_heading = parked_document.parked_sessions(result)
@@ -108,7 +88,7 @@ def update_document(
     after = table_to_dict(result.after) if result.merged_runs else table_before
     return UpdateDocument(
         schema=SCHEMA,
-        verdict=verdict,
+        verdict=Outcome.PROPOSED if accepted else result.outcome,
         reasons=sentences(result.reasons),
         reason_codes=codes(result.reasons),
         imu_serial=result.before.imu_serial,
@@ -133,9 +113,6 @@ def update_document(
             version=version,
         ),
         issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        store=kept.store,
-        revision=kept.revision,
-        rollback_command=kept.rollback_command,
         decision_rule=PARKED_RULE if parked else DECISION_RULE,
         noise_model={"source": result.twin.source, **twin_to_dict(result.twin)},
         assumptions=parked_document.assumptions(result) if parked else _assumptions(result),
@@ -146,7 +123,6 @@ def update_document(
         flight_terms=result.flight_terms or None,
         disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
-        thermal_model=thermal_model,
     )
 
 

@@ -18,7 +18,7 @@ from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
 from simreal.report.twin_page import allan_panels
 from simreal.twin.fit.fit import fit_twin as fit_runs
-from simreal.twin.fit.result import TwinFit
+from simreal.twin.fit.result import Parameter, TwinFit
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -217,7 +217,7 @@ def look(
             phases=aligned.phases or (),
             rest_s=judged.rest_s,
             uses=uses,
-            noise=_told_noise(fitted),
+            noise=[NoiseNumber(**vars(p)) for p in _told(fitted)],
             convert="" if is_run else convert_command(str(path), run_path, opened.assumed, given),
             series=series_of(opened.run),
             fitted=fitted,
@@ -255,20 +255,14 @@ def _gap_note(cut: LongestPart | None) -> list[str]:
     ]
 
 
-def _told_noise(fitted: TwinFit | None) -> list[NoiseNumber]:
-    if fitted is None:
-        return []
-    return [
-        NoiseNumber(name=p.name, value=p.value, sigma=p.sigma, unit=p.unit)
-        for p in fitted.parameters
-        if p.identified
-    ]
+def _told(fitted: TwinFit | None) -> list[Parameter]:
+    """The numbers of a noise model that the log tells."""
+    return [] if fitted is None else [p for p in fitted.parameters if p.identified]
 
 
 def look_html(document: LookReport) -> str:
     """The page of a look."""
     fitted = document.fitted
-    told = () if fitted is None else fitted.parameters
     return render_page(
         "look.html.j2",
         "recal.service.look",
@@ -281,7 +275,7 @@ def look_html(document: LookReport) -> str:
             for name, panel in document.series.items()
         ],
         allan=None if fitted is None else allan_panels(fitted),
-        noise=[(p.words, p.size_words) for p in told if p.identified],
+        noise=[(p.words, p.size_words) for p in _told(fitted)],
     )
 
 

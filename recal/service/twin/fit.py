@@ -58,7 +58,8 @@ class FittedTwin(Result[TwinFit]):
         """The parameters as a pandas DataFrame, a row each."""
         from pandas import DataFrame
 
-        return DataFrame([vars(p) for p in self.parameters])
+        rows = [{**vars(p), "identified": p.identified} for p in self.parameters]
+        return DataFrame(rows)
 
     def plot(self) -> "Figure":
         """Allan deviation of each channel, of the data and of the fitted model with its band.

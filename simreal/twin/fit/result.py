@@ -80,13 +80,16 @@ class Parameter:
     sigma: float
     low: float
     high: float
-    identified: bool
     believed: float
     seconds: float
     nats: float | None = None
     why: Why | None = None
     needs: Needs = Needs.NOTHING
     needed: float = float("nan")
+
+    @property
+    def identified(self) -> bool:
+        return self.why is None
 
     @property
     def words(self) -> str:
