@@ -29,7 +29,7 @@ from recal.service.inputs.records import AnyTwin
 from recal.service.update import Update, update
 from recal.service.watch.records import Estimated, GyroState
 from simreal.plan.ahead import TAXI, TURN, Outlook, outlook, stay
-from trajectories.readers.live.text_source import Lines, numbers
+from trajectories.readers.live.text_source import READ_BYTES, Lines, numbers
 from trajectories.runs import streams
 from trajectories.runs.checks import MIN_RATE_HZ, Findings
 from trajectories.runs.directory import run_sha256
@@ -134,9 +134,12 @@ class PartRows:
         return replace(run, sha256=run_sha256(run))
 
     def _read(self) -> None:
-        """Add what the file holds since; a row is held once, in the log."""
-        while lines := self._lines.read():
-            self._take(lines)
+        """Add what the file holds now; a row is held once, in the log."""
+        size = (self._path / "imu.csv").stat().st_size
+        for _ in range(size // READ_BYTES + 1):  # not what comes meanwhile: it may come faster
+            lines = self._lines.read()
+            if lines:
+                self._take(lines)
         if not self._summed:
             return
         rows = np.concatenate(self._summed)

@@ -16,6 +16,7 @@ from alignment.motion.inertial import steady_seconds
 from alignment.motion.seconds import LogSeconds, quiet_seconds, read_seconds
 from alignment.motion.stillness import ALIGNMENT_S, TAKE_OFF_M_S
 from trajectories.readers.live.rows import Rows
+from trajectories.runs.checks import MAX_GAP_S
 from trajectories.runs.imu_stream import imu_log
 
 HELD_S = 300  # chosen: 5 min, as a time bin of the estimate
@@ -37,6 +38,7 @@ class Monitor:
 
     def __init__(self) -> None:
         self.rows = 0
+        self.part = 1
         self.time_s = 0.0
         self.gyro_degC: NDArray | None = None
         self.visited_degC = np.array([np.inf, -np.inf])
@@ -75,6 +77,7 @@ class Monitor:
         time_s = rows.time_s
         if time_s[0] < self.time_s:  # another part
             self._rest, self._seconds = [], None
+            self.part += 1
         self.rows += len(rows)
         self.time_s = float(time_s[-1])
         self._rest.append(rows.values[:, :7])
@@ -126,6 +129,10 @@ class Monitor:
         found = []
         if silent_s > SILENT_S and self.rows:
             found.append(f"no row for more than {SILENT_S:.0f} s: is the source still there?")
+        if self.part > 1 and self.time_s < HELD_S:
+            found.append(
+                f"gap: no row for more than {MAX_GAP_S:g} s, part {self.part} of the session begins"
+            )
         quiet = None if self._seconds is None else quiet_seconds(self._seconds)
         if quiet is None:
             return found

@@ -134,6 +134,18 @@ def test_phases_and_a_gap_are_seen_from_the_rows(simulated, recorded):
     assert monitor.faults(5.0)
 
 
+def test_a_gap_that_no_run_may_hold_is_a_fault_for_five_minutes(grown):
+    source, monitor = RunSource(grown), Monitor()
+    [rows] = [rows for rows in source.read(0.0) if rows.stream == "imu"]
+    monitor.take([rows.where(slice(0, 600))])
+    assert not monitor.faults(0.0)
+    later = rows.where(slice(0, 4000))
+    monitor.take([later.where(slice(0, 600))])
+    assert len(monitor.faults(0.0)) == 1
+    monitor.take([later.where(slice(600, 4000))])
+    assert not monitor.faults(0.0)
+
+
 COMMAND = [sys.executable, "-m", "recal", "watch"]
 
 
