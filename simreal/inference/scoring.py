@@ -176,7 +176,7 @@ def _inverse(S: NDArray) -> NDArray:
     coefficient 0.
     """
     diagonal = np.diag(S)
-    seen = diagonal > 1e-24 * max(float(diagonal.max()), 1e-300)
+    seen = diagonal > 1e-24 * diagonal.max(initial=1e-300)
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
     return np.asarray(
         np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True)
