@@ -4,7 +4,7 @@ sigmas that were tested::
     compensated log -> where it stands
         -> start (gyrocompass while parked, else satellite velocities) -> filter -> noise judged
 
-Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part of the free-inertial
+Errors, filter and gate: `ins.filters.aided_tape`. It is causal, and no part of the free-inertial
 flights.
 """
 
@@ -41,7 +41,7 @@ from infield.aided.noise import (
     capped_nis,
     flown,
 )
-from infield.aided.open_heading import fly_open
+from infield.aided.open_heading import causal_weights, mixed
 from infield.aided.reasons import (
     AidedGrade,
     AidedNote,
@@ -58,7 +58,18 @@ from infield.aided.wheels import Mounting, seen_wheels
 from ins.errors.catalogue import prior
 from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.filters.aided_filter import KINDS
-from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna, Fixes, fixes_of
+from ins.filters.aided_records import (
+    JUMPED,
+    REJECTED,
+    RESET,
+    UNSEEN,
+    USED,
+    AidedHistory,
+    AidedNoise,
+    Antenna,
+    Fixes,
+    fixes_of,
+)
 from ins.noise import accel_densities, flicker_walk, gyro_densities
 from ins.records import ImuSource, Run, TemperatureLog, TwinModel
 from ins.units import (
@@ -442,9 +453,8 @@ def _from_all_headings(flights: Flights, fitted: Fitted) -> tuple[Fitted, Reason
     assert isinstance(heading, HeadingOpen)
     late = flights.fixes.earlier(model.antenna.velocity_delay_s)
     starts = heading.starts(flights.begin.sky.with_antenna(late, model.antenna.lever_arm_m))
-    pieces = flights.pieces(starts[0].start.state.time_s, whole=True)
-    history = fly_open([flights.navigator(found, model) for found in starts], pieces)
-    return replace(fitted, history=flights.as_timed(history, model)), heading.why
+    histories = flights.from_headings(starts, model)
+    return replace(fitted, history=mixed(histories, causal_weights(histories))), heading.why
 
 
 def _refused(reason: Reason, role: str) -> AidedResult:
@@ -459,28 +469,20 @@ def nis_of(history: AidedHistory, kind: int) -> tuple[float, int]:
 
 
 def used_rows(history: AidedHistory, kind: int) -> NDArray:
-    from ins.filters.aided_kernel import USED
-
     return np.flatnonzero(history.used[:, kind] == USED)
 
 
 def rejected_rows(history: AidedHistory, kind: int) -> NDArray:
-    from ins.filters.aided_kernel import REJECTED
-
     return np.flatnonzero(history.used[:, kind] == REJECTED)
 
 
 def reset_times(history: AidedHistory) -> NDArray:
     """When the solution was begun anew at a fix."""
-    from ins.filters.aided_kernel import RESET
-
     return history.fix_time_s[history.used[:, 0] == RESET]
 
 
 def leap_times(history: AidedHistory) -> NDArray:
     """When the positions had leapt while the velocities went on to fit."""
-    from ins.filters.aided_kernel import JUMPED
-
     return history.fix_time_s[history.used[:, 0] == JUMPED]
 
 
@@ -510,8 +512,6 @@ def find_outages(history: AidedHistory) -> tuple[Outage, ...]:
     """Stretches of OUTAGE_S and more between used positions, from the start on, and after the last
     one.
     """
-    from ins.filters.aided_kernel import REJECTED, UNSEEN
-
     used = np.flatnonzero((history.used[:, 0] != UNSEEN) & (history.used[:, 0] != REJECTED))
     times = np.concatenate([history.time_s[:1], history.fix_time_s[used], history.time_s[-1:]])
     found = []

@@ -13,7 +13,7 @@ import numpy as np
 from alignment.motion.inertial import Where
 from infield.aided.reasons import AidedGrade, AidedWeakness
 from ins.filters.aided_filter import KINDS, level_sigmas
-from ins.filters.aided_records import AidedHistory, Fixes
+from ins.filters.aided_records import JUMPED, REJECTED, RESET, AidedHistory, Fixes
 from ins.robust import runs_of_true
 from ins.units import DEG
 
@@ -86,8 +86,6 @@ def _cause(history: AidedHistory, outages: tuple[Where, ...], span: Where) -> Ai
     """What made the position of a stretch wide: a leap or a new beginning at its start or in it,
     else an outage, else the start.
     """
-    from ins.filters.aided_kernel import JUMPED, RESET
-
     became = history.used[:, 0]
     inside = (history.fix_time_s >= span[0] - 1.0) & (history.fix_time_s <= span[1])
     events = became[inside & (became >= RESET)]
@@ -116,8 +114,6 @@ def _unsure_receiver(history: AidedHistory, fixes: Fixes) -> list[Weak]:
 
 def _rejected(history: AidedHistory) -> list[Weak]:
     """Stretches of rejected fixes."""
-    from ins.filters.aided_kernel import REJECTED
-
     found = []
     for kind in range(len(KINDS)):
         times = history.fix_time_s[history.used[:, kind] == REJECTED]

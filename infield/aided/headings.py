@@ -41,8 +41,10 @@ from infield.aided.start import (
 from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.estimation.choice import Level, Sizes, climb
-from ins.filters.aided_filter import AidedNavigator
-from ins.filters.aided_records import AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.filters.aided_filter import first_about, solved
+from ins.filters.aided_records import USED, AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.filters.aided_tape import Task
+from ins.filters.reference import About
 from ins.filters.states import AIDED_THETA
 from ins.records import ImuLog, ImuSource, TwinModel
 from ins.units import DEG
@@ -287,6 +289,7 @@ class Bank:
     ground: Stretch
     pairs: Pairs
     noise: Sizes = field(default_factory=FIRST_NOISE.copy)
+    abouts: dict[tuple[float, ...], About] = field(default_factory=dict)
 
     def attitude(self, turn_rad: float, sigma_rad: float) -> tuple[NDArray, NDArray]:
         """C_nb at the end of the first window, turned about the vertical from its match and
@@ -305,6 +308,7 @@ class Bank:
 
     def look(self, log: ImuLog) -> Seen:
         """What a stretch shows of the heading."""
+        self.abouts.clear()
         turns = np.arange(COARSE) * 2.0 * np.pi / COARSE
         logliks = self._logliks(log, turns)
         for _ in range(NOISE_ROUNDS):
@@ -322,7 +326,7 @@ class Bank:
             more, fine = _moments(steps, self._logliks(log, top + mean + steps), FINE_RAD)
             mean, sigma = mean + more, fine
         rival = _rival(turns - top - mean, logliks)
-        flight = self._fly(log, top + mean, WIDEST_RAD)
+        flight = self._fly(log, top + mean, WIDEST_RAD, rows=True)
         sigma = max(sigma, float(np.sqrt(flight.variance[:, HEADING].min())))
         colour = colour_of(flight)
         return Seen(
@@ -351,7 +355,13 @@ class Bank:
         return started(self.ground, C_nb, self.pairs.rate_b, theta)
 
     def _fly(
-        self, log: ImuLog, turn_rad: float, sigma_rad: float, noise: Sizes | None = None
+        self,
+        log: ImuLog,
+        turn_rad: float,
+        sigma_rad: float,
+        noise: Sizes | None = None,
+        *,
+        rows: bool = False,
     ) -> AidedHistory:
         """A stretch from a heading."""
         sky = self.sky
@@ -367,15 +377,33 @@ class Bank:
             accel_walk=walk * sky.noise.accel_walk,
         )
         late = np.diag([0.0, 0.0, 0.0, DELAY_S, DELAY_S]) ** 2
-        navigator = AidedNavigator(
-            found.start,
-            louder,
-            sky.fixes.scaled(receiver, receiver),
+        task = Task(
+            start=found.start,
+            noise=louder,
+            fixes=sky.fixes.scaled(receiver, receiver),
             antenna=Antenna(lever_arm_m=sky.lever_arm_m, covariance=late, estimated=True),
             options=sky.options,
         )
-        navigator.feed(log)
-        return navigator.finish()
+        return solved(self._about(log, task, turn_rad), task, rows=rows)
+
+    def _about(self, log: ImuLog, task: Task, turn_rad: float) -> About:
+        """What flights from a heading are linearised about: the first one, turned."""
+        if () not in self.abouts:
+            start = task.start
+            biases = np.concatenate([start.gyro_bias_rad_s, start.accel_bias_m_s2])
+            self.abouts[()] = first_about(log, task).by_gyros(
+                log, biases, task.fixes.time_s, task.noise.vrw
+            )
+        first, key = self.abouts[()], (round(turn_rad, 6),)
+        if key not in self.abouts:
+            turn = heading_of(task.start.state.C_nb) - heading_of(first.rows.C_nb[0])
+            self.abouts[key] = first.turned(turn, task.fixes.time_s, task.noise.vrw)
+        return self.abouts[key]
+
+
+def heading_of(C_nb: NDArray) -> float:
+    """Heading of an attitude [rad]."""
+    return float(np.arctan2(C_nb[1, 0], C_nb[0, 0]))
 
 
 def _loglik(history: AidedHistory) -> float:
@@ -387,8 +415,6 @@ def fix_logliks(history: AidedHistory) -> NDArray:
     """Log likelihood (n,) of each fix; one that the flight could not use is a wild one, as likely
     anywhere within WILD.
     """
-    from ins.filters.aided_kernel import USED
-
     seen = np.isfinite(history.loglik)
     fits = seen & (history.used == USED)
     wild = (seen & ~fits) * -np.log(np.array(WILD) ** 3 / (2.0 * np.pi) ** 1.5)

@@ -23,7 +23,7 @@ from alignment.gyrocompass import nis_verdict
 from ins.errors.catalogue import prior
 from ins.estimation.choice import Level, Sizes, climb, powers_of_two
 from ins.filters.aided_filter import KINDS
-from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
+from ins.filters.aided_records import USED, AidedHistory, AidedNoise, Antenna
 from ins.robust import chi2
 
 # mean NIS above its band but below this is said, not acted on; sigmas 10 % too small: 1.1^2 is 1.21
@@ -198,10 +198,6 @@ class Fly(Protocol):
         """What positions change by from one to the next beside the sensors' way, over what their
         declared sigmas allow for.
         """
-        ...
-
-    def on_own_rows(self) -> "Fly":
-        """The same on the log's own rows, however short they are."""
         ...
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
@@ -385,8 +381,6 @@ def misfits(history: AidedHistory) -> bool:
 
 def _counted(history: AidedHistory, kind: int) -> tuple[NDArray, bool]:
     """The NIS that tell the noise of a kind; whether those left out of them are few."""
-    from ins.filters.aided_kernel import USED
-
     nis = history.nis[:, kind]
     seen, outside = np.isfinite(nis), history.used[:, kind] != USED
     few = bool((seen & outside).sum() <= MAX_OUTLIERS * seen.sum())

@@ -12,7 +12,7 @@ from infield.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.aided.flights import Flights
 from infield.aided.noise import SHOWS_LESS, TOO_WIDE, NoiseScales, believed
 from infield.aided.reasons import AidedNote, AidedPart, AidedReason, NoiseFactor
-from ins.filters.aided_records import AidedHistory, Antenna, Fixes
+from ins.filters.aided_records import REJECTED, AidedHistory, Antenna, Fixes
 from ins.records import FixType
 from ins.robust import chi2
 from ins.verdicts import Reason, because
@@ -55,8 +55,6 @@ def shares_by_type(history: AidedHistory, fixes: Fixes) -> tuple[TypeShare, ...]
 
 
 def _share(history: AidedHistory, name: str, rows: NDArray) -> TypeShare:
-    from ins.filters.aided_kernel import REJECTED
-
     rejected = history.used[rows] == REJECTED
     far = np.nan_to_num(history.nis[rows]) > chi2.isf(FAR_PROBABILITY, 3)
     bad = int((rejected | far).any(axis=1).sum())

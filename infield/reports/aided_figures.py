@@ -37,6 +37,7 @@ from infield.reports.drawing import (
 from infield.reports.track_kml import Track, tracks_of
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS
+from ins.filters.aided_records import REJECTED, USED
 from ins.records import AXES
 from ins.units import DEG
 
@@ -275,8 +276,6 @@ def _biases(columns: dict[str, NDArray]) -> Iterator[Panel]:
 
 def _innovations(aided: AidedResult) -> Iterator[Panel]:
     """Innovations over their sigmas; rejected fixes as crosses, at the edge where beyond it."""
-    from ins.filters.aided_kernel import REJECTED, USED
-
     history = aided.history
     assert history is not None
     minutes = history.fix_time_s / 60.0

@@ -13,8 +13,7 @@ from infield.aided.noise import Flown, Model, NoiseScales, with_unshown
 from infield.aided.taken import shares_by_type
 from infield.session.log import find_rest
 from ins.columns import FIX_SIGMA_COLUMNS
-from ins.filters.aided_kernel import REJECTED, USED
-from ins.filters.aided_records import AidedHistory, Antenna, Fixes, fixes_of
+from ins.filters.aided_records import REJECTED, USED, AidedHistory, Antenna, Fixes, fixes_of
 from ins.records import FixType, GnssLog, Run
 from tests.infield.aided_cases import errors, flown, gauss_markov, ideal, normalised, twin_of
 
