@@ -23,6 +23,7 @@ from infield.aided.noise import (
     CHANGE_GAIN_NATS,
     COARSE,
     FINE,
+    SHAKEN_PARTS,
     SLOW_PARTS,
     STEADY_PARTS,
     Flown,
@@ -189,28 +190,37 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> Flown:
 
 
 def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
-    """The likeliest factors with biases of the accelerometers that move with the shaking, where
-    they are likelier than without; looked for from noise as declared and from what was found
-    without. Noise that nobody believes is not taken for noise that one may. Where nothing is found
-    of the accelerometers without, such biases have nothing to stand for: some size of them must
-    then be likelier by itself.
+    """The likeliest factors with white noise of the accelerometers that goes with the shaking, and
+    biases that move with it, where they are likelier than without.
+
+    Looked for from noise as declared and from what was found without, both with biases that move,
+    and from shaking alone in the place of white noise: that of the worst stretch is too much for
+    all others. Noise that nobody believes is not taken for noise that one may. Where nothing is
+    found of the accelerometers without, shaking has nothing to stand for: some size of it must then
+    be likelier by itself.
     """
     least, most = steady.history.shaking
     if fly.technology not in STIRRED_UNITS or most < SHAKING_CHANGES * least:
         return steady
     fly = fly.on_own_rows()
     base = flown(steady.model, fly) or steady
-    best, lead = steady, CHANGE_GAIN_NATS
-    if steady.model.scales.accelerometers_as_declared:
-        if raised_noise(base, fly, ("stirred",), strides=STIRRED_STRIDES) is base:
+    best, lead, scales = steady, CHANGE_GAIN_NATS, steady.model.scales
+    if scales.accelerometers_as_declared:
+        white = flown(replace(base.model, scales=replace(scales, shaken=1.0)), fly)
+        shaken = white and raised_noise(white, fly, SHAKEN_PARTS, strides=STIRRED_STRIDES)
+        if shaken is None or shaken.over(base) <= CHANGE_GAIN_NATS:
             return steady
-    for scales in (NoiseScales(), steady.model.scales):
-        at = flown(replace(first, scales=replace(scales, stirred=1.0)), fly)
+    for model in (
+        replace(first, scales=NoiseScales(stirred=1.0, shaken=1.0)),
+        replace(first, scales=replace(scales, stirred=1.0, shaken=1.0)),
+        replace(steady.model, scales=replace(scales, accel_white=1.0, shaken=1.0)),
+    ):
+        at = flown(model, fly)
         if at is None:
             continue
-        other = raised_noise(at, fly, (*STEADY_PARTS, "stirred"))
+        other = raised_noise(at, fly, (*STEADY_PARTS, *SHAKEN_PARTS))
         doubted = other.model.scales.beyond(fly.technology)
-        if doubted and not steady.model.scales.beyond(fly.technology):
+        if doubted and not scales.beyond(fly.technology):
             continue
         if (gain := other.over(base)) > lead:
             best, lead = other, gain

@@ -221,7 +221,8 @@ class Flights:
         """A flight from a start."""
         navigator = self.navigator(found, model)
         start_s = found.start.state.time_s
-        for piece in self.pieces(start_s, whole=whole, sums=model.scales.stirred == 0.0):
+        shakes = max(model.scales.stirred, model.scales.shaken) > 0.0
+        for piece in self.pieces(start_s, whole=whole, sums=not shakes):
             navigator.feed(piece)
         return self.as_timed(navigator.finish(), model)
 

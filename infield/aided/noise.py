@@ -48,6 +48,7 @@ GRIDS: Mapping[str, tuple[float, ...]] = {
     "accel_white": powers_of_two(1.0, 4096.0),
     "accel_walk": powers_of_two(1.0, 1024.0),
     "stirred": (0.0, *powers_of_two(0.0625, 4.0)),
+    "shaken": (0.0, *powers_of_two(0.25, 4.0)),
     "slow": SLOW_FACTORS,
     "slow_s": powers_of_two(100.0, 800.0),
     "slow_velocity": SLOW_FACTORS,
@@ -57,8 +58,8 @@ GRIDS: Mapping[str, tuple[float, ...]] = {
 OF_OTHER_TYPE = "slow_other"  # is looked for where a log has fixes of two types
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
 SENSOR_PARTS = ("white", "walk", "accel_white", "accel_walk")  # gyros, then accelerometers
-# all but "stirred", which is looked for by itself
-STEADY_PARTS = tuple(name for name in GRIDS if name != "stirred")
+SHAKEN_PARTS = ("stirred", "shaken")  # which are looked for by themselves
+STEADY_PARTS = tuple(name for name in GRIDS if name not in SHAKEN_PARTS)
 SLOW_PARTS = ("slow", "slow_s", "slow_velocity", "slow_velocity_s", OF_OTHER_TYPE)
 # factors on sensors from which on no noise explains a log; white noise of MEMS accelerometers
 # stands out: 60 m/s^2 of vibration, beyond which autopilots warn, sampled at 50 Hz are 8 000 times
@@ -75,7 +76,7 @@ MAX_OUTLIERS = 0.1
 class NoiseScales:
     """Factors on declared sigmas; slow, slow_velocity: on those of a position and a velocity, for
     slow errors of time constants slow_s, slow_velocity_s [s]; slow_other: as slow, of fixes of the
-    other type. stirred: as in `AidedNoise`.
+    other type. stirred, shaken: as in `AidedNoise`.
     """
 
     white: float = 1.0
@@ -83,6 +84,7 @@ class NoiseScales:
     accel_white: float = 1.0
     accel_walk: float = 1.0
     stirred: float = 0.0
+    shaken: float = 0.0
     position: float = 1.0
     velocity: float = 1.0
     slow: float = 0.0
@@ -120,7 +122,7 @@ class NoiseScales:
         """Whether no sensor is noisier by more than a fine step than under other factors."""
         return all(
             getattr(self, name) <= 2.0**FINE * getattr(other, name)
-            for name in (*SENSOR_PARTS, "stirred")
+            for name in (*SENSOR_PARTS, *SHAKEN_PARTS)
         )
 
     @property
@@ -150,6 +152,7 @@ class NoiseScales:
             gyro_walk=self.walk * noise.gyro_walk,
             accel_walk=self.accel_walk * noise.accel_walk,
             stirred=self.stirred,
+            shaken=self.shaken,
             slow_level_m=self.slow * level_m,
             slow_down_m=self.slow * down_m,
             slow_s=self.slow_s,

@@ -84,6 +84,10 @@ class AidedPart(ReasonCode):
     TIMES = "times", "{factor} {times:factor} times"
     NOISE_AS_DECLARED = "noise_as_declared", "noise as declared"
     NOISE_LARGER = "noise_larger", "adopted {sizes:, |} as large"
+    SHAKEN = (
+        "shaken",
+        "white noise of the accelerometers of {shaken:factor} times the vibration of the moment",
+    )
     STIRRED = (
         "stirred",
         "vibration rectification of the accelerometers, {stirred:factor} m/s^2 for each m/s^2 of"

@@ -111,7 +111,7 @@ def noise_notes(
     factors = {factor: getattr(scales, factor) for factor in NoiseFactor}
     scatter = flights.scatter(history) if scales.slow else float("nan")
     scatters_less = bool(scatter <= SHOWS_LESS)
-    added = scales.stirred or scales.slow_other or scales.slow_velocity
+    added = scales.stirred or scales.shaken or scales.slow_other or scales.slow_velocity
     larger = bool(added or max(factors.values()) > 1.0)
     as_declared = scales.slow and not scatters_less
     note = because(
@@ -142,6 +142,8 @@ def _added(scales: NoiseScales, flights: Flights) -> list[Reason]:
     """Noise that was not declared at all."""
     parts = []
     level_m, down_m, velocity_m_s = flights.declared_m
+    if scales.shaken:
+        parts.append(because(AidedPart.SHAKEN, shaken=scales.shaken))
     if scales.stirred:
         parts.append(because(AidedPart.STIRRED, stirred=scales.stirred))
     if scales.slow:

@@ -344,7 +344,9 @@ def _noise_values(noise: AidedNoise) -> NDArray:
     slow_velocities = noise.slow_velocity_m_s, noise.slow_velocity_s
     vertical = noise.deflection_rad, noise.deflection_m
     others = vertical + (noise.slow_other_level_m, noise.slow_other_down_m)
-    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred, *others])
+    return np.array(
+        [*densities, *slow_positions, *slow_velocities, noise.stirred, *others, noise.shaken]
+    )
 
 
 def _settings(options: AidedOptions, antenna: Antenna, *, scaled: bool) -> NDArray:

@@ -94,6 +94,7 @@ STIRRED = 9
 DEFLECTION, DEFLECTION_WAY = 10, 11
 # of the noise: sigmas of the slow error of fixes of the other type; its time constant is SLOW_S
 SLOW_OTHER_LEVEL, SLOW_OTHER_DOWN = 12, 13
+SHAKEN = 14  # of the noise: how much of the shaking is white noise of the accelerometers
 # of the settings; CONSIDER: the antenna is, if above 0; HAS_SCALES: scales and misalignments are
 # states, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER, HAS_SCALES = 0, 1, 2, 3, 4, 5
@@ -922,7 +923,7 @@ def run(
         Whether the vehicle stands, whether a row is put out.
     state, opened, carry, bias, x, P : ndarray
         What a step carries over the end of a piece; changed in place.
-    noise, settings : ndarray, shapes (14,), (6,)
+    noise, settings : ndarray, shapes (15,), (6,)
     trail : ndarray, shape (TRAIL_ROWS, TRAIL)
         The latest steps; changed in place.
     fixes : ndarray, shape (fixes, 13)
@@ -999,8 +1000,9 @@ def run(
         opened[:] = 0.0
         step_s = carry[DT]
         vrw = noise[VRW]
-        if noise[STIRRED] > 0.0:  # what the rows of the step shook by is white
-            vrw = sqrt(vrw * vrw + carry[SHAKING] * step_s / carry[STEP_ROWS])
+        if noise[SHAKEN] > 0.0:  # what the rows of the step shook by is white
+            shaken = noise[SHAKEN] * noise[SHAKEN] * carry[SHAKING]
+            vrw = sqrt(vrw * vrw + shaken * step_s / carry[STEP_ROWS])
         steady_force(P, out[0], step_s, vrw, carry, steady, unsure)
         if scaled:
             turns(P, out[0], step_s, noise[ARW], angle)

@@ -43,8 +43,8 @@ class AidedNoise:
         How far the accelerometers' biases go with the shaking, which is the root mean square of the
         changes of the specific force from row to row (of white noise: its sigma): where that jumps,
         each bias moves by a draw of stirred times the jump (`ins.filters.aided_kernel.shaken_by`).
-        Where it is above 0, the shaking is white noise of the accelerometers beside vrw. 0:
-        neither.
+    shaken : float
+        White noise of the accelerometers beside vrw, over the shaking of the moment.
     """
 
     arw: float
@@ -64,6 +64,7 @@ class AidedNoise:
     misalignment_rad: float = 0.0
     accel_scale: float = 0.0
     stirred: float = 0.0
+    shaken: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

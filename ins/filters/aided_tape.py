@@ -58,7 +58,7 @@ class AidedTape:
     pieces : tuple of TapedPiece
     P_start : ndarray, shape (43, 43)
         Covariance at its start.
-    noise : ndarray, shape (14,)
+    noise : ndarray, shape (15,)
         In the order of the kernel: time constants of slow errors.
     """
 

@@ -107,6 +107,7 @@ class AidedNoiseDocument:
     accel_white_factor: float
     accel_walk_factor: float
     shaken_factor: float
+    vibration_factor: float
     position_factor: float
     velocity_factor: float
     slow_factor: float
@@ -372,6 +373,7 @@ def _noise(result: AidedResult) -> AidedNoiseDocument:
         accel_white_factor=s.accel_white,
         accel_walk_factor=s.accel_walk,
         shaken_factor=s.stirred,
+        vibration_factor=s.shaken,
         position_factor=s.position,
         velocity_factor=s.velocity,
         slow_factor=s.slow,
