@@ -44,7 +44,7 @@ class AlignmentReason(ReasonCode):
         "on_its_side",
         "the unit stands with its z axis {tilt_deg:.0f} deg off the vertical: a heading is found"
         " within {limit_deg:.0f} deg of it",
-        "stand it on its base or its head",
+        "set it upright or upside down",
     )
     TURNS = (
         "turns",
@@ -65,8 +65,8 @@ class AlignmentReason(ReasonCode):
     )
     NOTHING_STANDS = (
         "nothing_stands",
-        "the sensors look at rest for {rest_s:.0f} s, but over no filter step is the navigated"
-        " velocity zero: the vehicle moves, or the unit is much noisier than its noise model"
+        "the sensors indicate {rest_s:.0f} s at rest, but the navigated velocity is zero in no"
+        " filter step: the vehicle moves, or the unit is much noisier than its noise model"
         " ({source})",
     )
     NOTHING_MEASURED = (
@@ -93,7 +93,7 @@ class AlignmentReason(ReasonCode):
     LATITUDE_IN_RADIANS = (
         "latitude_in_radians",
         "latitude entered {entered_deg:.4f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
-        " deg: that number in radians",
+        " deg: the value entered looks like radians",
         "enter it in degrees",
     )
     LATITUDE_IS_LONGITUDE = (
@@ -125,8 +125,8 @@ class AlignmentReason(ReasonCode):
     )
     DEAD_ODOMETER = (
         "dead_odometer",
-        "the odometer reads zero while the inertial solution rolls for {rolling_s:.0f} s: a dead"
-        " encoder reads as parked",
+        "the odometer reads zero for {rolling_s:.0f} s while the inertial solution moves: a failed"
+        " wheel encoder looks like a parked vehicle",
     )
 
 

@@ -12,10 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, field, fields, is_dataclass, make_dataclass
 from enum import Enum
 from functools import lru_cache
+from operator import attrgetter
 from types import UnionType
 from typing import (
     Annotated,
     Any,
+    NamedTuple,
     TypeVar,
     Union,
     cast,
@@ -48,6 +50,45 @@ def written_as(key: str) -> dict[str, str]:
         For `dataclasses.field(metadata=...)`; pydantic reads it too.
     """
     return {"alias": key}
+
+
+def written(keys: str) -> Callable[[type[R]], type[R]]:
+    """Decorator of a record whose keys in the JSON are these, in this order.
+
+    Parameters
+    ----------
+    keys : str
+        Names of fields and properties, blanks between them; "key=a.b" takes attribute b of a. What
+        is not named is not written; `from_json` reads the fields among them.
+
+    Returns
+    -------
+    decorator : callable
+        Of the class; classes derived from it have their own fields as keys.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @written("axis half=half_deg_h")
+    ... @dataclass(frozen=True)
+    ... class Bias:
+    ...     axis: str
+    ...     bias_deg_h: float
+    ...     @property
+    ...     def half_deg_h(self) -> float:
+    ...         return 0.5 * self.bias_deg_h
+    >>> plain(Bias("x", 0.04))
+    {'axis': 'x', 'half': 0.02}
+    """
+
+    def decorated(kind: type[R]) -> type[R]:
+        KEYS_OF[kind] = tuple(keys.split())
+        return kind
+
+    return decorated
+
+
+KEYS_OF: dict[type, tuple[str, ...]] = {}
 
 
 class Null(Enum):
@@ -177,20 +218,58 @@ def _written(value: Any, number: Callable[[float], Any]) -> Any:
 
 def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for f in _fields(record.__class__):
-        item = getattr(record, f.name)
-        if item is None and (f.metadata.get("omit_none") or f.metadata.get("inline")):
+    for column in written_of(record.__class__):
+        item = attrgetter(column.path)(record)
+        if item is None and (column.omit_none or column.inline):
             continue
-        if f.metadata.get("inline"):
+        if column.inline:
             found |= _record(item, number)
         else:
-            found[f.metadata.get("alias", f.name)] = _written(item, number)
+            found[column.key] = _written(item, number)
     return found
+
+
+class WrittenKey(NamedTuple):
+    """A key and the attribute that it holds ("a.b": b of a), written as the metadata say."""
+
+    key: str
+    path: str
+    omit_none: bool = False
+    inline: bool = False
+
+
+@lru_cache(maxsize=512)
+def written_of(kind: type) -> tuple[WrittenKey, ...]:
+    """What is written of a record.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass.
+
+    Returns
+    -------
+    keys : tuple of WrittenKey
+        In their order.
+    """
+    of_fields = {f.name: _of_field(f) for f in _fields(kind)}
+    found = []
+    for item in KEYS_OF.get(kind, of_fields):
+        key, _, path = item.partition("=")
+        plain_key = WrittenKey(key, path or key)
+        found.append(plain_key if path else of_fields.get(key, plain_key))
+    return tuple(found)
+
+
+def _of_field(f: Field) -> WrittenKey:
+    said = f.metadata
+    omitted, inline = bool(said.get("omit_none")), bool(said.get("inline"))
+    return WrittenKey(said.get("alias", f.name), f.name, omitted, inline)
 
 
 @lru_cache(maxsize=512)
 def _fields(kind: Any) -> tuple[Field, ...]:
-    """The fields of a record that are written."""
+    """The fields of a record that are written where no keys are named."""
     return tuple(f for f in fields(kind) if not f.metadata.get("unwritten"))
 
 

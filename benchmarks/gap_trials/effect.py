@@ -42,6 +42,21 @@ class Effect:
         return self.answers or (self.name,)
 
 
+class Effects(list[Effect]):
+    """The effects of a module, in the order of the functions that lay them."""
+
+    def plants(
+        self, name: str, targets: tuple[str, ...], draw: Drawing, **more: Any
+    ) -> Callable[[Laying], Laying]:
+        """Decorator of `lay` of an effect; more: its other fields."""
+
+        def declare(lay: Laying) -> Laying:
+            self.append(Effect(name=name, targets=targets, draw=draw, lay=lay, **more))
+            return lay
+
+        return declare
+
+
 def signed(rng: np.random.Generator, size: float) -> float:
     """A coefficient of this size, either sign."""
     return size if rng.random() < 0.5 else -size

@@ -3,13 +3,24 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gap_trials.effect import GYROS, Effect, Parameters, event, log_uniform, signed
+from benchmarks.gap_trials.effect import GYROS, Effects, Parameters, event, log_uniform, signed
 from benchmarks.gap_trials.processes import lagged, play, smooth_step
 from benchmarks.gap_trials.seen import Seen, Streams, axis_of
 
 REFERENCE_DEGC = 20.0
 
 
+EFFECTS = Effects()
+
+
+def _turn_ons(rng: np.random.Generator, seen: tuple[Seen, ...]) -> Parameters:
+    drawn = rng.standard_normal(len(seen))
+    return {"biases_deg_h": (0.0065 * drawn / np.sqrt(np.mean(drawn**2))).tolist()}
+
+
+@EFFECTS.plants(
+    "gyro_thermal_linear", GYROS, lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.0012)}
+)
 def thermal_linear(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -20,6 +31,11 @@ def thermal_linear(
     )
 
 
+@EFFECTS.plants(
+    "gyro_thermal_quadratic",
+    GYROS,
+    lambda rng, _: {"coefficient_deg_h_degC2": signed(rng, 0.00005)},
+)
 def thermal_quadratic(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -30,6 +46,15 @@ def thermal_quadratic(
     )
 
 
+@EFFECTS.plants(
+    "gyro_thermal_rate",
+    GYROS,
+    lambda rng, _: {
+        "coefficient_deg_h_min_degC": signed(rng, 0.025),
+        "shell_s": float(rng.uniform(15, 45)),
+    },
+    confounded=("gyro_thermal_lag",),
+)
 def thermal_rate(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """k dT/dt of the coil, which follows its shell by half a minute or so."""
     rate = (
@@ -39,6 +64,9 @@ def thermal_rate(streams: Streams, seen: Seen, target: str, p: Parameters, size:
     return streams.gyro(target, size * p["coefficient_deg_h_min_degC"] * rate)
 
 
+@EFFECTS.plants(
+    "gyro_thermal_gradient", GYROS, lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.008)}
+)
 def thermal_gradient(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -48,6 +76,15 @@ def thermal_gradient(
     )
 
 
+@EFFECTS.plants(
+    "gyro_thermal_lag",
+    GYROS,
+    lambda rng, _: {
+        "coefficient_deg_h_degC": signed(rng, 0.005),
+        "tau_s": log_uniform(rng, 60, 900),
+    },
+    confounded=("gyro_thermal_rate",),
+)
 def thermal_lag(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """k (T_coil - T): the coil is later than the thermometer by tau and, through its winding, by a
     tenth of that.
@@ -58,6 +95,15 @@ def thermal_lag(streams: Streams, seen: Seen, target: str, p: Parameters, size: 
     return streams.gyro(target, size * p["coefficient_deg_h_degC"] * (late - sensor))
 
 
+@EFFECTS.plants(
+    "gyro_thermal_hysteresis",
+    GYROS,
+    lambda rng, _: {
+        "half_split_deg_h": signed(rng, 0.005),
+        "width_degC": log_uniform(rng, 1.0, 5.0),
+    },
+    needs=frozenset({"runs"}),
+)
 def thermal_hysteresis(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -66,6 +112,11 @@ def thermal_hysteresis(
     return streams.gyro(target, size * p["half_split_deg_h"] * loop)
 
 
+@EFFECTS.plants(
+    "gyro_warmup_transient",
+    GYROS,
+    lambda rng, _: {"amplitude_deg_h": signed(rng, 0.02), "tau_s": log_uniform(rng, 180, 1800)},
+)
 def warmup_transient(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -73,10 +124,14 @@ def warmup_transient(
     return streams.gyro(target, size * p["amplitude_deg_h"] * two_decays(seen.time_s, p["tau_s"]))
 
 
+@EFFECTS.plants("gyro_rate_ramp", GYROS, lambda rng, _: {"slope_deg_h_h": signed(rng, 0.003)})
 def rate_ramp(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     return streams.gyro(target, size * p["slope_deg_h_h"] * seen.time_s / 3600.0)
 
 
+@EFFECTS.plants(
+    "gyro_bias_step", GYROS, lambda rng, seen: {"step_deg_h": signed(rng, 0.01), **event(rng, seen)}
+)
 def bias_step(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """In one run, within a few seconds."""
     if seen.number != p["run"]:
@@ -86,6 +141,16 @@ def bias_step(streams: Streams, seen: Seen, target: str, p: Parameters, size: fl
     )
 
 
+@EFFECTS.plants(
+    "gyro_mode_hop",
+    GYROS,
+    lambda rng, _: {
+        "amplitude_deg_h": 0.005,
+        "period_degC": float(rng.uniform(3, 10)),
+        "phase_rad": float(rng.uniform(0, 2 * np.pi)),
+    },
+    needs=frozenset({"runs"}),
+)
 def mode_hop(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """A sin(2 pi T / P + c): a period that grows by 1 % over 10 degC, and a weak second
     harmonic.
@@ -99,10 +164,17 @@ def mode_hop(streams: Streams, seen: Seen, target: str, p: Parameters, size: flo
     )
 
 
+@EFFECTS.plants("gyro_turn_on_bias", GYROS, _turn_ons, needs=frozenset({"runs"}))
 def turn_on_bias(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     return streams.gyro(target, size * p["biases_deg_h"][seen.number])
 
 
+@EFFECTS.plants(
+    "compensation_misapplied",
+    GYROS,
+    lambda rng, _: {"coefficient": float(rng.choice([-2.0, -1.0, 1.0]))},
+    confounded=("gyro_thermal_linear", "gyro_thermal_quadratic"),
+)
 def compensation(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """The unit subtracts its own table as well: coefficient -1 (twice), -2 (wrong sign) or 1 (left
     out, added back).
@@ -120,106 +192,3 @@ def coil(seen: Seen, target: str) -> NDArray:
 def two_decays(time_s: NDArray, tau_s: float) -> NDArray:
     """1 at power-on: nine tenths with tau, the rest seven times as fast."""
     return 0.9 * np.exp(-time_s / tau_s) + 0.1 * np.exp(-7 * time_s / tau_s)
-
-
-def _turn_ons(rng: np.random.Generator, seen: tuple[Seen, ...]) -> Parameters:
-    drawn = rng.standard_normal(len(seen))
-    return {"biases_deg_h": (0.0065 * drawn / np.sqrt(np.mean(drawn**2))).tolist()}
-
-
-EFFECTS = (
-    Effect(
-        name="gyro_thermal_linear",
-        targets=GYROS,
-        lay=thermal_linear,
-        draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.0012)},
-    ),
-    Effect(
-        name="gyro_thermal_quadratic",
-        targets=GYROS,
-        lay=thermal_quadratic,
-        draw=lambda rng, _: {"coefficient_deg_h_degC2": signed(rng, 0.00005)},
-    ),
-    Effect(
-        name="gyro_thermal_rate",
-        targets=GYROS,
-        lay=thermal_rate,
-        confounded=("gyro_thermal_lag",),
-        draw=lambda rng, _: {
-            "coefficient_deg_h_min_degC": signed(rng, 0.025),
-            "shell_s": float(rng.uniform(15, 45)),
-        },
-    ),
-    Effect(
-        name="gyro_thermal_gradient",
-        targets=GYROS,
-        lay=thermal_gradient,
-        draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.008)},
-    ),
-    Effect(
-        name="gyro_thermal_lag",
-        targets=GYROS,
-        lay=thermal_lag,
-        confounded=("gyro_thermal_rate",),
-        draw=lambda rng, _: {
-            "coefficient_deg_h_degC": signed(rng, 0.005),
-            "tau_s": log_uniform(rng, 60, 900),
-        },
-    ),
-    Effect(
-        name="gyro_thermal_hysteresis",
-        targets=GYROS,
-        lay=thermal_hysteresis,
-        needs=frozenset({"runs"}),
-        draw=lambda rng, _: {
-            "half_split_deg_h": signed(rng, 0.005),
-            "width_degC": log_uniform(rng, 1.0, 5.0),
-        },
-    ),
-    Effect(
-        name="gyro_warmup_transient",
-        targets=GYROS,
-        lay=warmup_transient,
-        draw=lambda rng, _: {
-            "amplitude_deg_h": signed(rng, 0.02),
-            "tau_s": log_uniform(rng, 180, 1800),
-        },
-    ),
-    Effect(
-        name="gyro_rate_ramp",
-        targets=GYROS,
-        lay=rate_ramp,
-        draw=lambda rng, _: {"slope_deg_h_h": signed(rng, 0.003)},
-    ),
-    Effect(
-        name="gyro_bias_step",
-        targets=GYROS,
-        lay=bias_step,
-        draw=lambda rng, seen: {"step_deg_h": signed(rng, 0.01), **event(rng, seen)},
-    ),
-    Effect(
-        name="gyro_mode_hop",
-        targets=GYROS,
-        lay=mode_hop,
-        needs=frozenset({"runs"}),
-        draw=lambda rng, _: {
-            "amplitude_deg_h": 0.005,
-            "period_degC": float(rng.uniform(3, 10)),
-            "phase_rad": float(rng.uniform(0, 2 * np.pi)),
-        },
-    ),
-    Effect(
-        name="gyro_turn_on_bias",
-        targets=GYROS,
-        lay=turn_on_bias,
-        needs=frozenset({"runs"}),
-        draw=_turn_ons,
-    ),
-    Effect(
-        name="compensation_misapplied",
-        targets=GYROS,
-        lay=compensation,
-        confounded=("gyro_thermal_linear", "gyro_thermal_quadratic"),
-        draw=lambda rng, _: {"coefficient": float(rng.choice([-2.0, -1.0, 1.0]))},
-    ),
-)

@@ -9,7 +9,7 @@ from benchmarks.gap_trials import processes
 from benchmarks.gap_trials.effect import (
     GYROS,
     Drawing,
-    Effect,
+    Effects,
     Parameters,
     log_uniform,
     seed,
@@ -23,10 +23,35 @@ FIELD_N_GAUSS = (0.222, 0.42)  # horizontal and down, middle latitudes
 DECLINATION_RAD = 3.0 * DEG
 
 
+EFFECTS = Effects()
+
+
+def _noise(key: str, size: float) -> Drawing:
+    return lambda rng, _: {key: size, "seed": seed(rng)}
+
+
+SLOW = ("slow_variation",)
+
+TAXI = frozenset({"taxi"})
+
+
+@EFFECTS.plants(
+    "gyro_scale_factor",
+    GYROS,
+    lambda rng, _: {"scale_ppm": signed(rng, 5.0)},
+    needs=TAXI,
+    confounded=("gyro_magnetic_sensitivity", "gyro_misalignment", "clock_rate"),
+)
 def scale_factor(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     return streams.turning(target, size * p["scale_ppm"] * PPM * _rate(seen, target))
 
 
+@EFFECTS.plants(
+    "gyro_scale_asymmetry",
+    ("gyro_z",),
+    lambda rng, _: {"asymmetry_ppm": signed(rng, 5.0)},
+    needs=TAXI,
+)
 def scale_asymmetry(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -36,11 +61,24 @@ def scale_asymmetry(
     return streams.turning(target, size * p["asymmetry_ppm"] * PPM * bent)
 
 
+@EFFECTS.plants(
+    "gyro_scale_thermal",
+    ("gyro_z",),
+    lambda rng, _: {"scale_ppm_degC": signed(rng, 2.0)},
+    needs=TAXI,
+)
 def scale_thermal(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     off = coil(seen, target) - 20.0
     return streams.turning(target, size * p["scale_ppm_degC"] * PPM * off * _rate(seen, target))
 
 
+@EFFECTS.plants(
+    "gyro_misalignment",
+    GYROS,
+    lambda rng, _: {"arcsec_xyz": _crossed(rng, 14.0)},
+    needs=TAXI,
+    confounded=("gyro_magnetic_sensitivity",),
+)
 def misalignment(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Sensitivity to the two other axes: the input axis leans by a vector, of which only the part
     across it counts.
@@ -50,12 +88,26 @@ def misalignment(streams: Streams, seen: Seen, target: str, p: Parameters, size:
     return streams.turning(target, size * (seen.dtheta_rad @ lean) / seen.dt_s)
 
 
+@EFFECTS.plants(
+    "gyro_g_sensitivity",
+    GYROS,
+    lambda rng, _: {"deg_h_g": signed(rng, 0.001), "direction": _crossed(rng, 1.0)},
+    needs=TAXI,
+    confounded=("gyro_turn_on_bias",),
+)
 def g_sensitivity(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """To the specific force along the gyro and, a quarter as much, across it."""
     along = seen.dv_m_s @ np.array(p["direction"]) / seen.dt_s / STANDARD_GRAVITY
     return streams.gyro(target, size * p["deg_h_g"] * along)
 
 
+@EFFECTS.plants(
+    "gyro_magnetic_sensitivity",
+    GYROS,
+    lambda rng, _: {"deg_h_gauss": 0.005, "direction": _leak(rng)},
+    needs=frozenset({"runs"}),
+    confounded=("gyro_misalignment", "gyro_scale_factor"),
+)
 def magnetic(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """To the Earth's field in body axes, along a mostly horizontal direction of the shield's
     leak.
@@ -68,6 +120,7 @@ def magnetic(streams: Streams, seen: Seen, target: str, p: Parameters, size: flo
     return streams.gyro(target, size * p["deg_h_gauss"] * (field_b @ np.array(p["direction"])))
 
 
+@EFFECTS.plants("gyro_angle_random_walk", GYROS, _noise("deg_sqrt_h", 0.002))
 def angle_random_walk(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -76,6 +129,7 @@ def angle_random_walk(
     return streams.turning(target, more / seen.dt_s)
 
 
+@EFFECTS.plants("gyro_bias_instability", GYROS, _noise("deg_h", 0.003), answers=SLOW)
 def bias_instability(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -83,6 +137,7 @@ def bias_instability(
     return streams.gyro(target, size * more)
 
 
+@EFFECTS.plants("gyro_rate_random_walk", GYROS, _noise("deg_h_sqrt_h", 0.003), answers=SLOW)
 def rate_random_walk(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -92,6 +147,12 @@ def rate_random_walk(
     return streams.gyro(target, size * walk)
 
 
+@EFFECTS.plants(
+    "gyro_gauss_markov",
+    GYROS,
+    lambda rng, _: {"deg_h": 0.004, "tau_s": log_uniform(rng, 50, 1000), "seed": seed(rng)},
+    answers=SLOW,
+)
 def gauss_markov(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     more = processes.gauss_markov(
         seen.rng(p["seed"]), seen.rows, rms=p["deg_h"], tau_s=p["tau_s"], dt_s=seen.dt_s
@@ -99,6 +160,12 @@ def gauss_markov(streams: Streams, seen: Seen, target: str, p: Parameters, size:
     return streams.gyro(target, size * more)
 
 
+@EFFECTS.plants(
+    "gyro_quantization",
+    GYROS,
+    lambda rng, _: {"arcsec": float(rng.uniform(0.3, 1.0))},
+    linear=False,
+)
 def quantization(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """The accumulated angle counts whole pulses."""
     rows, axis = np.array(streams.dtheta_rad), axis_of(target)
@@ -107,6 +174,12 @@ def quantization(streams: Streams, seen: Seen, target: str, p: Parameters, size:
     return replace(streams, dtheta_rad=rows)
 
 
+@EFFECTS.plants(
+    "gyro_noise_thermal",
+    GYROS,
+    lambda rng, _: {"growth": 0.3, "with": str(rng.choice(["rate", "level"])), "seed": seed(rng)},
+    linear=False,
+)
 def noise_thermal(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """White noise (1 + a g(t)) times the declared one; g: |dT/dt| in degC/min, or degC above 20, in
     tens.
@@ -121,6 +194,14 @@ def noise_thermal(streams: Streams, seen: Seen, target: str, p: Parameters, size
     return streams.turning(target, more * drawn / seen.dt_s)
 
 
+@EFFECTS.plants(
+    "clock_rate",
+    ("gyro_z",),
+    lambda rng, _: {"ppm": signed(rng, 20.0)},
+    needs=TAXI,
+    accepted=(*GYROS, "accel_z", "vehicle"),
+    confounded=("accel_scale_factor", "gyro_scale_factor"),
+)
 def clock_rate(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """The unit's clock is slow: what it calls a tenth of a second is longer, for gyros and
     accelerometers alike.
@@ -147,117 +228,3 @@ def _leak(rng: np.random.Generator) -> list[float]:
     """A unit direction whose horizontal part, at a random azimuth, has 95 % of its length."""
     azimuth = rng.uniform(0, 2 * np.pi)
     return [0.95 * float(np.cos(azimuth)), 0.95 * float(np.sin(azimuth)), 0.31]
-
-
-def _noise(key: str, size: float) -> Drawing:
-    return lambda rng, _: {key: size, "seed": seed(rng)}
-
-
-SLOW = ("slow_variation",)
-TAXI = frozenset({"taxi"})
-EFFECTS = (
-    Effect(
-        name="gyro_scale_factor",
-        targets=GYROS,
-        lay=scale_factor,
-        needs=TAXI,
-        confounded=("gyro_magnetic_sensitivity", "gyro_misalignment", "clock_rate"),
-        draw=lambda rng, _: {"scale_ppm": signed(rng, 5.0)},
-    ),
-    Effect(
-        name="gyro_scale_asymmetry",
-        targets=("gyro_z",),
-        lay=scale_asymmetry,
-        needs=TAXI,
-        draw=lambda rng, _: {"asymmetry_ppm": signed(rng, 5.0)},
-    ),
-    Effect(
-        name="gyro_scale_thermal",
-        targets=("gyro_z",),
-        lay=scale_thermal,
-        needs=TAXI,
-        draw=lambda rng, _: {"scale_ppm_degC": signed(rng, 2.0)},
-    ),
-    Effect(
-        name="gyro_misalignment",
-        targets=GYROS,
-        lay=misalignment,
-        needs=TAXI,
-        confounded=("gyro_magnetic_sensitivity",),
-        draw=lambda rng, _: {"arcsec_xyz": _crossed(rng, 14.0)},
-    ),
-    Effect(
-        name="gyro_g_sensitivity",
-        targets=GYROS,
-        lay=g_sensitivity,
-        needs=TAXI,
-        confounded=("gyro_turn_on_bias",),
-        draw=lambda rng, _: {"deg_h_g": signed(rng, 0.001), "direction": _crossed(rng, 1.0)},
-    ),
-    Effect(
-        name="gyro_magnetic_sensitivity",
-        targets=GYROS,
-        lay=magnetic,
-        needs=frozenset({"runs"}),
-        confounded=("gyro_misalignment", "gyro_scale_factor"),
-        draw=lambda rng, _: {"deg_h_gauss": 0.005, "direction": _leak(rng)},
-    ),
-    Effect(
-        name="gyro_angle_random_walk",
-        targets=GYROS,
-        lay=angle_random_walk,
-        draw=_noise("deg_sqrt_h", 0.002),
-    ),
-    Effect(
-        name="gyro_bias_instability",
-        targets=GYROS,
-        lay=bias_instability,
-        answers=SLOW,
-        draw=_noise("deg_h", 0.003),
-    ),
-    Effect(
-        name="gyro_rate_random_walk",
-        targets=GYROS,
-        lay=rate_random_walk,
-        answers=SLOW,
-        draw=_noise("deg_h_sqrt_h", 0.003),
-    ),
-    Effect(
-        name="gyro_gauss_markov",
-        targets=GYROS,
-        lay=gauss_markov,
-        answers=SLOW,
-        draw=lambda rng, _: {
-            "deg_h": 0.004,
-            "tau_s": log_uniform(rng, 50, 1000),
-            "seed": seed(rng),
-        },
-    ),
-    Effect(
-        name="gyro_quantization",
-        targets=GYROS,
-        lay=quantization,
-        linear=False,
-        draw=lambda rng, _: {"arcsec": float(rng.uniform(0.3, 1.0))},
-    ),
-    Effect(
-        name="gyro_noise_thermal",
-        targets=GYROS,
-        lay=noise_thermal,
-        linear=False,
-        draw=lambda rng, _: {
-            "growth": 0.3,
-            "with": str(rng.choice(["rate", "level"])),
-            "seed": seed(rng),
-        },
-    ),
-    Effect(
-        name="clock_rate",
-        targets=("gyro_z",),
-        lay=clock_rate,
-        needs=TAXI,
-        accepted=(*GYROS, "accel_z", "vehicle"),
-        confounded=("accel_scale_factor", "gyro_scale_factor"),
-        draw=lambda rng, _: {"ppm": signed(rng, 20.0)},
-    ),
-)

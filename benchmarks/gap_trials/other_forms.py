@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gap_trials.effect import GYROS, Effect, Parameters, log_uniform, seed, signed
+from benchmarks.gap_trials.effect import GYROS, Effects, Parameters, log_uniform, seed, signed
 from benchmarks.gap_trials.seen import Seen, Streams, axis_of, moved, tilted
 from ins.units import ARCSEC, DEG
 
@@ -19,6 +19,21 @@ RELAYS_ACROSS = 321  # its thresholds, a quarter of a degree apart
 THRESHOLDS_DEGC = (-20.0, 60.0)
 
 
+OTHER_FORMS = Effects()
+
+
+@OTHER_FORMS.plants(
+    "three_node_network",
+    GYROS,
+    lambda rng, _: {
+        "coefficient_deg_h_degC": signed(rng, 0.005),
+        "housing_s": log_uniform(rng, 100.0, 600.0),
+        "coil_s": log_uniform(rng, 50.0, 300.0),
+        "leak_s": log_uniform(rng, 1000.0, 4000.0),
+    },
+    answers=("gyro_thermal_lag", "gyro_thermal_rate"),
+    confounded=("gyro_thermal_gradient", "gyro_thermal_hysteresis"),
+)
 def network(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Housing, block and coil exchange heat; the bias is that of the coil, the table is entered
     with the housing.
@@ -36,6 +51,19 @@ def network(streams: Streams, seen: Seen, target: str, p: Parameters, size: floa
     return streams.gyro(target, size * p["coefficient_deg_h_degC"] * rows)
 
 
+@OTHER_FORMS.plants(
+    "preisach_hysteresis",
+    GYROS,
+    lambda rng, _: {
+        "half_split_deg_h": signed(rng, 0.01),
+        "width_degC": float(rng.uniform(3.0, 10.0)),
+        "centre_degC": float(rng.uniform(10.0, 40.0)),
+        "spread_degC": float(rng.uniform(15.0, 30.0)),
+    },
+    needs=frozenset({"runs"}),
+    answers=("gyro_thermal_hysteresis",),
+    confounded=("gyro_thermal_lag", "gyro_thermal_rate", "gyro_thermal_quadratic"),
+)
 def preisach(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Relays that switch up and down at thresholds of their own, dense about one temperature.
 
@@ -57,6 +85,18 @@ def preisach(streams: Streams, seen: Seen, target: str, p: Parameters, size: flo
     return streams.gyro(target, size * p["half_split_deg_h"] * rows)
 
 
+@OTHER_FORMS.plants(
+    "tyre_cornering",
+    ("vehicle",),
+    lambda rng, _: {
+        "deg_s2_m": signed(rng, 0.4),
+        "grip_m_s2": float(rng.uniform(3.0, 6.0)),
+        "road_m": float(rng.uniform(0.3, 2.0)),
+    },
+    needs=frozenset({"taxi"}),
+    answers=("side_slip",),
+    confounded=("odometer_boresight", "lever_arm"),
+)
 def cornering(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Tyres of finite grip: the slip angle grows faster than the side force and builds up over a
     length of road.
@@ -71,6 +111,13 @@ def cornering(streams: Streams, seen: Seen, target: str, p: Parameters, size: fl
     return moved(streams, seen, np.einsum("nij,nj->ni", seen.C_nb, sideways))
 
 
+@OTHER_FORMS.plants(
+    "stick_slip_struts",
+    ("vehicle",),
+    lambda rng, seen: _event_arcsec(rng, len(seen)),
+    answers=("platform_settling", "platform_step"),
+    confounded=("platform_mount_sag",),
+)
 def stick_slip(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """A strut settles in jerks: it holds, and gives way by a share of what is left."""
     if seen.number != p["run"]:
@@ -86,6 +133,13 @@ def stick_slip(streams: Streams, seen: Seen, target: str, p: Parameters, size: f
     return tilted(streams, seen, np.outer(shape, size * ARCSEC * np.array(p["arcsec_xyz"])))
 
 
+@OTHER_FORMS.plants(
+    "one_over_f_noise",
+    GYROS,
+    lambda rng, _: {"instability_deg_h": 0.003, "seed": seed(rng)},
+    answers=("slow_variation",),
+    confounded=("gyro_rate_ramp", "gyro_turn_on_bias"),
+)
 def one_over_f(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Noise whose spectrum is drawn: amplitude as the inverse root of frequency."""
     rng = seen.rng(p["seed"])
@@ -98,6 +152,14 @@ def one_over_f(streams: Streams, seen: Seen, target: str, p: Parameters, size: f
     return streams.gyro(target, size * p["instability_deg_h"] * path / np.sqrt(np.log(2.0)))
 
 
+@OTHER_FORMS.plants(
+    "slow_thermometer",
+    ("temperature",),
+    lambda rng, _: {"tau_s": log_uniform(rng, 30.0, 200.0)},
+    answers=("temperature_sensor_error",),
+    confounded=("gyro_thermal_lag", "gyro_thermal_rate"),
+    linear=False,
+)
 def slow_thermometer(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -121,6 +183,14 @@ def slow_thermometer(
     return replace(streams, temperature=replace(log, gyro_degC=read))
 
 
+@OTHER_FORMS.plants(
+    "jittered_stamps",
+    ("vehicle",),
+    lambda rng, _: {"jitter_s": 0.01, "seed": seed(rng)},
+    answers=("timestamp_jitter",),
+    confounded=("accel_noise", "platform_sway", "gyro_quantization"),
+    linear=False,
+)
 def jittered(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Each row is taken a little early or late: it holds a part of its neighbour's increment."""
     rng = seen.rng(p["seed"])
@@ -138,6 +208,16 @@ def jittered(streams: Streams, seen: Seen, target: str, p: Parameters, size: flo
     )
 
 
+@OTHER_FORMS.plants(
+    "fuel_burn",
+    ("vehicle",),
+    lambda rng, _: {
+        "arcsec_h": (60.0 * rng.standard_normal((2, 3)) * [1.0, 1.0, 0.05]).tolist(),
+        "next_tank_s": float(rng.uniform(900.0, 2400.0)),
+        "slip_s": log_uniform(rng, 60.0, 200.0),
+    },
+    answers=("platform_settling", "platform_step", "platform_mount_sag"),
+)
 def fuel_burn(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """Fuel burns while the vehicle is parked: it tilts steadily, about another axis once the next
     tank is drawn from, and the struts follow with friction.
@@ -150,21 +230,44 @@ def fuel_burn(streams: Streams, seen: Seen, target: str, p: Parameters, size: fl
     return tilted(streams, seen, size * ARCSEC * (way + grip * parked))
 
 
+@OTHER_FORMS.plants(
+    "dead_zone",
+    GYROS,
+    lambda rng, _: {
+        "lock_deg_h": log_uniform(rng, 2.0, 6.0),
+        "dither_deg_h": log_uniform(rng, 40.0, 100.0),
+    },
+    answers=("gyro_lock_in",),
+    confounded=("gyro_scale_factor", "gyro_scale_asymmetry"),
+)
 def dead_zone(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """The mean output of a dithered laser: its beat vanishes while the rate is within the dead
-    zone, w sqrt(1 - (lock / w)^2) elsewhere, averaged over a sinusoidal dither (Aronowitz 1971).
+    """The mean output of a laser whose dither swings at random: its beat vanishes while the rate is
+    within the dead zone, w sqrt(1 - (lock / w)^2) elsewhere (Aronowitz 1971).
+
+    Its steps are a twentieth of the dead zone: steps as long as that made a curve of their own.
     """
     axis = axis_of(target)
     rate = seen.dtheta_rad[:, axis] / seen.dt_s
     lock, dither = p["lock_deg_h"] * DEG / 3600.0, p["dither_deg_h"] * DEG / 3600.0
-    grid = np.linspace(-4.0 * dither, 4.0 * dither, 401)
-    phase = np.linspace(0.0, 2.0 * np.pi, 257)[:-1]
-    swung = grid[:, None] + dither * np.sin(phase)
-    beat = np.sign(swung) * np.sqrt(np.maximum(swung**2 - lock**2, 0.0))
-    error = (beat - swung).mean(axis=1)
-    return streams.turning(target, size * np.interp(rate, grid, error))
+    grid = np.linspace(-10.0 * dither, 10.0 * dither, 401)
+    steps = int(16.0 * dither / (0.05 * lock))
+    swung = 0.05 * lock * np.arange(-steps, steps + 1)
+    lost = np.sign(swung) * np.sqrt(np.maximum(swung**2 - lock**2, 0.0)) - swung
+    weights = np.exp(-0.5 * ((swung - grid[:, None]) / dither) ** 2)
+    error = weights @ lost / weights.sum(axis=1)
+    error = np.interp(rate, grid, error) * np.minimum(
+        grid[-1] / np.maximum(np.abs(rate), 1e-9), 1.0
+    )
+    return streams.turning(target, size * error)
 
 
+@OTHER_FORMS.plants(
+    "fixes_by_heading",
+    ("gnss",),
+    lambda rng, _: {"metres": 3.0, "bearing_rad": float(rng.uniform(0.0, 2.0 * np.pi))},
+    needs=frozenset({"gnss"}),
+    answers=("unknown", "gnss_lever_arm_or_latency"),
+)
 def fixes_by_heading(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -181,6 +284,18 @@ def fixes_by_heading(
     return replace(streams, gnss=gnss)
 
 
+@OTHER_FORMS.plants(
+    "white_vibration",
+    ("vehicle",),
+    lambda rng, seen: {
+        "run": int(rng.integers(len(seen))),
+        "shares": [0.3, 0.5, 1.0],
+        "ug_sqrt_hz": 20.0,
+        "seed": seed(rng),
+    },
+    answers=("platform_vibration", "accel_noise"),
+    linear=False,
+)
 def white_vibration(
     streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 ) -> Streams:
@@ -203,124 +318,3 @@ def _event_arcsec(rng: np.random.Generator, runs: int) -> Parameters:
         "hold_s": log_uniform(rng, 60.0, 240.0),
         "seed": seed(rng),
     }
-
-
-OTHER_FORMS = (
-    Effect(
-        name="three_node_network",
-        targets=GYROS,
-        lay=network,
-        answers=("gyro_thermal_lag", "gyro_thermal_rate"),
-        confounded=("gyro_thermal_gradient", "gyro_thermal_hysteresis"),
-        draw=lambda rng, _: {
-            "coefficient_deg_h_degC": signed(rng, 0.005),
-            "housing_s": log_uniform(rng, 100.0, 600.0),
-            "coil_s": log_uniform(rng, 50.0, 300.0),
-            "leak_s": log_uniform(rng, 1000.0, 4000.0),
-        },
-    ),
-    Effect(
-        name="preisach_hysteresis",
-        targets=GYROS,
-        lay=preisach,
-        needs=frozenset({"runs"}),
-        answers=("gyro_thermal_hysteresis",),
-        confounded=("gyro_thermal_lag", "gyro_thermal_rate", "gyro_thermal_quadratic"),
-        draw=lambda rng, _: {
-            "half_split_deg_h": signed(rng, 0.01),
-            "width_degC": float(rng.uniform(3.0, 10.0)),
-            "centre_degC": float(rng.uniform(10.0, 40.0)),
-            "spread_degC": float(rng.uniform(15.0, 30.0)),
-        },
-    ),
-    Effect(
-        name="tyre_cornering",
-        targets=("vehicle",),
-        lay=cornering,
-        needs=frozenset({"taxi"}),
-        answers=("side_slip",),
-        confounded=("odometer_boresight", "lever_arm"),
-        draw=lambda rng, _: {
-            "deg_s2_m": signed(rng, 0.4),
-            "grip_m_s2": float(rng.uniform(3.0, 6.0)),
-            "road_m": float(rng.uniform(0.3, 2.0)),
-        },
-    ),
-    Effect(
-        name="stick_slip_struts",
-        targets=("vehicle",),
-        lay=stick_slip,
-        answers=("platform_settling", "platform_step"),
-        confounded=("platform_mount_sag",),
-        draw=lambda rng, seen: _event_arcsec(rng, len(seen)),
-    ),
-    Effect(
-        name="one_over_f_noise",
-        targets=GYROS,
-        lay=one_over_f,
-        answers=("slow_variation",),
-        confounded=("gyro_rate_ramp", "gyro_turn_on_bias"),
-        draw=lambda rng, _: {"instability_deg_h": 0.003, "seed": seed(rng)},
-    ),
-    Effect(
-        name="slow_thermometer",
-        targets=("temperature",),
-        lay=slow_thermometer,
-        answers=("temperature_sensor_error",),
-        confounded=("gyro_thermal_lag", "gyro_thermal_rate"),
-        linear=False,
-        draw=lambda rng, _: {"tau_s": log_uniform(rng, 30.0, 200.0)},
-    ),
-    Effect(
-        name="jittered_stamps",
-        targets=("vehicle",),
-        lay=jittered,
-        answers=("timestamp_jitter",),
-        confounded=("accel_noise", "platform_sway", "gyro_quantization"),
-        linear=False,
-        draw=lambda rng, _: {"jitter_s": 0.01, "seed": seed(rng)},
-    ),
-    Effect(
-        name="fuel_burn",
-        targets=("vehicle",),
-        lay=fuel_burn,
-        answers=("platform_settling", "platform_step", "platform_mount_sag"),
-        draw=lambda rng, _: {
-            "arcsec_h": (60.0 * rng.standard_normal((2, 3)) * [1.0, 1.0, 0.05]).tolist(),
-            "next_tank_s": float(rng.uniform(900.0, 2400.0)),
-            "slip_s": log_uniform(rng, 60.0, 200.0),
-        },
-    ),
-    Effect(
-        name="dead_zone",
-        targets=GYROS,
-        lay=dead_zone,
-        answers=("gyro_lock_in",),
-        confounded=("gyro_scale_factor", "gyro_scale_asymmetry"),
-        draw=lambda rng, _: {
-            "lock_deg_h": log_uniform(rng, 2.0, 6.0),
-            "dither_deg_h": log_uniform(rng, 40.0, 100.0),
-        },
-    ),
-    Effect(
-        name="fixes_by_heading",
-        targets=("gnss",),
-        lay=fixes_by_heading,
-        needs=frozenset({"gnss"}),
-        answers=("unknown", "gnss_lever_arm_or_latency"),
-        draw=lambda rng, _: {"metres": 3.0, "bearing_rad": float(rng.uniform(0.0, 2.0 * np.pi))},
-    ),
-    Effect(
-        name="white_vibration",
-        targets=("vehicle",),
-        lay=white_vibration,
-        answers=("engine_start", "accel_noise"),
-        linear=False,
-        draw=lambda rng, seen: {
-            "run": int(rng.integers(len(seen))),
-            "shares": [0.3, 0.5, 1.0],
-            "ug_sqrt_hz": 20.0,
-            "seed": seed(rng),
-        },
-    ),
-)

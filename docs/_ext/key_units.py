@@ -46,7 +46,7 @@ RATIOS = """
 alpha axes_alike_p band_95 band_999 bic causal_ratio chi2 condition cos cos_typical cosine dof
 effective_draws expected_gain floor fraction gain held_out_chi2 jitter limit_999 merge_nis nis
 nis_mean nis_mean_as_declared noise_over_model noise_share odds over_noise p95 p_value
-power power_model probability ratio residual_over_sigma rho rho_after score score_after
+probability ratio residual_over_sigma rho rho_after score score_after
 seen_over_sigma share share_inside shares sigma_cost sigma_log squared_innovation
 squared_innovation_defaults strength unit_noise_scale vehicle_share white windows_left_out
 over_temperature_only temperature_only all all_uncentred tolerated told_from
@@ -69,6 +69,8 @@ OTHERS = {
     "largest_degC_min_K_at_test_rate": "degC/min",
     "nats_after": "nats",
     "needed_runs": "count",
+    "power": "(rad/s)^2/Hz or (m/s^2)^2/Hz",
+    "power_model": "(rad/s)^2/Hz or (m/s^2)^2/Hz",
     "seconds": "s",
     "z": "sigmas",
     "drift_now_95_nm_h": "NM/h",

@@ -5,17 +5,20 @@ the functions that make it.
 import ast
 import collections.abc
 import importlib
+import inspect
 import re
 import typing
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from api_pages import parsed
 from key_units import unit_of
 
-from ins.documents import UNWRITTEN
+from ins.documents import written_of
 
 SCHEMA_KEY = "schema"
 WORDS = ""  # the key under which a record's own words stand
@@ -102,16 +105,26 @@ def _maker(tree: ast.Module, record: str) -> str:
 
 def _fields(kind: type) -> "Keys":
     """Fields of a record that are written, with those of the records in them."""
-    hints = typing.get_type_hints(kind)
     keys: Keys = {WORDS: _first_sentence(kind)}
-    for f in fields(kind):
-        if f.metadata.items() >= UNWRITTEN.items():
-            continue
-        inner, many = _record_in(hints[f.name])
-        key = f.metadata.get("alias", f.name)
+    for key, path, *_ in written_of(kind):
+        hint = _hint_of(kind, path)
+        inner, many = _record_in(hint)
         listed = key + ("[]" if many else "")
-        keys[listed] = measure_of(key, hints[f.name]) if inner is None else _fields(inner)
+        keys[listed] = measure_of(key, hint) if inner is None else _fields(inner)
     return keys
+
+
+def _hint_of(kind: type, path: str) -> Any:
+    """The type of an attribute of a record, or of an attribute of that."""
+    hint: Any = kind
+    for name in path.split("."):
+        owner = _record_in(hint)[0] or hint
+        hints = typing.get_type_hints(owner)
+        if name not in hints:
+            made = inspect.getattr_static(owner, name)
+            hints = typing.get_type_hints(getattr(made, "fget", None) or made.func)
+        hint = hints.get(name, hints.get("return"))
+    return hint
 
 
 def measure_of(key: str, hint: Any) -> str:
@@ -129,8 +142,10 @@ def measure_of(key: str, hint: Any) -> str:
 def _kinds(hint: Any) -> set[Any]:
     """The types that an annotation names, inside out."""
     inner = typing.get_args(hint)
+    if typing.get_origin(hint) is np.ndarray:
+        return {float}
     if not inner:
-        return {hint}
+        return {str} if isinstance(hint, type) and issubclass(hint, Enum) else {hint}
     found: set[Any] = set()
     for part in inner[1:] if typing.get_origin(hint) in MAPPINGS else inner:
         found |= _kinds(part)

@@ -30,8 +30,8 @@ class AidedWeakness(ReasonCode):
     HEADING = "heading_wide", "the heading is known to no better than 5 deg"
     OUTAGE = "outage", "no fixes: dead reckoning"
     REJECTED = "fixes_rejected", "fixes rejected one after the other"
-    LEAP = "positions_leap", "the positions leapt while the velocities fitted"
-    BEGUN_ANEW = "begun_anew", "all fixes rejected for long, begun anew"
+    LEAP = "positions_leap", "the positions jumped while the velocities agreed"
+    BEGUN_ANEW = "begun_anew", "fixes were rejected so long that a new solution began"
     RECEIVER = "receiver_unsure", "the receiver itself gives wide sigmas to its positions"
 
 
@@ -55,7 +55,7 @@ class WheelsFound(ReasonCode):
     SLIPS = "slips", "its velocity is not along one axis of the unit"
     TOO_SHORT = "too_short", "it rolls for less than a minute with a heading that is known"
     TOO_STRAIGHT = "too_straight", "it turns by less than 90 deg"
-    CONTRADICTED = "contradicted", "constrained by its wheels it contradicts the fixes"
+    CONTRADICTED = "contradicted", "its wheel constraints contradict the fixes"
 
 
 class Widened(ReasonCode):
@@ -100,8 +100,8 @@ class AidedPart(ReasonCode):
     )
     SLOW_OTHER = (
         "slow_other",
-        "one of {level_m:.2g} m level, {down_m:.2g} m down of {fixes} of {of} fixes, which are of"
-        " another type",
+        "a slow error of {level_m:.2g} m level, {down_m:.2g} m down of the {fixes} of {of} fixes"
+        " of another type",
     )
     SLOW_VELOCITY = (
         "slow_velocity",
@@ -126,8 +126,9 @@ class AidedReason(ReasonCode):
     )
     HEADINGS_DIFFER = (
         "headings_differ",
-        "two headings explain the first {longest_s:g} s of fixes, or a longer stretch says another"
-        " than a shorter one: the vehicle manoeuvres too little, or its fixes are not of this log",
+        "two headings explain the first {longest_s:g} s of fixes, or longer and shorter stretches"
+        " give different headings: the vehicle manoeuvres too little, or its fixes are not of this"
+        " log",
     )
     NIS_HIGH = "nis_high", "satellite {kind}: {excess}"
     MANY_REJECTED = (
@@ -195,8 +196,8 @@ class AidedNote(ReasonCode):
     OFF_THE_TRACK = (
         "off_the_track",
         "body x points {mean_rad:deg +.0f} deg off the track (median; half of the rows within"
-        " {spread_rad:deg .1f} deg): where that is no crab, the unit is mounted turned, and roll,"
-        " pitch and heading are its own",
+        " {spread_rad:deg .1f} deg): unless that is crab, the unit is mounted at this angle, and"
+        " roll, pitch and heading are the unit's, not the vehicle's",
     )
     LEVER_ARM_TAKEN = (
         "lever_arm_taken",
@@ -213,5 +214,6 @@ class AidedNote(ReasonCode):
         "noise_taken",
         "the innovations {larger:exceed|fall short of} the noise model ({source}): {parts:,"
         " |}{scatters_less: (positions scatter by {scatter:.2g} of what is declared; the rest is"
-        " modelled as a slow error)|}{capped: (the largest that is tried)|}; so NIS tests nothing",
+        " modelled as a slow error)|}{capped: (the largest that is tried)|}; NIS, fitted so, is"
+        " no test",
     )

@@ -1,5 +1,5 @@
 """Parameters of a technology from the sessions of its units: the largest posterior, its curvature,
-weighed draws of the posterior, then types and units.
+weighted draws of the posterior, then types and units.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +22,7 @@ from infield.learning.parameters import (
     logs_of,
 )
 from infield.learning.stored_sessions import StoredUnit
+from ins.documents import written
 
 # share of the largest curvature below which a direction is taken for not seen: differences of
 # float64 log likelihoods of 1e4 keep 1e-10
@@ -137,10 +138,12 @@ LEFT_OF_VARIANCE = 0.05
 CRAB_VALUES = 241  # values of the crab's sigma that are tried
 
 
+@written("value sigma n interval_95 sigma_log default unit shown")
 @dataclass(frozen=True)
 class Learnt:
     """One parameter: value (median), sigma of its logarithm, 95 % interval; shown: the sessions
-    said something of it, beyond what was believed before; n: sessions that it rests on.
+    said something of it, beyond what was believed before; n: sessions that it rests on. default,
+    unit: of the value, in a document.
     """
 
     value: float
@@ -148,6 +151,8 @@ class Learnt:
     interval_95: tuple[float, float]
     shown: bool
     n: int
+    default: float = float("nan")
+    unit: str = ""
 
     @property
     def sigma(self) -> float:

@@ -82,10 +82,10 @@ class MisalignmentNote(ReasonCode):
     )
     HEADINGS_TURNED = (
         "given_headings_share_an_error",
-        "headings given and gyros are turned against each other by {turned_rad:deg +.2f} deg,"
+        "the headings given differ from the gyros' by {turned_rad:deg +.2f} deg in common,"
         " {times:.1f} times what the declared sigma and couplings of {prior_mrad:g} mrad allow:"
-        " taken as an error that all headings share, so that xy and yx are not known each for"
-        " itself (--prior-mrad, where the triad may be turned in its case)",
+        " taken as a common heading error, so xy and yx cannot be separated (a larger --prior-mrad"
+        " allows for a triad that is turned in its case)",
     )
     HEADINGS_SCATTER = (
         "given_headings_scatter",
@@ -119,36 +119,36 @@ class Unseen(ReasonCode):
 
     VERTICAL = (
         "vertical_coupling_is_a_bias",
-        "what the vertical couples in is a bias at one attitude and latitude: it stays in the"
-        " table",
+        "at one attitude and latitude a coupling of the vertical rate is a constant bias: it stays"
+        " in the table",
         "tilt the unit to see it",
     )
     NORTH = (
         "north_is_free",
-        "turning both level gyros about down looks like another north:",
+        "a turn of both level gyros about the vertical looks like a heading error:",
         "give headings (--heading-deg) from a line outside",
     )
     DIAGONAL = (
         "needs_diagonal_headings",
-        "xy + yx shows off the cardinal headings only where nobody gives the azimuths:",
+        "without given azimuths xy + yx is observable only off the cardinal headings:",
         "stand on 45, 135, 225, 315 deg",
     )
     WEAK = (
         "sigma_near_the_prior",
-        "noise: its sigma is too near to the prior",
+        "too noisy: its sigma is close to that of the prior",
         "stay longer at each stop, or make the stops in one power-on",
     )
     MOUNTING = (
         "mounting_unknown",
-        "the unit's base against the turning axis looks the same",
+        "a tilt of the unit's base against the turning axis has the same effect",
         "give --sigma-mounting-arcsec to state a bias",
     )
     NO_ACCELEROMETERS = "table_without_accelerometers", "a table of biases has no accelerometers"
     NOT_FITTED = "nothing_fitted", "nothing was fitted"
-    OFFSET_OR_TILT = "offset_not_told_from_tilt", "the headings do not tell offset from tilt"
+    OFFSET_OR_TILT = "offset_not_told_from_tilt", "these headings do not separate offset from tilt"
     GROUND_DIFFERS = (
         "ground_differs",
-        "the ground was not the same under all stops: chi-square {chi2:.0f} of {dof} degrees of"
-        " freedom",
+        "the tilt of the ground differed from stop to stop: chi-square {chi2:.0f} of {dof} degrees"
+        " of freedom",
         "turn the unit in one place",
     )

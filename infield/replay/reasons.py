@@ -70,15 +70,18 @@ class SchulerReason(ReasonCode):
         "parked for {parked_s:min .0f} min of navigation, needed {needed_s:min .0f} min (three"
         " quarters of a period)",
     )
-    NO_SWING = "no_swing", "no swing: the fit runs to the end of 30 to 240 min"
+    NO_SWING = (
+        "no_swing",
+        "no Schuler oscillation: the fitted period runs to a limit, 30 or 240 min",
+    )
     SMALL_SWING = (
         "swing_too_small",
-        "swing of {amplitude_m_s:.2g} m/s, {left_m_s:.2g} m/s are left of the fit: too small to"
-        " time",
+        "the Schuler oscillation of {amplitude_m_s:.2g} m/s is too small to time: residuals of"
+        " {left_m_s:.2g} m/s",
     )
     UNSURE = (
         "period_too_unsure",
-        "period good to {sigma_s:min .0f} min only, needed {needed_s:min .0f} min:",
+        "period uncertain by {sigma_s:min .0f} min, needed {needed_s:min .0f} min:",
         "a longer record is needed",
     )
 

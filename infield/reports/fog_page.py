@@ -40,7 +40,7 @@ def render(document: FogDocument) -> str:
         d=plain(document),
         good=document.verdict is ThermalVerdict.FITTED,
         coefficients={axis: coefficient_panels(axis, a) for axis, a in document.axes.items()},
-        checks=[(found.run.run_id, _check_panels(found)) for found in document.held_out],
+        checks=[(found.run.run_id, _check_panels(found)) for found in document.check],
     )
 
 

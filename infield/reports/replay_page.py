@@ -73,7 +73,7 @@ def verdict_words(document: ReplayDocument) -> str:
         return str(document.verdict)
     difference = document.difference
     if difference is None or difference.rate_nm_h is None:
-        return "flown, no drift of two tables to compare"
+        return "navigated; no two tables to compare"
     if difference.significant is None:
         return "flown with two tables, the sigma of their difference is not known"
     if not difference.significant:

@@ -46,7 +46,7 @@ def render(document: RlgDocument) -> str:
             for a in study.axes
         },
         orders={a.axis: order_panel(a) for a in study.axes},
-        checks=[(found.run.blocks.run_id, _check_panels(found)) for found in document.held_out],
+        checks=[(found.run.blocks.run_id, _check_panels(found)) for found in document.check],
     )
 
 

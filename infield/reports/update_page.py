@@ -22,12 +22,12 @@ from infield.reports.documents.update import TableUncertainty, table_uncertainty
 from infield.reports.documents.update_records import (
     ChangeDocument,
     ConsistencyDocument,
-    HysteresisDocument,
     UpdateDocument,
     VarianceShares,
 )
 from infield.reports.drawing import Panel
 from infield.reports.page import decimals_for, number, render_page
+from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource, VarianceSource
 from infield.table.file import export_command, table_from_dict
@@ -517,7 +517,7 @@ def _temperature_words(temperature: TemperatureDocument) -> str:
     )
 
 
-def _hysteresis_words(terms: Sequence[HysteresisDocument]) -> str:
+def _hysteresis_words(terms: Sequence[ThermalTerm]) -> str:
     """Was a difference between heating and cooling looked for, and what was done about it?"""
     return (
         "; ".join(term.text for term in terms) + "." if terms else "not tested: no run was merged."

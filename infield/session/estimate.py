@@ -18,9 +18,10 @@ from infield.session.bins import SessionBins
 from infield.session.reasons import Nuisance, OwnErrorState, VarianceSource
 from infield.table.merge import UNOBSERVED, MergeResult, merge_posterior
 from infield.table.thermal_table import ThermalTable
+from ins.documents import written
 from ins.records import Span
 from ins.units import DEG_PER_HOUR
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, because, sentence
 
 # of what a session took from its prior in any direction, after two estimates of it were averaged;
 # chosen: of 0.2, 0.5 and 0.8, 24 ring-laser flights were off by 0.95, 0.97 and 0.98 of their sigmas
@@ -173,6 +174,7 @@ class RollingEvidence:
         return not any(found.nuisance in FITTED_CRABS for found in self.found)
 
 
+@written("error target coefficient value sigma prior_sigma unit state text")
 @dataclass(frozen=True, kw_only=True)
 class OwnError:
     """A coefficient of an error that an installed package declares, on a target, in `unit`.
@@ -203,6 +205,10 @@ class OwnError:
             sigma=self.sigma,
             prior_sigma=self.prior_sigma,
         )
+
+    @property
+    def text(self) -> str:
+        return sentence(self.reason)
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,10 @@ from numpy.typing import NDArray
 from infield.session.bins import SessionBins
 from infield.session.reasons import ThermalAction, ThermalKind
 from infield.table.thermal_table import ThermalTable
+from ins.documents import written
 from ins.errors.table import DEFAULT_SIGMA_deg_h
 from ins.records import AXES
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, because, sentence
 
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this
 # |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
@@ -75,6 +76,7 @@ ACTIONS = {
 }
 
 
+@written("axis kind value sigma z action unit text")
 @dataclass(frozen=True, kw_only=True)
 class ThermalTerm:
     """One axis: the better description, its coefficient and sigma (deg/h per degC/min, or deg/h
@@ -90,6 +92,14 @@ class ThermalTerm:
     @property
     def z(self) -> float:
         return self.value / self.sigma if self.sigma > 0 else 0.0
+
+    @property
+    def unit(self) -> str:
+        return "deg/h per degC/min" if self.kind is ThermalKind.RATE else "deg/h"
+
+    @property
+    def text(self) -> str:
+        return sentence(self.reason)
 
     @property
     def found(self) -> bool:

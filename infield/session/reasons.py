@@ -258,11 +258,12 @@ class SessionReason(ReasonCode):
     KIND_BEYOND_GATE = (
         "kind_beyond_gate",
         "{kind}: {share_percent:.0f} % of its measurements lie beyond the gate, needed below"
-        " {needed_percent:.0f} %; no wind, arm, delay or scale explains them",
+        " {needed_percent:.0f} %; no wind, lever arm, delay or scale factor explains them",
     )
     NO_GAIN = (
         "no_gain",
-        "no gyro gains: the best keeps {kept_percent:.0f} % of its prior sigma, needed below 90 %",
+        "no gyro bias became better known: the best keeps {kept_percent:.0f} % of its prior sigma,"
+        " needed below 90 %",
     )
     AGAINST_TABLE = "against_table", "the session contradicts the table before it: {found}"
     MERGE_RESIDUALS = (

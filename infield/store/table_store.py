@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, and_, func, inspect, select, update
+from sqlalchemy import Connection, and_, func, inspect, or_, select, update
 
 from infield.session.disagreement import SessionEvidence
 from infield.store.database import Database, store_exists, utc_now
@@ -68,11 +68,13 @@ from ins.json_file import JsonObject
 from ins.records import InputError, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
+TAGGED = and_(revision.c.unit_id == tag.c.unit_id, revision.c.number == tag.c.number)
+
 
 @dataclass(frozen=True, kw_only=True)
 class UnitSummary:
-    """`undecided`: proposals without a decision; `contradictions`: sessions that contradict the
-    active table.
+    """`undecided`: proposals that wait for a decision, not those that are out of date;
+    `contradictions`: sessions that contradict the active table.
     """
 
     unit: UnitKey
@@ -89,12 +91,11 @@ def read_overview(c: Connection) -> list[UnitSummary]:
     """Every unit that has a table, or a proposal for its first one (active_number 0), by key."""
     undecided, contradicted = _undecided(c), _contradictions(c)
     active = and_(tag.c.unit_id == unit.c.id, tag.c.name == "active")
-    tagged = and_(revision.c.unit_id == tag.c.unit_id, revision.c.number == tag.c.number)
     named = (unit.c.id, *BY_KEY, unit.c.twin_sha256)
     query = select(
         *named, revision.c.number, revision.c.kind, revision.c.created_utc, revision.c.sha256
     )
-    joined = query.select_from(unit.outerjoin(tag, active).outerjoin(revision, tagged))
+    joined = query.select_from(unit.outerjoin(tag, active).outerjoin(revision, TAGGED))
     rows = c.execute(joined.order_by(*BY_KEY)).all()
     return [
         UnitSummary(
@@ -113,20 +114,18 @@ def read_overview(c: Connection) -> list[UnitSummary]:
 
 
 def _undecided(c: Connection) -> dict[int, int]:
+    """How many proposals of each unit are open; what has become out of date is not counted."""
     if not inspect(c).has_table(proposal.name):
         return {}
     same = and_(
         decision.c.unit_id == proposal.c.unit_id, decision.c.proposal_number == proposal.c.number
     )
-    query = select(proposal.c.unit_id, func.count().label("n")).select_from(
-        proposal.outerjoin(decision, same)
-    )
-    return {
-        r.unit_id: r.n
-        for r in c.execute(
-            query.where(decision.c.number.is_(None)).group_by(proposal.c.unit_id)
-        ).all()
-    }
+    active = and_(tag.c.unit_id == proposal.c.unit_id, tag.c.name == "active")
+    joined = proposal.outerjoin(decision, same).outerjoin(tag, active).outerjoin(revision, TAGGED)
+    base_is_active = or_(revision.c.sha256.is_(None), revision.c.sha256 == proposal.c.parent_sha256)
+    query = select(proposal.c.unit_id, func.count().label("n")).select_from(joined)
+    found = query.where(decision.c.number.is_(None), base_is_active)
+    return {r.unit_id: r.n for r in c.execute(found.group_by(proposal.c.unit_id)).all()}
 
 
 def _contradictions(c: Connection) -> dict[int, int]:
@@ -225,6 +224,11 @@ class TableStore(ProposalStore, PriorsStore):
         """
         with self._database.reading() as c:
             return read_overview(c)
+
+    def undecided(self) -> int:
+        """How many proposals wait for a decision, of all units together."""
+        with self._database.reading() as c:
+            return sum(_undecided(c).values())
 
     def active(
         self, serial: str | None = None, technology: str | None = None, mode: str | None = None

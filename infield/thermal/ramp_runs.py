@@ -25,7 +25,7 @@ from infield.thermometer.gyro_temperature import (
 )
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
 from ins.attitude import dcm_from_euler
-from ins.documents import UNWRITTEN
+from ins.documents import UNWRITTEN, written
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
 from ins.records import AXES, InputError, Run, Span, TemperatureLog, TwinModel
 from ins.robust import robust_scatter, runs_of_true
@@ -73,6 +73,10 @@ class Leg:
         object.__setattr__(self, "direction", "up" if self.rate_degC_min > 0 else "down")
 
 
+@written(
+    "run_id sha256 role blocks steady_blocks heading_known sigma_block_deg_h=sigma_deg_h"
+    " sigma_rate_degC_min=rate_sigma_degC_min ramps=legs excluded"
+)
 @dataclass(frozen=True)
 class RampRun:
     """Block means of one run: time_s (n,) of the centres; temperature_degC, rate_degC_min,
@@ -81,7 +85,7 @@ class RampRun:
     bias_deg_h: gyro output less what is known of Earth rate. sigma_deg_h (3,): white noise of one
     block. level_sigma_deg_h (3,): of the constant that Earth rate may have left. legs: the ramps;
     steady (n,): blocks within one. turned_rad: largest net turn over a span that was left out; a
-    unit that turned has another share of Earth rate since.
+    unit that turned has another share of Earth rate since. role: "fast" or "slow" in a study.
     """
 
     run_id: str
@@ -101,6 +105,15 @@ class RampRun:
     roll_pitch_rad: tuple[float, float]
     heading_known: bool
     turned_rad: float = 0.0
+    role: str = ""
+
+    @property
+    def blocks(self) -> int:
+        return int(self.time_s.size)
+
+    @property
+    def steady_blocks(self) -> int:
+        return int(self.steady.sum())
 
     @property
     def steady(self) -> NDArray:
@@ -159,7 +172,7 @@ def ramp_run(
         rate_sigma_degC_min=read.rate_sigma_degC_min,
         level_sigma_deg_h=level_sigma,
         legs=read.legs,
-        excluded=(*blocks.excluded, *temperature.left_out()),
+        excluded=tuple(span.in_words() for span in (*blocks.excluded, *temperature.left_out())),
         unusable=temperature.unusable,
         roll_pitch_rad=level,
         heading_known=run.header.survey.heading_rad is not None,

@@ -70,7 +70,7 @@ class ThermalReason(ReasonCode):
     ONE_SIDED = (
         "one_sided_heating",
         "one-sided heating: the unit only {warms:warms|cools}, and {share:% .0f} % of dT/dt is"
-        " left beyond a curve of temperature, needed {needed:% .0f} %: K4 cannot be separated"
+        " no function of temperature, needed {needed:% .0f} %: K4 cannot be separated"
         " from K2 and K3",
         "warm and cool it over the same {both_ways_degC:g} degC, or dwell on the way",
     )
@@ -103,15 +103,15 @@ class ThermalNote(ReasonCode):
     DROPPED = "term_dropped", "gyro {axis}: {why}"
     COLLINEAR = (
         "term_collinear",
-        "{term} goes with {others: and |} (condition number {condition:.0f}, limit {limit:.0f}):"
-        " dropped; the model holds only while heat flows as in these runs, and the sigmas of the"
-        " others include the dropped term",
+        "{term} is collinear with {others: and |} (condition number {condition:.0f}, limit"
+        " {limit:.0f}): dropped; the model holds only while heat flows as in these runs, and the"
+        " sigmas of the others include the dropped term",
     )
     OF_NOISE = (
         "term_of_noise",
-        "{term} goes with {others: and |} ({noise_share:.0%} of what it has of its own is noise of"
-        " the thermometers, limit {limit:.0%}): dropped; the model holds only while heat flows as"
-        " in these runs, and the sigmas of the others include the dropped term",
+        "{term} is nearly collinear with {others: and |} ({noise_share:.0%} of its independent"
+        " part is noise of the thermometers, limit {limit:.0%}): dropped; the model holds only"
+        " while heat flows as in these runs, and the sigmas of the others include the dropped term",
     )
     NO_LINES = (
         "no_gradient_column",

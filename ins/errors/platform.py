@@ -200,6 +200,11 @@ def engine_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise,
     return tuple(AddedNoise(channel, white=MICRO_G**2, profile=on) for channel in ACCELS)
 
 
+def vibration_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """White noise of all accelerometers from the first second to the last."""
+    return tuple(AddedNoise(channel, white=MICRO_G**2) for channel in ACCELS)
+
+
 def latitude_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Entered less true latitude: Earth rate and gravity of the true place less those of the
     entered one, and GNSS.
@@ -427,6 +432,21 @@ PLATFORM = (
         noise_formula=engine_noise,
         source="noise",
         words=ENGINE_WORDS,
+    ),
+    error(
+        "P09",
+        "platform_vibration",
+        VEHICLE_TARGETS,
+        one("ug/sqrt(Hz)", 10.0, 200.0, signed=False),
+        repeats="E",
+        noise_formula=vibration_noise,
+        rivals=("engine_start", "accel_noise", "platform_sway"),
+        words=Words(
+            what="The vehicle shakes through the whole of one run.",
+            brought_on_by="A machine that runs from before the run to its end.",
+            size="As of an engine; there is no onset.",
+            remedy="Stop the machine, or align elsewhere.",
+        ),
     ),
     error(
         "P07",

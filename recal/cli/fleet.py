@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recal.cli.console import Command, Shown, finish, login_name
-from recal.cli.parameters.shared import SEED_OPTION, folder_option
+from recal.cli.parameters.shared import PROPOSER, SEED_OPTION, folder_option
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def fleet() -> None:
 @made_from(
     "recal.fleet.records",
     "FleetRequest",
+    PROPOSER,
     asks="joint known_only new_unit new_store cluster config pages note",
     cluster="URL",
 )
@@ -52,7 +53,7 @@ def update(
     dry_run: bool = False,
     *,
     workers: int | None = None,
-    by: str | None = None,
+    by,
     output,
     **asked,
 ) -> None:
@@ -70,8 +71,6 @@ def update(
         Store nothing, no proposals either.
     workers : int in [1, ]
         Processes on this machine. Default: one a core.
-    by
-        Who proposes. Default: the operator of your config.toml, else your login name.
     """
     if dry_run and commit:
         raise typer.BadParameter(

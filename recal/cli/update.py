@@ -14,6 +14,7 @@ import typer
 
 from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name, say
 from recal.cli.logs import LATITUDE
+from recal.cli.parameters.shared import PROPOSAL
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
@@ -23,22 +24,12 @@ if TYPE_CHECKING:
 @made_from(
     "recal.service.update",
     "UpdateRequest",
+    *PROPOSAL,
     asks="new_unit new_store accept_step retry any_clock twin config priors thermal_model",
     retry="[N]",
 )
 def update(
-    shown: Shown,
-    runs,
-    /,
-    store,
-    commit,
-    propose: bool = False,
-    by: str | None = None,
-    note: str = "",
-    *,
-    output,
-    force,
-    **asked,
+    shown: Shown, runs, /, store, commit, propose, by, note, *, output, force, **asked
 ) -> None:
     """Measure the gyro biases in runs of a unit, merge them into its stored table, and report.
 
@@ -49,12 +40,6 @@ def update(
 
     Parameters
     ----------
-    propose
-        Keep the new table in the store for review; the active table stays.
-    by
-        Who proposes. Default: the operator of your config.toml, else your login name.
-    note
-        A note kept with the proposal.
     retry
         With --commit: where another writer was faster, estimate again from the table that is
         active then, at most N times. Default: 0; 3 where N is left out.
@@ -95,6 +80,7 @@ def _signed(propose: bool, by: str | None, note: str, *, commit: bool) -> tuple[
     "recal.service.watch.session",
     "WatchRequest",
     LATITUDE,
+    *PROPOSAL,
     asks="serial target_deg_h technology lat_deg map_ idle_s new_unit new_store twin config"
     " thermal_model",
     map_="FILE",
@@ -116,11 +102,11 @@ def watch(
         ),
     ] = None,
     commit: bool = False,
-    propose: bool = False,
-    by: str | None = None,
-    note: str = "",
-    report: Path | None = None,
     *,
+    propose,
+    by,
+    note,
+    report: Path | None = None,
     force,
     **asked,
 ) -> None:
@@ -131,12 +117,6 @@ def watch(
 
     Parameters
     ----------
-    propose
-        Keep the new table in the store for review; the active table stays.
-    by
-        Who proposes. Default: the operator of your config.toml, else your login name.
-    note
-        A note kept with the proposal.
     report
         The folder of the update's report. Default: recal-watch.
     """

@@ -5,7 +5,7 @@ what was refused and why.
 import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -310,10 +310,9 @@ def _coverage(summaries: Mapping[UnitKey, UnitReport]) -> list[FleetBand]:
 
 def _run(o: RunOutcome, output: Path) -> RunRow:
     """A run's line; `report` is relative to the output folder."""
-    shared = {f.name: getattr(o, f.name) for f in fields(RunRow) if f.name != "report"}
     inside = bool(o.folder) and Path(o.folder).is_relative_to(output)
     report = f"{Path(o.folder).relative_to(output)}/update.json" if inside else None
-    return RunRow(**shared, report=report)
+    return RunRow(**vars(o), report=report)
 
 
 def table_facts(store: TableStore, record: UnitRecord, now: datetime) -> TableFacts:

@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from ins.documents import OMIT_NONE
+from ins.documents import OMIT_NONE, written
 from recal.service.priors.records import ForecastReport
 from recal.service.results.pages import BiasStep, MethodDocument
 from recal.service.store import UnitKey
@@ -144,14 +144,14 @@ class PlannedRun:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToldRun:
-    """What is told of a run; unit fields are empty where run.json could not be read. seconds,
-    cpu_s: wall and CPU time.
+class RunOutcome:
+    """What became of a run, as workers and the journal have it; unit fields are empty where
+    run.json could not be read. seconds, cpu_s: wall and CPU time.
     """
 
     path: str
     outcome: FleetOutcome
-    reasons: Sequence[str] = ()
+    reasons: tuple[str, ...] = ()
     imu_serial: str = ""
     gyro_technology: str = ""
     gyro_mode: str = ""
@@ -164,7 +164,9 @@ class ToldRun:
     cpu_s: float = 0.0
     worker: str = ""
     attempts: int = 1
-    notes: Sequence[str] = ()
+    notes: tuple[str, ...] = ()
+    signature: str = ""
+    folder: str = ""
 
     @property
     def unit(self) -> UnitKey | None:
@@ -176,16 +178,6 @@ class ToldRun:
             gyro_technology=self.gyro_technology,
             gyro_mode=self.gyro_mode,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunOutcome(ToldRun):
-    """What became of a run, as workers and the journal have it."""
-
-    reasons: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    signature: str = ""
-    folder: str = ""
 
 
 def outcome_of(run: PlannedRun, outcome: FleetOutcome, *reasons: str, **more: Any) -> RunOutcome:
@@ -391,8 +383,12 @@ class FleetTiming(CallTiming):
     earlier_calls: Sequence[EarlierCall]
 
 
+@written(
+    "path outcome reasons imu_serial gyro_technology gyro_mode run_id start_utc sha256 revision"
+    " proposal seconds cpu_s worker attempts notes report"
+)
 @dataclass(frozen=True, kw_only=True)
-class RunRow(ToldRun):
+class RunRow(RunOutcome):
     """What became of a run; report: relative to the output folder."""
 
     report: str | None

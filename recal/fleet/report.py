@@ -71,7 +71,7 @@ def ranking_panel(document: FleetReport) -> Panel | None:
     rank, nm_h, sigma, surprise = thinned(*zip(*drifts))
     top = max(HIGHEST * float(np.quantile(nm_h, 0.9)), 1.05 * float(np.median(nm_h + sigma)), 1e-6)
     far = surprise > document.criteria.surprise_sigmas
-    items: list[Item] = [Uprights(rank, nm_h - sigma, nm_h + sigma, PALE, width=1.0)]
+    items: list[Item] = [Uprights(rank, nm_h - sigma, nm_h + sigma, GREY, width=2.0)]
     for mask, colour, mark, name in (
         (~far, BLUE, "o", "within what its table said"),
         (far, VERMILLION, "D", "beyond it"),
@@ -144,14 +144,14 @@ def tables_panel(document: FleetReport) -> Panel | None:
 
 
 def progress_panel(timing: CallTiming) -> Panel | None:
-    """Runs through against time, of this call."""
+    """Runs completed against time, of this call."""
     curve = timing.curve
     if len(curve) < 2:
         return None
     seconds, runs = thinned(*zip(*curve))
     return Panel(
         items=[Line(seconds / 60.0, runs, BLUE)],
-        title="Runs through in this call",
+        title="Runs completed in this call",
         x_label="minutes",
         y_label="runs",
         x_limits=(0.0, float(max(seconds.max() / 60.0, 1e-3))),

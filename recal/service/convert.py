@@ -72,10 +72,10 @@ class Converted(Result[ConvertReport]):
         ]
         lines += [f"{p.level}: {p.text}" for p in result.problems]
         beside = f" (with {', '.join(result.streams)})" if result.streams else ""
+        start_s = round(result.time_shift_s, 6) + 0.0  # no -0
         lines.append(
             f"{result.run or result.run_id}: {result.rows} rows, {result.rate_hz:.4g} Hz,"
-            f" {result.duration_s:.3f} s{beside}; log time {result.time_shift_s:.6f} s is run"
-            " time 0"
+            f" {result.duration_s:.3f} s{beside}; log time {start_s:.6f} s is run time 0"
         )
         return lines
 

@@ -197,16 +197,14 @@ def _results(
     """The diagnosis, and all files by name."""
     drift, users = sessions_of(found)
     settled_by = settling(found, beside.table)
-    record = diagnosis_document(
-        found,
-        runs,
-        asked,
-        drift=drift,
-        users=users,
-        record_next=record_next(found, settled_by),
-        settled_by=settled_by,
+    record = replace(
+        diagnosis_document(found, runs, asked, settled_by=settled_by),
+        user_level=users,
+        expected_drift=drift,
+        record_next=tuple(record_next(found, settled_by)),
+        noise_fit=_noise_fit(found, beside, asked),
+        simulator=predicted,
     )
-    record = replace(record, noise_fit=_noise_fit(found, beside, asked), simulator=predicted)
     with_table = beside.data is not None
     names = [v.name for v in found.views]
     twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)

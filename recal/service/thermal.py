@@ -317,7 +317,7 @@ def _fog_summary(document: FogDocument) -> list[str]:
     for found in document.check:
         for axis, row in found.axes.items():
             lines.append(
-                f"  {found.run_id} gyro {axis}: {row.before_deg_h:.4f} ->"
+                f"  {found.run.run_id} gyro {axis}: {row.before_deg_h:.4f} ->"
                 f" {row.after_deg_h:.4f} deg/h RMS (noise {row.noise_deg_h:.4f}),"
                 f" {row.causal_after_deg_h:.4f} in real-time order"
             )
@@ -343,7 +343,7 @@ def _rlg_summary(document: RlgDocument) -> list[str]:
     for found in document.check:
         for axis, row in found.axes.items():
             lines.append(
-                f"  {found.run_id} gyro {axis}: {row.before_deg_h:.4f} ->"
+                f"  {found.run.blocks.run_id} gyro {axis}: {row.before_deg_h:.4f} ->"
                 f" {row.temperature_only_deg_h:.4f} (temperature) -> {row.after_deg_h:.4f}"
                 f" deg/h RMS (noise {row.noise_deg_h:.4f}), {row.causal_after_deg_h:.4f} in"
                 " real-time order"

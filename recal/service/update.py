@@ -14,14 +14,8 @@ from pathlib import Path
 
 from infield.learning.parameters import ageing_of
 from infield.reports import update_page
-from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
-from infield.reports.documents.update import Kept, effects_compared, update_document
-from infield.reports.documents.update_records import (
-    EffectsCompared,
-    PriorsUse,
-    RunDocument,
-    UpdateDocument,
-)
+from infield.reports.documents.update import effects_compared, update_document
+from infield.reports.documents.update_records import RunDocument, UpdateDocument
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import AxisObservability
 from infield.session.reasons import SessionReason
@@ -34,7 +28,7 @@ from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.documents import to_json
-from ins.records import InputError, Run, TableDocument, TwinModel
+from ins.records import InputError, Run, TwinModel
 from ins.verdicts import Outcome, because, sentence, sentences
 from recal.service.inputs.config import read_config
 from recal.service.inputs.new_units import known_marks, refuse_store, require_unit
@@ -54,7 +48,6 @@ from recal.service.results.overwrite import keep_report
 from recal.service.results.result import Result
 from recal.service.results.update_summary import Points, summary
 from recal.service.twin.fit import noise_fit, update_agreement
-from simreal.twin.fit.agreement import Agreement
 
 UPDATE_STEPS = 3  # that `step` is told of
 Files = Callable[[UpdateDocument], dict[Path, str]]  # its JSON, and HTML where wanted
@@ -172,11 +165,14 @@ def update(
     database = opened(store)
     given = given_unit(read[0], table, twin, database)
     model = None if thermal_model is None else Path(thermal_model)
-    job = _Job(settings=settings, ageing=ageing, accept_step=accept_step, thermal_model=model)
-    result, unit, facts = _estimate(read, given, database, job)
-    facts = replace(facts, runs=[runs] if isinstance(runs, Run | str | PathLike) else runs)
-    kept = Kept(store=database.name if database else None)
-    return _made(result, unit, _document(result, facts, kept))
+    job = _Job(
+        settings=settings,
+        ageing=ageing,
+        accept_step=accept_step,
+        thermal_model=model,
+        given=[runs] if isinstance(runs, Run | str | PathLike) else runs,
+    )
+    return _made(*_estimate(read, given, database, job))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,6 +243,7 @@ def update_in_store(request: UpdateRequest) -> Update:
         accept_step=request.accept_step,
         thermal_model=request.thermal_model,
         priors=request.priors,
+        given=request.runs,
     )
     request.step(f"reading {_counted(request.runs)}")
     loaded = runs_of(list(request.runs))
@@ -273,37 +270,20 @@ def _counted(runs: Sequence[AnyRun]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _Job:
-    """How to estimate."""
+    """How to estimate; given: the runs as they were named."""
 
     settings: SessionSettings
     ageing: AgeingModel
     accept_step: bool
     thermal_model: Path | None
+    given: Sequence[AnyRun]
     priors: str = APPROVED
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Facts:
-    """What a document needs beside the estimate. agreement: of the noise model with the runs; runs:
-    as given; lost: conflicts with other writers
-    so far.
-    """
-
-    table_before: TableDocument
-    thermal_model: ThermalUseDocument | None
-    unit: UnitInputs
-    agreement: Agreement | None = None
-    priors: PriorsUse | None = None
-    effects: Sequence[FoundEffectDocument] | None = None
-    compared: EffectsCompared | None = None
-    runs: Sequence[AnyRun] = ()
-    lost: tuple[str, ...] = ()
 
 
 def _estimate(
     runs: list[Run], unit: UnitInputs, database: TableStore | None, job: _Job
-) -> tuple[UpdateResult, UnitInputs, _Facts]:
-    """One estimate against the unit's table as given."""
+) -> tuple[UpdateResult, UnitInputs, UpdateDocument]:
+    """One estimate against the unit's table as given, and what is said of it."""
     priors = priors_in_use(job.priors, database, unit)
     if priors is not None:
         unit = with_priors(unit, priors)
@@ -327,15 +307,16 @@ def _estimate(
     result = updated(less, twin)
     compared = None if effects is None else effects_compared(result, updated(runs, unit.twin))
     unit = replace(unit, twin=twin)
-    facts = _Facts(
-        table_before=unit.table_dict,
+    document = replace(
+        _document(result, unit, job.given),
+        store=database.name if database else None,
         thermal_model=use(result.after),
-        unit=unit,
+        noise_fit=noise_fit(update_agreement(result), job.given),
         priors=priors,
-        effects=effects,
-        compared=compared,
+        found_effects=effects,
+        effects_compared=compared,
     )
-    return result, unit, replace(facts, agreement=update_agreement(result))
+    return result, unit, document
 
 
 def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
@@ -354,30 +335,17 @@ def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
     )
 
 
-def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument:
-    """The update document, the conflicts with other writers on the way to it, and what its noise
-    model rests on.
-    """
-    note = facts.unit.noise_note(facts.runs)
-    new = facts.unit.new_unit_notes([session.run for session in result.sessions])
-    document = update_document(
-        result,
-        kept,
-        version=program_version(),
-        table_before=facts.table_before,
-        thermal_model=facts.thermal_model,
-    )
+def _document(result: UpdateResult, unit: UnitInputs, given: Sequence[AnyRun]) -> UpdateDocument:
+    """The update document, and what its noise model rests on."""
+    note = unit.noise_note(given)
+    new = unit.new_unit_notes([session.run for session in result.sessions])
+    document = update_document(result, version=program_version(), table_before=unit.table_dict)
     return replace(
         document,
-        conflicts=facts.lost or None,
         new_unit=sentences(new) or None,
         assumptions=[*sentences(new), *document.assumptions],
-        noise_source=facts.unit.noise_source,
+        noise_source=unit.noise_source,
         noise_note=None if note is None else sentence(note),
-        noise_fit=noise_fit(facts.agreement, facts.runs),
-        priors=facts.priors,
-        found_effects=facts.effects,
-        effects_compared=facts.compared,
     )
 
 
@@ -414,14 +382,13 @@ class _Try:
             name, serial = store_name(request.store_url), unit.table.imu_serial
             request.told(f"no store at {name}: the update knows no table of {serial}")
         request.step(f"estimating from {_counted(runs)}")
-        result, unit, facts = _estimate(runs, unit, database, self.job)
+        result, unit, document = _estimate(runs, unit, database, self.job)
         request.step("drawing the report")
-        facts = replace(facts, lost=self.lost, runs=request.runs)
+        document = replace(document, conflicts=self.lost or None)
         if request.commit and result.outcome is Outcome.ACCEPTED:
-            return _made(result, unit, self._commit(result, unit, facts))
+            return _made(result, unit, self._commit(result, unit, document))
         if request.propose and result.outcome is Outcome.ACCEPTED:
-            return _made(result, unit, self._propose(result, unit, facts, request.propose))
-        document = _document(result, facts, Kept(store=database.name if database else None))
+            return _made(result, unit, self._propose(result, unit, document, request.propose))
         stores = request.commit or request.propose
         if stores and result.outcome is Outcome.INCONSISTENT and unit.revision and result.evidence:
             document = replace(document, remembered=self._remember(result, unit))
@@ -434,13 +401,11 @@ class _Try:
         nothing = UpdateResult(
             Outcome.REFUSED, (), table, table, (), unit.twin, job.settings, job.ageing
         )
-        facts = _Facts(
-            table_before=unit.table_dict, thermal_model=None, unit=unit, runs=self.request.runs
+        document = replace(
+            _turned_down(_document(nothing, unit, job.given), error),
+            store=store_name(self.request.store_url),
+            runs=[RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in runs],
         )
-        kept = Kept(store=store_name(self.request.store_url))
-        document = _turned_down(_document(nothing, facts, kept), error)
-        named = [RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in runs]
-        document = replace(document, runs=named)
         write_files(self.files(document))
         return _made(nothing, unit, document)
 
@@ -459,7 +424,9 @@ class _Try:
             " it was"
         )
 
-    def _commit(self, result: UpdateResult, unit: UnitInputs, facts: _Facts) -> UpdateDocument:
+    def _commit(
+        self, result: UpdateResult, unit: UnitInputs, document: UpdateDocument
+    ) -> UpdateDocument:
         """Report and table together or neither: the report is staged, the store commits, the report
         takes its place.
 
@@ -468,46 +435,49 @@ class _Try:
         so, and InputError is raised.
         """
         url = self.request.store_url
-        name, made = store_name(url), list[Revision]()
+        proposed, made = replace(document, store=store_name(url)), list[Revision]()
+        committed = replace(proposed, verdict=Outcome.COMMITTED)
         try:
             database = open_store(url, create=True, any_clock=self.request.any_clock)
             assert database is not None
-            document = _document(result, facts, Kept(store=name, committed=True))
-            numbered = _numbered(document, unit, (unit.revision or 1) + 1)
+            numbered = _numbered(committed, unit, (unit.revision or 1) + 1)
             write_files(
                 self.files(numbered),
-                commit=lambda: made.append(commit_update(database, result, unit, document)),
+                commit=lambda: made.append(commit_update(database, result, unit, committed)),
             )
             # somebody rolled back to the same table meanwhile
             if made[0].number != numbered.revision:
-                numbered = _numbered(document, unit, made[0].number)
+                numbered = _numbered(committed, unit, made[0].number)
                 write_files(self.files(numbered))
             return numbered
         except StoreRefused as error:
             if isinstance(error, StoreConflict) and len(self.lost) < self.request.retry:
                 raise
-            document = _turned_down(_document(result, facts, Kept(store=name)), error)
+            document = _turned_down(proposed, error)
             write_files(self.files(document))
             return document
         except InputError as error:
             if made:
                 self.request.told(f"committed as revision {made[0].number}, but {error}")
-                return _numbered(document, unit, made[0].number)
+                return _numbered(committed, unit, made[0].number)
             why = because(SessionReason.NOT_COMMITTED, fault=str(error))
-            document = _document(result, facts, Kept(store=name))
-            said = replace(document, reasons=[sentence(why)], reason_codes=[str(why.code)])
+            said = replace(proposed, reasons=[sentence(why)], reason_codes=[str(why.code)])
             write_files(self.files(said))
             raise
 
     def _propose(
-        self, result: UpdateResult, unit: UnitInputs, facts: _Facts, signed: tuple[str, str]
+        self,
+        result: UpdateResult,
+        unit: UnitInputs,
+        document: UpdateDocument,
+        signed: tuple[str, str],
     ) -> UpdateDocument:
         """Keep the update in the store for review, then write the report with its number; refused
         where a commit would be.
         """
         database = open_store(self.request.store_url, create=True)
         assert database is not None
-        document = _document(result, facts, Kept(store=database.name))
+        document = replace(document, store=database.name)
         try:
             kept = database.propose(
                 table_sha256(unit.table_dict),

@@ -102,7 +102,6 @@ def units(
         page=page,
         last=last,
         limit_nm_h=None if forecast is None else forecast.limit_nm_h,
-        undecided=sum(u.undecided for u in everything),
     )
 
 

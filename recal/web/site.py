@@ -12,8 +12,9 @@ from fastapi import HTTPException, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from markupsafe import Markup
 
+from ins.records import InputError
 from recal.service.results.pages import page_environment, script_texts
-from recal.service.store import TableStore
+from recal.service.store import StoreRefused, TableStore
 from recal.web import views
 from recal.web.door import SESSION_S, Door
 from recal.web.drawings import Drawings, Forecasts
@@ -89,6 +90,7 @@ class Visit:
             "style": _style(),
             "session": self.session,
             "locked": self.site.door.locked,
+            "waiting": self._waiting(),
             "has_reports": self.site.reports.given,
             "address": views.address,
             "looks": views.STATE_LOOKS,
@@ -99,6 +101,16 @@ class Visit:
         policy = _policy(drawn="<script src=" in text)
         headers = {"x-frame-options": "DENY", "content-security-policy": policy}
         return HTMLResponse(text, status, headers=headers)
+
+    def _waiting(self) -> int:
+        """How many proposals wait for a decision; 0 for who may not read, or without a store."""
+        if self.session is None and self.site.settings.reading_needs_token:
+            return 0
+        try:
+            with self.site.tables() as opened:
+                return opened.undecided()
+        except (InputError, StoreRefused):
+            return 0
 
     def fault(self, status: int, line: str) -> HTMLResponse:
         """A page that says what is wrong; the store's address is not in it."""

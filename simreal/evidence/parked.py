@@ -47,16 +47,25 @@ class Handoff:
 class ParkedBlock:
     """Whitening of one run's parked stretch; channels in the order of `Seconds`, bins of ten
     seconds.
+
+    uneven : density of white noise beyond that of `noise` at each second of the run (6, n).
     """
 
     def __init__(
-        self, view: RunView, twin: TwinModel, noise: tuple[ChannelNoise, ...] | None = None
+        self,
+        view: RunView,
+        twin: TwinModel,
+        noise: tuple[ChannelNoise, ...] | None = None,
+        uneven: NDArray | None = None,
     ) -> None:
         first = int(np.searchsorted(view.seconds.end_s, view.start_s + 1e-6))
         self.bins = int((view.end_s - view.start_s + 1e-6) // PARKED_MEAN_S)
         self.seconds = slice(first, first + self.bins * int(PARKED_MEAN_S))
         self.start_s = round(view.start_s - view.run.imu.start_s)
         self.noise = channel_noises(twin, view.run_s, view.C_nb) if noise is None else noise
+        self.uneven = np.zeros((6, self.bins))
+        if uneven is not None:
+            self.uneven = uneven[:, self.seconds].reshape(6, self.bins, -1).mean(axis=2)
         self.live = ~view.seconds.dead
         self.motion = view.motion
         # sensors whose rows are evidence, and those whose rows are of the twin's noise alone
@@ -79,9 +88,12 @@ class ParkedBlock:
 
     def _factor(self, c: int) -> NDArray:
         """Lower Cholesky factor of a channel's means."""
-        if self.motion is None:
+        if self.motion is None and not self.uneven[c].any():
             return cholesky_of(self.noise[c], self.bins, self.start_s)
         C = self.noise[c].covariance(self.bins, PARKED_MEAN_S, self.start_s)
+        C[np.diag_indices(self.bins)] += self.uneven[c] / PARKED_MEAN_S
+        if self.motion is None:
+            return np.linalg.cholesky(C)
         C += self.motion.covariance(c)
         for turn in np.flatnonzero(self._integrates(c)):
             of_gyro = replace(self.noise[turn], bounded=0.0, lines=())
@@ -112,6 +124,11 @@ class ParkedBlock:
     def log_sigma(self, channels: NDArray) -> float:
         """Log of the root of the determinant of some channels' covariances."""
         return float(sum(np.log(np.diag(self._factors[c])).sum() for c in channels))
+
+    @property
+    def log_sigma_of_rows(self) -> float:
+        """The same of all rows, with what phi adds to their covariance."""
+        return self.log_sigma(np.flatnonzero(self.shown)) - float(np.log1p(-self._shrink).sum())
 
     def _prepare(self) -> None:
         of_phi = self._with_turns(np.repeat(self.A[:, None, :], self.bins, axis=1))

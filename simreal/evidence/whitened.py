@@ -19,6 +19,7 @@ from scipy.fft import dct
 from ins.errors.base import AddedNoise, Effect
 from ins.errors.telemetry import PARKED, Telemetry, Trace
 from ins.records import TwinModel
+from ins.units import DEG_PER_SQRT_HOUR, MICRO_G
 from simreal.evidence.noise_model import SIX_CHANNELS, ChannelNoise, channel_noises
 from simreal.evidence.parked import PARKED_MEAN_S, ParkedBlock
 from simreal.evidence.parked_fixes import FIX_COMPONENTS, ParkedFixes
@@ -38,6 +39,7 @@ WHITE_ROUNDING = 0.5
 THERMOMETER_BLOCK = 10  # readings of a block, of which a parabola takes 3
 # of the variance, how well a thermometer's noise is declared; chosen: 5 %, half a unit of 0.1
 THERMOMETER_KNOWN = 0.05
+MOST_LESS = 0.99  # of a density, what an uneven noise leaves out at most; chosen: 1 % stays
 SWAYING = "accel_x"  # the level sway is one for all sensors; its variance is read off this one
 NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3  # of Gaussian blocks 4e-8 lie beyond
@@ -99,26 +101,31 @@ class ExtraNoise:
 
 def channel_noises_with(
     twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]
-) -> tuple[ChannelNoise, ...]:
-    """The six channels with extra noise; noise that is not steady enters by its mean over the
-    run.
+) -> tuple[tuple[ChannelNoise, ...], NDArray]:
+    """The six channels with extra noise, that which is not steady by its mean over the rest, and
+    what its density is beyond that mean at each second (6, n).
     """
     noises = list(channel_noises(twin, view.run_s, view.C_nb))
+    uneven = np.zeros((SENSORS, view.telemetry.n))
     for item in extra:
         for added in item.in_run(view.telemetry):
             c = CHANNELS.index(added.channel)
-            if c < SENSORS:
-                mean = (
-                    1.0
-                    if added.profile is None
-                    else float(added.profile[view.telemetry.parked].mean())
-                )
-                noises[c] = noises[c].with_added(added, mean * item.square)
-    return tuple(noises)
+            if c >= SENSORS:
+                continue
+            mean = 1.0
+            if added.profile is not None:
+                mean = float(added.profile[view.telemetry.parked].mean())
+                uneven[c] += item.square * added.white * (added.profile - mean)
+            noises[c] = noises[c].with_added(added, mean * item.square)
+    declared = np.array([noise.white for noise in noises])
+    return tuple(noises), np.maximum(uneven, -MOST_LESS * declared[:, None])
 
 
 def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> TwinModel:
-    """The twin with the sample noise of thermometer, odometer and GNSS that effects add."""
+    """The twin with the noise that effects add beyond the parked stretch: white noise of the
+    sensors, the mean of a triad, and the sample noise of thermometer, odometer and GNSS.
+    """
+    twin = _whiter(twin, run, extra)
     for item in extra:
         for added in item.in_run(run):
             more = added.sample * item.square
@@ -135,6 +142,29 @@ def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> 
                     twin, temperature=replace(twin.temperature, noise_degC=float(np.sqrt(total)))
                 )
     return twin
+
+
+def _whiter(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> TwinModel:
+    """The twin with more white noise of its gyros and accelerometers in what follows the rest."""
+    more = np.zeros(SENSORS)
+    for item in extra:
+        for added in item.in_run(run):
+            c = CHANNELS.index(added.channel)
+            if c < SENSORS and added.white:
+                follows = 1.0
+                if added.profile is not None and not run.parked.all():
+                    follows = float(added.profile[~run.parked].mean())
+                more[c] += follows * item.square * added.white
+    if not more.any():
+        return twin
+    gyro, accel = more.reshape(2, 3).mean(axis=1)
+    arw = twin.gyro.arw_deg_sqrt_h**2 + gyro / DEG_PER_SQRT_HOUR**2
+    vrw = twin.accel.vrw_ug_sqrt_hz**2 + accel / MICRO_G**2
+    return replace(
+        twin,
+        gyro=replace(twin.gyro, arw_deg_sqrt_h=float(np.sqrt(max(arw, 0.0)))),
+        accel=replace(twin.accel, vrw_ug_sqrt_hz=float(np.sqrt(max(vrw, 0.0)))),
+    )
 
 
 def _swaying(twin: TwinModel, more: float) -> TwinModel:
@@ -160,10 +190,10 @@ class RunEvidence:
         *,
         parked_only: bool = False,
     ) -> None:
-        noises = channel_noises_with(twin, view, extra)
+        noises, uneven = channel_noises_with(twin, view, extra)
         self.view, self.twin = view, with_extra(twin, view.telemetry, extra)
         twin = self.twin
-        self.parked = ParkedBlock(view, twin, noises)
+        self.parked = ParkedBlock(view, twin, noises, uneven)
         self.fixes = ParkedFixes(view, twin)
         data = self.parked.residual(view)[:, :, None]
         z_parked, handoff = self.parked.whiten(data)
@@ -291,6 +321,13 @@ class Evidence:
     def size(self) -> int:
         return int(self.z.size)
 
+    @property
+    def log_likelihood(self) -> float:
+        """Of all rows of the data, but for what no noise changes [nats]."""
+        spread = sum(run.parked.log_sigma_of_rows for run in self.runs)
+        spread += 0.5 * float(np.log(self.rows.variance[self.followed]).sum())
+        return -0.5 * float(self.z @ self.z) - spread
+
     @cached_property
     def followed(self) -> NDArray:
         """Rows of what follows the parked stretches (boolean)."""
@@ -344,7 +381,7 @@ def block_freedom(noise: ChannelNoise, low: int, high: int) -> float:
 def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
     blocks, shape = parked.bins, (7, len(BANDS) + 1, parked.bins)
     ratio, dof = np.ones(shape), np.zeros(shape)
-    seconds = view.seconds
+    seconds, dt_s = view.seconds, view.seconds.row_dt_s
     mean = seconds.mean[parked.seconds].reshape(blocks, PER_BLOCK, SENSORS)
     spectrum = dct(mean, axis=1, norm="ortho") ** 2
     rows = seconds.rows[parked.seconds]
@@ -357,12 +394,14 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
     for c, noise in enumerate(parked.noise):
         if not parked.steady[c]:
             continue
-        expected = block_spectrum(noise)
+        uneven = parked.uneven[c]
+        expected = block_spectrum(noise) + uneven[:, None]
         for b, (low, high) in enumerate(BANDS):
-            ratio[c, b] = (spectrum[:, low:high, c] / expected[low:high]).mean(axis=1)
+            ratio[c, b] = (spectrum[:, low:high, c] / expected[:, low:high]).mean(axis=1)
             dof[c, b] = block_freedom(noise, low, high)
-        told = np.array([noise.scatter(int(n), seconds.row_dt_s) for n in counts])
+        told = np.array([noise.scatter(int(n), dt_s) for n in counts])
         expected_sum, freedom = (shares @ told).T if counts else np.zeros((2, blocks))
+        expected_sum = expected_sum + uneven * np.sum(rows.reshape(blocks, -1) - 1, axis=1) / dt_s
         seen = whole & (freedom > 0)
         ratio[c, -1, seen] = raw[seen, c] / expected_sum[seen]
         dof[c, -1, seen] = freedom[seen]

@@ -8,6 +8,7 @@ Decision: docs/decisions/0024-null-replicates.md.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -167,7 +168,21 @@ class Bank:
             self._add_generic(generic)
         for hypothesis in self.hypotheses:
             hypothesis.weigh()
+        self._grid = len(self._specs)
         self._fill()
+
+    def anew(self) -> "Bank":
+        """The grid as it was before anything was refined."""
+        out = copy(self)
+        out.hypotheses = [replace(h, groups=h.groups[: h.coarse]) for h in self.hypotheses]
+        return out
+
+    def under(self, evidence: Evidence) -> "Bank":
+        """The grid on the same runs under another noise: columns are whitened, not made again."""
+        out = self.anew()
+        out.evidence, out._specs = evidence, self._specs[: self._grid]
+        out._fill()
+        return out
 
     def _add_effect(self, effect: Effect, target: str) -> None:
         if lacks := effect.needs(self.telemetry, target) or self._silent(target):

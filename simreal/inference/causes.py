@@ -439,8 +439,7 @@ def _noise_parameters(attribution: Attribution, slot: Slot) -> dict[str, CausePa
     h, extra = slot.hypothesis, slot.extra
     assert isinstance(h, NoiseHypothesis) and extra is not None
     squares = attribution.plain_squares
-    at = h.shapes.index(dict(extra.shape)) if dict(extra.shape) in h.shapes else 0
-    term = h.terms[at]
+    term = _plain_terms(attribution, h, [dict(extra.shape)])[0]
     s = 1.0 + extra.square * term.factor
     information = (
         float(np.sum(0.5 * squares.dof[term.index] * (term.factor / s) ** 2))

@@ -3,10 +3,11 @@ continuation, by the estimator itself.
 
 A session is continued as a perfect unit would record the candidate, on the attitude that the
 estimate found, with the unit's own rest: the mean that it reads beyond the perfect one, and what
-its rows scatter about that mean. Its temperatures go on as they went, and the parked vehicle moves
-as the session found. The covariance of the filter does not depend on the values that it is given,
-but on what is measured when and how well, so that the estimate of the continued session is the
-prediction.
+its rows scatter about that mean, played backwards: what came last goes on, as where people have
+left, and a vehicle that they tilted does not jump. Its temperatures go on as they went, and the
+parked vehicle moves as the session found. The covariance of the filter does not depend on the
+values that it is given, but on what is measured when and how well, so that the estimate of the
+continued session is the prediction.
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from infield.session.points import AxisObservability, observability
 from infield.session.results import SessionResult, UpdateResult
 from infield.thermometer.gyro_temperature import gyro_temperature, plausible_range
 from ins.attitude import euler_from_dcm, level_angles
-from ins.records import ImuLog, Run, TemperatureLog
+from ins.records import ImuLog, Run, TemperatureLog, frozen_after
 from ins.units import MINUTE
 from trajectories.runs.checks import MIN_RATE_HZ
 from trajectories.simulator.motions import lay
@@ -177,10 +178,10 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     )
     ideal = ideal_sensors(truth, max(rows.rate_hz, MIN_RATE_HZ))
     imu = ImuLog(
-        time_s=np.concatenate([rows.time_s, rows.time_s[-1] + ideal.time_s]),
-        dt_s=np.concatenate([rows.dt_s, np.full(ideal.time_s.size, ideal.dt_s)]),
-        dtheta_rad=_joined(rows.dtheta_rad, ideal.dtheta_rad, still.dtheta_rad),
-        dv_m_s=_joined(rows.dv_m_s, ideal.dv_m_s, still.dv_m_s),
+        time_s=frozen_after(rows.time_s, rows.time_s[-1] + ideal.time_s),
+        dt_s=frozen_after(rows.dt_s, np.full(ideal.time_s.size, ideal.dt_s)),
+        dtheta_rad=_joined(rows.dtheta_rad, ideal.dtheta_rad, still.dtheta_rad, backwards=-1.0),
+        dv_m_s=_joined(rows.dv_m_s, ideal.dv_m_s, still.dv_m_s, backwards=1.0),
         source=rows.source,
     )
     warmer = _warmer(run.temperature, float(imu.end_s))
@@ -214,13 +215,18 @@ def _attitude(session: SessionResult, still: ImuLog) -> tuple[float, float, floa
     return *level_angles(still.dv_m_s.mean(axis=0)), 0.0
 
 
-def _joined(rows: NDArray, ideal: NDArray, still: NDArray) -> NDArray:
+def _joined(rows: NDArray, ideal: NDArray, still: NDArray, *, backwards: float) -> NDArray:
     """Rows (n, 3), then the ideal ones with the mean of the rest beyond the ideal rest, and the
-    scatter of the rest about its mean, repeated.
+    scatter of the rest about its mean, backwards from its end, then forwards, as often as needed.
+
+    backwards: what a scatter is multiplied by where time runs backwards: -1 of rates, 1 of forces.
     """
     mean = still.mean(axis=0)
-    scatter = np.resize(still - mean, ideal.shape)
-    return np.concatenate([rows, ideal + (mean - ideal[0]) + scatter])
+    scatter = still - mean
+    there_and_back = np.concatenate([backwards * scatter[::-1], scatter])
+    return np.concatenate(
+        [rows, ideal + (mean - ideal[0]) + np.resize(there_and_back, ideal.shape)]
+    )
 
 
 def _warmer(log: TemperatureLog, end_s: float) -> TemperatureLog:

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.documents import written
 from ins.errors.base import Effect
 from ins.errors.telemetry import Telemetry
 from ins.records import InputError, TwinModel
@@ -35,6 +36,7 @@ SAME_COS2 = 1.0 - 1e-5
 NO_SIGNATURE_SQUARE = 1e-12
 
 
+@written("effect=effect.name target")
 @dataclass(frozen=True)
 class Contender:
     """An effect on a target; `shapes`: grid points to look at, None: all of its grid."""

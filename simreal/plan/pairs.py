@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ins.documents import written
 from ins.errors.catalogue import catalogue, effects_named
 from ins.records import InputError
 from simreal.plan.gram import SAME_COS2, Contender, PairSeparation, RunGrams, separation
@@ -84,6 +85,7 @@ class PairVerdict(StrEnum):
         return self in (PairVerdict.SEPARATED, PairVerdict.SEPARATED_WHEN_LARGE)
 
 
+@written("label a b")
 @dataclass(frozen=True)
 class Pair:
     """Two rivals."""

@@ -14,6 +14,7 @@ import numpy as np
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import ThermalTable
 from ins.attitude import dcm_from_euler
+from ins.documents import written
 from ins.records import InputError, Run, Site, TwinModel
 from ins.units import DEG, HOUR
 from simreal.evidence.run_view import RunView, view_run
@@ -52,6 +53,7 @@ _TAXI: tuple[Segment, ...] = (
 )
 
 
+@written("recording=name words start heading_deg hours taxi gnss odometer")
 @dataclass(frozen=True, kw_only=True)
 class Recording:
     """One power-on: where its temperature starts, parked heading, length, whether it ends in a taxi
@@ -88,6 +90,14 @@ class Recording:
             f"{START_WORDS[self.start]}, {self.hours:g} h parked on heading {self.heading_deg:g}"
             f" deg{end}"
         )
+
+    @property
+    def gnss(self) -> bool:
+        return "gnss" in self.aids
+
+    @property
+    def odometer(self) -> bool:
+        return "odometer" in self.aids
 
     @property
     def cost_hours(self) -> float:
@@ -167,8 +177,8 @@ class RecordingMaker:
         run = self._made[full]
         run = replace(
             run,
-            gnss=run.gnss if "gnss" in recording.aids else None,
-            odometer=run.odometer if "odometer" in recording.aids else None,
+            gnss=run.gnss if recording.gnss else None,
+            odometer=run.odometer if recording.odometer else None,
         )
         if "gradient" in self.without and run.temperature is not None:
             run = replace(run, temperature=replace(run.temperature, gradient_degC=None))

@@ -247,8 +247,12 @@ def _expected(
     ]
     rng = np.random.default_rng(0)
     share = rng.dirichlet(np.ones(len(sessions)), DRAWS)
-    # of a singular covariance as well: a coefficient without any trace has none
-    off = rng.multivariate_normal(np.zeros(beta.size), covariance, DRAWS, method="eigh")
+    # each in its own sigma, as their units differ; a coefficient without any trace has none
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    seen = np.where(sigma > 0.0, sigma, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(seen, seen))
+    root = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    off = rng.standard_normal((DRAWS, beta.size)) @ root.T
     drawn = beta + off
     before = np.sqrt(share @ noise + np.einsum("dk,kpr,dp,dr->d", share, squares, drawn, drawn))
     after = np.sqrt(share @ noise + np.einsum("dk,kpr,dp,dr->d", share, squares, off, off))

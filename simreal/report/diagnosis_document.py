@@ -132,9 +132,6 @@ def diagnosis_document(
     runs: Sequence[Run],
     asked: DiagnosisRequest,
     *,
-    drift: SessionDrift | None = None,
-    users: Sequence[UserLevel] = (),
-    record_next: Sequence[str] = (),
     settled_by: Sequence[Sequence[str]] | None = None,
 ) -> GapReport:
     """The document of a diagnosis of these runs; settled_by: of each cause, what tells it from
@@ -164,9 +161,6 @@ def diagnosis_document(
         gap_after=diagnosis.gap_after,
         shrink=diagnosis.shrink,
         channels=diagnosis.channels,
-        user_level=tuple(users),
-        expected_drift=drift,
-        record_next=tuple(record_next),
         cells=diagnosis.cells,
         runs=tuple(_run(run, diagnosis, asked.hold_out) for run in runs),
         not_looked_at=diagnosis.not_looked_at,

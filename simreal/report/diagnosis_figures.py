@@ -37,15 +37,10 @@ SQUARE_PX, UPRIGHT_PX, BANDS_PX = 19, 50, 320  # heights: of a square; of turned
 MOST_PANELS = 8
 MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there
-# share of the colour scale from which a number is written in white; chosen: past its middle (0.5)
-DARK = 0.55
-SHADES = tuple(  # the scheme PuOr of ColorBrewer, from purple to orange: red, green, blue
-    tuple(bytes.fromhex(code))
-    for code in (
-        *("2d004b", "542788", "8073ac", "b2abd2", "d8daeb", "f7f7f7"),
-        *("fee0b6", "fdb863", "e08214", "b35806", "7f3b08"),
-    )
-)
+# of an excess and of what is too quiet; a cell is as clear as it is near zero, so that the map
+# stands on light pages and on dark ones, and either ink is read on it (contrast 3.2 at least)
+LOUD, QUIET = "#c85500", "#7a6bab"
+FAINTEST = 0.1  # opacity at zero; chosen: just seen on either page
 SQUARE_GAP = 0.025  # between squares, in parts of one
 # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000; of several causes
 LEAST_SHOWN, LEAST_LIKELY = 0.001, 0.05
@@ -123,18 +118,15 @@ def _numbers(squares: Sequence[_Square]) -> Texts:
     rows = []
     for square in squares:
         if abs(square.sigmas) > SHOWN_SIGMAS or square.located:
-            dark = abs(square.sigmas) > DARK * MOST_SIGMAS
-            colour = "white" if dark else "black"  # on the cell's colour, in the dark as well
             said = f"{square.sigmas:.0f}".replace("-", "−")
-            rows.append((square.place[1], square.place[0], said, colour, square.located))
+            rows.append((square.place[1], square.place[0], said, BLACK, square.located))
     return Texts(rows)
 
 
 def shade(sigmas: float) -> str:
-    """The colour of so many sigmas, between the colours of SHADES."""
-    at = (np.clip(sigmas / MOST_SIGMAS, -1.0, 1.0) + 1.0) / 2.0 * (len(SHADES) - 1)
-    mixed = [np.interp(at, np.arange(len(SHADES)), shades) for shades in zip(*SHADES)]
-    return "#" + "".join(f"{round(float(value)):02x}" for value in mixed)
+    """The colour of so many sigmas, with its opacity; a cell that was measured is never blank."""
+    share = FAINTEST + (1.0 - FAINTEST) * min(abs(sigmas) / MOST_SIGMAS, 1.0)
+    return f"{LOUD if sigmas > 0 else QUIET}{round(255 * share):02x}"
 
 
 def _band(cell: GapCell) -> Band:

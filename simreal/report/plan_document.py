@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ins.documents import OMIT_NONE
+from ins.documents import OMIT_NONE, written
 from simreal.plan.flights import PromisedFlight
 from simreal.plan.gram import ODDS_NATS, Contender, PairSeparation
-from simreal.plan.pairs import INSEPARABLE, Inseparable, PairAssessment, PairVerdict
+from simreal.plan.pairs import INSEPARABLE, Inseparable, Pair, PairAssessment, PairVerdict
 from simreal.plan.recordings import Recording
 from simreal.plan.study import NULL_NATS, Plan, Study
 
@@ -31,23 +31,6 @@ class PlanCriteria:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairMember:
-    """One effect of a pair."""
-
-    effect: str
-    target: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class RivalPair:
-    """Two rivals."""
-
-    label: str
-    a: PairMember
-    b: PairMember
-
-
-@dataclass(frozen=True, kw_only=True)
 class CoefficientSizes:
     """The sizes of a coefficient: usual, and those from which it is seen and told from its rival
     (inf: never).
@@ -61,9 +44,11 @@ class CoefficientSizes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectSizes(PairMember):
+class EffectSizes:
     """An effect in the runs; `delta_*`: norms of the whitened effect."""
 
+    effect: str
+    target: str
     delta_usual: tuple[float, ...]
     delta_seen: float
     delta_needed: float
@@ -99,22 +84,9 @@ class JudgedPair:
         return {"a": self.a, "b": self.b}.get(self.special_case or "")
 
 
+@written("recording=name words start heading_deg hours taxi gnss odometer score separates")
 @dataclass(frozen=True, kw_only=True)
-class PlannedRecording:
-    """A recording, in words and in numbers."""
-
-    recording: str
-    words: str
-    start: str
-    heading_deg: float
-    hours: float
-    taxi: bool
-    gnss: bool
-    odometer: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanStep(PlannedRecording):
+class PlanStep(Recording):
     """A recording added to a plan, and the pairs that it separates."""
 
     score: float
@@ -128,7 +100,7 @@ class PlanOfRecordings:
     name: str
     score: float
     hours: float
-    recordings: tuple[PlannedRecording, ...]
+    recordings: tuple[Recording, ...]
     pairs: tuple[JudgedPair, ...]
     run_ids: tuple[str, ...] | None = field(default=None, metadata=OMIT_NONE)
 
@@ -159,7 +131,7 @@ class PlanReport:
     lat_deg: float
     without: tuple[str, ...]
     criteria: PlanCriteria
-    pairs: tuple[RivalPair, ...]
+    pairs: tuple[Pair, ...]
     given: PlanOfRecordings | None
     compared: tuple[PlanOfRecordings, ...]
     steps: tuple[PlanStep, ...]
@@ -183,7 +155,7 @@ def plan_document(
         lat_deg=lat_deg,
         without=tuple(without),
         criteria=PlanCriteria(odds=ODDS, odds_nats=ODDS_NATS, alpha=ALPHA, null_nats=NULL_NATS),
-        pairs=tuple(RivalPair(label=p.label, a=_member(p.a), b=_member(p.b)) for p in study.pairs),
+        pairs=study.pairs,
         given=None if given is None else replace(_plan(given, study), run_ids=study.run_ids),
         compared=tuple(_plan(p, study) for p in study.compared),
         steps=tuple(_step(p, before) for before, p in zip((given, *study.steps), study.steps)),
@@ -227,27 +199,9 @@ def _flight_line(flight: PromisedFlight) -> str:
     )
 
 
-def _member(e: Contender) -> PairMember:
-    return PairMember(effect=e.effect.name, target=e.target)
-
-
-def _recording(r: Recording) -> PlannedRecording:
-    return PlannedRecording(
-        recording=r.name,
-        words=r.words,
-        start=r.start,
-        heading_deg=r.heading_deg,
-        hours=r.hours,
-        taxi=r.taxi,
-        gnss="gnss" in r.aids,
-        odometer="odometer" in r.aids,
-    )
-
-
 def _step(plan: Plan, before: Plan | None) -> PlanStep:
-    return PlanStep(
-        **vars(_recording(plan.recordings[-1])), score=plan.score, separates=_gained(before, plan)
-    )
+    last = plan.recordings[-1]
+    return PlanStep(**vars(last), score=plan.score, separates=_gained(before, plan))
 
 
 def _plan(plan: Plan, study: Study) -> PlanOfRecordings:
@@ -255,7 +209,7 @@ def _plan(plan: Plan, study: Study) -> PlanOfRecordings:
         name=plan.name,
         score=plan.score,
         hours=plan.hours,
-        recordings=tuple(_recording(r) for r in plan.recordings),
+        recordings=plan.recordings,
         pairs=tuple(_judged(j, study) for j in plan.judged),
     )
 

@@ -15,24 +15,19 @@ from infield.reports.drawing import (
     Panel,
 )
 from infield.reports.page import render_page
-from simreal.report.twin_document import PARAMETER_NAMES, FitReport, size_words, would_tell
-from simreal.twin.fit.result import ChannelCurve, Needs, Parameter
+from simreal.twin.fit.result import ChannelCurve, Needs, Parameter, TwinFit
 
 GYRO_UNIT_DEG_H = 180.0 / np.pi * 3600.0
 ACCEL_UNIT_UG = 1e6 / 9.80665
 TOLD_BADGES = {True: ("estimated", "good"), False: ("not observable", "none")}
 
 
-def twin_html(document: FitReport) -> str:
+def twin_html(document: TwinFit) -> str:
     """The page of a fit."""
-    found = document.found
-    assert found is not None
     return render_page(
         "twin.html.j2",
         "simreal.report",
         d=document,
-        rows=[(p, size_words(p), would_tell(p)) for p in found.parameters],
-        names=PARAMETER_NAMES,
         badges=TOLD_BADGES,
         rests=_rests,
         headline=headline(document),
@@ -42,7 +37,7 @@ def twin_html(document: FitReport) -> str:
     )
 
 
-def headline(document: FitReport) -> str:
+def headline(document: TwinFit) -> str:
     """The fit in one sentence."""
     told = sum(p.identified for p in document.parameters)
     return (
@@ -51,7 +46,7 @@ def headline(document: FitReport) -> str:
     )
 
 
-def _banner(document: FitReport) -> str:
+def _banner(document: TwinFit) -> str:
     """Good where every channel is explained by the model."""
     bad = [c for c in document.channels if c.p_value < 1e-3 / len(document.channels)]
     return "fair" if bad else "good"
@@ -66,7 +61,7 @@ def _rests(p: Parameter) -> str:
     return f"{p.seconds / 3600.0:.2g} h at rest"
 
 
-def allan_panels(document: FitReport) -> list[Panel]:
+def allan_panels(document: TwinFit) -> list[Panel]:
     """Allan deviations: data, model, and the band in which 95 % of such data lie."""
     panels = []
     for channel in sorted(document.channels, key=_place):
@@ -85,7 +80,7 @@ def allan_panels(document: FitReport) -> list[Panel]:
     return panels
 
 
-def spectra_panels(document: FitReport) -> list[Panel]:
+def spectra_panels(document: TwinFit) -> list[Panel]:
     """Spectra: data in bands, model; a cross is a band that is left out, for the
     vehicle's own motion fills it or a filter empties it.
     """

@@ -104,12 +104,3 @@ def squared_error(table, truth, temperature_degC=(22.0, 32.0, 43.0)):
     rows = np.vstack([table.basis(axis, T) for axis in range(3)])
     error = rows @ table.parameters - np.concatenate([truth.bias_deg_h(axis, T) for axis in "xyz"])
     return float(error @ np.linalg.solve(rows @ table.covariance @ rows.T, error)), error.size
-
-
-def shape_error_deg_h(table, truth, low_degC=22.0, high_degC=43.0):
-    """RMS over the warm-up of the table's error less its mean on each axis: what a start-up
-    calibration leaves.
-    """
-    T = np.linspace(low_degC, high_degC, 50)
-    error = np.stack([table.bias_deg_h(axis, T) - truth.bias_deg_h(axis, T) for axis in "xyz"])
-    return float(np.sqrt(np.mean((error - error.mean(axis=1, keepdims=True)) ** 2)))

@@ -90,27 +90,31 @@ def test_log_that_never_rests_starts_in_motion(technology):
 
 
 @pytest.mark.parametrize(
-    ("technology", "moving"),
+    ("technology", "moving", "flights", "band"),
     [
-        ("rlg", False),
-        ("mems", True),
-        pytest.param("rlg", True, marks=pytest.mark.slow),
-        pytest.param("mems", False, marks=pytest.mark.slow),
+        ("rlg", False, 3, (0.35, 1.8)),
+        ("mems", True, 3, (0.35, 1.8)),
+        *(
+            pytest.param(technology, moving, 12, (0.55, 1.35), marks=pytest.mark.slow)
+            for technology in ("rlg", "mems")
+            for moving in (False, True)
+        ),
     ],
 )
-def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving):
-    """Twelve flights with the twin's whole noise, scales and misalignments, from the apron and cut
-    out of the flight: squared error over variance of position, velocity and attitude is one. A
-    flight's rows are not independent; means of other seeds are 0.80 to 1.03.
+def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving, flights, band):
+    """Flights with the twin's whole noise, scales and misalignments, from the apron and cut out of
+    the flight: squared error over variance of position, velocity and attitude is one. A flight's
+    rows are not independent; means of twelve on other seeds are 0.80 to 1.03, and the band of three
+    is twice as wide.
     """
     ratios, twin = [], twin_of(technology)
-    for seed in range(12):
+    for seed in range(flights):
         made = flown(ideal(PARK_S), twin, 300 + seed, technology)
         run = cut_run(made.run, PARK_S + 80.0, PARK_S + 400.0) if moving else made.run
         found = aided(made, run, twin, gyrocompass=technology == "rlg" and not moving)
         ratios.append(normalised(made, found.history, 60))
     mean = np.mean(ratios, axis=0)
-    assert (mean > 0.55).all() and (mean < 1.35).all()
+    assert (mean > band[0]).all() and (mean < band[1]).all()
 
 
 def test_tilts_over_a_deflected_vertical_are_off_by_what_they_say():

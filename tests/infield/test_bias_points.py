@@ -7,9 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session.points import mean_rows, measurement_information, observability, session_points
+from infield.session.bins import make_bins
+from infield.session.points import (
+    mean_rows,
+    measurement_information,
+    observability,
+    session_evidence,
+    session_points,
+)
+from infield.thermometer.gyro_temperature import gyro_temperature
 from tests.infield.sessions import (
     PARKED,
+    SETTINGS,
+    TWIN,
     estimate,
     estimate_of,
     factory,
@@ -17,6 +27,7 @@ from tests.infield.sessions import (
     simulated,
     true_bias,
 )
+from tests.scenarios.study import prior_table
 
 
 def test_information_by_hand():
@@ -72,6 +83,30 @@ def test_a_point_that_says_nothing_says_so():
     y, x = p.axis_index == 1, p.axis_index == 0
     assert (p.sigma_deg_h[y] > 30 * prior[y]).all()
     assert (p.sigma_deg_h[x] < 2 * prior[x]).all()
+    # nor do all of them together: what they lack is common to them
+    A = mean_rows(estimate(1, PARKED))
+    together = np.sqrt((A @ p.covariance @ A.T)[1, 1])
+    assert together > 60 * np.sqrt((A @ estimate(1, PARKED).bins.prior @ A.T)[1, 1])
+
+
+def test_points_have_the_errors_of_their_temperatures_and_means_those_of_the_session():
+    run, e = simulated(1).run, estimate(1)
+    p, A = session_points(run, e), mean_rows(e)
+    more = np.diag(np.linspace(1e-6, 2e-6, len(p.time_s)))
+    thermometer = replace(e, bins=replace(e.bins, thermometer=e.bins.thermometer + more))
+    assert session_points(run, thermometer).covariance - p.covariance == pytest.approx(
+        more, abs=1e-12
+    )
+    turned_on = replace(e, bins=replace(e.bins, own=e.bins.own + more))
+    found, other = (session_evidence(run, factory(), of, p) for of in (e, turned_on))
+    assert other.covariance - found.covariance == pytest.approx(A @ more @ A.T, abs=1e-15)
+    assert found.bias_deg_h == pytest.approx(A @ p.bias_deg_h)
+    # the table of the session's mean temperature is its mean but for the kinks at nodes
+    level = A @ e.bins.table_deg_h
+    assert np.abs(found.bend_deg_h).max() < 0.1 * np.abs(level).max()
+    shift = replace(e.bins, table_deg_h=e.bins.table_deg_h + 0.02)
+    moved = session_evidence(run, factory(), replace(e, bins=shift), p)
+    assert moved.bend_deg_h - found.bend_deg_h == pytest.approx(0.02, abs=1e-12)
 
 
 def test_points_carry_what_the_contract_asks():
@@ -83,6 +118,36 @@ def test_points_carry_what_the_contract_asks():
     assert p.time_s == pytest.approx(np.repeat(estimate(1).bins.centre_s, 3))
     assert list(p.axis_index[:3]) == [0, 1, 2]
     assert (p.temperature_rate_degC_min[:3] > 0.1).all()  # warming up
+
+
+def test_errors_of_temperature_matter_by_what_the_slope_of_the_table_may_be():
+    """A table of zeros: between two nodes its slope has the variance of their difference."""
+    table, run = prior_table(), simulated(1).run
+    spans = dict(start_s=run.imu.start_s, end_s=run.imu.end_s)
+    bins = make_bins(table, gyro_temperature(run.temperature), TWIN, SETTINGS, **spans)
+    P, nodes = table.covariance[table.values_of(0)][:, table.values_of(0)], np.arange(-20, 61, 10)
+    T = bins.temperature_degC[:, 0]
+    inside = np.flatnonzero(np.floor((T - 0.5) / 10) == np.floor((T + 0.5) / 10))
+    assert inside.size > 3
+    for k in inside:
+        i = np.searchsorted(nodes, T[k]) - 1
+        of_slope = (P[i, i] + P[i + 1, i + 1] - 2 * P[i, i + 1]) / 10.0**2
+        expected = bins.sigma_temperature_degC[k, 0] ** 2 * of_slope
+        assert bins.thermometer[3 * k, 3 * k] == pytest.approx(expected, rel=1e-6) and expected > 0
+
+
+def test_bins_without_a_temperature_may_have_any_bias_of_the_table_mostly_the_same():
+    """Table of zeros, 0.01 deg/h: the gyro's bins share 70 % of that variance, and no row of H."""
+    run, spans = simulated(1).run, dict(start_s=0.0, end_s=1800.0)
+    seen = gyro_temperature(run.temperature)
+    tied, untied = (
+        make_bins(prior_table(), temperature, TWIN, SETTINGS, **spans)
+        for temperature in (seen, replace(seen, unusable=("y",)))
+    )
+    y = np.arange(1, len(tied.own), 3)
+    more = (untied.own - untied.thermometer - tied.own + tied.thermometer)[np.ix_(y, y)]
+    assert more == pytest.approx(0.01**2 * (0.7 + 0.3 * np.eye(y.size)), rel=1e-9)
+    assert not untied.H[y].any() and not untied.thermometer[y].any() and tied.H[y].any()
 
 
 def test_verdicts_follow_from_the_ratio():

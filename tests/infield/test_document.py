@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update import update_document
 from infield.reports.documents.update_records import update_of
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
@@ -33,9 +33,8 @@ def result_of(segments=None, temperature=True):
     )
 
 
-def document_of(result, committed=False):
-    kept = Kept(committed=committed)
-    return plain(update_document(result, kept, version="0", table_before=factory_dict()))
+def document_of(result):
+    return plain(update_document(result, version="0", table_before=factory_dict()))
 
 
 @lru_cache(maxsize=1)
@@ -151,7 +150,7 @@ def test_shares_of_variance_add_up_and_points_split_into_common_and_own():
 
 
 def test_a_stored_update_is_the_record_that_was_written():
-    written = update_document(result_of(), Kept(), version="0", table_before=factory_dict())
+    written = update_document(result_of(), version="0", table_before=factory_dict())
     stored = json.loads(to_json(written))
     assert to_json(update_of(stored)) == to_json(written)
     assert update_of(stored).zero_rate_effect is None

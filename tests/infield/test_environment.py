@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update import update_document
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256
 from ins.documents import plain
@@ -30,7 +30,7 @@ def document():
     )
     history = UnitHistory(parent_sha256=table_sha256(factory_dict()))
     result = update_calibration([simulated.run], factory(), TWIN, history=history)
-    return plain(update_document(result, Kept(), version="0", table_before=factory_dict()))
+    return plain(update_document(result, version="0", table_before=factory_dict()))
 
 
 def test_sway_has_its_size_and_its_octave():

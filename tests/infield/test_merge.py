@@ -148,6 +148,25 @@ def test_an_unobserved_direction_moves_nothing(spurious_deg_h):
     assert abs(common_shift(table, "x", result.candidate)) > 1e-3
 
 
+@pytest.mark.parametrize("axes", ["y", "xz"])
+def test_a_held_axis_keeps_its_common_part_and_how_sure_that_is(axes):
+    """A consider update of whatever was measured: its shape may be learnt, its level is as before,
+    and nothing is surer than by the whole update.
+    """
+    table = table_with()
+    points, own = session(table, shift=(0.01, -0.02, 0.01))
+    priors = filtered(table, points, own)
+    free, held = (merge_posterior(table, points.H, *priors, held_axes=of) for of in ("", axes))
+    for axis in axes:
+        weights = table.common_weights(axis)
+        before, after = (weights @ t.covariance @ weights for t in (table, held.candidate))
+        assert after == pytest.approx(before, rel=1e-9)
+        assert weights @ free.candidate.covariance @ weights < 0.5 * before
+        assert abs(common_shift(table, axis, held.candidate)) < 1e-12
+    less = held.candidate.covariance - free.candidate.covariance
+    assert np.linalg.eigvalsh(less).min() > -1e-12
+
+
 def test_unobserved_directions_do_not_add_up_over_many_points():
     table = table_with()
     points, own = session(table, bins=100)

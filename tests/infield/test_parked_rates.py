@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from infield.reports.documents.parked import stretch_words, zero_rate
-from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update import update_document
 from infield.session.parked.rates import no_heading
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.session.pipeline import UnitHistory
@@ -52,7 +52,7 @@ def first():
 
 def document_of(result):
     before = table_to_dict(result.before)
-    return plain(update_document(result, Kept(), version="test", table_before=before))
+    return plain(update_document(result, version="test", table_before=before))
 
 
 def test_an_unknown_heading_leaves_its_part_of_earth_rate_and_no_more():

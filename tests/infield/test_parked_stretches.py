@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from alignment.motion import turn_between
-from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update import update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.session.bins import make_bins
@@ -44,9 +44,7 @@ def estimate_of(run, **options):
 
 
 def document_of(result):
-    return plain(
-        update_document(result, Kept(), version="test", table_before=table_to_dict(result.before))
-    )
+    return plain(update_document(result, version="test", table_before=table_to_dict(result.before)))
 
 
 def errors(simulated, estimate):

@@ -18,7 +18,7 @@ import pytest
 
 from infield.reports import page as report_page
 from infield.reports import update_figures, update_page
-from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update import update_document
 from infield.reports.documents.update_records import update_of
 from infield.reports.drawing import MAX_POINTS, specification
 from infield.session.pipeline import UnitHistory, update_calibration
@@ -62,13 +62,13 @@ def _simulated(seed, *, start_utc="2026-03-01T05:00:00Z", heading_deg=0.0):
     return simulated.run, unit.factory_table()
 
 
-def _document(runs, table, *, committed=False, **facts):
+def _document(runs, table, **facts):
     parsed, twin = table_from_dict(table, name="table"), TwinModel(source="defaults of rlg")
     result = update_calibration(
         runs, parsed, twin, history=UnitHistory(parent_sha256=table_sha256(table))
     )
-    kept = Kept(**{"store": "sqlite:///recal.db", "committed": committed, **facts})
-    return plain(update_document(result, kept, version="9.8.7", table_before=table))
+    document = update_document(result, version="9.8.7", table_before=table)
+    return plain(replace(document, **{"store": "sqlite:///recal.db", **facts}))
 
 
 def update_html(document):
@@ -87,7 +87,7 @@ def documents():
     found = {
         "proposed": _document([first], table),
         "committed": _document(
-            [first, second], table, committed=True, revision=2, rollback_command=rollback
+            [first, second], table, verdict="committed", revision=2, rollback_command=rollback
         ),
         "refused": _document([cold], table),
         "inconsistent": _document([first], wrong),

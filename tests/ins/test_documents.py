@@ -6,13 +6,24 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import TypedDict
 
 import numpy as np
 import pytest
 
 from ins import documents
-from ins.documents import INLINE, OMIT_NONE, UNWRITTEN, Null, from_json, plain, to_json, written_as
+from ins.documents import (
+    INLINE,
+    OMIT_NONE,
+    UNWRITTEN,
+    Null,
+    from_json,
+    plain,
+    to_json,
+    written,
+    written_as,
+)
 from ins.records import InputError
 from ins.verdicts import Outcome
 
@@ -157,3 +168,26 @@ def test_what_is_no_document_is_one_line(text):
 def test_help_loads_no_pydantic():
     code = "import sys, recal.cli.app; assert 'pydantic' not in sys.modules, 'loaded'"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@written("bias=bias.name half")
+@dataclass(frozen=True)
+class Shown:
+    bias: Site
+    size: float
+
+    @property
+    def half(self) -> float:
+        return 0.5 * self.size
+
+
+@dataclass(frozen=True)
+class ShownTwice(Shown):
+    size: float = 4.0
+
+
+def test_named_keys_take_properties_and_attributes_of_fields():
+    """A path wins over the field of the same name; a derived class has its own fields as keys."""
+    place = SimpleNamespace(name="Bern")
+    assert plain(Shown(place, 3.0)) == {"bias": "Bern", "half": 1.5}
+    assert list(plain(ShownTwice(None))) == ["bias", "size"]

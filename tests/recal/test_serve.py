@@ -23,24 +23,6 @@ url = stores.url
 HOSTILE = "SN\"><script>alert(1)</script>&'/../%2e%2e"
 
 
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
-url = stores.url
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """Three units in a store, two folders with diagnoses."""
@@ -94,6 +76,13 @@ def text_of(answer):
             re.sub(r"<(style|svg)\b.*?</\1>|<[^>]*>", " ", answer.text, flags=re.DOTALL)
         ).split()
     )
+
+
+def waiting(visitor, *paths):
+    """The numbers of proposals to decide that the bars of these pages show."""
+    bars = [visitor.get(path).text.partition("<header>")[0] for path in paths]
+    shown = [re.search(r'class="count">(\d+)', bar) for bar in bars]
+    return {int(found[1]) if found else 0 for found in shown}
 
 
 def test_units_are_listed_searched_and_sorted(visitor):
@@ -216,6 +205,7 @@ def test_approval_is_recorded_and_commits(fresh):
         assert "Sign in to decide" in visitor.get(page).text
         assert 'name="verdict"' not in visitor.get(page).text
         assert visitor.sign_in(next=page).headers["location"] == page
+        assert waiting(visitor, "/", "/forecast", "/nothing", "/signin") == {2}
         token = visitor.form_token(page)
         done = visitor.decide(token, by="A. Reviewer", reason="white residuals")
         assert done.status_code == 303
@@ -226,6 +216,7 @@ def test_approval_is_recorded_and_commits(fresh):
             assert decided.reason == "white residuals"
             assert decided.revision_number == 3
             assert store.active().sha256 == store.proposals()[0].sha256
+        assert waiting(visitor, "/", "/nothing") == {0}  # the other one is out of date by now
         late = "/proposal?serial=SN-1&technology=rlg&number=2"
         assert "Out of date" in visitor.get(late).text
         assert 'value="approved"' not in visitor.get(late).text

@@ -190,7 +190,7 @@ ROWS = {  # physics.md 6.7: sigma along north and east of the first heading [deg
 
 
 # the others are navigated by `pytest -m slow`: a row is 27 navigations
-QUICK_ROWS = ("straight_taxi", "taxi_m90_p90_300", "turn_180_park_20min")
+QUICK_ROWS = ("straight_taxi", "taxi_m90_p90_300")
 
 
 @pytest.mark.parametrize(
@@ -205,6 +205,7 @@ def test_rows_of_physics_6_7(name):
     assert (north, east) == pytest.approx(ROWS[name], rel=TEN_PERCENT)
 
 
+@pytest.mark.slow
 def test_legs_of_physics_6_7():
     """A single stop ends the legs in the table; the reference motion of that name stops three times
     and shows more.

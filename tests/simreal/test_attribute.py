@@ -13,6 +13,7 @@ from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.seen import run_of, streams_of, tilted
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
+from ins.errors.base import SLOW_NAME
 from ins.errors.catalogue import catalogue
 from ins.units import ARCSEC
 from simreal.inference.attribute import Attributor
@@ -131,6 +132,38 @@ def test_noises_enter_together_where_none_of_the_vehicle_leads(vehicle, beside):
     odds = np.array([0.0, 900.0, 200.0, vehicle])
     first = SimpleNamespace(hypothesis=of[1])
     assert Attributor._noises_beside(searched, first, odds, None) == beside
+
+
+@pytest.mark.parametrize("walk,lag,left", [(106.0, 98.0, SLOW_NAME), (98.0, 99.0, "lag")])
+def test_a_walk_that_explains_all_rows_better_takes_the_place_of_a_lag_beside_it(walk, lag, left):
+    """Both fits are compared by all that they explain, and share what the data leave open."""
+
+    def made(name, extra):
+        source = SimpleNamespace(name=name, target="gyro_y", key=(name, "gyro_y", None))
+        return SimpleNamespace(hypothesis=source, extra=extra, of_table=False)
+
+    first, second = [made("lag", None), made(SLOW_NAME, 1.0)], [made(SLOW_NAME, 1.0)]
+    fits = [first, second]
+    searched = SimpleNamespace(_stopped=False, slots=[], _effects=first)
+
+    def settle(channels=()):
+        searched.slots = fits.pop(0)
+
+    def total():
+        return lag if any(s.hypothesis.name == "lag" for s in searched.slots) else walk
+
+    searched._settle, searched._total = settle, total
+    searched._begin_anew = searched._whiten_again = lambda: None
+    Attributor._search(searched)
+    assert searched.slots[0].hypothesis.name == left
+    hypotheses = [s.hypothesis for s in first]
+    searched.hypotheses = hypotheses
+    slot = searched.slots[0]
+    slot.posterior = np.array([float(h.name == slot.hypothesis.name) for h in hypotheses])
+    Attributor._share_with_other_fit(searched, slot)
+    odds = np.exp(abs(walk - lag))
+    assert slot.posterior.max() == pytest.approx(odds / (1.0 + odds))
+    assert slot.posterior.sum() == pytest.approx(1.0)
 
 
 def test_an_implausible_size_is_more_likely_of_a_cause_that_is_not_listed():

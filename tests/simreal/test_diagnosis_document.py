@@ -48,25 +48,26 @@ def found():
     return diagnosed()
 
 
-def document_of(found, **more):
+def document_of(found):
     asked = DiagnosisRequest(version="1", seed=0, table_sha256="f" * 64)
-    return diagnosis_document(found, trial().runs, asked, **more)
+    return diagnosis_document(found, trial().runs, asked)
 
 
-def cause(**changes):
+def cause(effect="gyro_bias_step", **changes):
+    """A step of gyro x in one run; another effect has no run and repeats, where not said."""
     base = Cause(
-        effect="gyro_bias_step",
+        effect=effect,
         target="gyro_x",
-        id="gyro_bias_step",
+        id=effect,
         probability=0.8,
         rivals=(),
         parameters={
             "coefficient": parameter_of(0.02, 0.001, "deg/h"),
             "onset_s": parameter_of(900.0, 20.0, "s"),
         },
-        run_id="r2",
+        run_id="r2" if effect == "gyro_bias_step" else None,
         size=12.0,
-        repeats="E",
+        repeats="E" if effect == "gyro_bias_step" else "R",
     )
     return judged(replace(base, **changes))
 
@@ -148,16 +149,7 @@ def test_a_coefficient_a_run_is_an_item_a_run():
         f"coefficient[{r}]": parameter_of(v, 0.001, "deg/h")
         for r, v in (("a[1]", 0.01), ("b", -0.02))
     }
-    items = effect_items(
-        cause(
-            effect="gyro_turn_on_bias",
-            id="gyro_turn_on_bias",
-            repeats="P",
-            parameters=parameters,
-            run_id=None,
-        ),
-        [],
-    )
+    items = effect_items(cause(effect="gyro_turn_on_bias", repeats="P", parameters=parameters), [])
     assert [i["parameters"] for i in items] == [
         {"coefficient": 0.01, "run_id": "a[1]"},
         {"coefficient": -0.02, "run_id": "b"},
@@ -170,7 +162,6 @@ def test_a_slow_variation_names_its_process(process):
         effect="slow_variation",
         id=process,
         repeats="S",
-        run_id=None,
         parameters={"coefficient": parameter_of(0.005, 1e-3, "deg/h")},
     )
     (item,) = effect_items(slow, [])
@@ -182,16 +173,7 @@ def test_a_slow_variation_names_its_process(process):
     "name,nodes,expected", [(OF_TEMPERATURE, (0.0, 10.0), [0.0, 10.0]), (OF_RUN, (), ["r1", "r2"])]
 )
 def test_a_free_function_carries_nodes_and_values(name, nodes, expected):
-    free = cause(
-        effect=name,
-        id=name,
-        named=False,
-        repeats="R",
-        run_id=None,
-        nodes=nodes,
-        values=(0.1, 0.2),
-        shrink=shrink(0.4, 0.9),
-    )
+    free = cause(effect=name, named=False, nodes=nodes, values=(0.1, 0.2), shrink=shrink(0.4, 0.9))
     (item,) = effect_items(free, ["r1", "r2"])
     assert item["parameters"] == {"nodes": expected, "values": [0.1, 0.2], "unit": "deg/h"}
 
@@ -219,10 +201,7 @@ def shrink(low, high, *, held_out=True):
 def test_the_twin_takes_only_what_other_data_bear(found, effect, measured, expected):
     one = cause(
         effect=effect,
-        id=effect,
         named=effect.startswith("gyro"),
-        repeats="R",
-        run_id=None,
         nodes=(0.0, 10.0) if effect != OF_RUN else (),
         values=(0.1, 0.2),
         shrink=measured,
@@ -259,10 +238,9 @@ def test_items_of_all_kinds_parse():
         effect="slow_variation",
         id="gyro_bias_instability",
         repeats="S",
-        run_id=None,
         parameters={"coefficient": parameter_of(0.005, 1e-3, "deg/h")},
     )
-    free = cause(effect=OF_RUN, id=OF_RUN, named=False, repeats="R", run_id=None, values=(0.1, 0.2))
+    free = cause(effect=OF_RUN, named=False, values=(0.1, 0.2))
     items = [i for c in (cause(), slow, free) for i in effect_items(c, ["r1", "r2"])]
     twin = twin_from_dict(
         {"schema": "recal.twin/1", "gyro_technology": "rlg", "effects": items},
@@ -287,13 +265,7 @@ def test_a_shape_that_the_fit_leaves_open_has_the_sigma_of_its_bounds(found):
         "coefficient": parameter_of(0.02, 0.001, "deg/h"),
         "tau_s": parameter_of(700.0, float("nan"), "s", bounds=(300.0, 1500.0)),
     }
-    loose = cause(
-        effect="gyro_warmup_transient",
-        id="gyro_warmup_transient",
-        run_id=None,
-        repeats="R",
-        parameters=parameters,
-    )
+    loose = cause(effect="gyro_warmup_transient", parameters=parameters)
     document = document_of(replace(found, causes=(loose,)))
     shown = document.causes[0].parameters["tau_s"]
     assert shown.sigma_from == "bounds" and shown.sigma > 100.0
@@ -347,7 +319,7 @@ def advice_on(found):
 def test_advice_only_for_what_is_open(found):
     alone = replace(found, causes=(cause(),))
     assert advice_on(alone) == []
-    slow = cause(effect="slow_variation", id="gyro_bias_instability", repeats="S", run_id=None)
+    slow = cause(effect="slow_variation", id="gyro_bias_instability", repeats="S")
     left = advice_on(
         replace(found, causes=(slow,), unexplained=replace(found.unexplained, present=True))
     )
@@ -355,13 +327,7 @@ def test_advice_only_for_what_is_open(found):
     free = replace(found, causes=(cause(effect=OF_TEMPERATURE, named=False),))
     assert "other starts" in advice_on(free)[0]
     rivals = (Rival("gyro_thermal_quadratic", "gyro_x", 0.3, 0.99),)
-    mixed = cause(
-        effect="gyro_thermal_linear",
-        id="gyro_thermal_linear",
-        repeats="R",
-        run_id=None,
-        rivals=rivals,
-    )
+    mixed = cause(effect="gyro_thermal_linear", rivals=rivals)
     (told,) = advice_on(replace(found, causes=(mixed,)))
     assert "gyro_thermal_linear from gyro_thermal_quadratic" in told
 
@@ -377,7 +343,7 @@ def test_the_page_draws_each_cause_in_every_run(found):
 
 def test_the_page_answers_three_questions_first(found):
     """Each with its number, before anything else; a cause's words are linked."""
-    document = document_of(found, drift=sessions_of(found)[0])
+    document = replace(document_of(found), expected_drift=sessions_of(found)[0])
     page = diagnosis_html(document, overlays(found))
     first = page[: page.index('id="now"')]
     place, cause_, drift = document.where[0], document.causes[0], document.expected_drift
@@ -395,7 +361,9 @@ def test_the_page_answers_three_questions_first(found):
 
 
 def test_an_event_of_several_runs_is_said_once():
-    events = [cause(effect="engine_start", target="vehicle", run_id=name) for name in "abc"]
+    events = [
+        cause(effect="engine_start", target="vehicle", run_id=name, repeats="E") for name in "abc"
+    ]
     (found_,) = gathered(events)
     assert found_.causes == tuple(events) and "3 runs" in found_.words
 
@@ -411,9 +379,7 @@ def test_no_band_is_longer_than_the_runs():
 def test_a_noise_below_the_declared_is_said_to_be(found):
     quiet = cause(
         effect="gyro_angle_random_walk",
-        id="gyro_angle_random_walk",
         repeats="S",
-        run_id=None,
         parameters={"coefficient": parameter_of(-0.001, 1e-5, "deg/sqrt(h)", below_declared=True)},
     )
     document = document_of(replace(found, causes=(quiet,)))
@@ -468,7 +434,7 @@ def test_a_shrink_of_nearly_all_reads_as_one(found):
 
 def test_a_document_reads_back_from_its_json(found):
     """What `recal serve` does with a stored document: the same record, the same lines."""
-    document = document_of(found, record_next=["one more"])
+    document = replace(document_of(found), record_next=("one more",))
     stored = json.loads(json.dumps(plain(document)))
     again = from_json(GapReport, stored, name="d.json")
     assert again == document and summary(again) == summary(document)

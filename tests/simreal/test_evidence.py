@@ -5,15 +5,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from benchmarks.gap_trials.trial import draw_trial
 from infield.table.file import table_from_dict
 from ins.errors.catalogue import effects_named
 from ins.errors.telemetry import AIRBORNE, Trace
+from ins.errors.telemetry import PARKED as STANDS
 from ins.records import Run, TwinModel
 from simreal.evidence.run_view import RunView, view_run
-from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, RunEvidence
+from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence, ExtraNoise, RunEvidence
 from simreal.inference.bank import Bank
 from simreal.inference.noise_hypotheses import Squares
 from tests.simreal.runs import FLIGHT, PARKED, simulated, table, twin_of
@@ -116,6 +118,39 @@ def test_parked_whitening_is_exact():
     error = handoff.mean[:3] - phi  # attitude at the end: as certain as claimed
     nees = np.einsum("ik,ij,jk->k", error, np.linalg.inv(handoff.covariance[:3, :3]), error)
     assert np.mean(nees) == pytest.approx(3.0, abs=4 * np.sqrt(6.0 / draws))
+
+
+def test_the_likelihood_is_that_of_the_whole_covariance():
+    """The determinant against that of all parked rows at once, the attitude they share with it."""
+    block = null_evidence("trajectories").runs[0].parked
+    of_phi = np.repeat(block.A * block._sigma0, block.bins, axis=0)
+    C = block_diag(*(factor @ factor.T for factor in block._factors)) + of_phi @ of_phi.T
+    scale = np.sqrt(np.diag(C))
+    dense = 0.5 * np.linalg.slogdet(C / np.outer(scale, scale))[1] + np.log(scale).sum()
+    assert block.log_sigma_of_rows == pytest.approx(dense, abs=1e-3)
+
+
+def test_noise_that_starts_within_a_run_is_white_before_and_after():
+    """An engine of the blind trials: parked from its onset on, and in what follows."""
+    trial = draw_trial(73, names=["engine_start"], parked_s=1200.0, plan="four")
+    planted = trial.truth[0].parameters
+    number, onset_s = planted["run"], planted["onset_s"]
+    engine = next(e for e in effects_named("engine_start") if e.is_noise)
+    on = planted["accel_ug_sqrt_hz"]
+    extra = [ExtraNoise(engine, "vehicle", {"onset_s": onset_s}, on**2, number)]
+    run = RunEvidence(views(trial)[number], trial.twin, extra)
+    rows = run.rows(0)
+    for late in (False, True):
+        for c in (3, 4, 5):
+            own = (rows.channel == c) & (rows.kind == STANDS) & ((rows.time_s > onset_s) == late)
+            z = run.z[own] - run.z[own].mean()  # vibration shifts the accelerometer as well
+            assert inside(z, spare=0.1), (late, c, np.mean(z**2))
+            blocks = (run.scatter.time_s > onset_s + 10.0) if late else run.scatter.time_s < onset_s
+            ratio, dof = run.scatter.ratio[c, -1, blocks], run.scatter.dof[c, -1, blocks]
+            five_sigma = 5.0 * np.sqrt(2.0 / dof.sum())
+            assert np.mean(ratio) == pytest.approx(1.0, abs=five_sigma), (late, c)
+    declared = trial.twin.accel.vrw_ug_sqrt_hz
+    assert run.twin.accel.vrw_ug_sqrt_hz == pytest.approx(np.hypot(declared, on))
 
 
 def test_a_signature_is_what_the_effect_does_to_the_rows():

@@ -34,6 +34,7 @@ from simreal.twin.fit.shared_motion import own_power
 from simreal.twin.fit.spectra import Bands
 from simreal.twin.fit.streams import DitherLine, stream_at_rest, stream_of
 from simreal.twin.fit.terms import NoiseTerm, Shape, bin_covariance, sampled_psd, sway_folded
+from simreal.twin.reasons import Why
 from tests.drawn import unscripted
 
 
@@ -180,7 +181,7 @@ def test_a_vehicle_that_is_never_still_shows_the_noise_of_its_rows(tmp_path):
     text = packaged.read_text("utf-8")
     scenario.write_text(text.replace("duration_s = 4200", "duration_s = 600"), "utf-8")
     simulated = recal.simulate(scenario, seed=5, rate_hz=100, environments=["gusty:5"])
-    found = recal.fit_twin(simulated.run).record.found
+    found = recal.fit_twin(simulated.run).record
     assert found is not None and found.parked_s > 500.0
     told = found.of("gyro.arw_deg_sqrt_h")
     assert told.identified
@@ -190,9 +191,9 @@ def test_a_vehicle_that_is_never_still_shows_the_noise_of_its_rows(tmp_path):
 def test_runs_that_tell_nothing_of_the_sensors_make_no_twin(tmp_path, monkeypatch):
     """A thermometer's resolution alone is no twin: refused, and none is written."""
     simulated, told = fitted()
-    found = told.record.found
+    found = told.record
     nothing = tuple(
-        p if p.name.startswith("temperature.") else replace(p, identified=False)
+        p if p.name.startswith("temperature.") else replace(p, why=Why.TOO_LOOSE)
         for p in found.parameters
     )
     assert any(p.identified for p in nothing)
@@ -302,7 +303,7 @@ def test_what_a_filter_leaves_above_the_gear_is_no_white_noise():
 def test_numbers_of_a_rocked_unit_are_right_to_their_sigmas(scenario, environment):
     """A MEMS unit in gusts was told 262 +- 6 ug/sqrt(Hz) where 100 are true."""
     simulated = recal.simulate(scenario, seed=31, rate_hz=50, environments=[environment])
-    found = recal.fit_twin(simulated.run).record.found
+    found = recal.fit_twin(simulated.run).record
     for name in ("gyro.arw_deg_sqrt_h", "accel.vrw_ug_sqrt_hz"):
         told = found.of(name)
         if told.identified:

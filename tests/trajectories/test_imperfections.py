@@ -107,6 +107,23 @@ def test_rate_random_walk_grows_by_k_squared_a_second():
     assert_variance(ends[:, 2], 0.002)
 
 
+def test_session_biases_walk_by_their_coefficient_in_an_hour():
+    rng = np.random.default_rng(15)
+    gyro = GyroNoise(**{**SILENT, "rate_random_walk_deg_h_sqrt_h": 0.002})
+    accel = AccelNoise(
+        bias_ug=(0.0, 0.0, 0.0),
+        turn_on_ug=0.0,
+        bias_instability_ug=0.0,
+        rate_random_walk_ug_sqrt_h=3.0,
+    )
+    draws = {
+        0.002: [gyro_session_bias(rng, gyro, 361, rate_hz=0.1)[-1] for _ in range(300)],
+        3.0: [accel_session_bias(rng, accel, 361, rate_hz=0.1)[-1] for _ in range(300)],
+    }
+    for sigma, ends in draws.items():
+        assert_variance(ends, sigma)
+
+
 def test_session_biases_take_turn_on_and_the_nominal_bias():
     rng = np.random.default_rng(6)
     turn_on = GyroNoise(**{**SILENT, "turn_on_deg_h": 0.003})

@@ -7,7 +7,12 @@ import pytest
 from scipy import stats
 
 from ins.records import InputError
-from trajectories.simulator.unit_truth import GRID_DEGC, NODES_DEGC, aged_unit
+from trajectories.simulator.unit_truth import (
+    GRID_DEGC,
+    HYSTERESIS_WIDTH_DEGC,
+    NODES_DEGC,
+    aged_unit,
+)
 
 
 def ageing(seed, temperatures, **sizes):
@@ -107,6 +112,8 @@ def test_rate_term_lag_and_hysteresis():
     assert split[3000, 2] == pytest.approx(0.005, rel=1e-3)
     assert split[7100, 2] == pytest.approx(-0.005, rel=1e-3)
     assert abs(split[0, 2]) < 1e-12
+    after = 3600 + round(HYSTERESIS_WIDTH_DEGC / rate)  # 1 - 1/e of the way to the cooling branch
+    assert split[after, 2] == pytest.approx(0.005 * (2 / np.e - 1), abs=2e-5)
 
 
 def test_curves_hold_beyond_their_grid_and_technology_is_checked():
@@ -137,3 +144,12 @@ def test_gradients_and_the_slope_of_the_rate_term_by_hand():
         0.0,
         atol=1e-15,
     )
+
+
+def test_the_coefficient_of_a_fibre_coil_rises_by_half_above_its_centre():
+    unit = aged_unit(np.random.default_rng(4), shupe_deg_h_per_degC_min=(0.3, -0.2, 0.0))
+    for axis, K in (("x", 0.3), ("y", -0.2)):
+        low, centre, high = unit.shupe_coefficient(
+            axis, unit.shupe_centre_degC["xyz".index(axis)] + np.array([-500.0, 0.0, 500.0])
+        )
+        assert (low, centre, high) == pytest.approx((0.5 * K, K, 1.5 * K))

@@ -130,15 +130,23 @@ def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
     assert shifted > 0.005  # the disturbance was there
 
 
-def test_crab_is_heading_less_direction_of_rolling(taxi):
-    """formats.md: lateral velocity in body axes is -V crab."""
-    moved = disturb(taxi, VehicleNoise(**{**QUIET, "crab_mrad": 5.0}), (), np.random.default_rng(1))
+@pytest.mark.parametrize(
+    ("crab_mrad", "events"),
+    [(5.0, ()), (0.0, (Boarding(time_s=20.0, heading_arcsec=500.0),))],
+    ids=["crab", "a heading that people changed"],
+)
+def test_a_vehicle_rolls_along_its_own_axis_but_for_its_crab(taxi, crab_mrad, events):
+    """formats.md: lateral velocity in body axes is -V crab, whichever way the body was turned."""
+    noise = VehicleNoise(**{**QUIET, "crab_mrad": crab_mrad})
+    moved = disturb(taxi, noise, events, np.random.default_rng(1))
     leg = (taxi.time_s > 120) & (taxi.time_s < 160)
-    v_n, heading = moved.v_n_m_s[leg], taxi.euler_rad[leg, 2]
+    v_n, heading = moved.v_n_m_s[leg], euler_from_dcm(moved.C_nb[leg])[2]
     v_b = np.einsum("nji,nj->ni", moved.C_nb[leg], v_n)
-    np.testing.assert_allclose(v_b[:, 1], -taxi.speed_m_s[leg] * 5e-3, rtol=1e-4)
+    crab = crab_mrad * MILLIRADIAN
+    second_order = 4e-6 * taxi.speed_m_s.max()  # (500 arcsec)^2 / 2 and the cube of the crab
+    np.testing.assert_allclose(v_b[:, 1], -taxi.speed_m_s[leg] * crab, atol=second_order)
     course = np.arctan2(v_n[:, 1], v_n[:, 0])
-    np.testing.assert_allclose(wrap_pi(heading - course), 5 * MILLIRADIAN, rtol=1e-4)
+    np.testing.assert_allclose(wrap_pi(heading - course), crab, atol=4e-6)
 
 
 def test_a_push_moves_the_vehicle_its_distance_and_turn(parked):
@@ -213,6 +221,9 @@ def test_boarding_settles_at_its_step_within_seconds(parked):
     angles = np.stack(euler_from_dcm(moved.C_nb), axis=-1)
     angles[:, 2] = wrap_pi(angles[:, 2])
     assert np.max(np.abs(angles[parked.time_s <= 100.0])) < 1e-12
+    # from rest: no faster than under the full force of a spring of 7.5 rad/s
+    first = np.flatnonzero(parked.time_s > 100.0)[0]
+    assert 0.0 < angles[first, 0] < 100.0 * ARCSEC * 0.5 * (7.5 * 0.1) ** 2
     settled = angles[parked.time_s > 105.0] / ARCSEC
     np.testing.assert_allclose(
         settled, np.tile([100.0, -50.0, 20.0], (settled.shape[0], 1)), atol=0.1

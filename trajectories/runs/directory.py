@@ -99,7 +99,9 @@ def inspect_run(
     """
     path, findings = Path(path), Findings()
     if not path.is_dir():
-        what = f"{path}: not a directory" if path.exists() else f"{path}: no such run directory"
+        what = f"{path}: no such run directory"
+        if path.exists():
+            what = f"{path}: a file, needed a run directory; recal look says how to make one of it"
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header, by_digits = _read_header(path, findings)
     accepted = header is not None and header.accepted_constant_temperature

@@ -7,7 +7,7 @@ from alignment.level_fit import LevelFound
 from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
 from infield.session.parked.zero_rate import ZeroRates
-from ins.documents import OMIT_NONE, Null
+from ins.documents import OMIT_NONE, Null, written
 from ins.records import Phase, Run, Span
 from ins.units import ARCSEC, DEG
 from ins.verdicts import Reason, codes, sentences
@@ -57,34 +57,43 @@ class LevelDocument:
 @dataclass(frozen=True, kw_only=True)
 class AlignmentDocument:
     """The alignment as the file holds it; angles not found are NaN (null in the file). Within
-    replay.json it has no schema, run and phases of its own.
+    replay.json it has no schema, run and phases of its own; within update.json only the keys of
+    `SessionAlignment`, so that the others have a default.
     """
 
     schema: str | None = field(default=SCHEMA, metadata=OMIT_NONE)
     verdict: AlignmentVerdict
     reasons: Sequence[str]
-    run_id: str | None = field(metadata=OMIT_NONE)
-    imu_serial: str | None = field(metadata=OMIT_NONE)
+    run_id: str | None = field(default=None, metadata=OMIT_NONE)
+    imu_serial: str | None = field(default=None, metadata=OMIT_NONE)
     time_s: float
     roll_deg: float
     pitch_deg: float
     heading_deg: float
     sigma_roll_deg: float
-    sigma_pitch_deg: float
+    sigma_pitch_deg: float = float("nan")
     sigma_heading_deg: float
     latitude_found_deg: float
     sigma_latitude_deg: float
-    phases: Sequence[Phase] | None = field(metadata=OMIT_NONE)
-    duration_s: float
-    excluded: Sequence[Span]
-    consistency: FilterNis
-    reason_codes: Sequence[str | None]
-    used_percent: float
-    motion_level: LevelDocument | None
+    phases: Sequence[Phase] | None = field(default=None, metadata=OMIT_NONE)
+    duration_s: float = float("nan")
+    excluded: Sequence[Span] = ()
+    consistency: FilterNis = FilterNis(nis_mean=float("nan"), dof=0)
+    reason_codes: Sequence[str | None] = ()
+    used_percent: float = float("nan")
+    motion_level: LevelDocument | None = None
     zero_rate: ZeroRates | Null | None = field(default=None, metadata=OMIT_NONE)
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
     noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
+
+
+@written(
+    "verdict time_s roll_deg pitch_deg sigma_roll_deg heading_deg sigma_heading_deg"
+    " latitude_found_deg sigma_latitude_deg reasons reason_codes"
+)
+class SessionAlignment(AlignmentDocument):
+    """What update.json says of a session's alignment."""
 
 
 def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:

@@ -3,7 +3,7 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,7 @@ from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error
 from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, Hysteresis, RampFit, RampStudy
-from infield.thermal.ramp_runs import Leg, RampRun
-from ins.documents import UNWRITTEN
-from ins.records import AXES, Span
+from infield.thermal.ramp_runs import RampRun
 
 DAY_S = 86400.0
 
@@ -49,22 +47,6 @@ def fit_models(study: RampStudy) -> tuple[dict[str, PiecewisePair], FogModel]:
         pair = pairs[a.axis]
         gyros[a.axis] = FogCurves(shifted(pair.K_T, level_deg_h), pair.K_delta)
     return pairs, FogModel(gyros)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FogRunDocument:
-    """One chamber run; role: "fast" or "slow"."""
-
-    run_id: str
-    sha256: str
-    role: str
-    blocks: int
-    steady_blocks: int
-    heading_known: bool
-    sigma_block_deg_h: Sequence[float]
-    sigma_rate_degC_min: Sequence[float]
-    ramps: Sequence[Leg]
-    excluded: Sequence[Span]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,38 +141,15 @@ class FittedAxis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FogCheckedAxisDocument:
-    """What the model leaves of one gyro on a held-out run."""
-
-    before_deg_h: float
-    after_deg_h: float
-    ratio: float
-    causal_after_deg_h: float
-    causal_ratio: float
-    noise_deg_h: float
-    blocks: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class FogCheckDocument:
-    """A held-out run."""
-
-    run_id: str
-    sha256: str
-    axes: Mapping[str, FogCheckedAxisDocument]
-
-
-@dataclass(frozen=True, kw_only=True)
 class FogDocument(ThermalDocument):
-    """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
+    """thermal_fog.json; check: of the runs that were held out."""
 
     schema: str = SCHEMA
-    runs: Sequence[FogRunDocument]
+    runs: Sequence[RampRun]
     remounted: bool
     noise_model: NoiseModelDocument
     axes: Mapping[str, FittedAxis]
-    check: Sequence[FogCheckDocument]
-    held_out: Sequence[HeldOutResidual] = field(repr=False, compare=False, metadata=UNWRITTEN)
+    check: Sequence[HeldOutResidual]
 
 
 @dataclass(frozen=True)
@@ -214,14 +173,14 @@ def fog_document(
     version: str,
 ) -> FogDocument:
     """The result of a study, refused or fitted."""
-    runs = [("fast", r) for r in study.fast] + [("slow", r) for r in study.slow]
+    runs = [replace(run, role="fast") for run in study.fast]
+    runs += [replace(run, role="slow") for run in study.slow]
     export = FogExport(allowed_deg_h, word_bits)
     return FogDocument(
-        **said_of(study, study.notes, runs[0][1], version),
-        runs=[_run(role, run) for role, run in runs],
+        **said_of(study, study.notes, runs[0], version),
+        runs=runs,
         axes={a.axis: _axis(a, pairs[a.axis], model, study, export) for a in study.axes},
-        check=[_check(found) for found in checks],
-        held_out=checks,
+        check=checks,
     )
 
 
@@ -249,21 +208,6 @@ def worst_rounding(
             largest_K_delta=float(np.max(np.abs(curves.K_delta(T)))),
         )
     return found
-
-
-def _run(role: str, run: RampRun) -> FogRunDocument:
-    return FogRunDocument(
-        run_id=run.run_id,
-        sha256=run.sha256,
-        role=role,
-        blocks=int(run.time_s.size),
-        steady_blocks=int(run.steady.sum()),
-        heading_known=run.heading_known,
-        sigma_block_deg_h=run.sigma_deg_h.tolist(),
-        sigma_rate_degC_min=run.rate_sigma_degC_min.tolist(),
-        ramps=run.legs,
-        excluded=[span.in_words() for span in run.excluded],
-    )
 
 
 def _axis(
@@ -391,21 +335,3 @@ def _fixed_point(
         worst_rounding_deg_h=worst_rounding(only, tables, rate)[axis],
         fraction_bits={key[2:]: table.fraction_bits for key, table in tables.items()},
     )
-
-
-def _check(found: HeldOutResidual) -> FogCheckDocument:
-    before, after, causal = found.before_deg_h, found.after_deg_h, found.causal_deg_h
-    axes = {
-        axis: FogCheckedAxisDocument(
-            before_deg_h=before[k],
-            after_deg_h=after[k],
-            ratio=after[k] / before[k],
-            causal_after_deg_h=causal[k],
-            causal_ratio=causal[k] / before[k],
-            noise_deg_h=found.noise_deg_h[k],
-            blocks=int(found.rows[:, k].sum()),
-        )
-        for k, axis in enumerate(AXES)
-        if np.isfinite(after[k] / before[k])
-    }
-    return FogCheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)

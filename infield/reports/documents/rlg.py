@@ -100,32 +100,10 @@ class RlgAxisDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RlgCheckedAxisDocument:
-    """What the model leaves of one gyro on a held-out run."""
-
-    before_deg_h: float
-    temperature_only_deg_h: float
-    after_deg_h: float
-    causal_after_deg_h: float
-    noise_deg_h: float
-    over_temperature_only: float
-    over_noise: float
-    means: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class RlgCheckDocument:
-    """A held-out run."""
-
-    run_id: str
-    sha256: str
-    share_inside: float
-    axes: Mapping[str, RlgCheckedAxisDocument]
-
-
-@dataclass(frozen=True, kw_only=True)
 class RlgDocument(ThermalDocument):
-    """thermal_rlg.json; `study`, `held_out`: what its page is drawn from."""
+    """thermal_rlg.json; check: of the runs that were held out; study: what its page is drawn
+    from.
+    """
 
     schema: str = SCHEMA
     runs: Sequence[RlgRunDocument]
@@ -136,9 +114,8 @@ class RlgDocument(ThermalDocument):
     validation: str
     residual_of_s: float = RESIDUAL_S
     axes: Mapping[str, RlgAxisDocument]
-    check: Sequence[RlgCheckDocument]
+    check: Sequence[RlgHeldOut]
     study: GradientStudy = field(repr=False, compare=False, metadata=UNWRITTEN)
-    held_out: Sequence[RlgHeldOut] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 
 def rlg_document(
@@ -152,9 +129,8 @@ def rlg_document(
         reference_temperature_degC=study.reference_degC,
         validation=study.validation,
         axes={a.axis: _axis(a, study.reference_degC) for a in study.axes},
-        check=[_check(found) for found in checks],
+        check=checks,
         study=study,
-        held_out=checks,
     )
 
 
@@ -187,7 +163,7 @@ def _run(run: GradientRun) -> RlgRunDocument:
         sigma_block_deg_h=b.sigma_deg_h.tolist(),
         sigma_rate_degC_min=run.sigma_rate_degC_min.tolist(),
         sigma_gradient_degC=run.sigma_gradient_degC.tolist(),
-        excluded=[span.in_words() for span in b.excluded],
+        excluded=b.excluded,
     )
 
 
@@ -245,23 +221,3 @@ def about_zero(a: AxisModel, reference_degC: float) -> dict[str, float]:
     r = reference_degC
     values = (K1 - K2 * r + K3 * r**2, K2 - 2.0 * K3 * r, K3, K4 - K5 * r, K5, *lines)
     return dict(zip(TERMS, values))
-
-
-def _check(found: RlgHeldOut) -> RlgCheckDocument:
-    rows = {}
-    for axis, rms in found.rms_deg_h.items():
-        before, plain_, after, causal = rms.tolist()
-        rows[axis] = RlgCheckedAxisDocument(
-            before_deg_h=before,
-            temperature_only_deg_h=plain_,
-            after_deg_h=after,
-            causal_after_deg_h=causal,
-            noise_deg_h=found.noise_deg_h[axis],
-            over_temperature_only=after / plain_,
-            over_noise=after / found.noise_deg_h[axis],
-            means=int(found.means[axis][0].size),
-        )
-    b = found.run.blocks
-    return RlgCheckDocument(
-        run_id=b.run_id, sha256=b.sha256, share_inside=found.share_inside, axes=rows
-    )

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
-from infield.reports.documents.alignment import FilterNis, level_document
+from infield.reports.documents.alignment import (
+    FilterNis,
+    SessionAlignment,
+    alignment_document,
+    level_document,
+)
 from infield.reports.documents.flight import flight_document
 from infield.reports.documents.session_records import (
     ChainDocument,
@@ -18,9 +23,7 @@ from infield.reports.documents.session_records import (
     EstimatedDocument,
     HeadingError,
     HeatingCooling,
-    OwnErrorDocument,
     ResidualDocument,
-    SessionAlignment,
     SessionDocument,
     SiteDocument,
     SmoothingDocument,
@@ -30,7 +33,7 @@ from infield.reports.documents.session_records import (
     UnitMarksDocument,
     VelocityDocument,
 )
-from infield.session.estimate import Found, OwnErrorsFound, RollingEvidence, SessionEstimate
+from infield.session.estimate import Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.environment import environment
 from infield.session.navigated.taxi_heading import heading_source
@@ -122,7 +125,7 @@ def _estimated(
     phases = logged_phases(session, e)
     return EstimatedDocument(
         **vars(facts),
-        alignment=_alignment(e),
+        alignment=SessionAlignment(**vars(alignment_document(e.alignment, session.run))),
         heading_error=heading_error(session),
         observability={a.axis: a for a in session.seen if a.axis},
         phases=phases,
@@ -141,7 +144,7 @@ def _estimated(
         motion_level=level_document(e.navigated.level) if rested else None,
         environment=environment(e.navigated) if rested else None,
         taxi=_taxi(e.rolling),
-        own_errors=_own_errors(e.own),
+        own_errors=None if e.own is None else e.own.errors or None,
         flight=flight_document(session),
         begun_in_motion=e.begun,
         unit_marks=_unit_marks(session),
@@ -159,23 +162,6 @@ def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
         covariance=marks.covariance.tolist(),
         heat=marks.heat.tolist(),
         **({} if likeness is None else {name: getattr(likeness, name) for name in compared}),
-    )
-
-
-def _alignment(e: SessionEstimate) -> SessionAlignment:
-    aligned = e.alignment
-    return SessionAlignment(
-        verdict=aligned.verdict,
-        time_s=aligned.time_s,
-        roll_deg=aligned.roll_rad / DEG,
-        pitch_deg=aligned.pitch_rad / DEG,
-        sigma_roll_deg=aligned.sigma_roll_rad / DEG,
-        heading_deg=aligned.heading_rad / DEG,
-        sigma_heading_deg=aligned.sigma_heading_rad / DEG,
-        latitude_found_deg=aligned.latitude_rad / DEG,
-        sigma_latitude_deg=aligned.sigma_latitude_rad / DEG,
-        reasons=sentences(aligned.reasons),
-        reason_codes=codes(aligned.reasons),
     )
 
 
@@ -237,16 +223,6 @@ def _nuisance(found: Found, gain_nats: float | None) -> TaxiNuisance:
         unit=unit,
         gain_nats=gain_nats,
     )
-
-
-def _own_errors(own: OwnErrorsFound | None) -> list[OwnErrorDocument] | None:
-    """The errors of installed packages; None without any."""
-    if own is None or not own.errors:
-        return None
-    return [
-        OwnErrorDocument(**{**vars(error), "state": error.state.value}, text=sentence(error.reason))
-        for error in own.errors
-    ]
 
 
 def _smoothing(e: SessionEstimate) -> Mapping[str, SmoothingDocument]:

@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from alignment.reasons import AlignmentVerdict
-from infield.reports.documents.alignment import FilterNis, LevelDocument
-from infield.session.estimate import BegunInMotion
+from infield.reports.documents.alignment import FilterNis, LevelDocument, SessionAlignment
+from infield.session.estimate import BegunInMotion, OwnError
 from infield.session.flown.gates import InformationGain
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
@@ -37,23 +36,6 @@ class TemperatureDocument:
     faults: Sequence[str]
     time_s: Sequence[float]
     gyro_degC: Sequence[Sequence[float]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SessionAlignment:
-    """The session's alignment; angles not found are NaN."""
-
-    verdict: AlignmentVerdict | str
-    time_s: float
-    roll_deg: float
-    pitch_deg: float
-    sigma_roll_deg: float
-    heading_deg: float
-    sigma_heading_deg: float
-    latitude_found_deg: float
-    sigma_latitude_deg: float
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,23 +104,6 @@ class TaxiNuisance(CarriedNuisance):
 
     value: Sequence[float]
     gain_nats: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnErrorDocument:
-    """A coefficient of an error of an installed package, in `unit`; value, sigma: None where it was
-    not estimated. state: `estimated`, or why not; text: that in words.
-    """
-
-    error: str
-    target: str
-    coefficient: str
-    value: float | None
-    sigma: float | None
-    prior_sigma: float
-    unit: str
-    state: str
-    text: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,7 +296,7 @@ class EstimatedDocument(SessionDocument):
     motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
     environment: StandingMotion | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
-    own_errors: Sequence[OwnErrorDocument] | None = field(default=None, metadata=OMIT_NONE)
+    own_errors: Sequence[OwnError] | None = field(default=None, metadata=OMIT_NONE)
     flight: FlightDocument | None = field(default=None, metadata=OMIT_NONE)
     begun_in_motion: BegunInMotion | None = field(default=None, metadata=OMIT_NONE)
     unit_marks: UnitMarksDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -20,7 +20,6 @@ from infield.reports.documents.session import (
     phases_of,
     session_document,
 )
-from infield.reports.documents.thermal import ThermalUseDocument
 from infield.reports.documents.update_records import (
     BudgetDocument,
     ChangeDocument,
@@ -28,7 +27,6 @@ from infield.reports.documents.update_records import (
     DisagreementDocument,
     EffectsCompared,
     EffectsOutcome,
-    HysteresisDocument,
     MergeDocument,
     MethodDocument,
     PointDocument,
@@ -38,9 +36,7 @@ from infield.reports.documents.update_records import (
     VarianceShares,
 )
 from infield.session.budget import variance_budget
-from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
-from infield.session.reasons import ThermalKind
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
@@ -53,7 +49,7 @@ from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import Observability, Outcome, codes, sentence, sentences
+from ins.verdicts import Observability, Outcome, codes, sentences
 
 DECISION_RULE = (
     "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"
@@ -78,32 +74,13 @@ METHOD = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kept:
-    """Where an update is kept: the store that was opened, and once committed the revision and the
-    command that takes it back.
-    """
-
-    store: str | None = None
-    committed: bool = False
-    revision: int | None = None
-    rollback_command: str | None = None
-
-
 def update_document(
-    result: UpdateResult,
-    kept: Kept,
-    *,
-    version: str,
-    table_before: TableDocument,
-    thermal_model: ThermalUseDocument | None = None,
+    result: UpdateResult, *, version: str, table_before: TableDocument
 ) -> UpdateDocument:
-    """update.json. table_before: the dict as stored, so that its hash is the stored one;
-    thermal_model: of the model that left the log before the table.
+    """update.json of an update that no store holds yet; table_before: the dict as stored, so that
+    its hash is the stored one.
     """
-    verdict = result.outcome
-    if verdict is Outcome.ACCEPTED:
-        verdict = Outcome.COMMITTED if kept.committed else Outcome.PROPOSED
+    accepted = result.outcome is Outcome.ACCEPTED
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
     without_heading = parked_document.parked_sessions(result)
@@ -111,7 +88,7 @@ def update_document(
     after = table_to_dict(result.after) if result.merged_runs else table_before
     return UpdateDocument(
         schema=SCHEMA,
-        verdict=verdict,
+        verdict=Outcome.PROPOSED if accepted else result.outcome,
         reasons=sentences(result.reasons),
         reason_codes=codes(result.reasons),
         imu_serial=result.before.imu_serial,
@@ -136,20 +113,16 @@ def update_document(
             version=version,
         ),
         issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        store=kept.store,
-        revision=kept.revision,
-        rollback_command=kept.rollback_command,
         decision_rule=PARKED_RULE if parked else DECISION_RULE,
         noise_model={"source": result.twin.source, **twin_to_dict(result.twin)},
         assumptions=parked_document.assumptions(result) if parked else _assumptions(result),
         predicted_effect=None if parked else _predicted_effect(result),
         zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
         changes=_changes(result.before, result.after),
-        hysteresis=[_hysteresis(term) for term in result.terms],
+        hysteresis=result.terms,
         flight_terms=result.flight_terms or None,
         disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
-        thermal_model=thermal_model,
     )
 
 
@@ -172,20 +145,6 @@ def _effects_outcome(result: UpdateResult) -> EffectsOutcome:
         merge_nis=sum(m.nis for m in merged) / dof if dof else None,
         level_change_deg_h=None if change is None else change.level_change_deg_h,
         drift_removed_nm_h=None if change is None else change.drift_removed_nm_h,
-    )
-
-
-def _hysteresis(term: ThermalTerm) -> HysteresisDocument:
-    rate = term.kind is ThermalKind.RATE
-    return HysteresisDocument(
-        axis=term.axis,
-        kind=term.kind,
-        value=term.value,
-        sigma=term.sigma,
-        z=term.z,
-        action=term.action,
-        unit="deg/h per degC/min" if rate else "deg/h",
-        text=sentence(term.reason),
     )
 
 

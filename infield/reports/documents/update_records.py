@@ -15,8 +15,8 @@ from infield.reports.documents.session_records import (
 from infield.reports.documents.thermal import FoundEffectDocument, ThermalUseDocument
 from infield.session.disagreement import BiasStep
 from infield.session.flown.gates import FlightTerm
+from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
-from infield.session.reasons import ThermalAction, ThermalKind
 from ins.documents import OMIT_NONE, Null, from_json
 from ins.json_file import JsonObject
 from ins.records import Span, TableDocument
@@ -159,20 +159,6 @@ class ChangeDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HysteresisDocument:
-    """Heating against cooling on one axis."""
-
-    axis: str
-    kind: ThermalKind | str
-    value: float
-    sigma: float
-    z: float
-    action: ThermalAction | str
-    unit: str
-    text: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class DisagreementDocument:
     """Where several sessions agree against the table, and whether that was followed."""
 
@@ -263,7 +249,7 @@ class UpdateDocument:
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
     changes: Sequence[ChangeDocument] = ()
-    hysteresis: Sequence[HysteresisDocument] = ()
+    hysteresis: Sequence[ThermalTerm] = ()
     flight_terms: Sequence[FlightTerm] | None = field(default=None, metadata=OMIT_NONE)
     disagreement: DisagreementDocument | None = None
     sessions: Sequence[EstimatedDocument | SessionDocument] = ()

@@ -14,7 +14,8 @@ from infield.thermal.compensation import means_both_ways
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise
 from infield.thermal.ramp_runs import RampRun
 from infield.thermal.study import check_fitted
-from ins.records import InputError, Run
+from ins.documents import written
+from ins.records import AXES, InputError, Run
 
 SCHEMA = "recal.thermal_fog/1"
 
@@ -111,27 +112,35 @@ def shifted(curve: Piecewise, offset: float) -> Piecewise:
     return replace(curve, coefficients=rows)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class CheckedRamps:
+    """RMS of one gyro's blocks, less their mean: before, after (smoothed temperatures), after in
+    real-time order; white noise of a block.
+    """
+
+    before_deg_h: float
+    after_deg_h: float
+    ratio: float
+    causal_after_deg_h: float
+    causal_ratio: float
+    noise_deg_h: float
+    blocks: int
+
+
+@written("run_id=run.run_id sha256=run.sha256 axes")
+@dataclass(frozen=True, kw_only=True)
 class HeldOutResidual:
     """Residual of a run that nothing was fitted to, its ramps' blocks, each gyro less its mean (a
     constant is Earth rate).
 
-    before, after (smoothed temperatures), causal (real-time order), noise (3,) RMS [deg/h]; NaN for
-    an axis without model or blocks inside its range. left_deg_h (n, 3): block means after
-    compensation.
+    axes: those with a model and blocks inside its range; rows (n, 3): these blocks; left_deg_h (n,
+    3): block means after compensation.
     """
 
     run: RampRun
-    before_deg_h: NDArray
-    after_deg_h: NDArray
-    causal_deg_h: NDArray
+    axes: Mapping[str, CheckedRamps]
     rows: NDArray
     left_deg_h: NDArray
-
-    @property
-    def noise_deg_h(self) -> NDArray:
-        """White noise of a block."""
-        return self.run.sigma_deg_h
 
 
 def held_out(run: Run, raw: RampRun, model: FogModel) -> HeldOutResidual:
@@ -139,8 +148,22 @@ def held_out(run: Run, raw: RampRun, model: FogModel) -> HeldOutResidual:
     taken = means_both_ways(run, model, raw.time_s)
     batch, causal = (raw.bias_deg_h - bias for bias in taken)
     rows = raw.steady[:, None] & model.inside(raw.temperature_degC)
-    size = np.full((3, 3), np.nan)
-    for k in range(3):
-        if rows[:, k].any():
-            size[:, k] = [np.std(bias[rows[:, k], k]) for bias in (raw.bias_deg_h, batch, causal)]
-    return HeldOutResidual(raw, size[0], size[1], size[2], rows, batch)
+    axes = {}
+    for k, axis in enumerate(AXES):
+        if not rows[:, k].any():
+            continue
+        before, after, late = (
+            np.std(bias[rows[:, k], k]) for bias in (raw.bias_deg_h, batch, causal)
+        )
+        if not before > 0.0:  # one block, which is its own mean
+            continue
+        axes[axis] = CheckedRamps(
+            before_deg_h=before,
+            after_deg_h=after,
+            ratio=after / before,
+            causal_after_deg_h=late,
+            causal_ratio=late / before,
+            noise_deg_h=raw.sigma_deg_h[k],
+            blocks=int(rows[:, k].sum()),
+        )
+    return HeldOutResidual(run=raw, axes=axes, rows=rows, left_deg_h=batch)

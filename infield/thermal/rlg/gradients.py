@@ -8,7 +8,7 @@ stretch of 20 min in turn. Whole runs left out choose badly: a run heated from i
 by no other (a term ten times its sigma was dropped). Source: physics.md section 3.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,7 @@ from infield.thermal.study import (
     widened,
     with_thermometer,
 )
+from ins.documents import written
 from ins.records import AXES, Run, TwinModel
 from ins.verdicts import Reason, because
 
@@ -165,20 +166,33 @@ def _one_sided(T: NDArray, rate: NDArray) -> tuple[Reason, ...]:
     return (one_sided,)
 
 
-@dataclass(frozen=True)
-class RlgHeldOut:
-    """Five-minute means of one run, each gyro less its mean: before, with temperature alone, after
+@dataclass(frozen=True, kw_only=True)
+class CheckedMeans:
+    """RMS of one gyro's five-minute means, less their mean: before, with temperature alone, after
     (smoothed), in real time.
+    """
 
-    rms_deg_h, noise_deg_h: by gyro; rms_deg_h[axis] (4,) in that order. means[axis]: time (m,) and
-    values (m, 4).
+    before_deg_h: float
+    temperature_only_deg_h: float
+    after_deg_h: float
+    causal_after_deg_h: float
+    noise_deg_h: float
+    over_temperature_only: float
+    over_noise: float
+    means: int
+
+
+@written("run_id=run.blocks.run_id sha256=run.blocks.sha256 share_inside axes")
+@dataclass(frozen=True, kw_only=True)
+class RlgHeldOut:
+    """What the model leaves of one run; means[axis]: time (m,) and values (m, 4), in the order of
+    `CheckedMeans`.
     """
 
     run: GradientRun
-    rms_deg_h: dict[str, NDArray]
-    noise_deg_h: dict[str, float]
-    means: dict[str, tuple[NDArray, NDArray]]
     share_inside: float
+    axes: Mapping[str, CheckedMeans]
+    means: Mapping[str, tuple[NDArray, NDArray]]
 
 
 SETTLE_S = 600.0  # in which the causal filter starts; chosen: 10 min, ten blocks
@@ -189,7 +203,7 @@ def held_out_run(
 ) -> RlgHeldOut:
     """Takes the model's bias out of the blocks both ways; left out: the first SETTLE_S."""
     raw = gradient_run(run, twin)
-    b, rms, noise, means = raw.blocks, {}, {}, {}
+    b, axes, means = raw.blocks, {}, {}
     batch, causal = (b.bias_deg_h - taken for taken in means_both_ways(run, model, b.time_s))
     inside = model.inside(b.temperature_degC)
     for fit in fits:
@@ -209,7 +223,18 @@ def held_out_run(
         values = np.column_stack([b.bias_deg_h[rows, k], plain, batch[rows, k], causal[rows, k]])
         found, time_s, blocks = five_minute_means(b.time_s[rows], values)
         found = found - found.mean(axis=0)
-        rms[fit.axis] = np.sqrt(np.mean(found**2, axis=0))
-        noise[fit.axis] = float(np.sqrt(noise_of_means(twin, raw, k, time_s, blocks) / len(found)))
+        before, with_temperature, after, late = np.sqrt(np.mean(found**2, axis=0)).tolist()
+        noise = float(np.sqrt(noise_of_means(twin, raw, k, time_s, blocks) / len(found)))
+        axes[fit.axis] = CheckedMeans(
+            before_deg_h=before,
+            temperature_only_deg_h=with_temperature,
+            after_deg_h=after,
+            causal_after_deg_h=late,
+            noise_deg_h=noise,
+            over_temperature_only=after / with_temperature,
+            over_noise=after / noise,
+            means=int(time_s.size),
+        )
         means[fit.axis] = time_s, found
-    return RlgHeldOut(raw, rms, noise, means, float(inside[raw.usable].mean()))
+    share = float(inside[raw.usable].mean())
+    return RlgHeldOut(run=raw, share_inside=share, axes=axes, means=means)

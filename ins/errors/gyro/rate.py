@@ -103,8 +103,12 @@ def lacks_high_rate_log(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def lacks_slow_rotation(runs: Sequence[Telemetry], target: str) -> str:
-    """For the dead zone: turns both ways, which pass through zero."""
-    return "slow rotation through zero" if lacks_left_and_right_turns(runs, target) else ""
+    """For the dead zone: turns both ways, which pass through zero, or Earth rate on several starts,
+    which is as slow.
+    """
+    turns = lacks_left_and_right_turns(runs, target)
+    lacks = turns and lacks_turns_or_earth_rate(runs, target)
+    return "slow rotation through zero" if lacks else ""
 
 
 MISALIGNED = (

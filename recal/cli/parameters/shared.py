@@ -115,4 +115,20 @@ SHARED = by_name(
     ),
     option("new_store", bool, False, help="Make the store if it is not there yet."),
 )
+PROPOSER = option(
+    "by",
+    str | None,
+    None,
+    help="Who proposes. Default: the operator of your config.toml, else your login name.",
+)
+PROPOSAL = (
+    option(
+        "propose",
+        bool,
+        False,
+        help="Keep the new table in the store for review; the active table stays.",
+    ),
+    PROPOSER,
+    option("note", str, "", help="A note kept with the proposal."),
+)
 SEED_OPTION = option("seed", int | None, None, min=0, help="Seed of the random generator.")

@@ -16,10 +16,9 @@ from recal.service.look.uses import LookFindings, convert_command, uses_of
 from recal.service.results.files import AnyPath, program_version
 from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
-from simreal.report.twin_document import FitReport, twin_fit_document
 from simreal.report.twin_page import allan_panels
-from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
+from simreal.twin.fit.result import Parameter, TwinFit
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -31,7 +30,6 @@ from recal.service.look.records import Use
 from recal.service.results.files import write_text
 from recal.service.results.overwrite import need_free_file
 from recal.service.results.pages import render_page
-from simreal.report.twin_document import PARAMETER_NAMES, size_words
 from trajectories.readers.columns.starter_map import starter_map
 from trajectories.readers.registry import UnknownLog as UnknownLog
 
@@ -219,7 +217,7 @@ def look(
             phases=aligned.phases or (),
             rest_s=judged.rest_s,
             uses=uses,
-            noise=_told_noise(fitted),
+            noise=[NoiseNumber(**vars(p)) for p in _told(fitted)],
             convert="" if is_run else convert_command(str(path), run_path, opened.assumed, given),
             series=series_of(opened.run),
             fitted=fitted,
@@ -227,13 +225,10 @@ def look(
     return Looked(document, page=lambda: look_html(document))
 
 
-def _noise(run: Run) -> FitReport | None:
+def _noise(run: Run) -> TwinFit | None:
     """The noise at rest, None where the run never rests."""
-    believed = default_twin(run.header.gyro_technology)
-    found = fit_runs([run], believed)
-    if isinstance(found, NoRest):
-        return None
-    return twin_fit_document(found, believed, program_version())
+    found = fit_runs([run], default_twin(run.header.gyro_technology))
+    return found if found.parameters else None
 
 
 def _verdict(checked: Check, uses: Sequence[LogUse]) -> LookVerdict:
@@ -260,20 +255,14 @@ def _gap_note(cut: LongestPart | None) -> list[str]:
     ]
 
 
-def _told_noise(fitted: FitReport | None) -> list[NoiseNumber]:
-    if fitted is None:
-        return []
-    return [
-        NoiseNumber(name=p.name, value=p.value, sigma=p.sigma, unit=p.unit)
-        for p in fitted.parameters
-        if p.identified
-    ]
+def _told(fitted: TwinFit | None) -> list[Parameter]:
+    """The numbers of a noise model that the log tells."""
+    return [] if fitted is None else [p for p in fitted.parameters if p.identified]
 
 
 def look_html(document: LookReport) -> str:
     """The page of a look."""
     fitted = document.fitted
-    told = [] if fitted is None or fitted.found is None else fitted.found.parameters
     return render_page(
         "look.html.j2",
         "recal.service.look",
@@ -286,7 +275,7 @@ def look_html(document: LookReport) -> str:
             for name, panel in document.series.items()
         ],
         allan=None if fitted is None else allan_panels(fitted),
-        noise=[(PARAMETER_NAMES[p.name][0], size_words(p)) for p in told if p.identified],
+        noise=[(p.words, p.size_words) for p in _told(fitted)],
     )
 
 

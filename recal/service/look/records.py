@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from infield.reports.drawing import Panel
-from ins.documents import UNWRITTEN
+from ins.documents import UNWRITTEN, written
 from ins.records import Phase, Span
 from recal.service.check import RunHolds
-from simreal.report.twin_document import FitReport
+from simreal.twin.fit.result import Parameter, TwinFit
 from trajectories.runs.checks import Finding
 
 SCHEMA = "recal.look/1"
@@ -66,14 +66,9 @@ class Assumption:
     sigma: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class NoiseNumber:
+@written("name value sigma unit")
+class NoiseNumber(Parameter):
     """A number of the noise model that the log tells, with one sigma."""
-
-    name: str
-    value: float
-    sigma: float
-    unit: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,4 +98,4 @@ class LookReport:
     noise: Sequence[NoiseNumber]
     convert: str
     series: Mapping[str, Panel] = field(metadata=UNWRITTEN)
-    fitted: FitReport | None = field(metadata=UNWRITTEN)
+    fitted: TwinFit | None = field(metadata=UNWRITTEN)

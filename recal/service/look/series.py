@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from infield.reports.drawing import BLACK, CURVE_COLOURS, Item, Line, Panel
 from ins.records import AXES, GnssLog, ImuSource, Run, TemperatureLog
 from ins.units import DEG
-from simreal.report.twin_document import FitReport
 from simreal.twin.fit.curves import contradicted
-from simreal.twin.fit.result import ChannelCurve
+from simreal.twin.fit.result import ChannelCurve, TwinFit
 
 DRAWN_BINS = 1500  # of a curve; chosen: two a pixel of a page 1180 px wide are more than it shows
 TRIADS = ("gyro", "accel")
@@ -128,7 +127,7 @@ def _few(rows: int) -> NDArray:
     return np.unique(np.linspace(0, rows - 1, min(rows, DRAWN_BINS)).round().astype(int))
 
 
-def shown_noise(fitted: FitReport | None) -> tuple[FitReport | None, list[str]]:
+def shown_noise(fitted: TwinFit | None) -> tuple[TwinFit | None, list[str]]:
     """The fit without the curves of sensors whose data contradict it, and a note on each. Which
     numbers are told is decided by the fit itself.
     """
@@ -148,7 +147,7 @@ def shown_noise(fitted: FitReport | None) -> tuple[FitReport | None, list[str]]:
             f" ({worst.channel}), so it is not drawn. The logger may filter the data, or the rest"
             " is too short or unsteady."
         )
-    drawn = replace(fitted, channels=channels) if notes else fitted
+    drawn = replace(fitted, channels=tuple(channels)) if notes else fitted
     shown = {c.channel for c in channels if np.isfinite(c.allan_model).all()}
     moved = [c for c in fitted.read_above_hz if c in shown]
     if moved:

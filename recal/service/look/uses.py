@@ -15,7 +15,7 @@ from ins.json_file import Written
 from ins.records import PARKED_PHASES, Run
 from ins.verdicts import Reason, ReasonCode, because, sentence
 from recal.service.look.records import Assumption, Fit, LogUse, Use
-from simreal.report.twin_document import FitReport
+from simreal.twin.fit.result import TwinFit
 
 # of one gyro over the rest: 1 degC of a usual table, 0.001 deg/h per degC, is a third of what
 # a session of an hour tells a gyro's bias to
@@ -95,7 +95,7 @@ class LookFindings:
     run: Run
     run_path: str
     aligned: AlignmentDocument
-    fitted: FitReport | None
+    fitted: TwinFit | None
 
     @property
     def rest_s(self) -> float:

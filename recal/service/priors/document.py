@@ -3,10 +3,10 @@ technology, of its types and of its units.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from infield.learning.learn import Learnt, LearntFleet, Parameters
-from infield.learning.parameters import UNITS, PriorName, defaults_of
+from infield.learning.parameters import UNITS, defaults_of
 from ins.documents import OMIT_NONE, from_json
 from ins.json_file import Json
 from ins.records import InputError
@@ -19,34 +19,18 @@ OUTLIER_NAMED = 0.5  # probability from which a session is named: 1 to 1
 HOW_LEARNT = (
     "marginal likelihood of the session points with their covariances; turn-on, flicker, random"
     " walk, ageing, heading errors and table nodes integrated out; log-normal priors about the"
-    " defaults; which sessions are outliers summed over; weighed draws of the posterior"
+    " defaults; which sessions are outliers summed over; weighted draws of the posterior"
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class PriorValue:
-    """A parameter: value (median) with sigma, 95 % interval, n sessions; shown: the sessions said
-    something of it, else it is the default's; sigma_log: of its natural logarithm.
-    """
-
-    value: float
-    sigma: float
-    n: int
-    interval_95: tuple[float, float]
-    sigma_log: float
-    default: float
-    unit: str
-    shown: bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class PriorScope:
-    """The parameters of a technology, a type or a unit."""
+    """The parameters of a technology, a type or a unit; those not shown are the defaults'."""
 
     name: str
     units: int
     sessions: int
-    parameters: Mapping[str, PriorValue]
+    parameters: Mapping[str, Learnt]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +97,10 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
             name=name,
             units=units,
             sessions=sessions,
-            parameters={str(n): _value(n, learnt, defaults[n]) for n, learnt in of.items()},
+            parameters={
+                str(n): replace(learnt, default=defaults[n], unit=UNITS[n])
+                for n, learnt in of.items()
+            },
         )
 
     kinds = [unit.kind for unit in found.units]
@@ -137,19 +124,6 @@ def technology_priors(found: LearntFleet) -> TechnologyPriors:
         check=_check(found),
         notes=sentences(notes),
         note_codes=[note.code.value for note in notes],
-    )
-
-
-def _value(name: PriorName, learnt: Learnt, default: float) -> PriorValue:
-    return PriorValue(
-        value=learnt.value,
-        sigma=learnt.sigma,
-        n=learnt.n,
-        interval_95=learnt.interval_95,
-        sigma_log=learnt.sigma_log,
-        default=default,
-        unit=UNITS[name],
-        shown=learnt.shown,
     )
 
 

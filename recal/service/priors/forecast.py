@@ -33,7 +33,7 @@ from infield.table.thermal_table import DAYS_PER_YEAR
 from ins.records import InputError
 from ins.verdicts import Reason, because, sentence
 from recal.service.inputs.unit_inputs import open_store
-from recal.service.priors.document import PriorValue, TechnologyPriors
+from recal.service.priors.document import TechnologyPriors
 from recal.service.priors.forecast_page import NOT_LEARNT, forecast_html, outlook_words
 from recal.service.priors.reasons import ForecastReason
 from recal.service.priors.records import (
@@ -262,14 +262,12 @@ class _Technology:
         scopes = [] if self._priors is None else [self._priors.technology]
         if self._priors is not None:
             scopes += [s for s in self._priors.units if s.name == unit.name]
-        said: dict[str, PriorValue] = {}
+        said: dict[str, Learnt] = {}
         for scope in scopes:
             said |= scope.parameters
         defaults = defaults_of(unit.gyro_technology)
         return {
-            name: Learnt(said[name].value, said[name].sigma_log, said[name].interval_95, True, 0)
-            if name in said
-            else Learnt.normal(defaults[name], WIDTHS[name], shown=False, n=0)
+            name: said.get(name, Learnt.normal(defaults[name], WIDTHS[name], shown=False, n=0))
             for name in OF_POINTS
         }
 

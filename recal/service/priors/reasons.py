@@ -27,12 +27,12 @@ class PriorsReason(ReasonCode):
     )
     ONE_UNIT = (
         "one_unit",
-        "one unit: what is said of the technology is said of this unit, widened by the spread from"
-        " unit to unit that is assumed",
+        "one unit: the values of the technology are this unit's, widened by the assumed spread from"
+        " unit to unit",
     )
     NOT_SETTLED = (
         "not_settled",
-        "the search did not settle: take the values as the defaults, more sessions would help",
+        "the search did not converge: use the defaults; more sessions would help",
     )
 
 

@@ -3,7 +3,7 @@ model fits them.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,18 +21,10 @@ from recal.service.results.plots import figure_of
 from recal.service.results.result import Result
 from simreal.report.twin_check_document import TwinCheck, agreement_line, twin_check_document
 from simreal.report.twin_check_document import summary as check_summary
-from simreal.report.twin_document import (
-    FitReport,
-    fitted_twin,
-    no_rest_document,
-    summary,
-    twin_fit_document,
-)
 from simreal.report.twin_page import allan_panels, twin_html
 from simreal.twin.fit.agreement import Agreement, agreement
-from simreal.twin.fit.fit import NoRest
 from simreal.twin.fit.fit import fit_twin as fit_runs
-from simreal.twin.fit.result import Parameter
+from simreal.twin.fit.result import Parameter, TwinFit, fitted_twin
 from simreal.twin.fit.streams import stream_at_rest, stream_of
 
 if TYPE_CHECKING:
@@ -46,7 +38,7 @@ TWIN_FIT_STEPS = 2  # that `told` is told of beside the runs: the fit, the other
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class FittedTwin(Result[FitReport]):
+class FittedTwin(Result[TwinFit]):
     """A twin fitted to runs.
 
     Parameters
@@ -60,13 +52,14 @@ class FittedTwin(Result[FitReport]):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Every parameter with value, sigma, 95 % interval, and whether the runs tell it."""
-        return () if self.record.found is None else self.record.found.parameters
+        return self.record.parameters
 
     def to_frame(self) -> "DataFrame":
         """The parameters as a pandas DataFrame, a row each."""
         from pandas import DataFrame
 
-        return DataFrame([vars(p) for p in self.parameters])
+        rows = [{**vars(p), "identified": p.identified} for p in self.parameters]
+        return DataFrame(rows)
 
     def plot(self) -> "Figure":
         """Allan deviation of each channel, of the data and of the fitted model with its band.
@@ -80,7 +73,21 @@ class FittedTwin(Result[FitReport]):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Each parameter with its sigma, or why it cannot be told."""
-        return summary(self.record)
+        d, of = self.record, len(self.record.parameters)
+        known, runs = sum(p.identified for p in d.parameters), len(d.runs)
+        because = [f"  because {why}" for why in d.reasons]
+        if not d.parameters:
+            return [f"{d.twin.imu_serial}: {d.verdict}", *because]
+        lines = [
+            f"{d.twin.imu_serial}: {d.verdict} from {runs} run{'s' if runs > 1 else ''},"
+            f" {d.parked_s / 3600.0:.2g} h at rest: {known} of {of} parameters estimated",
+            *because,
+        ]
+        for p in d.parameters:
+            lacks = f"; {p.lacks}" if p.lacks else ""
+            tail = "" if p.identified else f" (not observable in these runs{lacks})"
+            lines.append(f"  {p.words:28s}{p.size_words}{tail}")
+        return [*lines, *(f"  note: {note}" for note in d.notes)]
 
     def write(self, output: AnyPath | None = None) -> Path:
         """Write twin.json, twin_fit.json and twin.html to a directory (else `recal-twin`), or,
@@ -157,13 +164,11 @@ def fit_twin(
         if start is None
         else twin_and_table(start, read)
     )
-    found = fit_runs(read, believed, beside.table, told)
-    if isinstance(found, NoRest):
-        serial = read[0].header.imu_serial
-        return FittedTwin(no_rest_document(found, believed, serial, program_version()), twin=None)
-    record = twin_fit_document(found, believed, program_version())
+    found = replace(fit_runs(read, believed, beside.table, told), version=program_version())
+    if not found.parameters:
+        return FittedTwin(found, twin=None)
     twin = fitted_twin(found) if found.tells_any else None
-    return FittedTwin(record, page=lambda: twin_html(record), twin=twin)
+    return FittedTwin(found, page=lambda: twin_html(found), twin=twin)
 
 
 @dataclass(frozen=True, repr=False, eq=False)

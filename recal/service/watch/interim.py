@@ -22,7 +22,7 @@ from ins.attitude import euler_from_dcm
 from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.estimation.states import THETA
 from ins.json_file import Written, read_json_object
-from ins.records import AXES, ImuLog, InputError, Run
+from ins.records import AXES, ImuLog, InputError, Run, frozen_after
 from ins.units import DEG, MINUTE
 from ins.verdicts import Outcome
 from recal.service.inputs.records import AnyTwin
@@ -100,27 +100,19 @@ class PartRows:
         self._path, self._lines = path, Lines(path / "imu.csv")
         self._names: list[str] = []
         self._raw = np.zeros((0, 7))
-        self._summed: list[NDArray] = []
+        self._imu: ImuLog | None = None
+        self._summed: list[NDArray] = []  # not yet in it
 
     def run(self, findings: Findings) -> Run | None:
         """The run so far; what is wrong with it goes to `findings`."""
-        while lines := self._lines.read():
-            self._take(lines)
-        rows = np.concatenate([np.zeros((0, 8)), *self._summed])
-        self._summed = [rows]
-        if len(rows) < 2:
+        self._read()
+        imu = self._imu
+        if imu is None:
             return None
         data = read_json_object(self._path / "run.json", number=Written)
         header, errors, _ = header_from_json(data, name="run.json")
         if header is None:
             raise InputError(errors[0])
-        imu = ImuLog(
-            time_s=rows[:, 0],
-            dt_s=rows[:, 1],
-            dtheta_rad=rows[:, 2:5],
-            dv_m_s=rows[:, 5:8],
-            source="increments",
-        )
         held = {name: self._stream(name, findings) for name in ("temperature", "gnss", "odometer")}
         check_physics(
             imu,
@@ -141,6 +133,23 @@ class PartRows:
         run = Run(header=header, imu=imu, **held)
         return replace(run, sha256=run_sha256(run))
 
+    def _read(self) -> None:
+        """Add what the file holds since; a row is held once, in the log."""
+        while lines := self._lines.read():
+            self._take(lines)
+        if not self._summed:
+            return
+        rows = np.concatenate(self._summed)
+        columns = [rows[:, 0], rows[:, 1], rows[:, 2:5], rows[:, 5:8]]
+        if self._imu is not None:
+            log = self._imu
+            before = [log.time_s, log.dt_s, log.dtheta_rad, log.dv_m_s]
+            columns = list(map(frozen_after, before, columns))
+        time_s, dt_s, dtheta_rad, dv_m_s = columns
+        if len(time_s) > 1:
+            self._imu = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta_rad, dv_m_s=dv_m_s)
+            self._summed = []
+
     def _take(self, lines: list[bytes]) -> None:
         if not self._names:
             self._names = lines.pop(0).decode().strip().split(",")
@@ -157,7 +166,7 @@ class PartRows:
         rows = np.column_stack([log.time_s, log.dt_s, log.dtheta_rad, log.dv_m_s])
         each = max(int(log.rate_hz * (1.0 + 1e-6) // RATE_HZ), 1)
         # the first row was the last of the block before: it is there for the interval after it
-        first = 1 if self._summed else 0
+        first = 1 if self._summed or self._imu is not None else 0
         count = (len(rows) - first) // each
         if not count:
             self._raw = raw

@@ -1,12 +1,12 @@
 "use strict";
 (() => {
   const at = (id) => document.getElementById(id);
-  const cells = (name, row) => {
-    const line = document.createElement("tr");
-    for (const text of row) {
-      line.append(Object.assign(document.createElement(name), { textContent: text }));
-    }
-    return line;
+  const cell = (name, className, textContent) =>
+    Object.assign(document.createElement(name), { className, textContent });
+  const line = (name, className, [first, ...others]) => {
+    const row = document.createElement("tr");
+    row.append(cell("th", "name", first), ...others.map((text) => cell(name, className, text)));
+    return row;
   };
   const items = (id, texts) => at(id).replaceChildren(
     ...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
@@ -23,9 +23,9 @@
     at("link").textContent = `as of ${new Date().toLocaleTimeString()}`;
     items("faults", state.faults);
     items("advice", state.advice);
-    at("rows").replaceChildren(...state.rows.map((row) => cells("td", row)));
-    at("head").replaceChildren(cells("th", state.head));
-    at("gyros").replaceChildren(...state.gyros.map((row) => cells("td", row)));
+    at("rows").replaceChildren(...state.rows.map((row) => line("td", "", row)));
+    at("head").replaceChildren(line("th", "n", state.head));
+    at("gyros").replaceChildren(...state.gyros.map((row) => line("td", "n", row)));
     report(state.report);
   };
   source.onerror = () => { at("link").textContent = "no answer: the session has ended"; };

@@ -5,7 +5,7 @@ term, with the other sensors and the spread between runs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S
-from ins.noise import FLICKER_FLOOR, accel_densities, gyro_densities
+from ins.noise import FLICKER_FLOOR, Densities, accel_densities, gyro_densities
 from ins.records import InputError, Run, RunHeader, TwinModel
 from ins.robust import chi2
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
@@ -59,19 +59,12 @@ ENOUGH_FREEDOM = 2.0 / IDENTIFIED_SIGMA**2
 ENOUGH_READINGS = 2.0 * ENOUGH_FREEDOM
 
 
-@dataclass(frozen=True)
-class NoRest:
-    """No run of a fit ever rests: nothing can be told. runs: what was looked at."""
-
-    runs: tuple[RunUsed, ...]
-
-
 def fit_twin(
     runs: Sequence[Run],
     believed: TwinModel,
     table: ThermalTable | None = None,
     told: Callable[[str], None] = lambda words: None,
-) -> TwinFit | NoRest:
+) -> TwinFit:
     """The noise of the unit that made the runs. InputError where they are of several units.
 
     believed: what is kept of what the runs do not tell; table: its thermal table, taken out first.
@@ -87,7 +80,8 @@ def fit_twin(
         parked = 0.0 if stream is None else stream.still_s
         used.append(RunUsed(run_id=run.header.run_id, sha256=run.sha256, parked_s=parked))
     if not streams:
-        return NoRest(tuple(used))
+        unit = replace(believed, imu_serial=header.imu_serial)
+        return TwinFit(twin=unit, start=believed.source, runs=tuple(used))
     told("fitting the noise")
     evidence, lines, left_out, shared = _evidence(streams)
     rate_hz = float(np.median([s.run.imu.rate_hz for s in streams]))
@@ -109,9 +103,11 @@ def fit_twin(
     drawn = replace(evidence, bands=tuple(chain(*read)))
     curves = curves_of(streams, drawn, (gyro.fitted, accel.fitted))
     against = {curve.channel.split("_")[0] for curve in curves if contradicted(curve)}
-    against |= {name for name, fit in (("gyro", gyro), ("accel", accel)) if fit.contradicted}
-    parameters = _gyro_parameters(gyro, believed, seconds)
-    parameters += _accel_parameters(accel, believed, seconds)
+    triads = {"gyro": gyro, "accel": accel}
+    against |= {name for name, fit in triads.items() if fit.contradicted}
+    parameters: list[Parameter] = []
+    for name, fit in triads.items():
+        parameters += _parameters(name, fit, believed, seconds)
     against -= {_triad(p) for p in parameters if p.why is Why.ROUNDED}  # which is why, and known
     flat = _plateaus(evidence, believed, against, seconds)
     parameters = [
@@ -134,26 +130,20 @@ def fit_twin(
     rocked = [SIX_CHANNELS[c] for c in sorted({c for _, c in gyro.gear | accel.gear})]
     return TwinFit(
         twin=twin,
+        start=believed.source,
         parameters=tuple(parameters),
         names=names,
         covariance=covariance,
         channels=tuple(replace(c, white=white.get(c.channel)) for c in curves),
         lines=tuple(_line(line) for line in lines_of_unit(lines, gyro.gear | accel.gear)),
         runs=tuple(used),
-        axes_alike_p={"gyro": gyro.differ_p, "accel": accel.differ_p},
+        axes_alike_p={name: fit.differ_p for name, fit in triads.items()},
         axis_white=white,
-        axes={
-            **(_axis_variances(gyro) if "gyro" not in against else {}),
-            **(_axis_variances(accel) if "accel" not in against else {}),
-        },
+        axes=_axis_variances([fit for name, fit in triads.items() if name not in against]),
         vehicle_share={SIX_CHANNELS[k]: float(shared[k]) for k in range(3)},
         windows_left_out=left_out,
         parked_s=seconds,
-        read_below_hz={
-            name: fit.band_hz
-            for name, fit in (("gyro", gyro), ("accel", accel))
-            if fit.band_hz is not None
-        }
+        read_below_hz={name: fit.band_hz for name, fit in triads.items() if fit.band_hz is not None}
         | {name.split(".")[0]: top_hz for name, (_, top_hz) in flat.items()},
         read_above_hz=dict.fromkeys(rocked, GEAR_BELOW_HZ),
     )
@@ -257,45 +247,38 @@ def lines_of_unit(
 
 def _gyro_model(twin: TwinModel, dt_s: float) -> TriadModel:
     d = gyro_densities(twin.gyro)
-    white = d.white**2
     creep = (twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / np.sqrt(HOUR)) ** 2
-    centres = {
-        NoiseTerm.WHITE: white,
-        NoiseTerm.QUANTIZATION: twin.gyro.quantization_rad**2 / 12.0
-        or STARTING_SHARE * white * dt_s / 4.0,
-        NoiseTerm.FLICKER: d.instability**2 or SMALLEST * white,
-        NoiseTerm.WALK: d.walk**2 or SMALLEST * white / HOUR,
-        NoiseTerm.CREEP: creep or SMALLEST * white,
-    }
-    return _model(centres, Shape(), without_quantum=not twin.gyro.quantization_rad)
+    own = {NoiseTerm.CREEP: creep or SMALLEST * d.white**2}
+    return _model(d, twin.gyro.quantization_rad, dt_s, own, Shape())
 
 
 def _accel_model(twin: TwinModel, dt_s: float) -> TriadModel:
-    d = accel_densities(twin.accel)
-    white = d.white**2
     v = twin.vehicle
-    centres = {
-        NoiseTerm.WHITE: white,
-        NoiseTerm.QUANTIZATION: twin.accel.quantization_m_s**2 / 12.0
-        or STARTING_SHARE * white * dt_s / 4.0,
-        NoiseTerm.FLICKER: d.instability**2 or SMALLEST * white,
-        NoiseTerm.WALK: d.walk**2 or SMALLEST * white / HOUR,
-        NoiseTerm.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2,
-    }
+    own = {NoiseTerm.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2}
     shape = Shape(
         sway_w=2.0 * np.pi * max(v.sway_hz, 0.01), sway_zeta=min(max(v.sway_damping, 0.02), 0.95)
     )
-    return _model(centres, shape, without_quantum=not twin.accel.quantization_m_s)
+    return _model(accel_densities(twin.accel), twin.accel.quantization_m_s, dt_s, own, shape)
 
 
-def _model(centres: dict[NoiseTerm, float], shape: Shape, *, without_quantum: bool) -> TriadModel:
-    width = np.full(len(centres), PRIOR_SIGMA)
+def _model(
+    d: Densities, quantum: float, dt_s: float, own: Mapping[NoiseTerm, float], shape: Shape
+) -> TriadModel:
+    """The model of a triad about what is believed; own: terms that the other triad has not."""
+    white = d.white**2
+    centres = {
+        NoiseTerm.WHITE: white,
+        NoiseTerm.QUANTIZATION: quantum**2 / 12.0 or STARTING_SHARE * white * dt_s / 4.0,
+        NoiseTerm.FLICKER: d.instability**2 or SMALLEST * white,
+        NoiseTerm.WALK: d.walk**2 or SMALLEST * white / HOUR,
+        **own,
+    }
     return TriadModel(
         tuple(centres),
         np.log(list(centres.values())),
         shape,
-        width,
-        unbelieved=frozenset([NoiseTerm.QUANTIZATION] if without_quantum else []),
+        np.full(len(centres), PRIOR_SIGMA),
+        unbelieved=frozenset() if quantum else frozenset([NoiseTerm.QUANTIZATION]),
     )
 
 
@@ -323,7 +306,6 @@ def _parameter(
         sigma=sigma,
         low=low,
         high=high,
-        identified=told.identified,
         believed=believed,
         seconds=seconds,
         nats=told.nats if np.isfinite(told.nats) else None,
@@ -352,6 +334,7 @@ ACCEL_TERMS = {
     NoiseTerm.MARKOV: ("accel.gauss_markov_ug", MICRO_G),
     NoiseTerm.SWAY: ("vehicle.sway_m_s", 1.0),
 }
+TERMS = {"gyro": GYRO_TERMS, "accel": ACCEL_TERMS}
 COVERED = {
     "gyro": ("gyro.gauss_markov_deg_h", "bias_instability_deg_h"),
     "accel": ("accel.gauss_markov_ug", "bias_instability_ug"),
@@ -374,39 +357,23 @@ def believed_value(twin: TwinModel, name: str) -> float:
     return float(getattr(getattr(twin, section), key, 0.0))
 
 
-def _contradicted(
-    terms: Mapping[NoiseTerm, tuple[str, float]], twin: TwinModel, seconds: float
-) -> list[Parameter]:
-    """The parameters of a triad, all as they were believed to be."""
-    keys = [name for name, _ in terms.values() if name not in BESIDE_TWIN]
-    if NoiseTerm.SWAY in terms:
-        keys += ["vehicle.sway_hz", "vehicle.sway_damping"]
-    return [_kept(key, twin, Why.CONTRADICTED, seconds) for key in keys]
-
-
-def _gyro_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
+def _parameters(section: str, fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
+    """What is told of a triad; all as it was believed to be where the data contradict it."""
+    terms = TERMS[section]
     if fit.contradicted:
-        return _contradicted(GYRO_TERMS, twin, seconds)
+        keys = [name for name, _ in terms.values() if name not in BESIDE_TWIN]
+        if NoiseTerm.SWAY in terms:
+            keys += ["vehicle.sway_hz", "vehicle.sway_damping"]
+        return [_kept(key, twin, Why.CONTRADICTED, seconds) for key in keys]
     found = [
         _parameter(name, told, unit, believed_value(twin, name), seconds)
-        for term, (name, unit) in GYRO_TERMS.items()
+        for term, (name, unit) in terms.items()
         if (told := fit.of(term)) is not None
     ]
-    if fit.of(NoiseTerm.CREEP) is None:
-        name = GYRO_TERMS[NoiseTerm.CREEP][0]
+    if NoiseTerm.CREEP in terms and fit.of(NoiseTerm.CREEP) is None:
+        name = terms[NoiseTerm.CREEP][0]
         found.append(_kept(name, twin, Why.GYROS_DIFFER, seconds))
-    return found + _shape_parameters("gyro", fit, twin, seconds)
-
-
-def _accel_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
-    if fit.contradicted:
-        return _contradicted(ACCEL_TERMS, twin, seconds)
-    found = [
-        _parameter(name, told, unit, believed_value(twin, name), seconds)
-        for term, (name, unit) in ACCEL_TERMS.items()
-        if (told := fit.of(term)) is not None
-    ]
-    return found + _shape_parameters("accel", fit, twin, seconds)
+    return found + _shape_parameters(section, fit, twin, seconds)
 
 
 def _shape_parameters(
@@ -434,7 +401,6 @@ def _shape_parameters(
                 sigma=sigma * value,
                 low=value * float(np.exp(-1.96 * sigma)),
                 high=value * float(np.exp(1.96 * sigma)),
-                identified=identified,
                 believed=believed_value(twin, key),
                 seconds=seconds,
                 why=why,
@@ -476,7 +442,6 @@ def _unknown(name: str, value: float, why: Why, seconds: float) -> Parameter:
         sigma=float("inf"),
         low=0.0,
         high=float("inf"),
-        identified=False,
         believed=value,
         seconds=seconds,
         why=why,
@@ -534,7 +499,6 @@ def _spread(
         sigma=value / np.sqrt(2.0 * found.freedom),
         low=low,
         high=high,
-        identified=identified,
         believed=believed,
         seconds=float(runs),
         why=None if identified else Why.FEW_RUNS,
@@ -562,9 +526,7 @@ def _thermometer_parameters(streams: list[ParkedStream], twin: TwinModel) -> lis
     if seen.noise.sigma < 0.3 * seen.resolution:
         limit = 0.3 * seen.resolution
         value = min(noise.believed, limit)
-        noise = replace(
-            noise, value=value, low=0.0, high=limit, identified=False, why=Why.BELOW_RESOLUTION
-        )
+        noise = replace(noise, value=value, low=0.0, high=limit, why=Why.BELOW_RESOLUTION)
     if seen.resolution == 0.0:
         return [noise, _kept(step_name, twin, Why.NOT_ON_A_GRID, seen.noise.count)]
     step = Parameter(
@@ -573,7 +535,6 @@ def _thermometer_parameters(streams: list[ParkedStream], twin: TwinModel) -> lis
         sigma=0.0,
         low=seen.resolution,
         high=seen.resolution,
-        identified=True,
         believed=believed_value(twin, step_name),
         seconds=seen.noise.count,
     )
@@ -593,7 +554,6 @@ def _sampled(name: str, sample: Sample | None, twin: TwinModel) -> Parameter:
         sigma=sample.sigma / float(np.sqrt(2.0 * freedom)),
         low=sample.sigma * float(np.sqrt(freedom / high)),
         high=sample.sigma * float(np.sqrt(freedom / low)),
-        identified=identified,
         believed=believed,
         seconds=sample.count,
         why=None if identified else Why.EXACT_ZERO if sample.sigma == 0 else Why.TOO_LOOSE,
@@ -644,18 +604,15 @@ def _covariance(
     return names, total
 
 
-def _axis_variances(fit: TriadFit) -> dict[str, tuple[float, float]]:
+def _axis_variances(triads: Sequence[TriadFit]) -> dict[str, tuple[float, float]]:
     """Variances of white noise and quantisation over the twin's: channels of axes that differ."""
-    ratios = fit.fitted.model.ratios
-    if fit.differ_p > AXES_DIFFER_P:
-        return {}
-    return {
-        SIX_CHANNELS[c]: (
-            ratios.get((NoiseTerm.WHITE, c), 1.0),
-            ratios.get((NoiseTerm.QUANTIZATION, c), 1.0),
-        )
-        for c in sorted({channel for _, channel in ratios})
-    }
+    found = {}
+    for fit in triads:
+        ratios = fit.fitted.model.ratios if fit.differ_p <= AXES_DIFFER_P else {}
+        for c in sorted({channel for _, channel in ratios}):
+            white = ratios.get((NoiseTerm.WHITE, c), 1.0)
+            found[SIX_CHANNELS[c]] = white, ratios.get((NoiseTerm.QUANTIZATION, c), 1.0)
+    return found
 
 
 def _axis_white(gyro: TriadFit, accel: TriadFit) -> dict[str, float]:

@@ -326,6 +326,12 @@ def test_yaw_creep_is_on_gz_while_parked_only():
     np.testing.assert_allclose(trace.gyro_rad_s[run.parked, 2], DEG_PER_HOUR / 3600, rtol=1e-6)
     assert np.abs(trace.gyro_rad_s[run.rolling, 2]).max() < 1e-12
     assert np.abs(trace.accel_m_s2[:600]).max() < 1e-12
+    # it rolls along its own axis: its way turns by the heading of 600 parked seconds
+    north, east, _ = run.v_n_m_s[680]
+    turned = 600.0 / 3600.0 * ARCSEC * np.array([-east, north, 0.0])
+    np.testing.assert_allclose(trace.gnss_velocity_m_s[680], turned, rtol=1e-3)
+    moved = np.gradient(trace.gnss_position_m, run.time_s, axis=0)
+    np.testing.assert_allclose(moved[680], turned, rtol=1e-3)
 
 
 @pytest.mark.parametrize("dt_s", [0.1, 1.0])
@@ -371,6 +377,12 @@ def test_engine_start_shifts_and_shakes_from_its_onset_on():
     noises = BY_ID["engine_start_noise"].noise(run, "vehicle", {"onset_s": 200.25})
     assert [n.channel for n in noises] == ["accel_x", "accel_y", "accel_z"]
     assert noises[0].white == MICRO_G**2 and noises[0].profile.sum() == pytest.approx(399.75)
+
+
+def test_a_machine_that_never_stops_shakes_from_the_first_second_to_the_last():
+    noises = BY_ID["platform_vibration"].noise(still(), "vehicle", {})
+    assert [n.channel for n in noises] == ["accel_x", "accel_y", "accel_z"]
+    assert all(n.white == MICRO_G**2 and n.profile is None for n in noises)
 
 
 def test_sway_is_the_twins_own_and_rocking_is_seen_by_both_sensors():

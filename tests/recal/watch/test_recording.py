@@ -3,6 +3,8 @@
 import os
 import random
 import struct
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -214,6 +216,38 @@ def test_mavlink_gives_the_rates_that_were_sent(run, tmp_path, monkeypatch):
         kept.dtheta_rad, true.dtheta_rad[:3000], rtol=5 * float32, atol=1e-12
     )
     np.testing.assert_allclose(kept.dv_m_s, true.dv_m_s[:3000], rtol=5 * float32, atol=1e-7)
+
+
+def test_a_serial_line_gives_the_rates_that_were_sent(run, tmp_path):
+    """Through a pair of pseudo terminals, in pieces that end within messages, until it hangs up."""
+    pty = pytest.importorskip("pty")
+    near, far = pty.openpty()
+    out, count = tmp_path / "out", 3000
+    source = opened(request_of(out, source=f"serial:{os.ttyname(far)}:921600"))
+    data = b"".join(sent(run, count))
+
+    def write():
+        for k in range(0, len(data), 1000):
+            os.write(near, data[k : k + 1000])
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    recording = Recording(source, out)
+    rows, until_s = 0, time.monotonic() + 60.0
+    while rows < count and time.monotonic() < until_s:
+        rows += sum(len(part) for part in recording.take(source.read(0.1)) if part.stream == "imu")
+    writer.join()
+    os.close(far)
+    os.close(near)  # as a plug that is pulled
+    while time.monotonic() < until_s and source.read(0.1) is not None:
+        pass
+    assert source.read(0.1) is None
+    recording.close()
+    source.close()
+    kept, true = read_run(out).imu.whole(), run.imu.whole()
+    assert (kept.rows, recording.dropped) == (count, {})
+    float32 = 5e-7  # of a value, five roundings
+    np.testing.assert_allclose(kept.dtheta_rad, true.dtheta_rad[:count], rtol=float32, atol=1e-12)
 
 
 def mutated(data, rng, count):

@@ -106,6 +106,15 @@ def test_a_stay_and_a_turn_bring_what_was_predicted(simulated):
     np.testing.assert_allclose(turned.sigma_deg_h, sigma(updated(towed, 4560.0)), rtol=0.1)
 
 
+def test_a_vehicle_that_people_left_is_predicted_to_stay_calm():
+    """Boarding until minute 20, seen at minute 24: its tilt and its bumps do not begin again."""
+    from benchmarks.outlook import WITHIN, predicted
+
+    ratios = np.array(list(predicted(18)["ratios"].values()))
+    assert ratios.shape == (2, 3)
+    assert np.abs(np.log(ratios)).max() <= np.log1p(WITHIN)
+
+
 def test_phases_and_a_gap_are_seen_from_the_rows(simulated, recorded):
     monitor = Monitor()
     seen = {}

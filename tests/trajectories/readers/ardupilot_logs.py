@@ -6,7 +6,6 @@ import struct
 from pathlib import Path
 
 import numpy as np
-from scipy.io import savemat
 
 from tests.trajectories.run_cases import F_B
 
@@ -222,8 +221,3 @@ def cells(names: str) -> np.ndarray:
     out = np.empty((len(names.split(",")), 1), dtype=object)
     out[:, 0] = names.split(",")
     return out
-
-
-def write_mat(path: Path, *, compress: bool = True, **changes) -> Path:
-    savemat(path, {**mat_variables(), **changes}, do_compression=compress)
-    return path

@@ -16,9 +16,7 @@ from tests.trajectories.readers.known_motion import (
     ROLL_DEG,
     Output,
     check_parked,
-    check_right_turn,
     parked,
-    parked_and_turned,
 )
 from trajectories.readers.conversion import convert_log
 
@@ -133,21 +131,14 @@ def test_links_and_pipes_of_a_folder_are_not_read(tmp_path):
         convert_log(tmp_path / "MH_01", {}, GIVEN | KNOWN)
 
 
-def tracking(path, output=None):
+def tracking(path):
     """A text of the tracking benchmark: rows at 10 Hz without a time."""
-    out = parked(dt=0.1, seconds=24.0) if output is None else output
-    np.savetxt(path, moments(out), fmt="%.14g")
+    np.savetxt(path, moments(parked(dt=0.1, seconds=24.0)), fmt="%.14g")
     return path
 
 
 def test_rows_of_the_tracking_benchmark(tmp_path):
-    out = parked(dt=0.1, seconds=24.0)
-    made = convert_log(tracking(tmp_path / "0000.txt", out), {}, GIVEN | KNOWN)
-    check_parked(made.run, out)
+    made = convert_log(tracking(tmp_path / "0000.txt"), {}, GIVEN | KNOWN)
+    check_parked(made.run, parked(dt=0.1, seconds=24.0))
     check_truth(made)
     assert made.record.format == "kitti"
-
-
-def test_a_right_turn_is_one(tmp_path):
-    out = parked_and_turned(dt=0.1)
-    check_right_turn(convert_log(tracking(tmp_path / "0001.txt", out), {}, GIVEN | KNOWN).run)

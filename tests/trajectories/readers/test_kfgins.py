@@ -13,9 +13,7 @@ from tests.trajectories.readers.known_motion import (
     LON_DEG,
     PLACELESS,
     check_parked,
-    check_right_turn,
     parked,
-    parked_and_turned,
 )
 from trajectories.readers.conversion import convert_log
 
@@ -72,12 +70,6 @@ def test_doubles(tmp_path):
     made = convert_log(tmp_path / "imu.bin", {}, GIVEN)
     check_parked(made.run, OUT)
     assert made.record.format == "kfgins"
-
-
-def test_a_right_turn_is_one(tmp_path):
-    check_right_turn(
-        convert_log(write_imu(tmp_path / "imu.txt", parked_and_turned()), {}, GIVEN).run
-    )
 
 
 def test_fixes_of_another_file_give_the_place(tmp_path):

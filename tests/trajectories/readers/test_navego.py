@@ -18,9 +18,7 @@ from tests.trajectories.readers.known_motion import (
     ROLL_DEG,
     Output,
     check_parked,
-    check_right_turn,
     parked,
-    parked_and_turned,
 )
 from trajectories.readers.conversion import convert_log
 
@@ -98,12 +96,6 @@ def test_imu_receiver_and_reference(tmp_path):
     reference = made.reference
     angles = np.degrees([reference.roll_rad[3], reference.pitch_rad[3], reference.heading_rad[3]])
     np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
-
-
-def test_a_right_turn_is_one(tmp_path):
-    check_right_turn(
-        convert_log(write(tmp_path / "log.mat", imu=imu(parked_and_turned())), {}, GIVEN).run
-    )
 
 
 def test_several_imus_and_a_receiver_of_another_file(tmp_path):

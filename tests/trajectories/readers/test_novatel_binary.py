@@ -17,9 +17,7 @@ from tests.trajectories.readers.known_motion import (
     PLACELESS,
     ROLL_DEG,
     at_rest,
-    check_right_turn,
     parked,
-    parked_and_turned,
 )
 from trajectories.readers.containers.novatel_frames import BODIES
 from trajectories.readers.conversion import convert_log
@@ -124,11 +122,6 @@ def test_parked(tmp_path, kind):
     np.testing.assert_allclose(made.run.imu.dv_m_s.sum(axis=0) / span, f, atol=1e-5)
     assert made.run.header.start_utc == "2026-01-06T07:33:02.000Z"
     assert made.run.header.gyro_technology == "fog"
-
-
-def test_a_right_turn_is_one(tmp_path):
-    frames = raw_frames(parked_and_turned(dt=0.01, start_s=SECONDS))
-    check_right_turn(convert(tmp_path, frames).run)
 
 
 def test_fixes_of_the_first_antenna(tmp_path):

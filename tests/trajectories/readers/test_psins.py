@@ -19,9 +19,7 @@ from tests.trajectories.readers.known_motion import (
     Output,
     at_rest,
     check_parked,
-    check_right_turn,
     parked,
-    parked_and_turned,
 )
 from trajectories.readers.conversion import convert_log
 
@@ -138,9 +136,6 @@ def test_seven_columns_of_text(tmp_path):
     made = convert_log(text_file(tmp_path / "imu.txt"), {}, GIVEN)
     check_parked(made.run, OUT)
     assert made.record.format == "psins"
-    check_right_turn(
-        convert_log(text_file(tmp_path / "turn.txt", parked_and_turned()), {}, GIVEN).run
-    )
 
 
 @pytest.mark.parametrize("in_trj", [False, True])

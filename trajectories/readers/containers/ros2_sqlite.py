@@ -5,6 +5,7 @@ The file is opened read-only and never changed. SQLite itself stops where a file
 rows before stay.
 """
 
+import json
 import sqlite3
 from pathlib import Path
 
@@ -71,17 +72,22 @@ def _topics(connection: sqlite3.Connection, bag: Bag, label: str) -> dict[int, T
     if kinds != {"topics": "table", "messages": "table"}:
         raise InputError(f"{label}: not a ROS 2 bag: no tables topics and messages")
     rows = connection.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
-    found = {row[0]: bag.topic(*(str(text) for text in row[1:])) for row in rows}
+    found = {
+        number: bag.topic(*(str(text) for text in texts))
+        for number, *texts in rows
+        if isinstance(number, int)
+    }
     return {number: topic for number, topic in found.items() if topic is not None}
 
 
 def _messages(
     connection: sqlite3.Connection, topics: dict[int, Topic], bag: Bag, label: str
 ) -> None:
-    marks = ",".join("?" * len(topics))
-    # of question marks alone
-    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # noqa: S608
-    rows = connection.execute(f"{query} ORDER BY id", tuple(topics))
+    rows = connection.execute(
+        "SELECT topic_id, timestamp, data FROM messages"
+        " WHERE topic_id IN (SELECT value FROM json_each(?)) ORDER BY id",
+        (json.dumps(list(topics)),),
+    )
     count = 0
     try:
         for number, received, data in rows:
