@@ -230,7 +230,19 @@ def _record(record: Any, number: Callable[[float], Any]) -> dict[str, Any]:
 
 
 class WrittenKey(NamedTuple):
-    """A key and the attribute that it holds ("a.b": b of a), written as the metadata say."""
+    """A key of a record, as it is written.
+
+    Parameters
+    ----------
+    key : str
+        As it stands in JSON.
+    path : str
+        The attribute that it holds ("a.b": b of a).
+    omit_none : bool
+        Whether it is left out where there is no value.
+    inline : bool
+        Whether the keys of its record stand among those of this one.
+    """
 
     key: str
     path: str

@@ -4,6 +4,7 @@ off and garbled.
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from ins.records import FixType, InputError
 from ins.units import DEG
@@ -113,7 +114,7 @@ def test_text_form(tmp_path):
 @pytest.mark.parametrize("compress", [True, False])
 def test_matlab_form(tmp_path, suffix, compress):
     path = tmp_path / "flight.mat"
-    logs.savemat(path, logs.mat_variables(suffix=suffix), do_compression=compress)
+    savemat(path, logs.mat_variables(suffix=suffix), do_compression=compress)
     made = convert_log(path, {}, {})
     check_parked(made.run)
     assert made.record.format == "ardupilot_mat"
