@@ -43,15 +43,19 @@ STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC mean
 # should have passed meanwhile; chosen: noise holds so long once in e^20; no sound unit of 600
 # (tests/scenarios/thermal_faults.py) nor of 375 whose surroundings change at once missed 10 steps
 DENIED_NATS, MISSED_STEPS = 20.0, 15.0
-BEFORE_S = 300.0  # by which its noise is judged; chosen: the slowest log, of 10 s, has 30 rows
+# by which its noise is judged; chosen: the slowest log, of 10 s, has 30 rows in it
+NOISE_BEFORE_S = 300.0
 # by whose last two thirds its warming is judged: those whose last third passes three steps; a chip
 # in the wash of a propeller settles within 20 s, a block within an hour
 BEFORE_SPANS_S = tuple(6.0 * 2.0 ** (0.5 * k) for k in range(14))
+# rounding by half a step is then 17 % of its slope; chosen: below that of half an hour's decay
 THIRD_STEPS = 3.0
 # no warm-up ends faster, unless it was seen to: the block's (trajectories/simulator/thermal.py)
 WARM_UP_S = 1500.0
-QUICK_SHARE = 0.1  # of the times between changes that are no longer than one reading lasts
-# of changes in BEFORE_S: with fewer nothing is known of a thermometer; chosen: two in each third
+# of the times between changes that are no longer than one reading lasts; chosen: bursts
+# are fewer than 1 in 10
+QUICK_SHARE = 0.1
+# changes in NOISE_BEFORE_S, and readings held: with fewer nothing is known; chosen: 3 a half
 FEWEST_CHANGES = 6
 HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
 # of a log, by which readings may go on after its end: a recorder writes what it still holds;
@@ -377,15 +381,16 @@ def _missed_its_changes(judge: _Judge, name: str, span: NDArray, lasts_s: float)
     until_s = judge.t[span[0]]
     kept = rows[(rows <= span[0]) & (judge.t[rows] >= until_s - max(BEFORE_SPANS_S))]
     t, values = judge.t[kept], judge.columns[name][kept]
-    recent = t >= until_s - BEFORE_S
+    recent = t >= until_s - NOISE_BEFORE_S
     steps = np.diff(values[recent])
     changed_s = t[recent][1:][steps != 0.0]
-    if changed_s.size < FEWEST_CHANGES:
+    if min(changed_s.size, span.size) < FEWEST_CHANGES:
         return False
     step = judge.step[name] or float(np.median(np.abs(steps[steps != 0.0])))
     # one reading may be written many times
     reading_s = float(np.quantile(np.diff(changed_s), QUICK_SHARE))
-    nats = _by_noise(t[recent], values[recent], step, reading_s) * lasts_s / reading_s
+    readings = min(lasts_s / reading_s, span.size)  # a hole holds none
+    nats = _by_noise(t[recent], values[recent], step, reading_s) * readings
     if nats > DENIED_NATS:
         return True
     if step >= COARSE_degC or _another_lives(judge, name, span):

@@ -143,6 +143,15 @@ def test_a_coarse_thermometer_at_the_edge_of_its_step_is_not_stuck_in_the_middle
     }
 
 
+def test_a_hole_between_two_alike_readings_holds_nothing():
+    """Readings of 25.00 degC on both sides of 10 min without any: no change was missed."""
+    T = 25.0 + 0.01 * np.random.default_rng(4).standard_normal((HOUR.size, 3))
+    T[[1000, 1601]] = 25.0
+    kept = (HOUR <= 1000.0) | (HOUR >= 1601.0)
+    found = gyro_temperature(log_of(grid(T, 0.01)[kept], HOUR[kept]))
+    assert [f.kind for f in found.faults] == ["hole"]
+
+
 def grid(T, step_degC):
     return step_degC * np.round(T / step_degC)
 
