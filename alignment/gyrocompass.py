@@ -273,7 +273,9 @@ def _latitude_test(
         values = _latitudes(site, found, sigma)
         doubtful = because(AlignmentReason.LATITUDE_DOUBTFUL, apart=apart, **values)
         return replace(result, reasons=(*result.reasons, doubtful))
-    reasons = (*result.reasons, _wrong_latitude(site, found, sigma))
+    # what the latitude leaves of Earth rate looks like noise beyond the model
+    others = [r for r in result.reasons if r.code is not AlignmentReason.NOISIER]
+    reasons = (*others, _wrong_latitude(site, found, sigma))
     return replace(result, verdict=AlignmentVerdict.INCONSISTENT, reasons=reasons)
 
 

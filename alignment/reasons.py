@@ -88,7 +88,8 @@ class AlignmentReason(ReasonCode):
     WRONG_LATITUDE = (
         "wrong_latitude",
         "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +- {sigma_deg:.3f}"
-        " deg: wrong position, or a gyro bias beyond its sigma",
+        " deg: wrong position, or gyros that are biased beyond their sigma or turned against the"
+        " accelerometers",
     )
     LATITUDE_IN_RADIANS = (
         "latitude_in_radians",

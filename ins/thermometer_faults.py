@@ -5,6 +5,7 @@ is judged against the column's own past, the other thermometers of the run and w
 do; never against the true bias. Temperatures in degC, times in s throughout.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import PIECE_ROWS
-from ins.robust import runs_of_true, white_sigma
+from ins.robust import norm, runs_of_true, white_sigma
 
 PLAUSIBLE_MEDIAN_degC = (
     -60.0,
@@ -38,6 +39,24 @@ TRANSIENT_S = 900.0
 # differs from the next one by 4e-15, and a thermometer that was stuck all along looked alive
 READING_DECIMALS = 9
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
+# of a reading that is held: nats by which its own noise denies it, and steps that its warming
+# should have passed meanwhile; chosen: noise holds so long once in e^20; no sound unit of 600
+# (tests/scenarios/thermal_faults.py) nor of 375 whose surroundings change at once missed 10 steps
+DENIED_NATS, MISSED_STEPS = 20.0, 15.0
+# by which its noise is judged; chosen: the slowest log, of 10 s, has 30 rows in it
+NOISE_BEFORE_S = 300.0
+# by whose last two thirds its warming is judged: those whose last third passes three steps; a chip
+# in the wash of a propeller settles within 20 s, a block within an hour
+BEFORE_SPANS_S = tuple(6.0 * 2.0 ** (0.5 * k) for k in range(14))
+# rounding by half a step is then 17 % of its slope; chosen: below that of half an hour's decay
+THIRD_STEPS = 3.0
+# no warm-up ends faster, unless it was seen to: the block's (trajectories/simulator/thermal.py)
+WARM_UP_S = 1500.0
+# of the times between changes that are no longer than one reading lasts; chosen: bursts
+# are fewer than 1 in 10
+QUICK_SHARE = 0.1
+# changes in NOISE_BEFORE_S, and readings held: with fewer nothing is known; chosen: 3 a half
+FEWEST_CHANGES = 6
 HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
 # of a log, by which readings may go on after its end: a recorder writes what it still holds;
 # chosen: the sessions of one day differ by more
@@ -53,7 +72,6 @@ LAST_SHARE = 0.25
 COLDEST_SHARE = 0.05
 # a guessed scale that brings them so near is named: less than half of the 12 above
 SAME_SCALE_degC = 5.0
-ALIVE_SHARE = 0.2  # of rows that change: a fine thermometer flickers; chosen: every 5th row
 SPIKE_ROWS = 11  # window of the running median: bursts of up to five rows are spikes; (11 - 1) / 2
 SCALES = (
     ("Fahrenheit?", lambda T: (T - 32.0) / 1.8),
@@ -209,6 +227,7 @@ def check_thermometers(
             _accept_constant(judge, name)
         elif not name.startswith("ambient"):
             _stuck(judge, name)
+    _stuck_together(judge)
     for name in columns:
         _jumps(judge, name)
     for name, step in judge.step.items():
@@ -310,8 +329,6 @@ def _stuck(judge: _Judge, name: str) -> None:
     rows = judge.rows(name)
     values, t = judge.values(name), judge.t[rows]
     changes = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
-    flickers = 0.0 < judge.step[name] <= 0.05 or (judge.step[name] == 0.0 and changes.size > 2)
-    alive = flickers and changes.size > ALIVE_SHARE * values.size
     begins, ends = changes[:-1], changes[1:]
     held = np.where(ends > begins, t[ends - 1] - t[begins], 0.0) if t.size else np.zeros(1)
     for k in np.flatnonzero(held > STUCK_S):
@@ -319,10 +336,126 @@ def _stuck(judge: _Judge, name: str) -> None:
         span = np.arange(rows[a], rows[b - 1] + 1)
         moved = _others_moved(judge, name, span)
         need = 1.5 * _step_or_others(judge, name) + (0.3 if lasts > LONG_STUCK_S else 0.5)
-        frozen = lasts > LONG_STUCK_S and not moved and (alive or changes.size == 2)
-        if (moved and min(moved) > need) or frozen:
+        never = lasts > LONG_STUCK_S and not moved and changes.size == 2
+        if never or (moved and min(moved) > need) or _missed_its_changes(judge, name, span, lasts):
             text = f"is stuck at {values[a]:g} degC from {t[a]:.0f} s for {lasts:.0f} s"
             judge.drop(name, FaultKind.STUCK, rows[a:b], text)
+
+
+def _stuck_together(judge: _Judge) -> None:
+    """One fault in place of those of all gyros from one time on: it is the unit's, not theirs. A
+    third gyro that holds its reading as long as two that are stuck is stuck with them.
+    """
+    stuck = [f for f in judge.faults if f.kind is FaultKind.STUCK]
+    gyros = [name for name in judge.columns if name.startswith("gyro_")]
+    for first in [f for f in stuck if f.column.startswith("gyro_")]:
+        alike = [
+            f
+            for f in stuck
+            if abs(f.start_s - first.start_s) < STUCK_S and abs(f.end_s - first.end_s) < STUCK_S
+        ]
+        named = {f.column for f in alike}
+        start_s = max(f.start_s for f in alike)
+        end_s = min(f.end_s for f in alike)
+        rest = [name for name in gyros if name not in named]
+        if len(rest) > 1 or not all(_holds(judge, name, start_s, end_s) for name in rest):
+            continue
+        for name in rest:
+            judge.valid[name][(judge.t >= start_s) & (judge.t <= end_s)] = False
+        judge.faults = [f for f in judge.faults if f not in alike]
+        text = f"all gyro thermometers are stuck from {start_s:.0f} s for {end_s - start_s:.0f} s"
+        inside = np.flatnonzero((judge.t >= start_s) & (judge.t <= end_s))
+        judge.add("temperature", FaultKind.STUCK, inside, text)
+        return
+
+
+def _holds(judge: _Judge, name: str, start_s: float, end_s: float) -> bool:
+    """Whether a thermometer reads one value over a span."""
+    inside = (judge.t >= start_s) & (judge.t <= end_s) & judge.valid[name]
+    return bool(inside.any()) and float(np.ptp(judge.columns[name][inside])) == 0.0
+
+
+def _missed_its_changes(judge: _Judge, name: str, span: NDArray, lasts_s: float) -> bool:
+    """Whether a reading held over the rows `span` should have changed, by what it did before."""
+    rows = judge.rows(name)
+    until_s = judge.t[span[0]]
+    kept = rows[(rows <= span[0]) & (judge.t[rows] >= until_s - max(BEFORE_SPANS_S))]
+    t, values = judge.t[kept], judge.columns[name][kept]
+    recent = t >= until_s - NOISE_BEFORE_S
+    steps = np.diff(values[recent])
+    changed_s = t[recent][1:][steps != 0.0]
+    if min(changed_s.size, span.size) < FEWEST_CHANGES:
+        return False
+    step = judge.step[name] or float(np.median(np.abs(steps[steps != 0.0])))
+    # one reading may be written many times
+    reading_s = float(np.quantile(np.diff(changed_s), QUICK_SHARE))
+    readings = min(lasts_s / reading_s, span.size)  # a hole holds none
+    nats = _by_noise(t[recent], values[recent], step, reading_s) * readings
+    if nats > DENIED_NATS:
+        return True
+    if step >= COARSE_degC or _another_lives(judge, name, span):
+        return False  # an oven ends its ramp within such a step
+    return _by_warming(t, values, step, lasts_s) > MISSED_STEPS
+
+
+def _by_noise(t: NDArray, values: NDArray, step: float, reading_s: float) -> float:
+    """Minus the log of the probability that noise leaves a reading in the middle of its step.
+
+    A reading at the edge of two steps flickers by the least noise: only readings that go back by
+    two steps, against the course, tell how large it is. sigma is at least what makes a difference
+    of one step as frequent as theirs.
+    """
+    read = values[np.searchsorted(t, np.arange(t[0], t[-1], reading_s))]
+    back = -np.sign(read[-1] - read[0]) * np.diff(read) > 1.5 * step
+    half = back.size // 2
+    if half < FEWEST_CHANGES:
+        return 0.0
+    share = 2.0 * min(float(back[:half].mean()), float(back[half:].mean()))
+    if not share:
+        return 0.0
+    sigma = step / (math.sqrt(2.0) * norm.isf(0.5 * min(share, 1.0)))
+    return -math.log(math.erf(step / (math.sqrt(8.0) * sigma)))
+
+
+def _by_warming(t: NDArray, values: NDArray, step: float, lasts_s: float) -> float:
+    """Steps that the temperature would have passed, had it gone on with its time constant: the
+    fewest of those by spans before.
+    """
+    missed = []
+    for span_s in BEFORE_SPANS_S:
+        third_s = span_s / 3.0
+        if t[0] > t[-1] - 2.0 * third_s:
+            break
+        last = _slope(t, values, t[-1] - third_s, t[-1])
+        before = _slope(t, values, t[-1] - 2.0 * third_s, t[-1] - third_s)
+        if abs(last) * third_s < THIRD_STEPS * step:
+            continue
+        if last * before <= 0.0:
+            return 0.0
+        decay = max(np.log(before / last) / third_s, 1.0 / WARM_UP_S)
+        at_end = abs(last) * np.exp(-0.5 * decay * third_s)
+        missed.append(float(at_end * -np.expm1(-decay * lasts_s) / decay / step))
+    return min(missed, default=0.0)
+
+
+def _slope(t: NDArray, values: NDArray, start_s: float, end_s: float) -> float:
+    """Of the line through the readings of a span; 0 where they are too few."""
+    inside = (t >= start_s) & (t <= end_s)
+    if np.count_nonzero(inside) < 3:
+        return 0.0
+    since = t[inside] - np.mean(t[inside])
+    return float(since @ values[inside] / (since @ since))
+
+
+def _another_lives(judge: _Judge, name: str, span: NDArray) -> bool:
+    """Whether another thermometer of the unit changes in the second half of a span."""
+    late = span[span.size // 2 :]
+    others = [n for n in judge.columns if n != name and not n.startswith("ambient")]
+    for other in others:
+        values = judge.columns[other][late][judge.valid[other][late]]
+        if values.size and np.ptp(values) > 0.0:
+            return True
+    return False
 
 
 def _never_changes(judge: _Judge, name: str) -> bool:

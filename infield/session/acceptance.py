@@ -5,15 +5,15 @@ Decision: docs/decisions/0016-contradicting-sessions.md.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from alignment.gyrocompass import nis_verdict, rejected_share
 from alignment.motion.kinds import DISTURBED, STILL
-from alignment.reasons import AlignmentVerdict
+from alignment.reasons import LATITUDE_REASONS, AlignmentVerdict
 from alignment.result import Solution
 from infield.session.estimate import SessionEstimate
 from infield.session.points import AxisObservability
-from infield.session.reasons import SessionReason
+from infield.session.reasons import SessionReason, WrongFact
 from infield.session.wrong_facts import Suspicion
 from infield.table.merge import AXIS_Z_LIMIT, CONFIDENCE, MergeResult
 from ins.records import AXES
@@ -144,10 +144,36 @@ def _compensated_before(estimate: SessionEstimate) -> tuple[Reason, ...]:
 
 
 def with_likeness(verdict: Verdict, suspected: Sequence[Suspicion]) -> Verdict:
-    """A contradiction with the wrong fact that the session resembles most, where there is one."""
+    """A contradiction with the wrong fact that the session resembles most, where there is one.
+
+    Where the alignment found the latitude wrong, that is its cause: another must explain the
+    session plainly better, and one that the session does not show the latitude against does not.
+    """
     if verdict.outcome is not Outcome.INCONSISTENT:
         return verdict
-    return contradict(*verdict.reasons, *(s.reason for s in suspected[:1] if s.convicts))
+    if any(reason.code in LATITUDE_REASONS for reason in verdict.reasons):
+        nis = [s.sigmas**2 for s in suspected if s.fact is WrongFact.LATITUDE]
+        least = max(nis, default=float("inf")) + PLAIN_NIS
+        suspected = [s for s in suspected if s.sigmas**2 > least]
+    return contradict(*verdict.reasons, *_likeness(suspected))
+
+
+def _likeness(suspected: Sequence[Suspicion]) -> tuple[Reason, ...]:
+    """The wrong fact that convicts a session; a latitude and gyros turned by as much, which a unit
+    on one heading does not tell apart, in one sentence.
+    """
+    found = [s for s in suspected if s.convicts]
+    if not found:
+        return ()
+    alike = [s for s in found if found[0].sigmas ** 2 - s.sigmas**2 < PLAIN_NIS]
+    latitude = next((s for s in alike if s.fact is WrongFact.LATITUDE), None)
+    turned = next((s for s in alike if s.fact is WrongFact.GYRO_AXES), None)
+    if latitude is None:
+        return (found[0].reason,)
+    if turned is None:
+        return (latitude.reason,)
+    both = replace(latitude, fact=WrongFact.LATITUDE_OR_AXES, axis=turned.axis)
+    return (both.reason,)
 
 
 def _judge_gain(seen: tuple[AxisObservability, ...]) -> Verdict:
@@ -165,7 +191,7 @@ def assess_merge(
     """Does the session agree with the stored table? Where it would if the log had it subtracted
     already, that is said; so is the wrong fact that it resembles most.
     """
-    found = [suspicion.reason for suspicion in suspected[:1] if suspicion.convicts]
+    found = list(_likeness(suspected))
     if merged.consistent and not found:
         return Verdict(Outcome.ACCEPTED)
     if merged.nis > merged.band[1]:

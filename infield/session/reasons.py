@@ -374,6 +374,12 @@ class WrongFact(ReasonCode):
         "it looks as if the entered latitude were off by {size:+.3f} +- {sigma:.3f} deg"
         + HOW_CLEAR,
     )
+    # on one heading the two leave the same
+    LATITUDE_OR_AXES = (
+        "latitude_or_axes",
+        "it looks as if the entered latitude were off by {size:+.3f} +- {sigma:.3f} deg, or the"
+        " gyros were turned by as much about {axis} against the accelerometers" + HOW_CLEAR,
+    )
     TIME_BASE = (
         "time_base",
         "it looks as if the clock of the log ran fast by {size:+.2%} +- {sigma:.2%}" + HOW_CLEAR,

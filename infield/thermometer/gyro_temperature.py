@@ -48,6 +48,7 @@ class ThermometerReason(ReasonCode):
     NONE_USABLE = "none_usable", "no gyro thermometer can be used"
     OF_ANOTHER = "of_another", "{column}: {fault}"
     COARSE = "coarse", "thermometer {column}: {fault}; its sigma is wider"
+    UNIT_STUCK = "unit_stuck", "{fault}; no bias is learnt meanwhile"
     CONSTANT = (
         "constant",
         "thermometer {column}: {fault}; a step of 1 degC could hide in it, and is in its sigma",
@@ -193,7 +194,8 @@ def fault_reason(fault: ThermometerFault) -> Reason:
 
 def _follows(fault: ThermometerFault) -> ThermometerReason:
     if not fault.column.startswith("gyro_"):
-        return ThermometerReason.OF_ANOTHER
+        unit = fault.kind is FaultKind.STUCK
+        return ThermometerReason.UNIT_STUCK if unit else ThermometerReason.OF_ANOTHER
     if fault.kind in OF_THE_COLUMN:
         return ThermometerReason.AXIS_LEFT_OUT
     of_kind = {
@@ -206,8 +208,7 @@ def _follows(fault: ThermometerFault) -> ThermometerReason:
 
 def no_thermometer(temperature: GyroTemperature) -> tuple[Reason, ...]:
     """Reasons of a run whose gyro thermometers are all out."""
-    kinds = {f.kind for f in temperature.faults if f.column.startswith("gyro_")}
-    stuck = kinds == {FaultKind.STUCK}
+    stuck = {f.kind for f in temperature.faults} - {FaultKind.HOLE} == {FaultKind.STUCK}
     code = ThermometerReason.ALL_STUCK if stuck else ThermometerReason.NONE_USABLE
     return (because(code), *(fault_reason(f) for f in temperature.faults))
 

@@ -156,7 +156,9 @@ def diagnose(
     )
     try:
         settings = core.DiagnosisSettings(alpha=alpha, seed=seed, hold_out=held, told=told)
-        found = core.diagnose(loaded, believed, beside.table, settings, table_sha256=beside.sha256)
+        found = core.diagnose(
+            loaded, believed, _table(beside, loaded, believed), settings, table_sha256=beside.sha256
+        )
     except InputError:
         reasons = _unfit(loaded, believed, beside.table, beside.sha256)
         if reasons is None:
@@ -178,13 +180,21 @@ def _predicted(
     told: Callable[[str], None],
 ) -> PredictedUpdates:
     """What the twin predicts of updates of runs that it was not fitted to."""
-    # with the store and the updates' estimators behind them: half a second of CPU
-    from recal.service.inputs.unit_inputs import table_of_unknown_unit
     from simreal.predict.document import simulator_record
     from simreal.predict.held_out import predict_runs
 
-    table = beside.table or table_of_unknown_unit(runs[0], found.twin)
+    table = _table(beside, runs, found.twin)
     return simulator_record(predict_runs(runs, found, table, held, told))
+
+
+def _table(beside: TwinTable, runs: Sequence[Run], twin: TwinModel) -> ThermalTable:
+    """The twin's; without one zero, as uncertain as a raw unit's biases are: what such a table
+    leaves open is no effect that a unit must have beyond its bias and its thermal curve.
+    """
+    # with the store and the updates' estimators behind them: half a second of CPU
+    from recal.service.inputs.unit_inputs import table_of_unknown_unit
+
+    return beside.table or table_of_unknown_unit(runs[0], twin)
 
 
 def _results(

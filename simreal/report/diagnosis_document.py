@@ -39,7 +39,7 @@ from simreal.report.diagnosis_words import (
 )
 from simreal.twin.write_back import effect_items, fitted_items
 
-NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
+NO_TABLE = "the twin has no table: biases and thermal curves of the gyros count as its error"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
 MOST_SAID = 4  # parameters of a cause in the lines for people
 LEAST_P = 1e-300  # a p-value below has no digits to show: the smallest double is 2.2e-308
@@ -143,7 +143,7 @@ def diagnosis_document(
     sentences = settled_by or [()] * len(diagnosis.causes)
     return GapReport(
         verdict=diagnosis.verdict,
-        sentence=verdict_sentence(diagnosis),
+        sentence=verdict_sentence(diagnosis, with_table=bool(asked.table_sha256)),
         imu_serial=twin.imu_serial,
         gyro_technology=twin.gyro_technology,
         twin=twin.source,

@@ -75,8 +75,8 @@ def listed(words: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in one sentence, or in two where the table has aged."""
+def verdict_sentence(diagnosis: Diagnosis, *, with_table: bool = True) -> str:
+    """The verdict in one sentence, or in two where the table has aged or there is none."""
     verdict, causes, where = diagnosis.verdict, diagnosis.causes, diagnosis.where
     looks_like = diagnosis.unexplained.looks_like
     if verdict is GapVerdict.NO_GAP:
@@ -86,7 +86,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         return f"A gap that no known effect explains{at}: it shows in {LOOK_WORDS[looks_like]}."
     aged = [_aged_by(c) for c in causes if c.effect == TABLE_AGED]
     said = [_said(f) for f in gathered(c for c in causes if c.effect != TABLE_AGED)]
-    sentences = [f"The table has aged ({listed(sorted(aged))}): renew it."] if aged else []
+    sentences = []
+    if aged and with_table:
+        sentences.append(f"The table has aged ({listed(sorted(aged))}): renew it.")
+    elif aged:
+        sentences.append(f"No table was given, and an update would learn {listed(sorted(aged))}.")
     if said:
         more = [f"{len(said) - MOST_CAUSES_SAID} more"] if len(said) > MOST_CAUSES_SAID else []
         sentences.append(f"{HEADS[verdict]} {'; '.join([*said[:MOST_CAUSES_SAID], *more])}.")

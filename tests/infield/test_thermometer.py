@@ -8,7 +8,7 @@ import pytest
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import TemperatureLog
 from ins.verdicts import sentence, sentences
-from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.thermal import STARTS, thermal_history
 
 HOUR = np.arange(4200.0)
 
@@ -78,6 +78,82 @@ def test_a_constant_temperature_is_accepted_by_name():
 def test_one_reading_over_ten_minutes_is_no_sign_of_a_stuck_thermometer():
     t = np.arange(599.0)
     assert gyro_temperature(log_of(np.full((599, 3), 25.0), t)).unusable == ()
+
+
+def frozen(start, *, at_s, held_s, step_degC, noise_degC):
+    """A unit whose thermometers, the block's too, all repeat what they read at a time."""
+    t = np.arange(float(at_s + held_s))
+    true = thermal_history(start).at(t)
+    rng = np.random.default_rng(5)
+
+    def read(T):
+        noisy = T + noise_degC * rng.standard_normal(T.shape)
+        read = step_degC * np.round(noisy / step_degC)
+        read[at_s:] = read[at_s]
+        return read
+
+    return TemperatureLog(
+        time_s=t, gyro_degC=read(true.gyro_degC), block_degC=read(true.block_degC)
+    )
+
+
+@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize(
+    ("step_degC", "noise_degC", "held_s"), [(0.01, 0.01, 180), (0.1, 0.05, 300)]
+)
+def test_a_unit_whose_thermometers_all_freeze_is_named_by_its_own_past(
+    start, step_degC, noise_degC, held_s
+):
+    """Frozen from 600 s on: nothing was said for 600 s of it, as no other thermometer moved, and
+    biases of a warm-up were taught to the table at one temperature.
+    """
+    log = frozen(start, at_s=600, held_s=held_s, step_degC=step_degC, noise_degC=noise_degC)
+    found = gyro_temperature(log)
+    (fault,) = found.faults
+    assert fault.column == "temperature" and fault.kind == "stuck"
+    assert fault.start_s == pytest.approx(600.0, abs=20.0)
+    assert found.unusable == () and found.covered(730.0, 600.0 + held_s).max() == 0.0
+    whole = frozen(start, at_s=600 + held_s, held_s=1, step_degC=step_degC, noise_degC=noise_degC)
+    assert not gyro_temperature(whole).faults
+
+
+def test_a_warm_up_that_stops_within_a_step_is_named_without_any_noise():
+    frozen_log = frozen("cold", at_s=200, held_s=200, step_degC=0.1, noise_degC=0.0)
+    assert [f.column for f in gyro_temperature(frozen_log).faults] == ["temperature"]
+
+
+@pytest.mark.parametrize("step_degC", [0.01, 0.1, 0.5])
+@pytest.mark.parametrize("settles_s", [5.0, 60.0, 600.0])
+def test_a_unit_in_equilibrium_repeats_its_reading_honestly(step_degC, settles_s):
+    """A thermometer without noise: after the unit has settled it never changes again."""
+    T = np.tile(40.003 - 15.0 * np.exp(-HOUR / settles_s), (3, 1)).T + [
+        0.0,
+        0.004,
+        0.31 * step_degC,
+    ]
+    assert not any(f.kind == "stuck" for f in gyro_temperature(log_of(grid(T, step_degC))).faults)
+
+
+def test_a_coarse_thermometer_at_the_edge_of_its_step_is_not_stuck_in_the_middle():
+    """Steps of 0.5 degC flicker at 20.25 degC by noise of 0.05, and for an hour no more at 20.0."""
+    T = 20.25 - 0.25 * np.clip((HOUR - 300.0) / 200.0, 0.0, 1.0)
+    noise = 0.05 * np.random.default_rng(1).standard_normal((HOUR.size, 3))
+    assert {f.kind for f in gyro_temperature(log_of(grid(T[:, None] + noise, 0.5))).faults} <= {
+        "coarse"
+    }
+
+
+def test_a_hole_between_two_alike_readings_holds_nothing():
+    """Readings of 25.00 degC on both sides of 10 min without any: no change was missed."""
+    T = 25.0 + 0.01 * np.random.default_rng(4).standard_normal((HOUR.size, 3))
+    T[[1000, 1601]] = 25.0
+    kept = (HOUR <= 1000.0) | (HOUR >= 1601.0)
+    found = gyro_temperature(log_of(grid(T, 0.01)[kept], HOUR[kept]))
+    assert [f.kind for f in found.faults] == ["hole"]
+
+
+def grid(T, step_degC):
+    return step_degC * np.round(T / step_degC)
 
 
 def test_ends_are_held_and_a_span_is_never_empty():

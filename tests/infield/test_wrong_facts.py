@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from alignment.reasons import AlignmentReason
+from infield.session.acceptance import contradict, with_likeness
 from infield.session.one_run import OnRecord, take_run
 from infield.session.reasons import SessionReason, WrongFact
 from infield.session.wrong_facts import (
@@ -20,8 +22,17 @@ from infield.session.wrong_facts import (
     without_lag,
 )
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
-from ins.verdicts import Outcome
-from tests.infield.sessions import PARKED, SETTINGS, TWIN, estimate, estimate_of, factory, simulated
+from ins.verdicts import Outcome, because
+from tests.infield.sessions import (
+    PARKED,
+    SETTINGS,
+    TAXI,
+    TWIN,
+    estimate,
+    estimate_of,
+    factory,
+    simulated,
+)
 
 SCALE, CLOCK, STEP_deg_h = 0.02, 2e-3, 0.15
 
@@ -111,6 +122,41 @@ def test_a_wrong_fact_is_found_with_its_size(fact, axis, size):
     assert best.size == pytest.approx(size, abs=max(5.0 * best.sigma, 0.15 * abs(size)))
     if fact is WrongFact.GYRO_STEP:
         assert best.at_s == pytest.approx(900.0, abs=SETTINGS.bin_s)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("off_deg", [2.0, -2.0, 0.3])
+@pytest.mark.parametrize("segments", [TAXI, PARKED])
+def test_a_wrong_latitude_is_said_once(seed, off_deg, segments):
+    """47 deg for 45: a second line blamed gyros turned by 35 mrad, or a scale 5.5 % off, and a
+    third the noise of the unit.
+    """
+    run = simulated(seed, segments).run
+    site = replace(run.header.site, lat_rad=run.header.site.lat_rad + off_deg * DEG)
+    moved = replace(run, header=replace(run.header, site=site))
+    result = take_run(moved, factory(), TWIN, SETTINGS, repeated=False)
+    assert result.verdict.outcome is Outcome.INCONSISTENT
+    assert [r.code for r in result.verdict.reasons] == [AlignmentReason.WRONG_LATITUDE]
+
+
+def test_a_latitude_and_turned_gyros_that_leave_the_same_are_rivals_in_one_sentence():
+    """One heading: whichever came first by rounding was blamed alone. A fact that explains the
+    session plainly better is blamed alone still, beside an alignment that doubts the latitude too.
+    """
+    pattern = np.ones(3)
+    nan = float("nan")
+    latitude = Suspicion(WrongFact.LATITUDE, "", nan, 0.1, 0.01, 3.8, True, pattern)
+    turned = Suspicion(WrongFact.GYRO_AXES, "y", nan, -1.7453, 0.17452, 3.8, True, pattern)
+    against = contradict(because(SessionReason.FORCE_OFF_GRAVITY))
+    for order in ([latitude, turned], [turned, latitude]):
+        (_, said) = with_likeness(against, order).reasons
+        assert said.values["fact"] is WrongFact.LATITUDE_OR_AXES and said.values["axis"] == "y"
+    better = replace(turned, sigma=0.1)
+    wrong_place = contradict(because(AlignmentReason.WRONG_LATITUDE))
+    for verdict in (against, wrong_place):
+        (_, said) = with_likeness(verdict, [better, latitude]).reasons
+        assert said.values["fact"] is WrongFact.GYRO_AXES
+    assert with_likeness(wrong_place, [turned, latitude]) == wrong_place
 
 
 def test_a_sound_session_is_not_convicted():

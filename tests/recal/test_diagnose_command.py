@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks.gap_trials.written import write_trial
 from infield.table.file import table_sha256
+from ins.errors.table import TABLE_AGED
 from ins.records import InputError
 from ins.twin_file import read_twin
 from simreal.declared.twin_effects import parse_effects
@@ -140,3 +141,19 @@ def test_a_run_to_hold_out_must_be_among_the_runs(folder):
 
 def test_alpha_out_of_range_is_wrong_usage(folder):
     assert run("run-1", "--twin", "twin.json", "--alpha", "2").exit_code == 2
+
+
+def test_a_unit_without_a_table_is_told_so_and_no_effect_is_named_in_its_place(folder):
+    """Biases of two raw runs came out as a scale factor of 1,600 ppm with a probability of 0.87.
+    What an unknown unit has anyway, a bias and a thermal curve, is its table's.
+    """
+    write_trial(trial(None, 1.0, 5, "one_cold", 0), folder / "sound")
+    blind = folder / "sound" / "blind"
+    twin = json.loads((blind / "twin.json").read_text())
+    (blind / "twin.json").write_text(json.dumps({**twin, "table": None}))
+    result = run(blind / "run-1", "--twin", blind / "twin.json", "-o", "out", "--seed", 3)
+    document = json.loads(Path("out/diagnosis.json").read_text())
+    assert result.exit_code == 0 and document["table_sha256"] is None
+    assert document["verdict"] in ("explained", "no_gap") and document["notes"]
+    assert {c["effect"] for c in document["causes"]} <= {TABLE_AGED}
+    assert not Path("out/table.json").exists()

@@ -56,6 +56,12 @@ def test_an_effect_already_selected_gains_nothing():
     assert Scorer(bank).groups_log_bf(np.array([0]), bank.score[:, None])[0, 0] == 0.0
 
 
+def test_a_fit_of_no_columns_is_empty():
+    """A twin without a table and a log without any effect: the largest of nothing was asked for."""
+    beta, P = fit(bank_of(np.ones((30, 1)), np.ones(30)), np.zeros(0, int))
+    assert beta.shape == (0,) and P.shape == (0, 0)
+
+
 def test_fit_is_least_squares_with_its_covariance():
     rng = np.random.default_rng(5)
     U, z = rng.standard_normal((60, 2)), rng.standard_normal(60)

@@ -24,6 +24,7 @@ from ins.verdicts import OBSERVED_BELOW, Observability, Outcome
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+MOST_FAULTS = 3  # of the thermometers of a run; the document has all
 # what is said of heating and cooling without -v
 SHOWN_ACTIONS = (*ACTIONS.values(), ThermalAction.SPLIT_OR_WRONG_SESSION)
 
@@ -140,7 +141,11 @@ def _effects(document: UpdateDocument) -> list[str]:
     lines = []
     if isinstance(document.zero_rate_effect, ZeroRateEffect):
         lines.append(f"  {effect_words(document.zero_rate_effect)}")
+    refused = document.verdict == Outcome.REFUSED  # its reasons say it
     for session in document.sessions:
+        if isinstance(session, EstimatedDocument) and session.temperature and not refused:
+            faults = session.temperature.faults[:MOST_FAULTS]
+            lines += [f"  {session.run_id} {fault}" for fault in faults]
         if isinstance(session, EstimatedDocument) and session.taxi:
             lines += [f"  {session.run_id} {found.text}" for found in session.taxi.needed]
         if isinstance(session, EstimatedDocument) and session.own_errors:
