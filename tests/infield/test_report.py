@@ -304,6 +304,27 @@ def test_numbers_are_plain_or_not_available():
     assert found == ["45 s", "10.0 min", "2.50 h", "n/a"]
 
 
+@pytest.mark.parametrize(
+    "state, shown, absent",
+    [
+        ("open", "recal table approve 3", "recal table export"),
+        ("approved", "recal table export", "recal table approve"),
+        ("rejected", "--propose --note WHY", "recal table approve"),
+        ("out of date", "--propose --note WHY", "recal table approve"),
+    ],
+)
+def test_a_proposal_s_page_offers_what_its_state_allows(documents, state, shown, absent):
+    d = {**documents["proposed"], "proposal": 3, "proposal_state": state}
+    if state in ("approved", "rejected"):
+        revision = 7 if state == "approved" else None
+        signed = {"by": "A. Reviewer", "decided_utc": "2026-04-02T08:00:00Z", "reason": "white"}
+        d["decision"] = {**signed, "revision": revision}
+    text = Page(update_html(d)).text
+    assert shown in text and absent not in text
+    assert ("A. Reviewer" in text) == ("decision" in d)
+    assert ("revision 7" in text) == (state == "approved")
+
+
 def test_commands_are_quoted_for_the_shell(documents):
     d = {**documents["proposed"], "store": "sqlite:///my store.db; rm x"}
     page = update_html(d)
