@@ -26,7 +26,7 @@ STEPS = {  # first words of a cell's code, and what the cell is for
 }
 
 
-OF_THE_PAGE = " You can also run it as a [notebook](tutorial.ipynb)."
+OF_THE_PAGE = "; or as a [notebook](tutorial.ipynb)"  # what only the page says
 SHOWN = "result.plot()"  # a line that a notebook shows the value of
 SAVED = '.write_html("tables.html")'
 
@@ -45,7 +45,9 @@ def notebook(page: str) -> dict[str, object]:
     """The tutorial's title and each step as a cell with a sentence before it."""
     match = re.search(r"^```python\n(.*?)^```$", page, re.M | re.S)
     assert match is not None
-    head = page.split("```")[0].strip().replace(OF_THE_PAGE, "")
+    head = page.split("```")[0].strip()
+    assert OF_THE_PAGE in head, f"docs/python.md: needed {OF_THE_PAGE!r} before its script"
+    head = head.replace(OF_THE_PAGE, "")
     cells: list[dict[str, object]] = [_text(head)]
     names: dict[str, Any] = {}
     for lines in cells_of(match[1].replace(SAVED, "")):

@@ -833,13 +833,28 @@ def _inert(value: Json) -> str:
     return text.replace("<", "\\u003c").replace("&", "\\u0026")
 
 
+def _names(shown: Sequence[Panel]) -> list[str]:
+    """Of what the panels draw, each once; one that a panel adds follows what stands before it
+    there, else all.
+    """
+    names: list[str] = []
+    for panel in shown:
+        place = len(names)
+        for name in [item.name for item in panel.items if item.name]:
+            if name not in names:
+                names.insert(place, name)
+            place = names.index(name) + 1
+    return names
+
+
 def _key(shown: Sequence[Panel]) -> Markup:
     """Each name of the panels with a sample, once; a press hides and shows what it names."""
-    samples: dict[str, Markup] = {}
+    drawn: dict[str, Markup] = {}
     for panel in shown:
         for item in panel.items:
             if item.name:
-                samples.setdefault(item.name, item.sample())
+                drawn.setdefault(item.name, item.sample())
+    samples = {name: drawn[name] for name in _names(shown)}
     named = len(samples)
     for strip in (strip for panel in shown for strip in panel.strips):
         samples.setdefault(strip.name, _area_sample(strip.colour, 1.0))

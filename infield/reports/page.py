@@ -75,8 +75,13 @@ def short_hash(sha256: str | None) -> str:
 
 
 def _visible_text(value: Any) -> Any:
-    """A text without what a browser would obey; drawings, numbers and line ends as they are."""
-    if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
+    """A text without what a browser would obey, its "+-" as the sign; drawings, numbers and line
+    ends as they are.
+    """
+    if not isinstance(value, str) or isinstance(value, Markup):
+        return value
+    value = value.replace(" +- ", " \u00b1 ")
+    if value.isprintable():
         return value
     return "\n".join(map(visible, value.split("\n")))
 

@@ -43,7 +43,9 @@ from ins.records import AXES, Span
 from ins.verdicts import Observability
 
 SESSION_COLOURS = (BLACK, GREEN, PURPLE, ORANGE, SKY)  # of the runs' points, in turn
-VAGUE = 4.0  # a point this many times the median sigma may run out of the frame: 1/16 of the weight
+# a point may run out of the frame at this many times the sigma that a quarter of all points stay
+# below: 1/16 of their weight
+VAGUE, BETTER = 4.0, 0.25
 PHASE_COLOURS = {
     "alignment": SKY,
     "extended_alignment": "#A9D8F5",
@@ -156,7 +158,7 @@ def _point_marks(points: Sequence[PointDocument], run_ids: list[str]) -> tuple[l
                 name = f"run {number + 1}, {word}"
                 items.append(run_marks(name, mark, T[rows], bias[rows], sigma[rows], number))
     shared = _common_bars(points, run_ids)
-    sure = sigma <= VAGUE * np.median(sigma)
+    sure = sigma <= VAGUE * np.quantile(sigma, BETTER)
     ends = [end for bar in shared for end in (bar.low, bar.high)]
     return [*items, *shared], np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure], *ends])
 
@@ -369,7 +371,7 @@ def residual_panel(session: SessionDocument, axis: str) -> Panel | None:
     minutes = t / MINUTE
     after = Marks(minutes, new, "o", NEW, "after, ±1 sigma", low=new - sigma, high=new + sigma)
     before = Marks(minutes, old, "o", OLD, "before", hollow=True)
-    sure = sigma <= VAGUE * np.median(sigma)
+    sure = sigma <= VAGUE * np.quantile(sigma, BETTER)
     shown = [(new - sigma)[sure], (new + sigma)[sure], old[sure], [0.0]]
     return Panel(
         title=f"Gyro {axis}: points less the table",

@@ -22,6 +22,7 @@ from infield.reports.documents.update import TableUncertainty, table_uncertainty
 from infield.reports.documents.update_records import (
     ChangeDocument,
     ConsistencyDocument,
+    ProposalState,
     UpdateDocument,
     VarianceShares,
 )
@@ -41,6 +42,11 @@ VERDICTS: dict[str, tuple[str, str, str]] = {  # verdict: word, look, symbol
     Outcome.PROPOSED: ("Proposed", "fair", "\u25c6"),
     Outcome.REFUSED: ("Refused", "none", "\u25a0"),
     Outcome.INCONSISTENT: ("Inconsistent", "bad", "\u2716"),
+}
+PROPOSALS = {  # what became of one: as VERDICTS
+    ProposalState.OUT_OF_DATE: ("Out of date", "none", "\u25a0"),
+    ProposalState.APPROVED: ("Approved", "good", "\u2714"),
+    ProposalState.REJECTED: ("Rejected", "bad", "\u2716"),
 }
 BADGES: dict[str, tuple[str, str]] = {
     Observability.OBSERVED: ("observed", "good"),
@@ -179,11 +185,12 @@ def update_html(document: UpdateDocument) -> str:
     return render_page(
         "update.html.j2",
         d=document,
-        verdict=VERDICTS.get(document.verdict, (str(document.verdict), "none", "\u25a0")),
+        verdict=_verdict(document),
         statement=_statement(document),
         next=_next_step(document),
         axes=[_axis(document, axis, known) for axis in AXES],
         decimals=_decimals(document),
+        revision=(document.decision or document).revision,
         changed=_changed(document),
         bias_panels=drawn["bias"],
         shape_panels=drawn["shape"],
@@ -211,6 +218,13 @@ def update_html(document: UpdateDocument) -> str:
 def estimated_of(document: UpdateDocument) -> list[EstimatedDocument]:
     """The sessions that were estimated."""
     return [s for s in document.sessions if isinstance(s, EstimatedDocument)]
+
+
+def _verdict(document: UpdateDocument) -> tuple[str, str, str]:
+    """Word, look and symbol: of what became of a proposal, else of the verdict."""
+    verdict = VERDICTS.get(document.verdict, (str(document.verdict), "none", "\u25a0"))
+    state = document.proposal_state
+    return verdict if state is None else PROPOSALS.get(state, verdict)
 
 
 def _table(data: TableDocument, name: str) -> ThermalTable | None:
@@ -260,6 +274,14 @@ def _statement(document: UpdateDocument) -> Statement:
 def _next_step(document: UpdateDocument) -> tuple[str, str]:
     """What the reader does now, in words and as a command."""
     commands = _commands(document)
+    again = f"{commands.reproduce} --propose --note WHY"
+    match document.proposal_state:
+        case ProposalState.APPROVED:
+            return "Next, write it to a file for the unit:", commands.export
+        case ProposalState.REJECTED:
+            return "Put it forward again where the reason no longer holds:", again
+        case ProposalState.OUT_OF_DATE:
+            return "Next, update again from the same runs:", again
     match document.verdict:
         case Outcome.COMMITTED:
             return "Next, write it to a file for the unit:", commands.export
@@ -303,9 +325,22 @@ def _use_of_proposal(document: UpdateDocument) -> str:
             "Not in use yet: nothing was stored. Read this page, then run the same command with"
             " --commit."
         )
+    kept, decision = f"proposal {document.proposal}", document.decision
+    if document.proposal_state is ProposalState.OUT_OF_DATE:
+        return f"Not in use: another table is active by now, so {kept} cannot be approved."
+    if decision is None:
+        return (
+            f"Not in use yet: it waits as {kept} to be approved or rejected. Read this page first."
+        )
+    signed = (
+        f"{kept} was {document.proposal_state} by {decision.by} on {decision.decided_utc}"
+        f" ({decision.reason})"
+    )
+    if decision.revision is None:
+        return f"Not in use: {signed}. The stored table stayed as it was."
     return (
-        f"Not in use yet: it waits as proposal {document.proposal} to be approved or rejected."
-        " Read this page first."
+        f"The new table is stored as revision {decision.revision}: {signed}. It counts once the"
+        " unit has loaded it."
     )
 
 

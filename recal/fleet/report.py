@@ -93,7 +93,7 @@ def ranking_panel(document: FleetReport) -> Panel | None:
         x_label="unit" if few else "rank",
         x_ticks=named if few else None,
         upright=few and len(named) > MOST_LEVEL,
-        y_label="[NM/h]",
+        y_label="drift [NM/h]",
         x_limits=(0.0, last),
         x_step=whole_step(last),
         y_limits=(0.0, 1.06 * min(top, highest)),

@@ -17,7 +17,7 @@ from infield.store.verify import StoreCheck, UnitCheck
 from infield.store.verify import StoreVerdict as StoreVerdict
 from infield.table.file import export_command as export_command
 from infield.table.thermal_table import ThermalTable
-from ins.documents import INLINE, OMIT_NONE, to_json
+from ins.documents import INLINE, OMIT_NONE, plain, to_json
 from ins.json_file import JsonObject, read_json_object
 from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
@@ -197,8 +197,9 @@ def decide(
 
 
 def proposed_document(full: FullProposal) -> JsonObject:
-    """The update document of a proposal, with its number."""
-    return {**full.report, "proposal": full.number}
+    """The update document of a proposal, with its number and what has become of it."""
+    found = {**full.report, "proposal": full.number, "proposal_state": full.state}
+    return found if full.decision is None else {**found, "decision": plain(full.decision)}
 
 
 def write_proposal(full: FullProposal, output: Path) -> None:

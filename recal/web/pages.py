@@ -18,6 +18,7 @@ from recal.service.results.pages import (
     stored_update_html,
 )
 from recal.service.store import FullProposal, Revision, TableStore, UnitKey
+from recal.service.tables import proposed_document
 from recal.web import views
 from recal.web.drawings import TableLine
 from recal.web.reports import DOCUMENT, PAGE
@@ -219,8 +220,8 @@ def proposal(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
 def proposal_report(reader: Reader, asked: Unit, number: Number) -> HTMLResponse:
     with reader.site.tables() as opened:
         full = opened.proposal(number, *asked.key)
-    document = {**full.report, "proposal": number}
-    return framed(_drawn(reader.site, full.record_sha256, document))
+    key = f"{full.record_sha256} {full.state}"
+    return framed(_drawn(reader.site, key, proposed_document(full)))
 
 
 @router.get("/proposal/update.json")

@@ -1,5 +1,7 @@
 """Specifications of figures: what plotly is given for panels, lines, bands, marks and texts."""
 
+import re
+
 import numpy as np
 import pytest
 from plotly.graph_objects import Figure
@@ -113,6 +115,17 @@ def test_a_key_names_each_item_once_and_a_press_finds_its_traces():
     found = [t["meta"] for spec in specifications(page) for t in spec["data"]]
     assert found == ["first", "second"] * 2
     assert "<button" not in panels([Panel(items=[Line(X, X, "#000000", "alone")])])
+
+
+@pytest.mark.parametrize(
+    "first, second, key",
+    [("abd", "abcd", "abcd"), ("ab", "cd", "abcd"), ("ad", "bcd", "adbc"), ("ac", "ab", "abc")],
+)
+def test_a_key_keeps_the_order_of_every_panel(first, second, key):
+    held = [
+        Panel(items=[Line(X, X, "#000000", name) for name in names]) for names in (first, second)
+    ]
+    assert re.findall(r'data-name="(\w)"', str(panels(held))) == list(key)
 
 
 def test_several_panels_are_one_figure_with_one_legend():

@@ -183,7 +183,8 @@ def _expected(document):
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_required_item_is_on_the_page(documents, pages, kind):
     text = Page(pages[kind]).text
-    missing = [item for item in _expected(documents[kind]) if " ".join(item.split()) not in text]
+    items = [" ".join(item.replace("+-", "±").split()) for item in _expected(documents[kind])]
+    missing = [item for item in items if item not in text]
     assert not missing
 
 
@@ -302,6 +303,27 @@ def test_numbers_are_plain_or_not_available():
     assert report_page.heading(-0.004, 2) == "0.00" and report_page.heading(-90.0) == "270.00"
     found = [report_page.duration(s) for s in (45.0, 600.0, 9000.0, None)]
     assert found == ["45 s", "10.0 min", "2.50 h", "n/a"]
+
+
+@pytest.mark.parametrize(
+    "state, shown, absent",
+    [
+        ("open", "recal table approve 3", "recal table export"),
+        ("approved", "recal table export", "recal table approve"),
+        ("rejected", "--propose --note WHY", "recal table approve"),
+        ("out of date", "--propose --note WHY", "recal table approve"),
+    ],
+)
+def test_a_proposal_s_page_offers_what_its_state_allows(documents, state, shown, absent):
+    d = {**documents["proposed"], "proposal": 3, "proposal_state": state}
+    if state in ("approved", "rejected"):
+        revision = 7 if state == "approved" else None
+        signed = {"by": "A. Reviewer", "decided_utc": "2026-04-02T08:00:00Z", "reason": "white"}
+        d["decision"] = {**signed, "revision": revision}
+    text = Page(update_html(d)).text
+    assert shown in text and absent not in text
+    assert ("A. Reviewer" in text) == ("decision" in d)
+    assert ("revision 7" in text) == (state == "approved")
 
 
 def test_commands_are_quoted_for_the_shell(documents):

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.json_file import read_toml
 from ins.records import InputError
-from ins.units import DEG_PER_HOUR
+from ins.units import DEG, DEG_PER_HOUR
 from recal.cli.logs import convert as command
 from recal.service.convert import convert
 from tests.recal.verbs import check
@@ -232,6 +232,21 @@ def test_missing_or_wrong_header_values_are_named(tmp_path, given, line):
     source = csv_run(tmp_path / "source") / "imu.csv"
     with pytest.raises(InputError, match=line):
         convert_log(source, {}, GIVEN | given)
+
+
+def test_a_wrong_header_value_names_the_map_s_file_where_there_is_one(tmp_path):
+    source, walk = csv_run(tmp_path / "source") / "imu.csv", tmp_path / "walk.toml"
+    # a site's keys may stand in [run] itself
+    walk.write_text('format = "csv"\n[run]\nlat_deg = 91\nlon_deg = 7\n')
+    given = {key: GIVEN[key] for key in ("imu_serial", "gyro_technology", "start_utc")}
+    with pytest.raises(InputError, match=r"^walk.toml: .*site\.lat_deg: got 91"):
+        convert(source, map_file=walk, header=given)
+    with pytest.raises(InputError, match=r"^options: site\.lat_deg: got 91"):
+        convert(source, header={**GIVEN, "lat_deg": 91})
+    site = convert(
+        source, map_file=walk, header={**given, "lat_deg": 30}
+    ).conversion.run.header.site
+    assert (site.lat_rad, site.lon_rad) == pytest.approx((30 * DEG, 7 * DEG))
 
 
 def test_unknown_keys_formats_and_files_are_refused(tmp_path):

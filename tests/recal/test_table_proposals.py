@@ -81,6 +81,11 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
     assert again(note="it was not towed")["proposal"] == 2
     approved = answered("table", "approve", 2, "--by", "A. Reviewer", "--reason", "white residuals")
     assert (approved["verdict"], approved["decision"]["revision"]) == ("approved", 2)
+    for number, state, by in ((1, "rejected", "A"), (2, "approved", "A. Reviewer")):
+        answered("table", "proposals", number, "-o", "decided", "--force")
+        decided = json.loads((folder / "decided/update.json").read_text())
+        assert (decided["proposal_state"], decided["decision"]["by"]) == (state, by)
+        assert f"approve {number}" not in (folder / "decided/update.html").read_text()
     with TableStore.open(URL) as store:
         assert store.active().sha256 == document["table_after_sha256"] != first.sha256
         assert store.active().note == "proposal 2 approved by A. Reviewer: white residuals"
@@ -108,7 +113,7 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
     found = json.loads((folder / "again/update.json").read_text())
-    assert found == {"verdict": "proposed", "proposal": 1}
+    assert found == {"verdict": "proposed", "proposal": 1, "proposal_state": "open"}
     assert (folder / "again/update.html").read_text() == "proposal 1"
 
 

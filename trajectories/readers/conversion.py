@@ -17,7 +17,10 @@ from trajectories.readers.rows.column_map import (
     ACCEL_RATES,
     GYRO_INCREMENTS,
     GYRO_RATES,
+    OF_LATITUDE,
+    SITE_KEYS,
     LogOptions,
+    MapError,
 )
 from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
@@ -42,8 +45,6 @@ RUN_OPTIONS = {
 }
 # of a site: gravity and Earth rate do not depend on its longitude, 1000 m change gravity by 0.03 %
 NEXT_TO_NOTHING = ("lon_deg", "height_m")
-OF_LATITUDE = ("sigma_lat_deg", "lat_source")
-SITE_KEYS = ("lat_deg", "lon_deg", "height_m", *OF_LATITUDE)
 NO_OPTIONS = LogOptions()
 MANY_LOST = 0.01  # of all rows; chosen: a dropout now and then costs less than 1 %
 # What a note may be about that says why a key of the header is missing.
@@ -108,7 +109,7 @@ def conversion_of(
     options: the map that it was read by.
     """
     findings, label = Findings(), path.name
-    header = run_header(log.header, given, path.name, log.notes)
+    header = run_header(log.header, given, path.name, log.notes, options=options)
     rate = RateScan(1.0 / log.imu.rate_hz, lambda k: f"{label}: row {k + 1}", label)
     rate.feed(log.imu.time_s)
     findings.error(*rate.lines)
@@ -185,6 +186,8 @@ def run_header(
     given: Mapping[str, str | float | None],
     name: str,
     notes: Sequence[str] = (),
+    *,
+    options: LogOptions = NO_OPTIONS,
 ) -> RunHeader:
     """The header of a run from what its log or map says and from the options, which win.
 
@@ -198,11 +201,13 @@ def run_header(
         Of the log, which the run is called by.
     notes : sequence of str
         What the reader noticed: one may say why a key is missing.
+    options : LogOptions
+        The map that the log was read by.
 
     Raises
     ------
     InputError
-        Names what is missing, unknown or wrong.
+        Names what is missing, unknown or wrong; a MapError where the map has a [run].
     """
     known = {k: v for k, v in given.items() if v is not None}
     position = {k: known.pop(k) for k in SITE_KEYS if k in known}
@@ -231,11 +236,15 @@ def run_header(
             if strange:
                 why = f" (nothing is called {', '.join(strange)})"
             raise InputError(f"{name}: needed from the options or [run] in the map: {told}{why}")
+    mapped = bool(options.keys.get("run"))
+    said_by = ["map [run]"] if mapped else []
+    said_by += ["options"] if known or position else []
     checked, errors, unknown = header_from_json(
-        {**header, "site": site}, name="options and map [run]"
+        {**header, "site": site}, name=" and ".join(said_by) or name
     )
     if checked is None or unknown:
-        raise InputError((errors + unknown)[0])
+        line = (errors + unknown)[0]
+        raise MapError(line) if mapped else InputError(line)
     return checked
 
 

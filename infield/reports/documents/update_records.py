@@ -5,6 +5,7 @@ What formats.md does not promise of a file may be missing from an older one: it 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from infield.reports.documents.alignment import NoiseFit
 from infield.reports.documents.session_records import (
@@ -204,12 +205,32 @@ class EffectsCompared:
     left_in: EffectsOutcome
 
 
+class ProposalState(StrEnum):
+    """Where a proposal stands; out of date: another table is active by now."""
+
+    OPEN = "open"
+    OUT_OF_DATE = "out of date"
+    APPROVED = "approved"
+    REJECTED = "rejected"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionDocument:
+    """What was decided on a proposal; revision: that an approved one became."""
+
+    by: str
+    decided_utc: str
+    reason: str
+    revision: int | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class UpdateDocument:
     """The whole file. Tables and noise model stand as formats.md writes them.
 
     conflicts: with other writers, before the table was estimated against the active one;
-    remembered: what became of contradicting sessions; proposal: under which number it is kept.
+    remembered: what became of contradicting sessions; proposal: under which number it is kept,
+    proposal_state and decision: what has become of it since.
     new_unit: what an update of a unit without a table rests on.
     noise_note: that sigma rests on the defaults of the technology, where it does; noise_fit:
     whether the noise model fits the runs.
@@ -259,6 +280,8 @@ class UpdateDocument:
     conflicts: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     remembered: str | None = field(default=None, metadata=OMIT_NONE)
     proposal: int | None = field(default=None, metadata=OMIT_NONE)
+    proposal_state: ProposalState | None = field(default=None, metadata=OMIT_NONE)
+    decision: DecisionDocument | None = field(default=None, metadata=OMIT_NONE)
 
     @property
     def run_ids(self) -> list[str]:

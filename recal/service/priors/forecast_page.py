@@ -103,7 +103,7 @@ def _panel(unit: UnitForecast, limit_nm_h: float) -> Panel:
         title=unit.imu_serial,
         label=f"Predicted drift of {unit.imu_serial} against the limit",
         x_label="year",
-        y_label="[NM/h]",
+        y_label="drift [NM/h]",
         x_limits=(float(ends[0]), float(ends[1])),
         y_limits=(0.0, top),
         x_ticks=[(float(year), str(year)) for year in range(math.ceil(ends[0]), int(ends[1]) + 1)],

@@ -12,6 +12,7 @@ from typing import Any
 
 from ins.json_file import read_toml
 from ins.records import InputError, RunHeader
+from recal.service.convert import map_errors
 from recal.service.inputs.records import AnyTwin
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.update import Update, UpdateRequest, update_in_store
@@ -19,11 +20,11 @@ from recal.service.watch.interim import InterimRequest, begin, estimated
 from recal.service.watch.monitor import Monitor
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import Estimated, WatchState
-from trajectories.readers.conversion import SITE_KEYS, run_header
+from trajectories.readers.conversion import run_header
 from trajectories.readers.live.mavlink_source import Fix, MavlinkSource
 from trajectories.readers.live.rows import Source
 from trajectories.readers.live.text_source import RunSource, TableSource
-from trajectories.readers.rows.column_map import LogOptions
+from trajectories.readers.rows.column_map import SITE_KEYS, LogOptions
 from trajectories.runs.directory import inspect_run
 
 SHOWN_S = 1.0  # how often rows go to the disk and the state is told: a kill costs 1 s
@@ -116,7 +117,8 @@ def watch(request: WatchRequest) -> Update:
     source = opened(request)
     recording = Recording(source, request.run)
     try:
-        _follow(request, source, recording)
+        with map_errors(request.map_):
+            _follow(request, source, recording)
     finally:
         recording.close()
         source.close()
@@ -329,7 +331,8 @@ def header_of(request: WatchRequest, said_by_source: LogOptions) -> RunHeader:
         "gyro_technology": technology or _technology(request.store_url, serial),
         "lat_deg": request.lat_deg,
     }
-    return run_header(said, given, request.run.name)
+    mapped = LogOptions({} if request.map_ is None else {"run": said})
+    return run_header(said, given, request.run.name, options=mapped)
 
 
 def _technology(store_url: str, serial: str | None) -> str | None:

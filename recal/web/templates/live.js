@@ -1,15 +1,15 @@
 "use strict";
 (() => {
   const at = (id) => document.getElementById(id);
-  const cell = (name, className, textContent) =>
-    Object.assign(document.createElement(name), { className, textContent });
+  const signs = (text) => text.replaceAll(" +- ", " \u00b1 ").replaceAll(" -> ", " \u2192 ");
+  const cell = (name, className, text) =>
+    Object.assign(document.createElement(name), { className, textContent: signs(text) });
   const line = (name, className, [first, ...others]) => {
     const row = document.createElement("tr");
     row.append(cell("th", "name", first), ...others.map((text) => cell(name, className, text)));
     return row;
   };
-  const items = (id, texts) => at(id).replaceChildren(
-    ...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  const items = (id, texts) => at(id).replaceChildren(...texts.map((text) => cell("li", "", text)));
   let shown = null;
   const report = (of) => {
     if (of === null || of === shown) { return; }

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.json_file import Json, StrictModel, parse, refuse_non_finite
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
 from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
@@ -38,6 +38,9 @@ ANGLES_DEG = {"deg": 1.0, "rad": 1 / DEG, "1e-7 deg": 1e-7}
 HEIGHTS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT}
 CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
 
+# of a site, which run.json keeps together
+OF_LATITUDE = ("sigma_lat_deg", "lat_source")
+SITE_KEYS = ("lat_deg", "lon_deg", "height_m", *OF_LATITUDE)
 PLACEHOLDER = "?"  # of what a starter map leaves to its reader
 
 K = TypeVar("K", bound=BaseModel)
@@ -185,12 +188,22 @@ class OdometerKeys(FileKeys):
 
 class StretchKeys(StrictModel):
     """Every map may say which stretch of the log to take, by the log's own clock [s]; `run` holds
-    keys for run.json.
+    keys for run.json, those of its site also without [run.site].
     """
 
     from_s: float = -np.inf
     to_s: float = np.inf
     run: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("run")
+    @classmethod
+    def _with_site(cls, run: dict[str, Json]) -> dict[str, Json]:
+        flat = {key: value for key, value in run.items() if key in SITE_KEYS}
+        site = run.get("site", {})
+        if not flat or not isinstance(site, dict):
+            return run
+        others = {key: value for key, value in run.items() if key not in SITE_KEYS}
+        return {**others, "site": {**site, **flat}}
 
 
 class MapError(InputError):
