@@ -41,7 +41,7 @@ READING_DECIMALS = 9
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
 # of a reading that is held: nats by which its own noise denies it, and steps that its warming
 # should have passed meanwhile; chosen: noise holds so long once in e^20; no sound unit of 600
-# (tests/scenarios/thermal_faults.py) nor of 375 whose surroundings change at once missed 10 steps
+# (tests/scenarios/thermal_faults.py) missed 10 steps
 DENIED_NATS, MISSED_STEPS = 20.0, 15.0
 # by which its noise is judged; chosen: the slowest log, of 10 s, has 30 rows in it
 NOISE_BEFORE_S = 300.0
