@@ -158,9 +158,14 @@ def _point_marks(points: Sequence[PointDocument], run_ids: list[str]) -> tuple[l
                 name = f"run {number + 1}, {word}"
                 items.append(run_marks(name, mark, T[rows], bias[rows], sigma[rows], number))
     shared = _common_bars(points, run_ids)
-    sure = sigma <= VAGUE * np.quantile(sigma, BETTER)
+    sure = _in_frame(sigma)
     ends = [end for bar in shared for end in (bar.low, bar.high)]
     return [*items, *shared], np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure], *ends])
+
+
+def _in_frame(sigma: NDArray) -> NDArray:
+    """Which points the frame has to hold."""
+    return np.asarray(sigma <= VAGUE * np.quantile(sigma, BETTER))
 
 
 def run_marks(
@@ -371,7 +376,7 @@ def residual_panel(session: SessionDocument, axis: str) -> Panel | None:
     minutes = t / MINUTE
     after = Marks(minutes, new, "o", NEW, "after, ±1 sigma", low=new - sigma, high=new + sigma)
     before = Marks(minutes, old, "o", OLD, "before", hollow=True)
-    sure = sigma <= VAGUE * np.quantile(sigma, BETTER)
+    sure = _in_frame(sigma)
     shown = [(new - sigma)[sure], (new + sigma)[sure], old[sure], [0.0]]
     return Panel(
         title=f"Gyro {axis}: points less the table",

@@ -542,7 +542,9 @@ class Attributor:
         return float(found.x) * level, -float(found.fun)
 
     def _term(self, noise: NoiseHypothesis, shape: Mapping[str, float]) -> Term:
-        """Where a noise of this shape shows."""
+        """Where a noise of this shape shows: worked out for those of the grid before."""
+        if shape in noise.shapes:
+            return noise.terms[noise.shapes.index(dict(shape))]
         return term_of(
             self.evidence, self.squares, noise.effect, noise.target, dict(shape), noise.run
         )
