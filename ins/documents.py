@@ -2,6 +2,7 @@
 
 `to_json` writes a record, `from_json` reads it through pydantic's TypeAdapter. The writer is a walk
 over the fields: pydantic writes 1e-05 as 1e-5, and what is stored or hashed keeps its bytes.
+A field may say beside its type what it is made of (`MadeOf`), and `made` fills the record.
 
 Decision: docs/decisions/0091-one-codec.md.
 """
@@ -9,7 +10,7 @@ Decision: docs/decisions/0091-one-codec.md.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, field, fields, is_dataclass, make_dataclass
+from dataclasses import MISSING, Field, field, fields, is_dataclass, make_dataclass
 from enum import Enum
 from functools import lru_cache
 from operator import attrgetter
@@ -17,6 +18,7 @@ from types import UnionType
 from typing import (
     Annotated,
     Any,
+    Generic,
     NamedTuple,
     TypeVar,
     Union,
@@ -28,6 +30,8 @@ from typing import (
 )
 
 R = TypeVar("R")
+S = TypeVar("S")
+T = TypeVar("T")
 
 # Metadata of a record's field: left out of the JSON where it is None; never in it (what a page is
 # drawn from); the keys of its record in the place of its own, which `from_json` cannot read.
@@ -89,6 +93,74 @@ def written(keys: str) -> Callable[[type[R]], type[R]]:
 
 
 KEYS_OF: dict[type, tuple[str, ...]] = {}
+
+
+class MadeOf(Generic[S]):
+    """Declares fields of a document that are made of a record in other units, where they stand.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> class Gyro(NamedTuple):
+    ...     axis: str
+    ...     bias_rad_s: float
+    >>> gyro = MadeOf[Gyro]()
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Bias:
+    ...     axis: str = gyro(lambda g: g.axis)
+    ...     bias_deg_h: float = gyro(lambda g: g.bias_rad_s / 4.84813681109536e-06)
+    ...     run_id: str
+    >>> made(Bias, Gyro("x", 4.84813681109536e-08), run_id="monday")
+    Bias(axis='x', bias_deg_h=0.01, run_id='monday')
+    """
+
+    def __call__(
+        self,
+        of: Callable[[S], T],
+        metadata: Mapping[str, bool] | None = None,
+        *,
+        default: Any = MISSING,
+    ) -> T:
+        """A field of a dataclass.
+
+        Parameters
+        ----------
+        of : callable
+            What the field holds, of the record.
+        metadata : Mapping, optional
+            As `OMIT_NONE`.
+        default : object, optional
+            Of a file that lacks the key.
+
+        Returns
+        -------
+        field : T
+            `dataclasses.field`, for mypy the value itself.
+        """
+        return cast(T, field(default=default, metadata={**(metadata or {}), MADE_OF: of}))
+
+
+MADE_OF = "made_of"
+
+
+def made(kind: type[R], of: Any, **values: Any) -> R:
+    """A document of a record.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass with fields of `MadeOf`.
+    of : object
+        What they are made of.
+    **values
+        The other fields; of the same name as one that is made, in its place.
+
+    Returns
+    -------
+    document : kind
+    """
+    parts = [f for f in fields(cast(Any, kind)) if MADE_OF in f.metadata and f.name not in values]
+    return kind(**{f.name: f.metadata[MADE_OF](of) for f in parts}, **values)
 
 
 class Null(Enum):

@@ -17,8 +17,10 @@ from ins.documents import (
     INLINE,
     OMIT_NONE,
     UNWRITTEN,
+    MadeOf,
     Null,
     from_json,
+    made,
     plain,
     to_json,
     written,
@@ -191,3 +193,30 @@ def test_named_keys_take_properties_and_attributes_of_fields():
     place = SimpleNamespace(name="Bern")
     assert plain(Shown(place, 3.0)) == {"bias": "Bern", "half": 1.5}
     assert list(plain(ShownTwice(None))) == ["bias", "size"]
+
+
+of_place = MadeOf[SimpleNamespace]()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    lat_deg: float = of_place(lambda place: place.lat_rad * 2.0)
+    run_id: str
+    note: str | None = of_place(lambda place: place.note, OMIT_NONE, default=None)
+
+
+def test_a_document_is_made_where_its_fields_are_declared():
+    found = SimpleNamespace(lat_rad=0.5, note=None)
+    assert plain(made(Place, found, run_id="a")) == {"lat_deg": 1.0, "run_id": "a"}
+    assert made(Place, found, run_id="a", lat_deg=3.0).lat_deg == 3.0
+    with pytest.raises(TypeError, match="run_id"):
+        made(Place, found)
+    with pytest.raises(AttributeError, match="lat_rad"):
+        made(Place, SimpleNamespace(note=None), run_id="a")
+
+
+def test_a_field_that_is_made_needs_its_key_in_a_file_unless_it_has_a_default():
+    read = from_json(Place, {"lat_deg": 1.0, "run_id": "a"}, name="x")
+    assert read == Place(lat_deg=1.0, run_id="a")
+    with pytest.raises(InputError, match="lat_deg"):
+        from_json(Place, {"run_id": "a"}, name="x")

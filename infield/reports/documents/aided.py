@@ -10,19 +10,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.inertial import Where
 from infield.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.aided.flight import AidedResult, Outage, leap_times, nis_of, rejected_rows, reset_times
 from infield.aided.grade import Weak
 from infield.aided.left_out import OutageScore
+from infield.aided.noise import NoiseScales
 from infield.aided.reasons import AidedGrade, AidedVerdict, StartMethod
 from infield.aided.start import FoundStart
 from infield.aided.taken import TypeShare, shares_by_type
+from infield.aided.wheels import Mounting
 from infield.reports.documents.alignment import FilterNis
 from ins.attitude import euler_from_dcm, wrap_pi
-from ins.documents import OMIT_NONE
+from ins.documents import OMIT_NONE, MadeOf, made
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, level_sigmas
-from ins.filters.aided_records import AidedHistory, Antenna, Fixes
+from ins.filters.aided_records import AidedHistory, Antenna
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
@@ -33,7 +36,14 @@ from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import codes, sentences
 
 MOST = 500  # rejects that are listed
+POSITION, VELOCITY = range(len(KINDS))
 ANGLES = ("roll", "pitch", "heading")
+of = MadeOf[AidedResult]()
+of_start = MadeOf[FoundStart]()
+of_scales = MadeOf[NoiseScales]()
+of_history = MadeOf[AidedHistory]()
+of_mounting = MadeOf[Mounting]()
+of_arm = MadeOf[Antenna]()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,22 +58,22 @@ class TimeSpanDocument:
 class StartDocument:
     """Where and how the solution begins."""
 
-    time_s: float
-    method: StartMethod
-    span: TimeSpanDocument
-    heading_deg: float
-    sigma_heading_deg: float
+    time_s: float = of_start(lambda found: found.start.state.time_s)
+    method: StartMethod = of_start(lambda found: found.method)
+    span: TimeSpanDocument = of_start(lambda found: _spans([found.span])[0])
+    heading_deg: float = of_start(lambda f: float(euler_from_dcm(f.start.state.C_nb)[2]) / DEG)
+    sigma_heading_deg: float = of_start(lambda found: found.sigma_heading_rad / DEG)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FixesDocument:
     """How many fixes were seen, used and rejected."""
 
-    count: int
-    used_position: int
-    used_velocity: int
-    rejected_position: int
-    rejected_velocity: int
+    count: int = of_history(lambda h: int((h.used > 0).any(axis=1).sum()))
+    used_position: int = of_history(lambda h: nis_of(h, POSITION)[1] // 3)
+    used_velocity: int = of_history(lambda h: nis_of(h, VELOCITY)[1] // 3)
+    rejected_position: int = of_history(lambda h: int(rejected_rows(h, POSITION).size))
+    rejected_velocity: int = of_history(lambda h: int(rejected_rows(h, VELOCITY).size))
     by_type: Sequence[TypeShare]
 
 
@@ -101,20 +111,22 @@ class AidedConsistencyDocument:
 class AidedNoiseDocument:
     """Factors on the declared sigmas; a time constant is None without its slow error."""
 
-    fitted: bool
-    white_factor: float
-    walk_factor: float
-    accel_white_factor: float
-    accel_walk_factor: float
-    shaken_factor: float
-    position_factor: float
-    velocity_factor: float
-    slow_factor: float
-    slow_s: float | None
-    slow_velocity_factor: float
-    slow_velocity_s: float | None
-    slow_other_factor: float
-    at_largest: Sequence[str]
+    fitted: bool = of_scales(lambda s: s.fitted)
+    white_factor: float = of_scales(lambda s: s.white)
+    walk_factor: float = of_scales(lambda s: s.walk)
+    accel_white_factor: float = of_scales(lambda s: s.accel_white)
+    accel_walk_factor: float = of_scales(lambda s: s.accel_walk)
+    shaken_factor: float = of_scales(lambda s: s.stirred)
+    position_factor: float = of_scales(lambda s: s.position)
+    velocity_factor: float = of_scales(lambda s: s.velocity)
+    slow_factor: float = of_scales(lambda s: s.slow)
+    slow_s: float | None = of_scales(lambda s: s.slow_s if s.slow else None)
+    slow_velocity_factor: float = of_scales(lambda s: s.slow_velocity)
+    slow_velocity_s: float | None = of_scales(
+        lambda s: s.slow_velocity_s if s.slow_velocity else None
+    )
+    slow_other_factor: float = of_scales(lambda s: s.slow_other)
+    at_largest: Sequence[str] = of_scales(lambda s: s.capped)
     declared_nis: Mapping[str, float]
 
 
@@ -122,12 +134,12 @@ class AidedNoiseDocument:
 class ArmDocument:
     """Lever arm and delays with their sigmas."""
 
-    lever_arm_m: Sequence[float]
-    sigma_lever_arm_m: Sequence[float]
-    delay_s: float
-    sigma_delay_s: float
-    velocity_delay_s: float
-    sigma_velocity_delay_s: float
+    lever_arm_m: Sequence[float] = of_arm(lambda arm: arm.lever_arm_m.tolist())
+    sigma_lever_arm_m: Sequence[float] = of_arm(lambda arm: antenna_sigmas(arm)[:3].tolist())
+    delay_s: float = of_arm(lambda arm: arm.delay_s)
+    sigma_delay_s: float = of_arm(lambda arm: float(antenna_sigmas(arm)[3]))
+    velocity_delay_s: float = of_arm(lambda arm: arm.velocity_delay_s)
+    sigma_velocity_delay_s: float = of_arm(lambda arm: float(antenna_sigmas(arm)[4]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,23 +188,23 @@ class WheelsDocument:
 
     used: int
     rejected: int
-    mounted_yaw_deg: float
-    sigma_mounted_yaw_deg: float
-    mounted_pitch_deg: float
-    sigma_mounted_pitch_deg: float
+    mounted_yaw_deg: float = of_mounting(lambda mounting: mounting.yaw_rad / DEG)
+    sigma_mounted_yaw_deg: float = of_mounting(lambda mounting: mounting.sigma_rad[0] / DEG)
+    mounted_pitch_deg: float = of_mounting(lambda mounting: mounting.pitch_rad / DEG)
+    sigma_mounted_pitch_deg: float = of_mounting(lambda mounting: mounting.sigma_rad[1] / DEG)
 
 
 @dataclass(frozen=True, kw_only=True)
 class AidedDocument:
     """The `aided` part of replay.json where nothing was flown."""
 
-    verdict: AidedVerdict
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
-    notes: Sequence[str]
-    note_codes: Sequence[str | None]
-    table: str
-    standing: Sequence[TimeSpanDocument]
+    verdict: AidedVerdict = of(lambda result: result.verdict)
+    reasons: Sequence[str] = of(lambda result: sentences(result.reasons))
+    reason_codes: Sequence[str | None] = of(lambda result: codes(result.reasons))
+    notes: Sequence[str] = of(lambda result: sentences(result.notes))
+    note_codes: Sequence[str | None] = of(lambda result: codes(result.notes))
+    table: str = of(lambda result: result.role)
+    standing: Sequence[TimeSpanDocument] = of(lambda result: _spans(result.stands))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,21 +212,21 @@ class AidedFlightDocument(AidedDocument):
     """The same with a solution."""
 
     start: StartDocument
-    end: Mapping[str, float]
+    end: Mapping[str, float] = of(lambda result: _end(result))
     fixes: FixesDocument
     rejected: Sequence[RejectedDocument]
-    outages: Sequence[Outage]
-    outage_scores: Sequence[OutageScore]
+    outages: Sequence[Outage] = of(lambda result: result.outages)
+    outage_scores: Sequence[OutageScore] = of(lambda result: result.outage_scores)
     resets_s: Sequence[float]
     leaps_s: Sequence[float]
-    grade: AidedGrade
-    degraded: Sequence[Weak]
+    grade: AidedGrade = of(lambda result: result.grade or AidedGrade.GOOD)
+    degraded: Sequence[Weak] = of(lambda result: result.weak)
     consistency: AidedConsistencyDocument
-    noise: AidedNoiseDocument
-    antenna: AntennaDocument | None
+    noise: AidedNoiseDocument = of(lambda result: _noise(result))
+    antenna: AntennaDocument | None = of(lambda result: _antenna(result.antenna))
     scoring_only: ScoresDocument | None
-    smoothed: SmoothedDocument | None = field(default=None, metadata=OMIT_NONE)
-    wheels: WheelsDocument | None = field(default=None, metadata=OMIT_NONE)
+    smoothed: SmoothedDocument | None = field(metadata=OMIT_NONE)
+    wheels: WheelsDocument | None = field(metadata=OMIT_NONE)
 
 
 def aided_document(
@@ -223,52 +235,36 @@ def aided_document(
     """The document; None without GNSS or where it was not asked for."""
     if result is None:
         return None
-    head = AidedDocument(
-        verdict=result.verdict,
-        reasons=sentences(result.reasons),
-        reason_codes=codes(result.reasons),
-        notes=sentences(result.notes),
-        note_codes=codes(result.notes),
-        table=result.role,
-        standing=[TimeSpanDocument(start_s=a, end_s=b) for a, b in result.stands],
-    )
-    history, found = result.history, result.found
+    history, found, fixes = result.history, result.found, result.fixes
     if history is None or found is None:
-        return head
-    return AidedFlightDocument(
-        **vars(head),
-        start=_start(found),
-        end=_end(result),
-        fixes=_fixes(history, result.fixes),
+        return made(AidedDocument, result)
+    return made(
+        AidedFlightDocument,
+        result,
+        start=made(StartDocument, found),
+        fixes=made(
+            FixesDocument, history, by_type=() if fixes is None else shares_by_type(history, fixes)
+        ),
         rejected=_rejected(history)[:MOST],
-        outages=result.outages,
-        outage_scores=result.outage_scores,
-        resets_s=[float(t) for t in reset_times(history)],
-        leaps_s=[float(t) for t in leap_times(history)],
-        grade=result.grade or AidedGrade.GOOD,
-        degraded=result.weak,
+        resets_s=reset_times(history).tolist(),
+        leaps_s=leap_times(history).tolist(),
         consistency=_consistency(result, history),
-        noise=_noise(result),
-        antenna=_antenna(result.antenna),
         scoring_only=None if reference is None else _scores(result, reference),
         smoothed=_smoothed(result, reference),
         wheels=_wheels(result, history),
     )
 
 
+def _spans(stretches: Sequence[Where]) -> list[TimeSpanDocument]:
+    return [TimeSpanDocument(start_s=start_s, end_s=end_s) for start_s, end_s in stretches]
+
+
 def _wheels(result: AidedResult, history: AidedHistory) -> WheelsDocument | None:
     """None where no wheels were taken."""
     if result.mounting is None:
         return None
-    yaw, pitch = (sigma / DEG for sigma in result.mounting.sigma_rad)
-    return WheelsDocument(
-        used=history.rolled[0],
-        rejected=history.rolled[1],
-        mounted_yaw_deg=result.mounting.yaw_rad / DEG,
-        sigma_mounted_yaw_deg=yaw,
-        mounted_pitch_deg=result.mounting.pitch_rad / DEG,
-        sigma_mounted_pitch_deg=pitch,
-    )
+    used, rejected = history.rolled
+    return made(WheelsDocument, result.mounting, used=used, rejected=rejected)
 
 
 def smoothed_result(result: AidedResult) -> AidedResult | None:
@@ -299,29 +295,6 @@ def _spread(sigma: NDArray) -> dict[str, float]:
     """Of a sigma along the log."""
     middle, largest = float(np.median(sigma)), float(sigma.max())
     return {"first": float(sigma[0]), "median": middle, "largest": largest}
-
-
-def _start(found: FoundStart) -> StartDocument:
-    return StartDocument(
-        time_s=found.start.state.time_s,
-        method=found.method,
-        span=TimeSpanDocument(start_s=found.span[0], end_s=found.span[1]),
-        heading_deg=float(euler_from_dcm(found.start.state.C_nb)[2]) / DEG,
-        sigma_heading_deg=found.sigma_heading_rad / DEG,
-    )
-
-
-def _fixes(history: AidedHistory, fixes: Fixes | None) -> FixesDocument:
-    shares = () if fixes is None else shares_by_type(history, fixes)
-    position, velocity = range(len(KINDS))
-    return FixesDocument(
-        count=int((history.used > 0).any(axis=1).sum()),
-        used_position=nis_of(history, position)[1] // 3,
-        used_velocity=nis_of(history, velocity)[1] // 3,
-        rejected_position=int(rejected_rows(history, position).size),
-        rejected_velocity=int(rejected_rows(history, velocity).size),
-        by_type=shares,
-    )
 
 
 def _rejected(history: AidedHistory) -> list[RejectedDocument]:
@@ -364,46 +337,19 @@ def _nis(mean: float, dof: int) -> BandedNis:
 
 
 def _noise(result: AidedResult) -> AidedNoiseDocument:
-    s = result.scales
-    return AidedNoiseDocument(
-        fitted=s.fitted,
-        white_factor=s.white,
-        walk_factor=s.walk,
-        accel_white_factor=s.accel_white,
-        accel_walk_factor=s.accel_walk,
-        shaken_factor=s.stirred,
-        position_factor=s.position,
-        velocity_factor=s.velocity,
-        slow_factor=s.slow,
-        slow_s=s.slow_s if s.slow else None,
-        slow_velocity_factor=s.slow_velocity,
-        slow_velocity_s=s.slow_velocity_s if s.slow_velocity else None,
-        slow_other_factor=s.slow_other,
-        at_largest=s.capped,
-        declared_nis=dict(zip(KINDS, result.declared_nis)),
-    )
+    declared_nis = dict(zip(KINDS, result.declared_nis))
+    return made(AidedNoiseDocument, result.scales, declared_nis=declared_nis)
 
 
 def _antenna(seen: SeenAntenna | None) -> AntennaDocument | None:
     if seen is None:
         return None
-    return AntennaDocument(
-        **vars(_arm(seen.antenna)),
+    return made(
+        AntennaDocument,
+        seen.antenna,
         taken=[name for name, freed in zip(("lever_arm", "delay"), seen.freed) if freed],
         gain_nats=seen.gain_nats,
-        seen=None if seen.seen is None else _arm(seen.seen),
-    )
-
-
-def _arm(antenna: Antenna) -> ArmDocument:
-    sigma = [float(v) for v in antenna_sigmas(antenna)]
-    return ArmDocument(
-        lever_arm_m=[float(v) for v in antenna.lever_arm_m],
-        sigma_lever_arm_m=sigma[:3],
-        delay_s=antenna.delay_s,
-        sigma_delay_s=sigma[3],
-        velocity_delay_s=antenna.velocity_delay_s,
-        sigma_velocity_delay_s=sigma[4],
+        seen=None if seen.seen is None else made(ArmDocument, seen.seen),
     )
 
 

@@ -1,13 +1,13 @@
 """`alignment.json` of formats.md, section 5."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from alignment.level_fit import LevelFound
 from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
 from infield.session.parked.zero_rate import ZeroRates
-from ins.documents import OMIT_NONE, Null, written
+from ins.documents import OMIT_NONE, MadeOf, Null, made, written
 from ins.records import Phase, Run, Span
 from ins.units import ARCSEC, DEG
 from ins.verdicts import Reason, codes, sentences
@@ -25,6 +25,9 @@ class NoiseFit:
 
 
 SCHEMA = "recal.alignment/1"
+NAN = float("nan")
+of = MadeOf[Alignment]()
+of_level = MadeOf[LevelFound]()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,16 +45,16 @@ class LevelDocument:
     swings, null where it does not.
     """
 
-    place_mm: float
-    largest_place_mm: float
-    place_walk_mm: float
-    yaw_arcsec: float
-    largest_yaw_arcsec: float
-    yaw_walk_arcsec: float
-    unit_noise_scale: float
-    sigma_cost: float
-    swing_mm: float | None
-    swing_s: float | None
+    place_mm: float = of_level(lambda level: 1e3 * level.place_m)
+    largest_place_mm: float = of_level(lambda level: 1e3 * level.largest_place_m)
+    place_walk_mm: float = of_level(lambda level: 1e3 * level.place_walk_m)
+    yaw_arcsec: float = of_level(lambda level: level.yaw_rad / ARCSEC)
+    largest_yaw_arcsec: float = of_level(lambda level: level.largest_yaw_rad / ARCSEC)
+    yaw_walk_arcsec: float = of_level(lambda level: level.yaw_walk_rad / ARCSEC)
+    unit_noise_scale: float = of_level(lambda level: level.unit_noise)
+    sigma_cost: float = of_level(lambda level: level.sigma_cost)
+    swing_mm: float | None = of_level(lambda lv: None if lv.swing_s is None else 1e3 * lv.swing_m)
+    swing_s: float | None = of_level(lambda level: level.swing_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,26 +65,29 @@ class AlignmentDocument:
     """
 
     schema: str | None = field(default=SCHEMA, metadata=OMIT_NONE)
-    verdict: AlignmentVerdict
-    reasons: Sequence[str]
+    verdict: AlignmentVerdict = of(lambda found: found.verdict)
+    reasons: Sequence[str] = of(lambda found: sentences(found.reasons))
     run_id: str | None = field(default=None, metadata=OMIT_NONE)
     imu_serial: str | None = field(default=None, metadata=OMIT_NONE)
-    time_s: float
-    roll_deg: float
-    pitch_deg: float
-    heading_deg: float
-    sigma_roll_deg: float
-    sigma_pitch_deg: float = float("nan")
-    sigma_heading_deg: float
-    latitude_found_deg: float
-    sigma_latitude_deg: float
+    time_s: float = of(lambda found: found.time_s)
+    roll_deg: float = of(lambda found: found.roll_rad / DEG)
+    pitch_deg: float = of(lambda found: found.pitch_rad / DEG)
+    heading_deg: float = of(lambda found: found.heading_rad / DEG % 360.0)
+    sigma_roll_deg: float = of(lambda found: found.sigma_roll_rad / DEG)
+    sigma_pitch_deg: float = of(lambda found: found.sigma_pitch_rad / DEG, default=NAN)
+    sigma_heading_deg: float = of(lambda found: found.sigma_heading_rad / DEG)
+    latitude_found_deg: float = of(lambda found: found.latitude_rad / DEG)
+    sigma_latitude_deg: float = of(lambda found: found.sigma_latitude_rad / DEG)
     phases: Sequence[Phase] | None = field(default=None, metadata=OMIT_NONE)
-    duration_s: float = float("nan")
-    excluded: Sequence[Span] = ()
-    consistency: FilterNis = FilterNis(nis_mean=float("nan"), dof=0)
-    reason_codes: Sequence[str | None] = ()
-    used_percent: float = float("nan")
-    motion_level: LevelDocument | None = None
+    duration_s: float = of(lambda found: found.duration_s, default=NAN)
+    excluded: Sequence[Span] = of(lambda found: found.excluded, default=())
+    consistency: FilterNis = of(
+        lambda found: FilterNis(nis_mean=found.nis_mean, dof=found.dof),
+        default=FilterNis(nis_mean=NAN, dof=0),
+    )
+    reason_codes: Sequence[str | None] = of(lambda found: codes(found.reasons), default=())
+    used_percent: float = of(lambda found: 100.0 * found.used_share, default=NAN)
+    motion_level: LevelDocument | None = of(lambda found: _level(found.level), default=None)
     zero_rate: ZeroRates | Null | None = field(default=None, metadata=OMIT_NONE)
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
@@ -98,53 +104,15 @@ class SessionAlignment(AlignmentDocument):
 
 def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:
     """The alignment of a run."""
-    return AlignmentDocument(
-        verdict=result.verdict,
-        reasons=sentences(result.reasons),
-        run_id=run.header.run_id,
-        imu_serial=run.header.imu_serial,
-        time_s=result.time_s,
-        roll_deg=result.roll_rad / DEG,
-        pitch_deg=result.pitch_rad / DEG,
-        heading_deg=result.heading_rad / DEG % 360.0,
-        sigma_roll_deg=result.sigma_roll_rad / DEG,
-        sigma_pitch_deg=result.sigma_pitch_rad / DEG,
-        sigma_heading_deg=result.sigma_heading_rad / DEG,
-        latitude_found_deg=result.latitude_rad / DEG,
-        sigma_latitude_deg=result.sigma_latitude_rad / DEG,
-        phases=result.phases or run.phases,
-        duration_s=result.duration_s,
-        excluded=result.excluded,
-        consistency=FilterNis(nis_mean=result.nis_mean, dof=result.dof),
-        reason_codes=codes(result.reasons),
-        used_percent=100.0 * result.used_share,
-        motion_level=None if result.level is None else level_document(result.level),
-    )
+    header, phases = run.header, result.phases or run.phases
+    ids = {"run_id": header.run_id, "imu_serial": header.imu_serial}
+    return made(AlignmentDocument, result, phases=phases, **ids)
 
 
-def flown_alignment(result: Alignment, run: Run, reasons: tuple[Reason, ...]) -> AlignmentDocument:
+def flown_alignment(result: Alignment, reasons: tuple[Reason, ...]) -> AlignmentDocument:
     """The alignment that a flight of replay.json began with; reasons: also why it was not flown."""
-    return replace(
-        alignment_document(result, run),
-        schema=None,
-        reasons=sentences(reasons),
-        run_id=None,
-        imu_serial=None,
-        phases=None,
-    )
+    return made(AlignmentDocument, result, schema=None, reasons=sentences(reasons))
 
 
-def level_document(level: LevelFound) -> LevelDocument:
-    """The level in millimetres and seconds of arc."""
-    return LevelDocument(
-        place_mm=1e3 * level.place_m,
-        largest_place_mm=1e3 * level.largest_place_m,
-        place_walk_mm=1e3 * level.place_walk_m,
-        yaw_arcsec=level.yaw_rad / ARCSEC,
-        largest_yaw_arcsec=level.largest_yaw_rad / ARCSEC,
-        yaw_walk_arcsec=level.yaw_walk_rad / ARCSEC,
-        unit_noise_scale=level.unit_noise,
-        sigma_cost=level.sigma_cost,
-        swing_mm=None if level.swing_s is None else 1e3 * level.swing_m,
-        swing_s=level.swing_s,
-    )
+def _level(level: LevelFound | None) -> LevelDocument | None:
+    return None if level is None else made(LevelDocument, level)

@@ -10,9 +10,10 @@ from infield.reports.documents.session_records import (
 from infield.session.flown.gates import Carried, FlightEvidence
 from infield.session.flown.priors import CONSTANT, SHOWN_IN, Further
 from infield.session.results import SessionResult
+from ins.documents import made
 from ins.records import AXES
 from ins.units import DEG_PER_HOUR, MILLIRADIAN
-from ins.verdicts import because, codes, sentence, sentences
+from ins.verdicts import because, sentence
 
 
 def flight_document(session: SessionResult) -> FlightDocument | None:
@@ -21,22 +22,13 @@ def flight_document(session: SessionResult) -> FlightDocument | None:
     if e is None:
         return None
     joined = e.joined
-    return FlightDocument(
-        joined=joined is not None,
-        reasons=sentences(e.reasons),
-        reason_codes=codes(e.reasons),
-        start_s=e.flight.start_s,
-        end_s=e.flight.end_s,
-        rests_after_s=[list(stand) for stand in e.flight.stands],
-        covered_percent=100.0 * e.flight.covered,
-        repeated_fixes=e.repeated,
+    return made(
+        FlightDocument,
+        e,
         sigma_heading_ground_mrad=_in_mrad(e.heading_before_rad),
         sigma_heading_mrad=None if joined is None else _in_mrad(joined.sigma_heading_rad),
         against_rest=_against_rest(e),
-        notes=sentences(e.notes),
-        note_codes=codes(e.notes),
         nuisances=[_nuisance(state) for state in e.carried],
-        worth=e.worth,
     )
 
 

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.documents.thermal import (
-    NoiseModelDocument,
-    ThermalDocument,
-    ThermalLevel,
-    said_of,
-)
+from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, ThermalLevel
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog.model import SCHEMA, FogCurves, FogModel, HeldOutResidual, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import Curves, Hysteresis, RampFit, RampStudy
 from infield.thermal.ramp_runs import RampRun
+from ins.documents import MadeOf, made
+from ins.verdicts import codes, sentences
 
 DAY_S = 86400.0
+of = MadeOf[RampStudy]()
+of_axis = MadeOf[RampFit]()
+of_pair = MadeOf[PiecewisePair]()
 
 
 def admissible_slow_rate(
@@ -88,8 +88,8 @@ class PiecewiseDocument:
 
     K_T: Piecewise
     K_delta: Piecewise
-    bic: float
-    residual_over_sigma: float
+    bic: float = of_pair(lambda pair: pair.bic)
+    residual_over_sigma: float = of_pair(lambda pair: float(np.sqrt(pair.scatter)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,17 +123,19 @@ class FixedPointDocument:
 class FittedAxis:
     """One fitted gyro."""
 
-    temperature_degC: Sequence[float]
-    K_T_deg_h: Sequence[float]
+    temperature_degC: Sequence[float] = of_axis(lambda a: a.curves.temperature_degC.tolist())
+    K_T_deg_h: Sequence[float] = of_axis(lambda a: (a.curves.K_T_deg_h - a.level_deg_h).tolist())
     sigma_K_T_deg_h: Sequence[float]
-    level: ThermalLevel
-    K_delta_deg_h_per_degC_min: Sequence[float]
-    sigma_K_delta_deg_h_per_degC_min: Sequence[float]
-    residual_over_sigma: float
-    hysteresis: Hysteresis
-    up_down: PairDocument | None
+    level: ThermalLevel = of_axis(lambda a: _level(a))
+    K_delta_deg_h_per_degC_min: Sequence[float] = of_axis(lambda a: a.curves.K_delta.tolist())
+    sigma_K_delta_deg_h_per_degC_min: Sequence[float] = of_axis(lambda a: _sigma(a.curves))
+    residual_over_sigma: float = of_axis(lambda a: float(np.sqrt(a.scatter)))
+    hysteresis: Hysteresis = of_axis(lambda a: a.hysteresis)
+    up_down: PairDocument | None = of_axis(lambda a: _pair(a))
     document: SubtractionDocument | None
-    closed_forms: Mapping[str, ClosedFormDocument | None]
+    closed_forms: Mapping[str, ClosedFormDocument | None] = of_axis(
+        lambda a: {"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)}
+    )
     inflections: Mapping[str, Sequence[Breakpoint]]
     piecewise: PiecewiseDocument
     slow_rate: SlowRateDocument
@@ -146,8 +148,8 @@ class FogDocument(ThermalDocument):
 
     schema: str = SCHEMA
     runs: Sequence[RampRun]
-    remounted: bool
-    noise_model: NoiseModelDocument
+    remounted: bool = of(lambda study: study.remounted)
+    noise_model: NoiseModelDocument = of(lambda study: made(NoiseModelDocument, study.twin))
     axes: Mapping[str, FittedAxis]
     check: Sequence[HeldOutResidual]
 
@@ -176,8 +178,14 @@ def fog_document(
     runs = [replace(run, role="fast") for run in study.fast]
     runs += [replace(run, role="slow") for run in study.slow]
     export = FogExport(allowed_deg_h, word_bits)
-    return FogDocument(
-        **said_of(study, study.notes, runs[0], version),
+    return made(
+        FogDocument,
+        study,
+        notes=sentences(study.notes),
+        note_codes=codes(study.notes),
+        imu_serial=runs[0].imu_serial,
+        gyro_technology=runs[0].gyro_technology,
+        version=version,
         runs=runs,
         axes={a.axis: _axis(a, pairs[a.axis], model, study, export) for a in study.axes},
         check=checks,
@@ -213,31 +221,22 @@ def worst_rounding(
 def _axis(
     a: RampFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
 ) -> FittedAxis:
-    c, T = a.curves, a.curves.temperature_degC
-    return FittedAxis(
-        temperature_degC=T.tolist(),
-        K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
+    gyro = model.gyros[a.axis]
+    return made(
+        FittedAxis,
+        a,
         sigma_K_T_deg_h=_sigma_shape(a, pair).tolist(),
-        level=ThermalLevel(
-            value_deg_h=a.level_deg_h, sigma_deg_h=a.level_sigma_deg_h, known=a.level_known
-        ),
-        K_delta_deg_h_per_degC_min=c.K_delta.tolist(),
-        sigma_K_delta_deg_h_per_degC_min=_sigma(c),
-        residual_over_sigma=float(np.sqrt(a.scatter)),
-        hysteresis=a.hysteresis,
-        up_down=_pair(a),
         document=_subtraction(a, study),
-        closed_forms={"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},
         inflections=dict(zip(("K_T", "K_delta"), pair.inflections)),
-        piecewise=PiecewiseDocument(
-            K_T=model.gyros[a.axis].K_T,
-            K_delta=model.gyros[a.axis].K_delta,
-            bic=pair.bic,
-            residual_over_sigma=float(np.sqrt(pair.scatter)),
-        ),
+        piecewise=made(PiecewiseDocument, pair, K_T=gyro.K_T, K_delta=gyro.K_delta),
         slow_rate=_slow_rate(a, study, export.allowed_deg_h),
         fixed_point=_fixed_point(a.axis, model, study, export.word_bits),
     )
+
+
+def _level(a: RampFit) -> ThermalLevel:
+    value, sigma = a.level_deg_h, a.level_sigma_deg_h
+    return ThermalLevel(value_deg_h=value, sigma_deg_h=sigma, known=a.level_known)
 
 
 def _sigma_shape(a: RampFit, pair: PiecewisePair) -> NDArray:

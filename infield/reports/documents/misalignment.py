@@ -18,12 +18,14 @@ from infield.misalignment.harmonic_fit import AzimuthFit, level_rate_deg_h, nort
 from infield.misalignment.reasons import MisalignmentVerdict, Unseen
 from infield.misalignment.study import ENTRIES, AzimuthStudy, LevelOffsets, corrected_twin
 from infield.reports.documents.update_records import RunDocument
-from ins.documents import OMIT_NONE
+from ins.documents import OMIT_NONE, MadeOf, made
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG
-from ins.verdicts import Observability, because, codes, sentence, sentences
+from ins.verdicts import Observability, Reason, because, codes, sentence, sentences
 
 SCHEMA = "recal.misalignment/1"
+of = MadeOf[AzimuthStudy]()
+of_fit = MadeOf[AzimuthFit]()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +72,9 @@ class UnseenDocument:
 class RedundancyDocument:
     """Whether the azimuths agree."""
 
-    chi2: float
-    dof: int
-    limit_999: float
+    chi2: float = of_fit(lambda fit: fit.chi2)
+    dof: int = of_fit(lambda fit: fit.dof)
+    limit_999: float = of_fit(lambda fit: fit.band)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,72 +108,56 @@ class MisalignmentDocument:
     """misalignment.json."""
 
     schema: str = SCHEMA
-    verdict: MisalignmentVerdict
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
+    verdict: MisalignmentVerdict = of(lambda study: study.result.verdict)
+    reasons: Sequence[str] = of(lambda study: sentences(study.result.reasons))
+    reason_codes: Sequence[str | None] = of(lambda study: codes(study.result.reasons))
     version: str
-    imu_serial: str
-    gyro_technology: str
-    source: str
-    azimuths: str
-    azimuths_code: str
-    lat_deg: float
-    level_earth_rate_deg_h: float
-    noise_model: str
-    runs: Sequence[RunDocument]
-    rank: Geometry
-    stops: Sequence[AzimuthStopDocument]
+    imu_serial: str = of(lambda study: study.unit["imu_serial"])
+    gyro_technology: str = of(lambda study: study.unit["gyro_technology"])
+    source: str = of(lambda study: study.source)
+    azimuths: str = of(lambda study: sentence(study.azimuths))
+    azimuths_code: str = of(lambda study: study.azimuths.code.value)
+    lat_deg: float = of(lambda study: study.lat_rad / DEG)
+    level_earth_rate_deg_h: float = of(lambda study: level_rate_deg_h(study.lat_rad))
+    noise_model: str = of(lambda study: study.twin.source)
+    runs: Sequence[RunDocument] = of(lambda study: [made(RunDocument, run) for run in study.runs])
+    rank: Geometry = of(lambda study: study.result.geometry)
+    stops: Sequence[AzimuthStopDocument] = of(lambda study: _stops(study))
     gyros: Mapping[str, GyroDocument]
     couplings: Sequence[CouplingEstimate]
-    not_observable: Sequence[UnseenDocument]
+    not_observable: Sequence[UnseenDocument] = of(lambda study: _not_observable(study))
     redundancy: RedundancyDocument | None
-    closed_forms: ClosedFormsDocument | NoClosedFormsDocument | None
-    accelerometers: LevelOffsets | None
+    closed_forms: ClosedFormsDocument | NoClosedFormsDocument | None = of(
+        lambda study: _closed_forms(study)
+    )
+    accelerometers: LevelOffsets | None = of(lambda study: study.levels)
     misalignment_mrad: Mapping[str, float]
     sigma_misalignment_mrad: Mapping[str, float | None]
-    prior_mrad: float
-    notes: Sequence[str]
-    note_codes: Sequence[str | None]
+    prior_mrad: float = of(lambda study: study.settings.prior_mrad)
+    notes: Sequence[str] = of(lambda study: sentences(_notes(study)))
+    note_codes: Sequence[str | None] = of(lambda study: codes(_notes(study)))
 
 
 def misalignment_document(study: AzimuthStudy, *, version: str) -> MisalignmentDocument:
     """The document of a study."""
-    result, fit = study.result, study.result.fit
+    result, fit, gyro = study.result, study.result.fit, corrected_twin(study).gyro
     shown = result.verdict is not MisalignmentVerdict.REFUSED or fit is not None
-    gyro = corrected_twin(study).gyro
-    notes = [note for note in study.notes if note not in result.reasons]
-    return MisalignmentDocument(
-        verdict=result.verdict,
-        reasons=sentences(result.reasons),
-        reason_codes=codes(result.reasons),
+    sigmas = zip(ENTRIES, gyro.sigma_misalignment_mrad)
+    return made(
+        MisalignmentDocument,
+        study,
         version=version,
-        imu_serial=study.unit["imu_serial"],
-        gyro_technology=study.unit["gyro_technology"],
-        source=study.source,
-        azimuths=sentence(study.azimuths),
-        azimuths_code=study.azimuths.code.value,
-        lat_deg=study.lat_rad / DEG,
-        level_earth_rate_deg_h=level_rate_deg_h(study.lat_rad),
-        noise_model=study.twin.source,
-        runs=[RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in study.runs],
-        rank=result.geometry,
-        stops=_stops(study),
         gyros={} if fit is None else _gyros(fit),
         couplings=list(result.couplings) if shown else [],
-        not_observable=_not_observable(study),
-        redundancy=None
-        if fit is None
-        else RedundancyDocument(chi2=fit.chi2, dof=fit.dof, limit_999=fit.band),
-        closed_forms=_closed_forms(study),
-        accelerometers=study.levels,
+        redundancy=None if fit is None else made(RedundancyDocument, fit),
         misalignment_mrad=dict(zip(ENTRIES, gyro.misalignment_mrad)),
-        sigma_misalignment_mrad={
-            entry: sigma or None for entry, sigma in zip(ENTRIES, gyro.sigma_misalignment_mrad)
-        },
-        prior_mrad=study.settings.prior_mrad,
-        notes=sentences(notes),
-        note_codes=codes(notes),
+        sigma_misalignment_mrad={entry: sigma or None for entry, sigma in sigmas},
     )
+
+
+def _notes(study: AzimuthStudy) -> list[Reason]:
+    """What no reason says."""
+    return [note for note in study.notes if note not in study.result.reasons]
 
 
 def _stops(study: AzimuthStudy) -> list[AzimuthStopDocument]:

@@ -14,6 +14,7 @@ from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.flown.priors import Further
 from infield.session.parked.rates import ANOTHER_ATTITUDE
 from infield.session.results import SessionResult, UpdateResult
+from ins.documents import made
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import Phase
@@ -51,22 +52,14 @@ def zero_rate(e: SessionEstimate) -> ZeroRateDocument | None:
     p = evidence_of(e)
     if not p.stretches:
         return None
-    first, last = p.stretches[0].seconds, p.stretches[-1].seconds
-    return ZeroRateDocument(
-        seconds=float(p.used_s.sum()),
-        start_s=float(first.start_s[0]),
-        end_s=float(last.end_s[-1]),
-        ended_because=last.moved,
-        angle_random_walk_deg_sqrt_h=p.walk_deg_sqrt_h.tolist(),
-        noise_over_model=p.noise_scale,
-        earth_rate_sigma_deg_h=np.sqrt(p.of_mean(p.earth.covariance)).tolist(),
+    return made(
+        ZeroRateDocument,
+        p,
         roll_deg=e.alignment.roll_rad / DEG,
         pitch_deg=e.alignment.pitch_rad / DEG,
-        heading_known=bool((p.earth.heading_deg_h == 0.0).all()),
         bin_s=float(e.bins.duration_s.mean()),
         bins=len(e.bins.duration_s),
         stretches=_stretches(e) if len(p.stretches) > 1 else None,
-        left_out=[span.in_words() for span in p.left_out] or None,
     )
 
 

@@ -17,13 +17,15 @@ from infield.replay.stops import StopSpeed
 from infield.reports.documents.aided import AidedDocument, TimeSpanDocument, aided_document
 from infield.reports.documents.alignment import AlignmentDocument, flown_alignment
 from infield.reports.documents.thermal import ThermalUseDocument
-from ins.documents import OMIT_NONE, UNWRITTEN
+from ins.documents import OMIT_NONE, UNWRITTEN, MadeOf, made
 from ins.records import ReferenceLog, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN
 from ins.verdicts import Reason, because, codes, differs, sentence, sentences
 
 SCHEMA = "recal.replay/1"
+of = MadeOf[ReplayResult]()
+of_table = MadeOf[TableReplay]()
 PARKED = "parked"  # beside the witnesses of stops, where the ground speed was above 5 kt
 DEFINITIONS = {
     "parked": (
@@ -79,32 +81,36 @@ class PredictedDocument:
 class ScoringDocument:
     """Against the run's reference, which never navigates."""
 
-    source: str
-    reference: Drift | None
-    heading_error_mrad: float
-    heading_error_sigmas: float
+    source: str = "reference"
+    reference: Drift | None = of_table(lambda t: t.reference)
+    heading_error_mrad: float = of_table(lambda t: t.heading_error_rad / MILLIRADIAN)
+    heading_error_sigmas: float = of_table(
+        lambda t: t.heading_error_rad / t.alignment.sigma_heading_rad
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlownTableDocument:
     """One table's flight."""
 
-    role: str
-    origin: str
-    revision: int | None
-    sha256: str | None
-    applied: bool
-    notes: Sequence[str]
-    note_codes: Sequence[str | None]
+    role: str = of_table(lambda t: t.choice.role)
+    origin: str = of_table(lambda t: t.choice.origin)
+    revision: int | None = of_table(lambda t: t.choice.revision)
+    sha256: str | None = of_table(lambda t: t.choice.sha256)
+    applied: bool = of_table(lambda t: t.choice.table is not None)
+    notes: Sequence[str] = of_table(lambda t: sentences(t.notes))
+    note_codes: Sequence[str | None] = of_table(lambda t: codes(t.notes))
     alignment: AlignmentDocument
-    parked: Drift | None
-    predicted: PredictedDocument | None
+    parked: Drift | None = of_table(lambda t: t.parked)
+    predicted: PredictedDocument | None = of_table(lambda t: _predicted(t))
     schuler: SchulerFit | None
-    stops: Sequence[StopSpeed]
-    realign: bool
-    realign_at: Sequence[str]
-    gnss: Drift | None
-    scoring_only: ScoringDocument | None
+    stops: Sequence[StopSpeed] = of_table(lambda t: t.stops)
+    realign: bool = of_table(lambda t: bool(_fast(t)))
+    realign_at: Sequence[str] = of_table(lambda t: _fast(t))
+    gnss: Drift | None = of_table(lambda t: t.gnss)
+    scoring_only: ScoringDocument | None = of_table(
+        lambda t: None if np.isnan(t.heading_error_rad) else made(ScoringDocument, t)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,24 +151,24 @@ class ReplayDocument:
     """replay.json; `result`: what its page is drawn from."""
 
     schema: str = SCHEMA
-    verdict: ReplayVerdict
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
+    verdict: ReplayVerdict = of(lambda result: result.verdict)
+    reasons: Sequence[str] = of(lambda result: sentences(result.reasons))
+    reason_codes: Sequence[str | None] = of(lambda result: codes(result.reasons))
     notes: Sequence[str]
     note_codes: Sequence[str | None]
-    run_id: str
-    run_sha256: str
-    imu_serial: str
-    gyro_technology: str
-    start_utc: str
+    run_id: str = of(lambda result: result.run.header.run_id)
+    run_sha256: str = of(lambda result: result.run.sha256)
+    imu_serial: str = of(lambda result: result.run.header.imu_serial)
+    gyro_technology: str = of(lambda result: result.run.header.gyro_technology)
+    start_utc: str = of(lambda result: result.run.header.start_utc)
     store: str | None
     version: str
     noise_model: TwinDocument
-    vertical: str
-    alignment_span: TimeSpanDocument | None
-    parked_span: TimeSpanDocument | None
-    tables: Sequence[FlownTableDocument]
-    difference: DifferenceDocument | None
+    vertical: str = of(lambda result: sentence(because(result.vertical)))
+    alignment_span: TimeSpanDocument | None = of(lambda result: _span(result.alignment_span))
+    parked_span: TimeSpanDocument | None = of(lambda result: _parked_span(result))
+    tables: Sequence[FlownTableDocument] = of(lambda r: [_table(t, r) for t in r.tables])
+    difference: DifferenceDocument | None = of(lambda result: _difference(result))
     aided: AidedDocument | None
     definitions: Mapping[str, str]
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
@@ -183,27 +189,15 @@ def replay_document(
     """The document; `notes` are what the caller knows of the tables, and come first; thermal_model:
     as in update.json; reference: scores the aided solution.
     """
-    header = result.run.header
     all_notes = [*notes, *result.notes]
-    return ReplayDocument(
-        verdict=result.verdict,
-        reasons=sentences(result.reasons),
-        reason_codes=codes(result.reasons),
+    return made(
+        ReplayDocument,
+        result,
         notes=sentences(all_notes),
         note_codes=codes(all_notes),
-        run_id=header.run_id,
-        run_sha256=result.run.sha256,
-        imu_serial=header.imu_serial,
-        gyro_technology=header.gyro_technology,
-        start_utc=header.start_utc,
         store=store,
         version=version,
         noise_model={"source": twin.source, **twin_to_dict(twin)},
-        vertical=sentence(because(result.vertical)),
-        alignment_span=_span(result.alignment_span),
-        parked_span=_parked_span(result),
-        tables=[_table(t, result) for t in result.tables],
-        difference=_difference(result),
         aided=aided_document(result.aided, reference),
         definitions=DEFINITIONS,
         thermal_model=thermal_model,
@@ -223,27 +217,20 @@ def _parked_span(result: ReplayResult) -> TimeSpanDocument | None:
 
 
 def _table(t: TableReplay, result: ReplayResult) -> FlownTableDocument:
+    return made(
+        FlownTableDocument,
+        t,
+        alignment=flown_alignment(t.alignment, t.reasons),
+        schuler=None if t.history is None else fit_schuler(t.parked, result.run.header.site),
+    )
+
+
+def _fast(t: TableReplay) -> list[str]:
+    """Where the ground speed of the solution asks for a new alignment."""
     fast: set[str] = {s.seen_by.value for s in t.stops if s.realign}
     if t.parked is not None and t.parked.speed_m_s[-1] > REALIGN_M_S:
         fast.add(PARKED)
-    return FlownTableDocument(
-        role=t.choice.role,
-        origin=t.choice.origin,
-        revision=t.choice.revision,
-        sha256=t.choice.sha256,
-        applied=t.choice.table is not None,
-        notes=sentences(t.notes),
-        note_codes=codes(t.notes),
-        alignment=flown_alignment(t.alignment, result.run, t.reasons),
-        parked=t.parked,
-        predicted=_predicted(t),
-        schuler=None if t.history is None else fit_schuler(t.parked, result.run.header.site),
-        stops=t.stops,
-        realign=bool(fast),
-        realign_at=sorted(fast),
-        gnss=t.gnss,
-        scoring_only=_scoring(t),
-    )
+    return sorted(fast)
 
 
 def _predicted(t: TableReplay) -> PredictedDocument | None:
@@ -259,17 +246,6 @@ def _predicted(t: TableReplay) -> PredictedDocument | None:
         seen_over_sigma=t.parked.rate_nm_h / t.predicted.sigma_nm_h,
         level_gyro_sigma_deg_h=sigma,
         rule_of_thumb_nm_h=NM_H_PER_DEG_H * sigma,
-    )
-
-
-def _scoring(t: TableReplay) -> ScoringDocument | None:
-    if np.isnan(t.heading_error_rad):
-        return None
-    return ScoringDocument(
-        source="reference",
-        reference=t.reference,
-        heading_error_mrad=t.heading_error_rad / MILLIRADIAN,
-        heading_error_sigmas=t.heading_error_rad / t.alignment.sigma_heading_rad,
     )
 
 

@@ -7,13 +7,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
-from infield.reports.documents.thermal import (
-    NoiseModelDocument,
-    ThermalDocument,
-    ThermalLevel,
-    said_of,
-)
+from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, ThermalLevel
 from infield.thermal.ramp_runs import GradientRun
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Condition, Residual, TermChoice
@@ -21,10 +17,13 @@ from infield.thermal.rlg.gradients import GradientStudy, RlgHeldOut
 from infield.thermal.rlg.lag import Lag
 from infield.thermal.rlg.model import SCHEMA
 from infield.thermal.rlg.terms import TERM_UNITS, TERMS, Collinear
-from ins.documents import UNWRITTEN
+from ins.documents import UNWRITTEN, MadeOf, made
 from ins.records import AXES, Span
-from ins.verdicts import Reason, because
+from ins.verdicts import Reason, because, codes, sentences
 
+of = MadeOf[GradientStudy]()
+of_run = MadeOf[GradientRun]()
+of_axis = MadeOf[AxisModel]()
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (
     "b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6x Tdiff_x + K6y Tdiff_y + K6z"
@@ -45,17 +44,21 @@ class TermState(StrEnum):
 class RlgRunDocument:
     """One run at rest; ranges are None without usable rows."""
 
-    run_id: str
-    sha256: str
-    minutes: int
-    heading_known: bool
-    temperature_degC: Sequence[float] | None
-    rate_degC_min: Sequence[float] | None
-    lines: Mapping[str, float]
-    sigma_block_deg_h: Sequence[float]
-    sigma_rate_degC_min: Sequence[float]
-    sigma_gradient_degC: Sequence[float]
-    excluded: Sequence[Span]
+    run_id: str = of_run(lambda run: run.blocks.run_id)
+    sha256: str = of_run(lambda run: run.blocks.sha256)
+    minutes: int = of_run(lambda run: run.minutes)
+    heading_known: bool = of_run(lambda run: run.blocks.heading_known)
+    temperature_degC: Sequence[float] | None = of_run(
+        lambda run: _range(run.blocks.temperature_degC[run.usable])
+    )
+    rate_degC_min: Sequence[float] | None = of_run(
+        lambda run: _range(run.blocks.rate_degC_min[run.usable])
+    )
+    lines: Mapping[str, float] = of_run(lambda run: _lines(run))
+    sigma_block_deg_h: Sequence[float] = of_run(lambda run: run.blocks.sigma_deg_h.tolist())
+    sigma_rate_degC_min: Sequence[float] = of_run(lambda run: run.sigma_rate_degC_min.tolist())
+    sigma_gradient_degC: Sequence[float] = of_run(lambda run: run.sigma_gradient_degC.tolist())
+    excluded: Sequence[Span] = of_run(lambda run: run.blocks.excluded)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,31 +75,37 @@ class TermDocument:
 class RlgRestDocument:
     """What of the curve over temperature is no parabola."""
 
-    temperature_degC: Sequence[float]
-    bias_deg_h: Sequence[float]
-    sigma_deg_h: Sequence[float]
-    prior_sigma_deg_h: float
+    temperature_degC: Sequence[float] = of_axis(lambda a: a.nodes_degC.tolist())
+    bias_deg_h: Sequence[float] = of_axis(lambda a: a.theta[len(TERMS) :].tolist())
+    sigma_deg_h: Sequence[float] = of_axis(lambda a: a.sigma[len(TERMS) :].tolist())
+    prior_sigma_deg_h: float = of_axis(lambda a: a.choice.rest_deg_h)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RlgAxisDocument:
     """One fitted gyro."""
 
-    temperature_degC: Sequence[float]
-    terms: Mapping[str, TermDocument]
-    covariance: Sequence[Sequence[float]]
+    temperature_degC: Sequence[float] = of_axis(lambda a: a.range_degC)
+    terms: Mapping[str, TermDocument] = of_axis(
+        lambda a: {name: _term(a, k) for k, name in enumerate(TERMS)}
+    )
+    covariance: Sequence[Sequence[float]] = of_axis(
+        lambda a: a.covariance[: len(TERMS), : len(TERMS)].tolist()
+    )
     about_zero_degC: Mapping[str, float]
-    level: ThermalLevel
-    rest: RlgRestDocument
-    condition: Condition
-    collinear: Sequence[Collinear]
-    orders: Sequence[TermChoice]
-    held_out: Residual
-    leave_one_run_out: Residual | None
-    temperature_only: Mapping[str, float]
-    residual_over_sigma: float
-    lag: Lag
-    minutes: int
+    level: ThermalLevel = of_axis(lambda a: _level(a))
+    rest: RlgRestDocument = of_axis(lambda a: made(RlgRestDocument, a))
+    condition: Condition = of_axis(lambda a: a.condition)
+    collinear: Sequence[Collinear] = of_axis(lambda a: a.collinear)
+    orders: Sequence[TermChoice] = of_axis(lambda a: a.orders)
+    held_out: Residual = of_axis(lambda a: a.held_out)
+    leave_one_run_out: Residual | None = of_axis(lambda a: a.by_run)
+    temperature_only: Mapping[str, float] = of_axis(
+        lambda a: {name: float(a.temperature_only[k]) for k, name in enumerate(TERMS[:3])}
+    )
+    residual_over_sigma: float = of_axis(lambda a: float(np.sqrt(a.scatter)))
+    lag: Lag = of_axis(lambda a: a.lag)
+    minutes: int = of_axis(lambda a: a.rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,11 +116,11 @@ class RlgDocument(ThermalDocument):
 
     schema: str = SCHEMA
     runs: Sequence[RlgRunDocument]
-    remounted: bool
-    noise_model: NoiseModelDocument
+    remounted: bool = of(lambda study: study.remounted)
+    noise_model: NoiseModelDocument = of(lambda study: made(NoiseModelDocument, study.twin))
     model: str = MODEL
-    reference_temperature_degC: float
-    validation: str
+    reference_temperature_degC: float = of(lambda study: study.reference_degC)
+    validation: str = of(lambda study: study.validation)
     residual_of_s: float = RESIDUAL_S
     axes: Mapping[str, RlgAxisDocument]
     check: Sequence[RlgHeldOut]
@@ -123,12 +132,19 @@ def rlg_document(
 ) -> RlgDocument:
     """The result of a study, refused or fitted."""
     notes = [*study.notes, *_missing(study)]
-    return RlgDocument(
-        **said_of(study, notes, study.runs[0].blocks, version),
-        runs=[_run(run) for run in study.runs],
-        reference_temperature_degC=study.reference_degC,
-        validation=study.validation,
-        axes={a.axis: _axis(a, study.reference_degC) for a in study.axes},
+    return made(
+        RlgDocument,
+        study,
+        notes=sentences(notes),
+        note_codes=codes(notes),
+        imu_serial=study.runs[0].blocks.imu_serial,
+        gyro_technology=study.runs[0].blocks.gyro_technology,
+        version=version,
+        runs=[made(RlgRunDocument, run) for run in study.runs],
+        axes={
+            a.axis: made(RlgAxisDocument, a, about_zero_degC=about_zero(a, study.reference_degC))
+            for a in study.axes
+        },
         check=checks,
         study=study,
     )
@@ -148,51 +164,19 @@ def _missing(study: GradientStudy) -> list[Reason]:
     ]
 
 
-def _run(run: GradientRun) -> RlgRunDocument:
-    b = run.blocks
-    T, rate = b.temperature_degC[run.usable], b.rate_degC_min[run.usable]
+def _range(values: NDArray) -> list[float] | None:
+    return [float(values.min()), float(values.max())] if values.size else None
+
+
+def _lines(run: GradientRun) -> dict[str, float]:
+    """How far each gradient that has a thermometer goes."""
     gradient = run.gradient_degC[run.usable]
-    return RlgRunDocument(
-        run_id=b.run_id,
-        sha256=b.sha256,
-        minutes=run.minutes,
-        heading_known=b.heading_known,
-        temperature_degC=[float(T.min()), float(T.max())] if T.size else None,
-        rate_degC_min=[float(rate.min()), float(rate.max())] if rate.size else None,
-        lines={axis: float(np.ptp(gradient[:, AXES.index(axis)])) for axis in run.lines},
-        sigma_block_deg_h=b.sigma_deg_h.tolist(),
-        sigma_rate_degC_min=run.sigma_rate_degC_min.tolist(),
-        sigma_gradient_degC=run.sigma_gradient_degC.tolist(),
-        excluded=b.excluded,
-    )
+    return {axis: float(np.ptp(gradient[:, AXES.index(axis)])) for axis in run.lines}
 
 
-def _axis(a: AxisModel, reference_degC: float) -> RlgAxisDocument:
-    n = len(TERMS)
-    return RlgAxisDocument(
-        temperature_degC=a.range_degC,
-        terms={name: _term(a, k) for k, name in enumerate(TERMS)},
-        covariance=a.covariance[:n, :n].tolist(),
-        about_zero_degC=about_zero(a, reference_degC),
-        level=ThermalLevel(
-            value_deg_h=float(a.theta[0]), sigma_deg_h=float(a.sigma[0]), known=a.level_known
-        ),
-        rest=RlgRestDocument(
-            temperature_degC=a.nodes_degC.tolist(),
-            bias_deg_h=a.theta[n:].tolist(),
-            sigma_deg_h=a.sigma[n:].tolist(),
-            prior_sigma_deg_h=a.choice.rest_deg_h,
-        ),
-        condition=a.condition,
-        collinear=a.collinear,
-        orders=a.orders,
-        held_out=a.held_out,
-        leave_one_run_out=a.by_run,
-        temperature_only={name: float(a.temperature_only[k]) for k, name in enumerate(TERMS[:3])},
-        residual_over_sigma=float(np.sqrt(a.scatter)),
-        lag=a.lag,
-        minutes=a.rows,
-    )
+def _level(a: AxisModel) -> ThermalLevel:
+    value, sigma = float(a.theta[0]), float(a.sigma[0])
+    return ThermalLevel(value_deg_h=value, sigma_deg_h=sigma, known=a.level_known)
 
 
 def _term(a: AxisModel, k: int) -> TermDocument:

@@ -11,9 +11,9 @@ from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.alignment import (
     FilterNis,
+    LevelDocument,
     SessionAlignment,
     alignment_document,
-    level_document,
 )
 from infield.reports.documents.flight import flight_document
 from infield.reports.documents.session_records import (
@@ -25,7 +25,6 @@ from infield.reports.documents.session_records import (
     HeatingCooling,
     ResidualDocument,
     SessionDocument,
-    SiteDocument,
     SmoothingDocument,
     TaxiDocument,
     TaxiNuisance,
@@ -41,8 +40,9 @@ from infield.session.points import UNSEEN_SIGMA
 from infield.session.reasons import Nuisance
 from infield.session.results import SessionResult
 from infield.table.merge import SessionPoints
-from infield.thermometer.gyro_temperature import GyroTemperature, fault_reason
+from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm
+from ins.documents import made
 from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import because, codes, sentence, sentences
@@ -68,47 +68,25 @@ NUISANCE_UNITS = {
     Nuisance.GNSS_SLOW_VELOCITY: ("m/s", 1.0),
 }
 ALIGNMENT_PHASES = ("alignment", "extended_alignment")  # of a log that begins at rest
-MOST_TEMPERATURES, MOST_VELOCITIES = 400, 800  # points of a drawing
+MOST_VELOCITIES = 800  # points of a drawing
 
 
 def session_document(session: SessionResult) -> SessionDocument:
     """Everything a report shows of one run."""
-    header, run = session.run.header, session.run
+    run, T = session.run, session.temperature
     logged = {"temperature": run.temperature, "gnss": run.gnss, "odometer": run.odometer}
-    facts = SessionDocument(
-        run_id=header.run_id,
-        sha256=run.sha256,
-        tail=header.tail,
-        start_utc=header.start_utc,
-        site=SiteDocument(
-            lat_deg=header.site.lat_rad / DEG,
-            lon_deg=header.site.lon_rad / DEG,
-            height_m=header.site.height_m,
-            sigma_lat_deg=header.site.sigma_lat_rad / DEG,
-            lat_source=header.site.lat_source,
-        ),
+    facts = made(
+        SessionDocument,
+        run,
         outcome=session.verdict.outcome,
         reasons=sentences(session.verdict.reasons),
         reason_codes=codes(session.verdict.reasons),
-        duration_s=run.imu.end_s - run.imu.start_s,
         streams=[name for name, stream in logged.items() if stream is not None],
-        temperature=None if session.temperature is None else _temperature(session.temperature),
+        temperature=None if T is None else made(TemperatureDocument, T),
     )
-    if session.estimate is None or session.points is None or session.temperature is None:
+    if session.estimate is None or session.points is None or T is None:
         return facts
-    return _estimated(facts, session, session.estimate, session.points, session.temperature)
-
-
-def _temperature(T: GyroTemperature) -> TemperatureDocument:
-    every = max(len(T.time_s) // MOST_TEMPERATURES, 1)
-    return TemperatureDocument(
-        min_degC=T.temperature_degC.min(axis=0).tolist(),
-        max_degC=T.temperature_degC.max(axis=0).tolist(),
-        unusable=T.unusable,
-        faults=[sentence(fault_reason(fault)) for fault in T.faults],
-        time_s=T.time_s[::every].tolist(),
-        gyro_degC=T.temperature_degC[::every].tolist(),
-    )
+    return _estimated(facts, session, session.estimate, session.points, T)
 
 
 def _estimated(
@@ -141,7 +119,7 @@ def _estimated(
         claim_chain=None if parked else _chain(session.chain, e),
         zero_rate=parked_document.zero_rate(e) if parked else None,
         doubted=sentences(s.reason for s in session.doubted) or None,
-        motion_level=level_document(e.navigated.level) if rested else None,
+        motion_level=made(LevelDocument, e.navigated.level) if rested else None,
         environment=environment(e.navigated) if rested else None,
         taxi=_taxi(e.rolling),
         own_errors=None if e.own is None else e.own.errors or None,
@@ -156,13 +134,8 @@ def _unit_marks(session: SessionResult) -> UnitMarksDocument | None:
     if marks is None:
         return None
     compared = ("sessions", "chi2", "dof", "limit")
-    return UnitMarksDocument(
-        names=list(marks.names),
-        value=marks.value.tolist(),
-        covariance=marks.covariance.tolist(),
-        heat=marks.heat.tolist(),
-        **({} if likeness is None else {name: getattr(likeness, name) for name in compared}),
-    )
+    known = {} if likeness is None else {name: getattr(likeness, name) for name in compared}
+    return made(UnitMarksDocument, marks, **known)
 
 
 def logged_phases(session: SessionResult, e: SessionEstimate) -> tuple[Phase, ...]:
@@ -203,12 +176,11 @@ def _taxi(rolling: RollingEvidence | None) -> TaxiDocument | None:
     """What the taxi showed of wind, tyres and installation; None where nothing rolled."""
     if rolling is None or not rolling.always:
         return None
-    return TaxiDocument(
+    return made(
+        TaxiDocument,
+        rolling,
         needed=[_nuisance(found, found.gain_nats) for found in rolling.found],
         always=[_nuisance(found, None) for found in rolling.always],
-        is_test=rolling.is_test,
-        nis_mean_as_declared=rolling.declared_nis,
-        dof_as_declared=rolling.declared_dof,
     )
 
 

@@ -3,39 +3,58 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from infield.reports.documents.alignment import FilterNis, LevelDocument, SessionAlignment
-from infield.session.estimate import BegunInMotion, OwnError
-from infield.session.flown.gates import InformationGain
+from infield.session.estimate import BegunInMotion, OwnError, ParkedEvidence, RollingEvidence
+from infield.session.flown.gates import FlightEvidence, InformationGain
+from infield.session.identity.marks import UnitMarks
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.navigated.environment import StandingMotion
 from infield.session.points import AxisObservability
 from infield.session.reasons import HeadingSource
-from ins.documents import OMIT_NONE
-from ins.records import LatitudeSource, Phase, Span
-from ins.verdicts import Outcome
+from infield.thermometer.gyro_temperature import GyroTemperature, fault_reason
+from ins.documents import OMIT_NONE, MadeOf, made
+from ins.records import LatitudeSource, Phase, Run, Site, Span
+from ins.units import DEG
+from ins.verdicts import Outcome, codes, sentence, sentences
+
+of_flight = MadeOf[FlightEvidence]()
+of_marks = MadeOf[UnitMarks]()
+of_rest = MadeOf[ParkedEvidence]()
+of_rolling = MadeOf[RollingEvidence]()
+of_site = MadeOf[Site]()
+of_T = MadeOf[GyroTemperature]()
+of_run = MadeOf[Run]()
+MOST_TEMPERATURES = 400  # points of a drawing
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteDocument:
     """Where the run stood, how well its latitude is known, and who says it."""
 
-    lat_deg: float
-    lon_deg: float
-    height_m: float
-    sigma_lat_deg: float | None = None
-    lat_source: LatitudeSource | str | None = None
+    lat_deg: float = of_site(lambda site: site.lat_rad / DEG)
+    lon_deg: float = of_site(lambda site: site.lon_rad / DEG)
+    height_m: float = of_site(lambda site: site.height_m)
+    sigma_lat_deg: float | None = of_site(lambda site: site.sigma_lat_rad / DEG, default=None)
+    lat_source: LatitudeSource | str | None = of_site(lambda site: site.lat_source, default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TemperatureDocument:
     """Gyro temperatures, thinned for the drawing, and what is wrong with the thermometers."""
 
-    min_degC: Sequence[float]
-    max_degC: Sequence[float]
-    unusable: Sequence[str]
-    faults: Sequence[str]
-    time_s: Sequence[float]
-    gyro_degC: Sequence[Sequence[float]]
+    min_degC: Sequence[float] = of_T(lambda T: T.temperature_degC.min(axis=0).tolist())
+    max_degC: Sequence[float] = of_T(lambda T: T.temperature_degC.max(axis=0).tolist())
+    unusable: Sequence[str] = of_T(lambda T: T.unusable)
+    faults: Sequence[str] = of_T(lambda T: [sentence(fault_reason(fault)) for fault in T.faults])
+    time_s: Sequence[float] = of_T(lambda T: T.time_s[:: _every(T)].tolist())
+    gyro_degC: Sequence[Sequence[float]] = of_T(lambda T: T.temperature_degC[:: _every(T)].tolist())
+
+
+def _every(T: GyroTemperature) -> int:
+    """One row in so many is drawn."""
+    return max(len(T.time_s) // MOST_TEMPERATURES, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,9 +135,9 @@ class TaxiDocument:
 
     needed: Sequence[TaxiNuisance]
     always: Sequence[TaxiNuisance]
-    is_test: bool
-    nis_mean_as_declared: float
-    dof_as_declared: int
+    is_test: bool = of_rolling(lambda rolling: rolling.is_test)
+    nis_mean_as_declared: float = of_rolling(lambda rolling: rolling.declared_nis)
+    dof_as_declared: int = of_rolling(lambda rolling: rolling.declared_dof)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,21 +157,21 @@ class FlightDocument:
     repeated_fixes: left out as repetitions of the one before.
     """
 
-    joined: bool
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
-    start_s: float
-    end_s: float
-    rests_after_s: Sequence[Sequence[float]]
-    covered_percent: float
-    repeated_fixes: int
+    joined: bool = of_flight(lambda e: e.joined is not None)
+    reasons: Sequence[str] = of_flight(lambda e: sentences(e.reasons))
+    reason_codes: Sequence[str | None] = of_flight(lambda e: codes(e.reasons))
+    start_s: float = of_flight(lambda e: e.flight.start_s)
+    end_s: float = of_flight(lambda e: e.flight.end_s)
+    rests_after_s: Sequence[Sequence[float]] = of_flight(lambda e: e.flight.stands)
+    covered_percent: float = of_flight(lambda e: 100.0 * e.flight.covered)
+    repeated_fixes: int = of_flight(lambda e: e.repeated)
     sigma_heading_ground_mrad: float | None
     sigma_heading_mrad: float | None
     against_rest: Sequence[FlightAgainstRest]
-    notes: Sequence[str] = ()
-    note_codes: Sequence[str | None] = ()
+    notes: Sequence[str] = of_flight(lambda e: sentences(e.notes), default=())
+    note_codes: Sequence[str | None] = of_flight(lambda e: codes(e.notes), default=())
     nuisances: Sequence[CarriedNuisance]
-    worth: Sequence[InformationGain] | None = field(default=None, metadata=OMIT_NONE)
+    worth: Sequence[InformationGain] | None = of_flight(lambda e: e.worth, OMIT_NONE, default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,20 +233,24 @@ class StretchDocument:
 class ZeroRateDocument:
     """What the parked seconds of a unit without a heading gave."""
 
-    seconds: float
-    start_s: float
-    end_s: float
-    ended_because: str
-    angle_random_walk_deg_sqrt_h: Sequence[float]
-    noise_over_model: float
-    earth_rate_sigma_deg_h: Sequence[float]
+    seconds: float = of_rest(lambda p: float(p.used_s.sum()))
+    start_s: float = of_rest(lambda p: float(p.stretches[0].seconds.start_s[0]))
+    end_s: float = of_rest(lambda p: float(p.stretches[-1].seconds.end_s[-1]))
+    ended_because: str = of_rest(lambda p: p.stretches[-1].seconds.moved)
+    angle_random_walk_deg_sqrt_h: Sequence[float] = of_rest(lambda p: p.walk_deg_sqrt_h.tolist())
+    noise_over_model: float = of_rest(lambda p: p.noise_scale)
+    earth_rate_sigma_deg_h: Sequence[float] = of_rest(
+        lambda p: np.sqrt(p.of_mean(p.earth.covariance)).tolist()
+    )
     roll_deg: float
     pitch_deg: float
-    heading_known: bool
+    heading_known: bool = of_rest(lambda p: bool((p.earth.heading_deg_h == 0.0).all()))
     bin_s: float
     bins: int
     stretches: Sequence[StretchDocument] | None = field(default=None, metadata=OMIT_NONE)
-    left_out: Sequence[Span] | None = field(default=None, metadata=OMIT_NONE)
+    left_out: Sequence[Span] | None = of_rest(
+        lambda p: [span.in_words() for span in p.left_out] or None, OMIT_NONE, default=None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,10 +260,10 @@ class UnitMarksDocument:
     many earlier sessions they were held, and the chi2 of that (None where the store has none).
     """
 
-    names: Sequence[str]
-    value: Sequence[float]
-    covariance: Sequence[Sequence[float]]
-    heat: Sequence[float]
+    names: Sequence[str] = of_marks(lambda marks: marks.names)
+    value: Sequence[float] = of_marks(lambda marks: marks.value.tolist())
+    covariance: Sequence[Sequence[float]] = of_marks(lambda marks: marks.covariance.tolist())
+    heat: Sequence[float] = of_marks(lambda marks: marks.heat.tolist())
     sessions: int = 0
     chi2: float | None = None
     dof: int | None = None
@@ -251,15 +274,15 @@ class UnitMarksDocument:
 class SessionDocument:
     """Everything a report shows of one run that was refused before it was estimated."""
 
-    run_id: str
-    sha256: str
-    tail: str
-    start_utc: str
-    site: SiteDocument
+    run_id: str = of_run(lambda run: run.header.run_id)
+    sha256: str = of_run(lambda run: run.sha256)
+    tail: str = of_run(lambda run: run.header.tail)
+    start_utc: str = of_run(lambda run: run.header.start_utc)
+    site: SiteDocument = of_run(lambda run: made(SiteDocument, run.header.site))
     outcome: Outcome | str
     reasons: Sequence[str]
     reason_codes: Sequence[str | None] = ()
-    duration_s: float
+    duration_s: float = of_run(lambda run: run.imu.end_s - run.imu.start_s)
     streams: Sequence[str]
     temperature: TemperatureDocument | None = field(default=None, metadata=OMIT_NONE)
 

@@ -6,18 +6,22 @@ residual_table: the table less the model's settled part; text: a line for each r
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.found_effects import FoundEffect
-from infield.thermal.ramp_runs import RampRun
 from infield.thermal.reasons import ThermalNote, ThermalVerdict
 from infield.thermal.stored_model import Removed, StoredModel, residual_table, taken_out
 from infield.thermal.study import ThermalStudy
+from ins.documents import MadeOf, made
 from ins.records import AXES, TwinModel
-from ins.verdicts import Reason, because, codes, sentence, sentences
+from ins.verdicts import because, codes, sentence, sentences
+
+of = MadeOf[ThermalStudy]()
+of_twin = MadeOf[TwinModel]()
+of_model = MadeOf[StoredModel]()
+of_effect = MadeOf[FoundEffect]()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +29,9 @@ class ThermalDocument:
     """What the document of each thermal model begins with."""
 
     schema: str
-    verdict: ThermalVerdict
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
+    verdict: ThermalVerdict = of(lambda study: study.verdict)
+    reasons: Sequence[str] = of(lambda study: sentences(study.reasons))
+    reason_codes: Sequence[str | None] = of(lambda study: codes(study.reasons))
     notes: Sequence[str]
     note_codes: Sequence[str | None]
     version: str
@@ -35,42 +39,16 @@ class ThermalDocument:
     gyro_technology: str
 
 
-def said_of(study: ThermalStudy, notes: Sequence[Reason], run: RampRun, version: str) -> Any:
-    """The fields of `ThermalDocument` and what else all documents of a study say of it, by name.
-    run: one of the unit.
-    """
-    return {
-        "verdict": study.verdict,
-        "reasons": sentences(study.reasons),
-        "reason_codes": codes(study.reasons),
-        "notes": sentences(notes),
-        "note_codes": codes(notes),
-        "version": version,
-        "imu_serial": run.imu_serial,
-        "gyro_technology": run.gyro_technology,
-        "remounted": study.remounted,
-        "noise_model": noise_model(study.twin),
-    }
-
-
 @dataclass(frozen=True, kw_only=True)
 class NoiseModelDocument:
     """The noise that a thermal model was fitted against."""
 
-    source: str
+    source: str = of_twin(lambda twin: twin.source)
     white: str = "scatter of the runs' own ten-second sums"
-    turn_on_deg_h: float
-    bias_instability_deg_h: float
-    rate_random_walk_deg_h_sqrt_h: float
-
-
-def noise_model(twin: TwinModel) -> NoiseModelDocument:
-    gyro = twin.gyro
-    return NoiseModelDocument(
-        source=twin.source,
-        turn_on_deg_h=gyro.turn_on_deg_h,
-        bias_instability_deg_h=gyro.bias_instability_deg_h,
-        rate_random_walk_deg_h_sqrt_h=gyro.rate_random_walk_deg_h_sqrt_h,
+    turn_on_deg_h: float = of_twin(lambda twin: twin.gyro.turn_on_deg_h)
+    bias_instability_deg_h: float = of_twin(lambda twin: twin.gyro.bias_instability_deg_h)
+    rate_random_walk_deg_h_sqrt_h: float = of_twin(
+        lambda twin: twin.gyro.rate_random_walk_deg_h_sqrt_h
     )
 
 
@@ -95,9 +73,9 @@ class ThermalResidualDocument:
 class ThermalUseDocument:
     """A model in use."""
 
-    file: str
-    schema: str
-    sha256: str
+    file: str = of_model(lambda stored: stored.name)
+    schema: str = of_model(lambda stored: stored.schema)
+    sha256: str = of_model(lambda stored: stored.sha256)
     part: str = "rates"
     runs: Sequence[Removed]
     residual_table: Mapping[str, ThermalResidualDocument]
@@ -109,10 +87,9 @@ def use_document(
 ) -> ThermalUseDocument:
     """The document of a model that left some runs, beside a table."""
     residual = residual_table(stored, table)
-    return ThermalUseDocument(
-        file=stored.name,
-        schema=stored.schema,
-        sha256=stored.sha256,
+    return made(
+        ThermalUseDocument,
+        stored,
         runs=removed,
         residual_table={
             axis: ThermalResidualDocument(temperature_degC=T.tolist(), bias_deg_h=bias.tolist())
@@ -129,10 +106,10 @@ class FoundEffectDocument:
     """
 
     run_id: str
-    effect: str
-    target: str
-    rms_deg_h: Mapping[str, float]
-    sigma_deg_h: Mapping[str, float]
+    effect: str = of_effect(lambda found: found.effect)
+    target: str = of_effect(lambda found: found.target)
+    rms_deg_h: Mapping[str, float] = of_effect(lambda f: dict(zip(AXES, f.rms_deg_h.tolist())))
+    sigma_deg_h: Mapping[str, float] = of_effect(lambda f: dict(zip(AXES, f.sigma_deg_h.tolist())))
     text: str
 
 
@@ -146,11 +123,4 @@ def found_effect_document(run_id: str, found: FoundEffect) -> FoundEffectDocumen
         rms_deg_h=float(np.max(found.rms_deg_h)),
         sigma_deg_h=float(np.max(found.sigma_deg_h)),
     )
-    return FoundEffectDocument(
-        run_id=run_id,
-        effect=found.effect,
-        target=found.target,
-        rms_deg_h=dict(zip(AXES, found.rms_deg_h.tolist())),
-        sigma_deg_h=dict(zip(AXES, found.sigma_deg_h.tolist())),
-        text=sentence(note),
-    )
+    return made(FoundEffectDocument, found, run_id=run_id, text=sentence(note))

@@ -24,14 +24,12 @@ from infield.reports.documents.update_records import (
     BudgetDocument,
     ChangeDocument,
     ConsistencyDocument,
-    DisagreementDocument,
     EffectsCompared,
     EffectsOutcome,
     MergeDocument,
     MethodDocument,
     PointDocument,
     PredictedEffect,
-    RunDocument,
     UpdateDocument,
     VarianceShares,
 )
@@ -40,16 +38,15 @@ from infield.session.points import AxisObservability
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
-from infield.table.merge import AXIS_Z_LIMIT
 from infield.table.thermal_table import ThermalTable
-from ins.documents import Null
+from ins.documents import Null, made
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.kalman import nis_band
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span, TableDocument
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import Observability, Outcome, codes, sentences
+from ins.verdicts import Observability, Outcome
 
 DECISION_RULE = (
     "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"
@@ -86,16 +83,11 @@ def update_document(
     without_heading = parked_document.parked_sessions(result)
     parked = len(without_heading) == len(estimated) and result.before.gyro_technology == "mems"
     after = table_to_dict(result.after) if result.merged_runs else table_before
-    return UpdateDocument(
+    return made(
+        UpdateDocument,
+        result,
         schema=SCHEMA,
         verdict=Outcome.PROPOSED if accepted else result.outcome,
-        reasons=sentences(result.reasons),
-        reason_codes=codes(result.reasons),
-        imu_serial=result.before.imu_serial,
-        gyro_technology=result.before.gyro_technology,
-        runs=[
-            RunDocument(run_id=s.run.header.run_id, sha256=s.run.sha256) for s in result.sessions
-        ],
         heading_error=heading_error(best),
         observability=_observability(estimated),
         points=[point for s in estimated for point in _points(s)],
@@ -119,9 +111,6 @@ def update_document(
         predicted_effect=None if parked else _predicted_effect(result),
         zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
         changes=_changes(result.before, result.after),
-        hysteresis=result.terms,
-        flight_terms=result.flight_terms or None,
-        disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
         sessions=[session_document(s) for s in result.sessions],
     )
 
@@ -226,16 +215,7 @@ def _consistency(sessions: list[SessionResult]) -> ConsistencyDocument:
         band_95=nis_band(dof, 0.95) if dof else None,
         band_999=nis_band(dof, 0.999) if dof else None,
         merge=[
-            MergeDocument(
-                run_id=s.run.header.run_id,
-                nis=s.merged.nis,
-                dof=s.merged.dof,
-                band_999=s.merged.band,
-                axis_shift_sigmas=s.merged.axis_z.tolist(),
-                axis_shift_limit_sigmas=AXIS_Z_LIMIT,
-            )
-            for s in sessions
-            if s.merged
+            made(MergeDocument, s.merged, run_id=s.run.header.run_id) for s in sessions if s.merged
         ],
     )
 

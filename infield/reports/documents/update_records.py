@@ -18,19 +18,25 @@ from infield.session.disagreement import BiasStep
 from infield.session.flown.gates import FlightTerm
 from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
-from ins.documents import OMIT_NONE, Null, from_json
+from infield.session.results import UpdateResult
+from infield.table.merge import AXIS_Z_LIMIT, MergeResult
+from ins.documents import OMIT_NONE, MadeOf, Null, from_json, made
 from ins.json_file import JsonObject
-from ins.records import Span, TableDocument
+from ins.records import Run, Span, TableDocument
 from ins.twin_file import TwinDocument
-from ins.verdicts import Observability, Outcome, differs
+from ins.verdicts import Observability, Outcome, codes, differs, sentences
+
+of = MadeOf[UpdateResult]()
+of_merge = MadeOf[MergeResult]()
+of_run = MadeOf[Run]()
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunDocument:
     """A run and its content hash."""
 
-    run_id: str
-    sha256: str
+    run_id: str = of_run(lambda run: run.header.run_id)
+    sha256: str = of_run(lambda run: run.sha256)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,11 +72,11 @@ class MergeDocument:
     """One session against the table."""
 
     run_id: str
-    nis: float
-    dof: int
-    band_999: Sequence[float]
-    axis_shift_sigmas: Sequence[float]
-    axis_shift_limit_sigmas: float
+    nis: float = of_merge(lambda merged: merged.nis)
+    dof: int = of_merge(lambda merged: merged.dof)
+    band_999: Sequence[float] = of_merge(lambda merged: merged.band)
+    axis_shift_sigmas: Sequence[float] = of_merge(lambda merged: merged.axis_z.tolist())
+    axis_shift_limit_sigmas: float = AXIS_Z_LIMIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,8 +169,8 @@ class ChangeDocument:
 class DisagreementDocument:
     """Where several sessions agree against the table, and whether that was followed."""
 
-    steps: Sequence[BiasStep]
-    accepted: bool
+    steps: Sequence[BiasStep] = of(lambda result: result.steps)
+    accepted: bool = of(lambda result: result.step_accepted)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,11 +244,11 @@ class UpdateDocument:
 
     schema: str
     verdict: Outcome | str
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None] = ()
-    imu_serial: str
-    gyro_technology: str | None = None
-    runs: Sequence[RunDocument]
+    reasons: Sequence[str] = of(lambda result: sentences(result.reasons))
+    reason_codes: Sequence[str | None] = of(lambda result: codes(result.reasons), default=())
+    imu_serial: str = of(lambda result: result.before.imu_serial)
+    gyro_technology: str | None = of(lambda result: result.before.gyro_technology, default=None)
+    runs: Sequence[RunDocument] = of(lambda r: [made(RunDocument, s.run) for s in r.sessions])
     heading_error: HeadingError
     observability: Mapping[str, AxisObservability]
     points: Sequence[PointDocument]
@@ -270,9 +276,13 @@ class UpdateDocument:
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
     changes: Sequence[ChangeDocument] = ()
-    hysteresis: Sequence[ThermalTerm] = ()
-    flight_terms: Sequence[FlightTerm] | None = field(default=None, metadata=OMIT_NONE)
-    disagreement: DisagreementDocument | None = None
+    hysteresis: Sequence[ThermalTerm] = of(lambda result: result.terms, default=())
+    flight_terms: Sequence[FlightTerm] | None = of(
+        lambda result: result.flight_terms or None, OMIT_NONE, default=None
+    )
+    disagreement: DisagreementDocument | None = of(
+        lambda result: made(DisagreementDocument, result), default=None
+    )
     sessions: Sequence[EstimatedDocument | SessionDocument] = ()
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
     found_effects: Sequence[FoundEffectDocument] | None = field(default=None, metadata=OMIT_NONE)
