@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from infield.reports.documents.alignment import NoiseFit
-from ins.documents import OMIT_NONE
+from ins.documents import OMIT_NONE, MadeOf, made
 from ins.errors.base import SLOW_NAME
 from ins.errors.catalogue import catalogue, words_of
 from ins.errors.table import TABLE_AGED
@@ -39,6 +39,7 @@ from simreal.report.diagnosis_words import (
 )
 from simreal.twin.write_back import effect_items, fitted_items
 
+of = MadeOf[Diagnosis]()
 NO_TABLE = "the twin has no table: biases and thermal curves of the gyros count as its error"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
 MOST_SAID = 4  # parameters of a cause in the lines for people
@@ -79,34 +80,34 @@ class GapReport:
     """The document of a diagnosis: a field is a key."""
 
     schema: str = SCHEMA
-    verdict: GapVerdict
+    verdict: GapVerdict = of(lambda found: found.verdict)
     sentence: str
     reasons: tuple[str, ...] = ()
-    imu_serial: str
-    gyro_technology: str
-    twin: str
+    imu_serial: str = of(lambda found: found.twin.imu_serial)
+    gyro_technology: str = of(lambda found: found.twin.gyro_technology)
+    twin: str = of(lambda found: found.twin.source)
     version: str
-    gap: GapSize
-    where: tuple[Place, ...] = ()
+    gap: GapSize = of(lambda found: found.gap)
+    where: tuple[Place, ...] = of(lambda found: found.where, default=())
     causes: tuple[Cause, ...] = ()
     open: tuple[OpenCause, ...] = ()
-    unexplained: Unexplained
-    not_testable: tuple[NotTestable, ...]
-    gap_after: GapSizeAfter
-    shrink: Gone | None = field(default=None, metadata=OMIT_NONE)
-    channels: tuple[Excess, ...] = ()
+    unexplained: Unexplained = of(lambda found: found.unexplained)
+    not_testable: tuple[NotTestable, ...] = of(lambda found: found.not_testable)
+    gap_after: GapSizeAfter = of(lambda found: found.gap_after)
+    shrink: Gone | None = of(lambda found: found.shrink, OMIT_NONE, default=None)
+    channels: tuple[Excess, ...] = of(lambda found: found.channels, default=())
     user_level: tuple[UserLevel, ...] = ()
     expected_drift: SessionDrift | None = field(default=None, metadata=OMIT_NONE)
     record_next: tuple[str, ...] = ()
-    cells: tuple[GapCell, ...] = ()
+    cells: tuple[GapCell, ...] = of(lambda found: found.cells, default=())
     runs: tuple[DiagnosedRun, ...]
-    not_looked_at: tuple[NotLookedAt, ...]
+    not_looked_at: tuple[NotLookedAt, ...] = of(lambda found: found.not_looked_at)
     notes: tuple[str, ...] = ()
     noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
     simulator: PredictedUpdates | None = field(default=None, metadata=OMIT_NONE)
-    alpha: float
-    threshold_nats: float | None
-    replicates: int
+    alpha: float = of(lambda found: found.alpha)
+    threshold_nats: float | None = of(lambda found: found.threshold)
+    replicates: int = of(lambda found: found.replicates)
     seed: int
     table_sha256: str | None
 
@@ -138,36 +139,21 @@ def diagnosis_document(
     others.
     """
     run_ids = [v.name for v in diagnosis.views]
-    twin = diagnosis.twin
     table_note = () if asked.table_sha256 else (NO_TABLE,)
     sentences = settled_by or [()] * len(diagnosis.causes)
-    return GapReport(
-        verdict=diagnosis.verdict,
+    return made(
+        GapReport,
+        diagnosis,
         sentence=verdict_sentence(diagnosis, with_table=bool(asked.table_sha256)),
-        imu_serial=twin.imu_serial,
-        gyro_technology=twin.gyro_technology,
-        twin=twin.source,
         version=asked.version,
-        gap=diagnosis.gap,
-        where=diagnosis.where,
         causes=tuple(_mended(c, run_ids, asked) for c in diagnosis.causes),
         open=tuple(
             _open(c, c.kept_out, run_ids, said)
             for c, said in zip(diagnosis.causes, sentences)
             if c.kept_out is not None and c.kept_out.what_to_do
         ),
-        unexplained=diagnosis.unexplained,
-        not_testable=diagnosis.not_testable,
-        gap_after=diagnosis.gap_after,
-        shrink=diagnosis.shrink,
-        channels=diagnosis.channels,
-        cells=diagnosis.cells,
         runs=tuple(_run(run, diagnosis, asked.hold_out) for run in runs),
-        not_looked_at=diagnosis.not_looked_at,
         notes=(*asked.notes, *diagnosis.notes, *table_note),
-        alpha=diagnosis.alpha,
-        threshold_nats=diagnosis.threshold,
-        replicates=diagnosis.replicates,
         seed=asked.seed,
         table_sha256=asked.table_sha256 or None,
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ins.documents import OMIT_NONE, written
+from ins.documents import OMIT_NONE, MadeOf, made, written
 from simreal.plan.flights import PromisedFlight
 from simreal.plan.gram import ODDS_NATS, Contender, PairSeparation
 from simreal.plan.pairs import INSEPARABLE, Inseparable, Pair, PairAssessment, PairVerdict
@@ -16,6 +16,9 @@ from simreal.plan.recordings import Recording
 from simreal.plan.study import NULL_NATS, Plan, Study
 
 SCHEMA = "recal.plan/1"
+of = MadeOf[Study]()
+of_plan = MadeOf[Plan]()
+of_pair = MadeOf[PairAssessment]()
 ODDS, ALPHA = 0.95, 0.01  # what ODDS_NATS and NULL_NATS stand for
 ALIKE_COS = 0.95  # members of a credible set above this cannot be told apart (effects.md, 3.4)
 
@@ -28,6 +31,9 @@ class PlanCriteria:
     odds_nats: float
     alpha: float
     null_nats: float
+
+
+CRITERIA = PlanCriteria(odds=ODDS, odds_nats=ODDS_NATS, alpha=ALPHA, null_nats=NULL_NATS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,14 +68,16 @@ class JudgedPair:
     special_case : "a" or "b" where that one is a special case of the other, else empty.
     """
 
-    label: str
-    verdict: PairVerdict
-    lacks: str
-    cos: float | None = field(default=None, metadata=OMIT_NONE)
-    delta_needed: float | None = field(default=None, metadata=OMIT_NONE)
-    cos_typical: float | None = field(default=None, metadata=OMIT_NONE)
-    delta_needed_typical: float | None = field(default=None, metadata=OMIT_NONE)
-    special_case: str | None = field(default=None, metadata=OMIT_NONE)
+    label: str = of_pair(lambda j: j.pair.label)
+    verdict: PairVerdict = of_pair(lambda j: j.verdict)
+    lacks: str = of_pair(lambda j: j.lacks)
+    cos: float | None = of_pair(lambda j: j.cos if j.both else None, OMIT_NONE)
+    delta_needed: float | None = of_pair(lambda j: j.delta_needed if j.both else None, OMIT_NONE)
+    cos_typical: float | None = of_pair(lambda j: j.cos_typical if j.both else None, OMIT_NONE)
+    delta_needed_typical: float | None = of_pair(
+        lambda j: j.delta_needed_typical if j.both else None, OMIT_NONE
+    )
+    special_case: str | None = of_pair(lambda j: j.special if j.both else None, OMIT_NONE)
     a: EffectSizes | None = field(default=None, metadata=OMIT_NONE)
     b: EffectSizes | None = field(default=None, metadata=OMIT_NONE)
 
@@ -97,10 +105,10 @@ class PlanStep(Recording):
 class PlanOfRecordings:
     """A set of recordings, and every pair in it. run_ids: of the runs at hand."""
 
-    name: str
-    score: float
-    hours: float
-    recordings: tuple[Recording, ...]
+    name: str = of_plan(lambda plan: plan.name)
+    score: float = of_plan(lambda plan: plan.score)
+    hours: float = of_plan(lambda plan: plan.hours)
+    recordings: tuple[Recording, ...] = of_plan(lambda plan: plan.recordings)
     pairs: tuple[JudgedPair, ...]
     run_ids: tuple[str, ...] | None = field(default=None, metadata=OMIT_NONE)
 
@@ -125,20 +133,26 @@ class PlanReport:
     schema: str = SCHEMA
     verdict: str = "planned"
     version: str
-    noise_model: str
-    imu_serial: str
-    gyro_technology: str
+    noise_model: str = of(lambda study: study.twin.source)
+    imu_serial: str = of(lambda study: study.twin.imu_serial)
+    gyro_technology: str = of(lambda study: study.twin.gyro_technology)
     lat_deg: float
     without: tuple[str, ...]
-    criteria: PlanCriteria
-    pairs: tuple[Pair, ...]
-    given: PlanOfRecordings | None
-    compared: tuple[PlanOfRecordings, ...]
-    steps: tuple[PlanStep, ...]
-    recommended: PlanOfRecordings
-    next: tuple[PlanStep, ...]
-    never: tuple[NeverSeparated, ...]
-    inseparable: tuple[Inseparable, ...]
+    criteria: PlanCriteria = CRITERIA
+    pairs: tuple[Pair, ...] = of(lambda study: study.pairs)
+    given: PlanOfRecordings | None = of(lambda study: _given(study))
+    compared: tuple[PlanOfRecordings, ...] = of(
+        lambda study: tuple(_plan(p, study) for p in study.compared)
+    )
+    steps: tuple[PlanStep, ...] = of(lambda study: _steps(study))
+    recommended: PlanOfRecordings = of(lambda study: _plan(study.chosen, study))
+    next: tuple[PlanStep, ...] = of(
+        lambda study: tuple(_step(p, study.given) for p in study.next_best)
+    )
+    never: tuple[NeverSeparated, ...] = of(
+        lambda study: tuple(_never(j) for j in study.reach.judged if j.margin_high < 1.0)
+    )
+    inseparable: tuple[Inseparable, ...] = INSEPARABLE
     flights: tuple[PromisedFlight, ...] | None = field(default=None, metadata=OMIT_NONE)
 
 
@@ -146,24 +160,18 @@ def plan_document(
     study: Study, *, lat_deg: float, without: Sequence[str], version: str
 ) -> PlanReport:
     """The document of a study."""
-    twin, given = study.twin, study.given
-    return PlanReport(
-        version=version,
-        noise_model=twin.source,
-        imu_serial=twin.imu_serial,
-        gyro_technology=twin.gyro_technology,
-        lat_deg=lat_deg,
-        without=tuple(without),
-        criteria=PlanCriteria(odds=ODDS, odds_nats=ODDS_NATS, alpha=ALPHA, null_nats=NULL_NATS),
-        pairs=study.pairs,
-        given=None if given is None else replace(_plan(given, study), run_ids=study.run_ids),
-        compared=tuple(_plan(p, study) for p in study.compared),
-        steps=tuple(_step(p, before) for before, p in zip((given, *study.steps), study.steps)),
-        recommended=_plan(study.chosen, study),
-        next=tuple(_step(p, given) for p in study.next_best),
-        never=tuple(_never(j) for j in study.reach.judged if j.margin_high < 1.0),
-        inseparable=INSEPARABLE,
-    )
+    return made(PlanReport, study, lat_deg=lat_deg, without=tuple(without), version=version)
+
+
+def _given(study: Study) -> PlanOfRecordings | None:
+    if study.given is None:
+        return None
+    return replace(_plan(study.given, study), run_ids=study.run_ids)
+
+
+def _steps(study: Study) -> tuple[PlanStep, ...]:
+    steps = study.steps
+    return tuple(_step(p, before) for before, p in zip((study.given, *steps), steps))
 
 
 def summary(document: PlanReport) -> list[str]:
@@ -205,27 +213,16 @@ def _step(plan: Plan, before: Plan | None) -> PlanStep:
 
 
 def _plan(plan: Plan, study: Study) -> PlanOfRecordings:
-    return PlanOfRecordings(
-        name=plan.name,
-        score=plan.score,
-        hours=plan.hours,
-        recordings=plan.recordings,
-        pairs=tuple(_judged(j, study) for j in plan.judged),
-    )
+    return made(PlanOfRecordings, plan, pairs=tuple(_judged(j, study) for j in plan.judged))
 
 
 def _judged(j: PairAssessment, study: Study) -> JudgedPair:
-    short = JudgedPair(label=j.pair.label, verdict=j.verdict, lacks=j.lacks)
     if not j.both:
-        return short
+        return made(JudgedPair, j)
     assert j.a is not None and j.b is not None
-    return replace(
-        short,
-        cos=j.cos,
-        delta_needed=j.delta_needed,
-        cos_typical=j.cos_typical,
-        delta_needed_typical=j.delta_needed_typical,
-        special_case=j.special,
+    return made(
+        JudgedPair,
+        j,
         a=_sizes(j.pair.a, j.a, study, special=j.special == "a"),
         b=_sizes(j.pair.b, j.b, study, special=j.special == "b"),
     )
