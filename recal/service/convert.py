@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from ins.documents import MadeOf, made
 from ins.json_file import JsonObject, read_toml
 from ins.records import InputError, ReferenceLog, Run, Span
 from recal.service.results.files import AnyPath
@@ -16,6 +17,7 @@ from trajectories.readers.rows.row_cleaning import LogGapError
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
 
+of = MadeOf[Conversion]()
 CONVERT_STEPS = 2  # that `told` is told of
 # of a stretch that becomes a run; chosen: 10 fixes of one a second are the fewest that aided replay
 # takes
@@ -28,17 +30,17 @@ class ConvertReport:
 
     schema: str = "recal.convert/1"
     run: str | None
-    run_id: str
-    sha256: str
-    format: str
-    rows: int
-    rate_hz: float
-    duration_s: float
-    time_shift_s: float
-    notes: Sequence[str]
-    repaired: Sequence[Span]
-    streams: Sequence[str]
-    problems: Sequence[Finding]
+    run_id: str = of(lambda conversion: conversion.run.header.run_id)
+    sha256: str = of(lambda conversion: conversion.run.sha256)
+    format: str = of(lambda conversion: conversion.record.format)
+    rows: int = of(lambda conversion: conversion.run.imu.rows)
+    rate_hz: float = of(lambda conversion: conversion.run.imu.rate_hz)
+    duration_s: float = of(lambda conversion: conversion.run.imu.end_s)
+    time_shift_s: float = of(lambda conversion: conversion.record.time_shift_s)
+    notes: Sequence[str] = of(lambda conversion: conversion.record.notes)
+    repaired: Sequence[Span] = of(lambda conversion: conversion.run.faults)
+    streams: Sequence[str] = of(lambda conversion: _streams(conversion))
+    problems: Sequence[Finding] = of(lambda conversion: conversion.findings)
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -301,21 +303,11 @@ def with_gnss_file(options: JsonObject, gnss: Path) -> JsonObject:
 
 def summary(conversion: Conversion, output: AnyPath | None) -> ConvertReport:
     """The result `recal.convert/1`."""
-    run, record = conversion.run, conversion.record
-    return ConvertReport(
-        run=None if output is None else str(output),
-        run_id=run.header.run_id,
-        sha256=run.sha256,
-        format=record.format,
-        rows=run.imu.rows,
-        rate_hz=run.imu.rate_hz,
-        duration_s=run.imu.end_s,
-        time_shift_s=record.time_shift_s,
-        notes=record.notes,
-        repaired=run.faults,
-        streams=(
-            [k for k in ("temperature", "gnss", "odometer") if getattr(run, k) is not None]
-            + (["reference"] if conversion.reference is not None else [])
-        ),
-        problems=conversion.findings,
-    )
+    return made(ConvertReport, conversion, run=None if output is None else str(output))
+
+
+def _streams(conversion: Conversion) -> list[str]:
+    """What stands beside the IMU."""
+    logged = ("temperature", "gnss", "odometer")
+    found = [name for name in logged if getattr(conversion.run, name) is not None]
+    return found + ["reference"] * (conversion.reference is not None)
