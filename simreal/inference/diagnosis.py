@@ -173,8 +173,11 @@ def diagnose(
     look = _Look(runs, twin, table, table_sha256, how)
     seen = look.at(0.0)
     attribution = look.attributed(seen, enough=look.needs_another)
-    wrong_rad, moved = entered_wrong_rad(attribution), tilting(attribution, look.turned_back)
-    if wrong_rad or moved:
+    wrong_rad = entered_wrong_rad(attribution)
+    if wrong_rad:  # it hides the rest, a mount that bends among it
+        seen = look.at(wrong_rad, seen.moved)
+        attribution = look.attributed(seen, enough=look.tilts)
+    if moved := tilting(attribution, look.turned_back):
         seen = look.at(wrong_rad, seen.moved | moved)
         attribution = look.attributed(seen)
     every = [*seen.views, *seen.held]
@@ -233,8 +236,10 @@ class _Look:
         """Whether what is left needs other views: from another latitude, or of a vehicle that
         moves.
         """
-        if entered_wrong_rad(found) != 0.0:
-            return True
+        return entered_wrong_rad(found) != 0.0 or self.tilts(found)
+
+    def tilts(self, found: Attributor) -> bool:
+        """Whether a vehicle moves beyond the first effects named."""
         named = sum(not s.of_table for s in found.slots)
         return named == NAMED_FIRST and bool(tilting(found, self.turned_back))
 
