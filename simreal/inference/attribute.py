@@ -768,7 +768,7 @@ class Attributor:
         """Whether most of a slot lies where a much larger one may be off by as much in form."""
         own = self._energy(slot)
         for other in self._effects:
-            if other is slot:
+            if other is slot or _of_one_event(slot.hypothesis, other.hypothesis):
                 continue
             # of two noises, squares are compared: off by twice as much
             noises = slot.extra is not None and other.extra is not None
@@ -799,6 +799,12 @@ class Attributor:
         change = self.squares.dof[term.index] * (slot.extra.square * term.factor) ** 2
         share = np.bincount(self.squares.place[term.index], change, minlength=3 * count)
         return 2.0 * max(slot.log_odds, 0.0) * share / max(float(share.sum()), 1e-300)
+
+
+def _of_one_event(one: AnyHypothesis, other: AnyHypothesis) -> bool:
+    """Whether two sources are parts of one event: the shift and the noise that an engine makes."""
+    same = (one.name, one.target, one.run) == (other.name, other.target, other.run)
+    return same and one.run is not None
 
 
 def _cost(noise: AnyHypothesis) -> float:
