@@ -184,9 +184,9 @@ class Attributor:
         # of the fit that lost against a slow noise alone, or for it, and its probability
         self._instead: list[Slot] = []
         self._share_instead = 0.0
-        self.plain = self._under(())
-        self._plain_bank = Bank(self.plain, self.effects, tables=self._listed.tables)
-        self._set(self.plain, self._plain_bank)
+        self.plain_evidence = self._under(())
+        self._plain_bank = Bank(self.plain_evidence, self.effects, tables=self._listed.tables)
+        self._set(self.plain_evidence, self._plain_bank)
         self.plain_squares = self.squares
         self.not_testable = list(self.bank.not_testable)
         self._replicates(rng, replicates)
@@ -259,7 +259,8 @@ class Attributor:
         tables = self._table_odds(self.bank.score[:, None])
         first = np.concatenate([self._odds(self.slots)[0], *tables])
         self._search()
-        if self._effects and phases_contradict(self.bank, self.evidence, self.columns):
+        looked = self._effects and not self._stopped
+        if looked and phases_contradict(self.bank, self.evidence, self.columns):
             self._parked_only = True
             self._begin_anew()
             self._search()
@@ -274,7 +275,7 @@ class Attributor:
             self.threshold,
             first,
             self.replicate_max,
-            self.plain,
+            self.plain_evidence,
             self.plain_squares,
             self._plain_residual(),
             self.replicate_z,
@@ -288,7 +289,7 @@ class Attributor:
             evidence = self._under(())
             self._set(evidence, self._plain_bank.under(evidence))
         else:
-            self._set(self.plain, self._plain_bank.anew())
+            self._set(self.plain_evidence, self._plain_bank.anew())
         self.slots = self._tables()
 
     def _is_found(self, slot: Slot) -> bool:
@@ -319,6 +320,8 @@ class Attributor:
         kept, total = list(self.slots), self._total()
         self._begin_anew()
         self._settle(channels)
+        if self._stopped:
+            return
         gained = self._total() - total
         lost = kept if gained >= 0.0 else list(self.slots)
         if gained < 0.0:
@@ -380,14 +383,14 @@ class Attributor:
 
     def _plain_residual(self) -> NDArray:
         """Rows under the twin's own noise less the named effects, for judging noise."""
-        out, columns = self.plain.z.copy(), self.columns
+        out, columns = self.plain_evidence.z.copy(), self.columns
         if not columns.size:
             return out
         beta, _ = fit(self.bank, columns)
-        for r, run in enumerate(self.plain.runs):
+        for r, run in enumerate(self.plain_evidence.runs):
             traces = [self.bank.traces_of(int(c), r) for c in columns]
             here = np.array([t is not None for t in traces])
-            out[self.plain.rows_of(r)] -= (
+            out[self.plain_evidence.rows_of(r)] -= (
                 run.whiten([t for t in traces if t is not None]) @ beta[here]
             )
         return out
