@@ -85,7 +85,8 @@ def _records_made(tree: ast.Module) -> Iterator[tuple[str, str]]:
         for call in ast.walk(node):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
                 if SCHEMA_KEY in [k.arg for k in call.keywords]:
-                    yield call.func.id, node.name
+                    made = call.args[0] if call.func.id == "made" else call.func
+                    yield getattr(made, "id", ""), node.name
 
 
 def _annotated(node: ast.ClassDef) -> list[str]:
