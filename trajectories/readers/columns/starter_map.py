@@ -37,7 +37,7 @@ OF_GRAVITY = 0.05  # how far a mean force may be off it: MEMS have scales within
 # of three columns that are named as accelerometers, in a unit of rates: a public MPU-6050 reads
 # 0.85 g; the units of rates are a factor of 3.3 and more apart
 OF_GRAVITY_BY_NAME = 0.2
-# of a mean rate at rest: below it the mean is too uncertain to be the Earth's rate
+# of a mean rate at rest: at 5, OF_EARTH_RATE is one sigma; below, the mean is too uncertain
 EARTH_RATE_SIGMAS = 5.0
 OF_EARTH_RATE = 0.2  # likewise of the Earth's rate, where the name says the unit: 3 deg/h of bias
 # where nothing does: biases of MEMS fall there by chance (of two public ones 7 and 9 % off)
@@ -48,7 +48,7 @@ TURNS_AGREE = 0.7  # least correlation of gravity's turns with the rates; noise 
 LEVEL = 0.9  # of gravity along one axis: a unit within 25 deg of it
 UNIX_S = (1.6e9, 2.5e9)  # September 2020 on; seconds of GPS time get there in 2030
 COLDEST, HOTTEST = -76.0, 400.0  # -60 degC in degF, 127 degC in K (docs/log_formats.md)
-UNIT_SIZE = 1.0 + 1e-6  # of the parts of a quaternion and of a rotation matrix, rounding included
+UNIT_SIZE = 1.0 + 1e-6  # parts of a quaternion or rotation matrix are at most 1, but for rounding
 SLOW = 0.02  # of all its change in one row; white noise has 0.2 (tests/trajectories)
 OFTEN_HZ = (10.0, 2000.0)  # rates of loggers: what a run may have (formats.md)
 # units of forces that loggers use, the commonest first: those of columns whose names say nothing
