@@ -44,13 +44,16 @@ FEWEST_WAYS = 10  # chosen: fixes, as many as a flight needs (10)
 # turn lasts seconds, and the course of 2 s at 10 Hz is good to 2 deg at 0.5 m/s
 TURN_STEP_S, TURN_STEPS = 0.5, 4
 MOST_APART_S = 10.0  # chosen: streams that begin together are apart by what each takes to start
-LEAST_COURSE_M_S, MOST_TURNED_RAD = 0.2, 1.5  # below and beyond it courses tell nothing
+# below 0.2 m/s noise of 0.05 m/s, over 20 fixes, is 3 deg of course; beyond 1.5 rad in 2 s a
+# vehicle turns back: chosen
+LEAST_COURSE_M_S, MOST_TURNED_RAD = 0.2, 1.5
 LEAST_TURNS, LEAST_TURN_RAD = 60, 0.1  # chosen: half a minute of turning, 6 deg (RMS) in 2 s
 # correlations: 0.75 of a public rover with clocks 4.6 s apart, and 0.45 at its own times or within
 # a delay of them; two planes have 0.82 and 0.93 at their own; 40 offsets of what has nothing to do
 # with each other reach 0.35 by chance (60 turns; of nine copters at most 0.34)
 TURNS_AGREE, TURNS_DIFFER = 0.6, 0.75
-# of white noise of the gyros that a log needs: below it they fit the fixes, and so do their times
+# of white noise of the gyros that a log needs, from which on its clocks are doubted: hand-held
+# units need 4 to 16 times the declared (docs/real_evidence.md), a rover with two clocks 256
 DOUBTED_WHITE = 16.0
 SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0  # 5 sigmas: 6e-7 of Gaussian errors lie beyond
 
