@@ -26,6 +26,7 @@ from benchmarks.study import ROOT, Work, commit
 STUDIES = {
     "accuracy": "accuracy",
     "against_pyins": "against_pyins",
+    "attitude": "attitude",
     "closed_loop": "closed_loop",
     "fleet": "fleet",
     "flights": "flights",

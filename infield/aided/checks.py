@@ -1,5 +1,5 @@
-"""What a log of fixes says against itself or its header: fixes that repeat, velocities that are not
-the way of the positions, a site elsewhere, a unit that looks sideways.
+"""What a log of fixes says against itself, its header or its sensors: fixes that repeat, velocities
+that are not the way of the positions, a site elsewhere, a unit that looks sideways, two clocks.
 """
 
 from collections.abc import Mapping
@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where
-from infield.aided.reasons import AidedNote, Widened
+from infield.aided.reasons import AidedNote, AidedReason, Widened
 from infield.aided.start import SOON_S
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.filters.aided_records import AidedHistory, Fixes
-from ins.records import Site
+from ins.records import ImuSource, Site
 from ins.units import DEG
 from ins.verdicts import Reason, because
 
@@ -40,6 +40,21 @@ AGE_S = 0.3  # by which positions may be older than velocities, as infield.aided
 LEAP_SHARE = 0.7
 MOST_MISSING_S = 3.0  # between two fixes of a span; chosen: of 1 fix a second 2 may be lost
 FEWEST_WAYS = 10  # chosen: fixes, as many as a flight needs (10)
+# of the times at which turns are set side by side, and over which they are taken; chosen: a rover's
+# turn lasts seconds, and the course of 2 s at 10 Hz is good to 2 deg at 0.5 m/s
+TURN_STEP_S, TURN_STEPS = 0.5, 4
+MOST_APART_S = 10.0  # chosen: streams that begin together are apart by what each takes to start
+# below 0.2 m/s noise of 0.05 m/s, over 20 fixes, is 3 deg of course; beyond 1.5 rad in 2 s a
+# vehicle turns back: chosen
+LEAST_COURSE_M_S, MOST_TURNED_RAD = 0.2, 1.5
+LEAST_TURNS, LEAST_TURN_RAD = 60, 0.1  # chosen: half a minute of turning, 6 deg (RMS) in 2 s
+# correlations: 0.75 of a public rover with clocks 4.6 s apart, and 0.45 at its own times or within
+# a delay of them; two planes have 0.82 and 0.93 at their own; 40 offsets of what has nothing to do
+# with each other reach 0.35 by chance (60 turns; of nine copters at most 0.34)
+TURNS_AGREE, TURNS_DIFFER = 0.6, 0.75
+# of white noise of the gyros that a log needs, from which on its clocks are doubted: hand-held
+# units need 4 to 16 times the declared (docs/real_evidence.md), a rover with two clocks 256
+DOUBTED_WHITE = 16.0
 SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0  # 5 sigmas: 6e-7 of Gaussian errors lie beyond
 
 
@@ -196,3 +211,66 @@ def _middle(angles: NDArray) -> float:
     """Median of angles [rad] about their mean direction."""
     around = np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())
     return float(wrap_pi(around + np.median(wrap_pi(angles - around))))
+
+
+def clocks_apart(imu: ImuSource, fixes: Fixes, latest_s: float) -> tuple[Reason, ...]:
+    """Whether the course of a vehicle that goes where it points turns at other times than its
+    gyros, by more than `latest_s`, which a delay explains.
+    """
+    time_s, turned = _turned(imu)
+    course = _courses(fixes, time_s)
+    change = wrap_pi(course[TURN_STEPS:] - course[:-TURN_STEPS])
+    change[np.abs(change) > MOST_TURNED_RAD] = np.nan
+    of_gyros = turned[TURN_STEPS:] - turned[:-TURN_STEPS]
+    most = round(MOST_APART_S / TURN_STEP_S)
+    steps = np.arange(-most, most + 1)
+    agree = np.array([_agreement(change, of_gyros, int(step)) for step in steps])
+    own = float(agree[np.abs(steps) * TURN_STEP_S <= latest_s].max(initial=0.0))
+    best = int(np.argmax(agree))
+    if agree[best] < TURNS_AGREE or own > TURNS_DIFFER * agree[best]:
+        return ()
+    found = because(
+        AidedReason.CLOCKS_APART,
+        later_s=float(steps[best] * TURN_STEP_S),
+        agree=float(agree[best]),
+        own=own,
+    )
+    return (found,)
+
+
+def _turned(imu: ImuSource) -> tuple[NDArray, NDArray]:
+    """Times (k,) and what the gyros turned about the vertical until then (k,) [rad]."""
+    count = int((imu.end_s - imu.start_s) / TURN_STEP_S)
+    sums = np.zeros((count + 1, 6))
+    for piece in imu.pieces():
+        at = np.minimum(((piece.time_s - imu.start_s) / TURN_STEP_S).astype(int), count)
+        np.add.at(sums, at, np.hstack([piece.dtheta_rad, piece.dv_m_s]))
+    force = np.apply_along_axis(np.convolve, 0, sums[:, 3:], np.ones(2 * TURN_STEPS + 1), "same")
+    down = -force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
+    turned = np.cumsum(np.sum(sums[:, :3] * down, axis=1))
+    return imu.start_s + TURN_STEP_S * np.arange(1, count + 2), turned
+
+
+def _courses(fixes: Fixes, time_s: NDArray) -> NDArray:
+    """The course (k,) of the mean velocity over TURN_STEPS about each time, NaN where slow."""
+    seen = np.isfinite(fixes.v_n_m_s).all(axis=1)
+    t, v = fixes.time_s[seen], np.cumsum(fixes.v_n_m_s[seen, :2], axis=0)
+    v = np.vstack([np.zeros((1, 2)), v])
+    half_s = 0.5 * TURN_STEPS * TURN_STEP_S
+    first, end = (np.searchsorted(t, time_s + offset) for offset in (-half_s, half_s))
+    count = np.maximum(end - first, 1)[:, None]
+    mean = (v[end] - v[first]) / count
+    course = np.arctan2(mean[:, 1], mean[:, 0])
+    course[np.linalg.norm(mean, axis=1) < LEAST_COURSE_M_S] = np.nan
+    return course
+
+
+def _agreement(change: NDArray, of_gyros: NDArray, step: int) -> float:
+    """Correlation of changes of course with turns `step` rows later; 0 where too few turn."""
+    n = change.size - abs(step)
+    a = change[max(-step, 0) :][:n]
+    b = of_gyros[max(step, 0) :][:n]
+    both = np.isfinite(a) & np.isfinite(b)
+    if both.sum() < LEAST_TURNS or np.sqrt(np.mean(a[both] ** 2)) < LEAST_TURN_RAD:
+        return 0.0
+    return float(np.corrcoef(a[both], b[both])[0, 1])

@@ -19,8 +19,15 @@ from alignment.gyrocompass import nis_verdict
 from alignment.motion.inertial import Where
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import find_stands, joined
-from infield.aided.antenna import Fitted, SeenAntenna, fit_model
-from infield.aided.checks import contradicted, mounting_note, site_note, without_repeats
+from infield.aided.antenna import MOST_DELAY_S, Fitted, SeenAntenna, fit_model
+from infield.aided.checks import (
+    DOUBTED_WHITE,
+    clocks_apart,
+    contradicted,
+    mounting_note,
+    site_note,
+    without_repeats,
+)
 from infield.aided.flights import Beginning, Flights, Given, options_of
 from infield.aided.grade import Weak, graded
 from infield.aided.headings import HeadingOpen, Sky
@@ -308,6 +315,8 @@ def navigate_aided(
     fitted, flights, rolling, mounting = _on_wheels(flights, fitted, run, aiding, found)
     history, scales = fitted.history, fitted.model.scales
     reasons = judged(history) + contradicts + unbelieved(scales, header.gyro_technology)
+    if scales.white >= DOUBTED_WHITE:
+        reasons += clocks_apart(imu, fixes, MOST_DELAY_S)
     notes = (
         open_heading
         + rolling

@@ -136,6 +136,12 @@ class AidedReason(ReasonCode):
         "{factor} would have to be {value:factor} times as large, needed less than {most:g}"
         " ({technology}): axes, signs, scale factor or units of the sensors?",
     )
+    CLOCKS_APART = (
+        "clocks_apart",
+        "the clocks of sensors and fixes differ: the course turns as the gyros do (correlation"
+        " {agree:.2f}) if the times of the fixes are {later_s:+.1f} s later, not at their own"
+        " ({own:.2f}); shift one stream",
+    )
     RECEIVER_CONTRADICTS = (
         "receiver_contradicts",
         "velocities of {count} of {seen} fixes differ from the rate of their positions"

@@ -8,15 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from infield.aided.antenna import BOTH, NOTHING_FREED, Freed, antenna_sigmas, material
-from infield.aided.checks import contradicted
+from infield.aided.antenna import BOTH, MOST_DELAY_S, NOTHING_FREED, Freed, antenna_sigmas, material
+from infield.aided.checks import clocks_apart, contradicted
 from infield.aided.flight import aided_noise, navigate_aided, warming_walk
 from infield.aided.flights import Flights
 from infield.aided.noise import Flown, Model
 from infield.aided.reasons import AidedNote, AidedReason, Widened
 from infield.session.log import find_rest
 from ins.filters.aided_records import Antenna, Fixes, fixes_of
-from ins.records import Run, Site, TemperatureLog
+from ins.records import GnssLog, ImuLog, Run, Site, TemperatureLog
 from ins.units import MICRO_G
 from ins.verdicts import codes, sentences
 from tests.infield.aided_cases import (
@@ -363,3 +363,39 @@ def test_stuck_receiver_is_left_out():
     assert (
         np.mean(errors(made, found.history)[60:, :3] ** 2 / found.history.variance[60:, :3]) < 2.0
     )
+
+
+@pytest.mark.parametrize("later_s, found", [(0.0, False), (0.4, False), (4.5, True), (-6.0, True)])
+def test_two_clocks_are_seen_by_the_turns_of_a_rover(later_s, found):
+    """A public rover's streams each began at its own zero, 4.6 s apart: 256 times the noise of the
+    gyros, a heading off by 30 deg at a sigma of 5.
+    """
+    rng = np.random.default_rng(7)
+    time_s = np.arange(1, 15001) / 50.0
+
+    def heading(t):
+        return 0.9 * np.sin(0.31 * t) + 1.3 * np.sin(0.083 * t)
+
+    dtheta = rng.normal(0.0, 2e-4, (time_s.size, 3))
+    dtheta[:, 2] += np.diff(heading(time_s), prepend=heading(0.0))
+    imu = ImuLog(
+        time_s=time_s,
+        dt_s=np.full(time_s.size, 0.02),
+        dtheta_rad=dtheta,
+        dv_m_s=rng.normal(0.0, 0.01, (time_s.size, 3)) - [0.0, 0.0, 0.1962],
+    )
+    t = np.arange(15.0, 285.0, 0.2)
+    course = heading(t + later_s)
+    v = 0.5 * np.column_stack([np.cos(course), np.sin(course), 0.0 * t])
+    gnss = GnssLog(
+        time_s=t,
+        lat_rad=np.full(t.size, SITE.lat_rad),
+        lon_rad=np.full(t.size, SITE.lon_rad),
+        height_m=np.full(t.size, SITE.height_m),
+        v_n_m_s=v + rng.normal(0.0, 0.05, v.shape),
+    )
+    fixes = fixes_of(gnss, horizontal_m=1.0, vertical_m=1.0, velocity_m_s=0.05)
+    reasons = clocks_apart(imu, fixes, MOST_DELAY_S)
+    assert codes(reasons) == ([AidedReason.CLOCKS_APART] if found else [])
+    if found:
+        assert reasons[0].values["later_s"] == pytest.approx(later_s, abs=0.5)
