@@ -131,7 +131,7 @@ def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
 
 
 def test_a_bump_goes_clockwise_of_the_nose_and_who_boards_sinks_the_vehicle(parked):
-    """A bump to the right, of an eighth of a turn; people sink it by 30 mm, down in the velocity."""
+    """A bump 45 deg to the right; people sink the vehicle by 30 mm, down in its velocity."""
     events = (
         Bump(time_s=50.0, velocity_m_s=0.2, duration_s=2.0, direction_deg=45.0),
         Boarding(time_s=100.0, sink_mm=30.0),
