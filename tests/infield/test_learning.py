@@ -140,17 +140,19 @@ def test_draws_hold_what_a_fine_grid_holds():
     grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     weight = np.exp(log_density(grid)).reshape(801, 801).sum(axis=1)
     want = np.interp((0.025, 0.5, 0.975), np.cumsum(weight) / weight.sum(), axis)
-    found = draw(
-        log_density,
-        np.full(2, -0.5 * np.log(2.0)),
-        np.diag([0.3, 0.3]) ** 2,
-        sigma,
-        np.random.default_rng(5),
-    )
+
+    def drawn(density):
+        rng = np.random.default_rng(5)
+        return draw(density, np.full(2, -0.5 * np.log(2.0)), np.diag([0.3, 0.3]) ** 2, sigma, rng)
+
+    found = drawn(log_density)
     assert found.effective > 100.0
     for k in range(2):
         got = found.quantiles(k, (0.025, 0.5, 0.975))
         assert got == pytest.approx(want, abs=0.35)  # three sigmas of a quantile of 160 draws
+    # another machine, or more threads: the same draws
+    again = drawn(lambda theta: log_density(theta) + 1e-9 * np.cos(1e6 * theta[:, 0]))
+    np.testing.assert_array_equal(again.theta, found.theta)
 
 
 @pytest.mark.slow

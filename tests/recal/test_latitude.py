@@ -8,6 +8,8 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
@@ -65,16 +67,20 @@ def write_csv(path, columns):
     np.savetxt(path, values, "%.12g", ",", header=",".join(names), comments="")
 
 
+def write_parquet(path, columns):
+    pq.write_table(pa.table(columns), path)
+
+
 def write_run(folder, site, rng, *, lon_deg=11.5, **how):
     """A run directory whose run.json has this site, as text."""
     folder.mkdir(parents=True)
     time_s, rates, force, T = parked_rows(rng, **how)
     of_axes = {f"gyro_{a}_rad_s": rates[:, k] for k, a in enumerate("xyz")}
     of_axes |= {f"accel_{a}_m_s2": force[:, k] for k, a in enumerate("xyz")}
-    write_csv(folder / "imu.csv", {"time_s": time_s, **of_axes})
+    write_parquet(folder / "imu.parquet", {"time_s": time_s, **of_axes})
     every = slice(None, None, RATE_HZ)
     of_gyros = {f"gyro_{a}_degC": T[every] for a in "xyz"}
-    write_csv(folder / "temperature.csv", {"time_s": time_s[every], **of_gyros})
+    write_parquet(folder / "temperature.parquet", {"time_s": time_s[every], **of_gyros})
     keys = {
         "schema": "recal.run/1",
         "run_id": folder.name,
@@ -137,8 +143,7 @@ def vertical_deg_h(sigma_lat_deg):
 
 
 @pytest.mark.parametrize(
-    ("typed", "true_deg"),
-    [("48", 47.6), ("48", 48.0), ("47.5", 47.54), ("47.50", 47.504), ("-33.9", -33.87)],
+    ("typed", "true_deg"), [("48", 47.6), ("47.50", 47.504), ("-33.9", -33.87)]
 )
 def test_a_new_unit_is_as_sure_of_its_gyros_as_the_digits_of_its_latitude(
     tmp_path, typed, true_deg
@@ -267,7 +272,7 @@ def test_a_unit_that_finds_no_north_carries_it_too(tmp_path):
         ("0.8378", 11.5, "latitude_in_radians", True),
         ("11.5", 48.0, "latitude_is_longitude", False),
         ("30.0", 11.5, "wrong_latitude", False),
-        ("30.0", 11.5, "wrong_latitude", True),
+        pytest.param("30.0", 11.5, "wrong_latitude", True, marks=pytest.mark.slow),
     ],
 )
 def test_what_was_entered_for_the_latitude_is_named(tmp_path, entered, lon_deg, code, with_table):

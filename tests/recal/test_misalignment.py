@@ -159,8 +159,6 @@ def test_bad_tables_are_one_line(folder, header, rows, told):
         ("k.csv", "--sigma-deg-h", "0.001"),
         (*TABLE, "--heading-deg", "0,90,180,270"),
         (*TABLE, "--sigma-north-arcsec", "30"),
-        (*HEADINGS_UNKNOWN, "--sigma-heading-deg", "-1"),
-        (*TABLE[:3], "--sigma-deg-h", "-1"),
         ("run", "--heading-deg", "0,ninety"),
         ("run", "--heading-deg", "0", "--north-to-west-deg", "0"),
     ],

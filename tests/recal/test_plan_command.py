@@ -85,14 +85,6 @@ def test_bad_input_is_one_line(folder, arguments, said):
     assert "\n" not in str(outcome.exception) and not (folder / "recal-plan").exists()
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("--without", "wings"), ("--most", "0"), ("--technology", "laser"), ("--lat-deg", "99")],
-)
-def test_wrong_usage_is_exit_code_2(folder, arguments):
-    assert run(*arguments).exit_code == 2
-
-
 def test_flights_are_planned_where_they_are_asked_for(folder, monkeypatch):
     """One flight of the list, to save time."""
     few = tuple(flight for flight in flights.FLIGHTS if flight.name == "short")

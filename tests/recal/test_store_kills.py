@@ -130,11 +130,10 @@ def kill_url(request, tmp_path):
 @pytest.mark.parametrize("kill_url", ["sqlite", "postgresql"], indirect=True)
 def test_killed_commands_lose_and_break_nothing(forks, kill_url, run, tmp_path):
     seen = kill_writers(
-        forks, kill_url, run, tmp_path / "out", kills=12, rng=np.random.default_rng(5)
+        forks, kill_url, run, tmp_path / "out", kills=6, rng=np.random.default_rng(5)
     )
-    assert (
-        sum(seen.values()) == 12 and sum(n for (_, code, _), n in seen.items() if code == -9) >= 5
-    ), seen
+    killed = sum(n for (_, code, _), n in seen.items() if code == -9)
+    assert sum(seen.values()) == 6 and killed >= 2, seen
 
 
 BATCHES = [("sqlite", k) for k in range(20)] + [("postgresql", 100 + k) for k in range(4)]

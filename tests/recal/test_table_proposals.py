@@ -124,15 +124,5 @@ def test_commit_and_propose_exclude_each_other(folder):
     assert not list(folder.iterdir())
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("approve", 1),
-        ("approve", 0, "--reason", "x"),
-        ("proposals", "--state", "maybe"),
-        ("proposals", "-o", "out"),
-        ("reject",),
-    ],
-)
-def test_wrong_usage(folder, arguments):
-    assert run("table", *arguments).exit_code == 2 and not list(folder.iterdir())
+def test_files_are_written_of_one_proposal(folder):
+    assert run("table", "proposals", "-o", "out").exit_code == 2 and not list(folder.iterdir())

@@ -154,18 +154,6 @@ def race(forks, url, runs, folder, retry):
     return [forks.wait(job) for job in jobs]
 
 
-def test_two_processes_at_once_lose_no_update(forks, runs, filled, tmp_path):
-    outcomes = race(forks, filled, runs, tmp_path, 3)
-    assert [o.code for o in outcomes] == [0, 0], outcomes
-    with TableStore.open(filled) as store:
-        history = store.history()
-        assert store.verify().intact
-    assert sorted(run.run_id for r in history for run in r.runs) == ["run-1", "run-2"]
-    assert {json.loads(o.out)["table_after_sha256"] for o in outcomes} == {
-        r.sha256 for r in history[1:]
-    }
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_eight_processes_at_once_lose_no_update(forks, tmp_path, kind):

@@ -22,6 +22,8 @@ from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
 from tests.simreal import diagnosed as small
 
+HALF_AN_HOUR_S = 1800.0  # at rest: half of what trials have
+
 
 def diagnosed(trial, **how) -> Diagnosis:
     settings = DiagnosisSettings(replicates=120, **how)
@@ -30,7 +32,8 @@ def diagnosed(trial, **how) -> Diagnosis:
 
 @lru_cache(maxsize=8)
 def planted(name: str, seed: int, size: float):
-    return scaled(draw_trial(seed, names=[name], plan="four_parked"), size)[0]
+    drawn = draw_trial(seed, names=[name], plan="four_parked", parked_s=HALF_AN_HOUR_S)
+    return scaled(drawn, size)[0]
 
 
 def test_a_twin_that_is_right_has_no_gap():
@@ -229,7 +232,7 @@ NOISES = ("gyro_noise_thermal", "gyro_noise_of_time", "gyro_angle_random_walk")
 
 def noise_shares(plan):
     """Probabilities of the noises of a gyro that is noisier while it warms up."""
-    drawn = draw_trial(7, names=["gyro_noise_thermal"], plan=plan, parked_s=1800.0)
+    drawn = draw_trial(7, names=["gyro_noise_thermal"], plan=plan, parked_s=HALF_AN_HOUR_S)
     trial = scaled(drawn, 20.0)[0]
     effects = [e for e in catalogue() if e.name in NOISES]
     found = diagnosed(trial, effects=effects)

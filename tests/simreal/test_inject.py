@@ -350,7 +350,7 @@ def test_evidence_moves_by_the_signature(key, monkeypatch):
     shape = shapes[len(shapes) // 2]
     units = found.traces(view.telemetry, target, shape)
     if not units:
-        pytest.skip("noise")
+        pytest.skip("an effect that is noise has no signature: the squares below")
     kind = view.telemetry.kind.copy()
     monkeypatch.setattr(run_view, "_kinds", lambda *_, **__: kind)
     for c in range(len(units)):

@@ -356,6 +356,7 @@ def test_white_noise_is_read_below_the_band_of_a_filter(filter_of):
     assert check_twin(run, found.twin).verdict == "ok"
 
 
+@pytest.mark.slow  # that no number is told of a model that is wrong: the boarded ring laser above
 def test_no_number_is_told_of_rows_filtered_below_the_seconds():
     """Smoothed over half a second: 1.6e-5 deg/sqrt(h) +- 0.3 % were told once, 125 times too
     little, with a Markov process that stood for the noise.

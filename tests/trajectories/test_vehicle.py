@@ -130,6 +130,19 @@ def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
     assert shifted > 0.005  # the disturbance was there
 
 
+def test_a_bump_goes_clockwise_of_the_nose_and_who_boards_sinks_the_vehicle(parked):
+    """A bump 45 deg to the right; people sink the vehicle by 30 mm, down in its velocity."""
+    events = (
+        Bump(time_s=50.0, velocity_m_s=0.2, duration_s=2.0, direction_deg=45.0),
+        Boarding(time_s=100.0, sink_mm=30.0),
+    )
+    moved = disturb(parked, VehicleNoise(**QUIET), events, np.random.default_rng(1))
+    largest = moved.v_n_m_s[np.argmax(moved.v_n_m_s[:, 0])]  # heading 0: north and east
+    expected = [0.2 * np.cos(np.pi / 4), 0.2 * np.sin(np.pi / 4), 0.0]
+    np.testing.assert_allclose(largest, expected, atol=0.005)
+    assert np.sum(moved.v_n_m_s[:, 2]) * parked.dt_s == pytest.approx(0.03, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("crab_mrad", "events"),
     [(5.0, ()), (0.0, (Boarding(time_s=20.0, heading_arcsec=500.0),))],

@@ -1,5 +1,5 @@
-"""A tiny fleet on disk: three units with two runs each, simulated once, and a pool that works in
-this process.
+"""A tiny fleet on disk: three units with two parked runs each, simulated once, and a pool that
+works in this process.
 """
 
 import shutil
@@ -10,7 +10,7 @@ from infield.store.table_store import TableStore
 from recal.fleet.pools.local_pool import Done, Lost
 from recal.fleet.pools.work import perform
 from recal.fleet.records import Task
-from tests.infield.sessions import factory_dict, simulated
+from tests.infield.sessions import PARKED, factory_dict, simulated
 from trajectories.runs.directory import write_run
 
 SERIALS = ("SN-A", "SN-B", "SN-C")
@@ -21,7 +21,7 @@ UPDATES = len(SERIALS) * len(STARTS)
 def run_of(serial: str, k: int, **header):
     """The k-th run of a unit; units differ in nothing but their serial."""
     start, start_utc = STARTS[k]
-    run = simulated(31 + k, start=start, start_utc=start_utc).run
+    run = simulated(31 + k, PARKED, start, start_utc).run
     return replace(
         run, header=replace(run.header, imu_serial=serial, run_id=f"{serial}-{k}", **header)
     )

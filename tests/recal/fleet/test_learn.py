@@ -40,32 +40,36 @@ def made(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def learnt(made):
+    """What is learnt in this process of one thread, proposed in the store."""
+    words = ["fleet", "learn", "--json", "--by", "night fleet", "-o", str(made / "out")]
+    done = CliRunner().invoke(app, [*words, "--store", f"sqlite:///{made}/recal.db"])
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
 @pytest.fixture
-def folder(made, tmp_path, monkeypatch):
+def folder(made, learnt, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("recal.db").write_bytes((made / "recal.db").read_bytes())
     return made
 
 
-def test_learnt_approved_used_and_taken_back(folder):
+def test_learnt_approved_used_and_taken_back(folder, learnt):
     """Three sessions of one unit: what they say is kept and named; an update goes by it once it is
     approved, and by the defaults where asked.
     """
-    done = recal("fleet", "learn", "--json", "--by", "night fleet", "-o", "out")
-    assert done.exit_code == 0, done.output
-    document = json.loads(done.stdout)
-    assert document["schema"] == "recal.priors/1" and document["verdict"] == "proposed"
-    assert json.loads(Path("out/priors.json").read_text()) == document
-    (priors,) = document["technologies"]
+    kept = folder / "out/priors.json"
+    assert learnt["schema"] == "recal.priors/1" and learnt["verdict"] == "proposed"
+    assert json.loads(kept.read_text()) == learnt
+    (priors,) = learnt["technologies"]
     assert (priors["gyro_technology"], priors["revision"]) == ("rlg", 1)
     assert priors["technology"]["sessions"] == 3 and priors["units"][0]["name"] == "SN-0042"
     turn_on = priors["technology"]["parameters"]["turn_on"]
     assert turn_on["default"] == 0.003 and turn_on["unit"] == "deg/h" and turn_on["n"] == 3
     assert {"few_sessions", "one_unit"} <= set(priors["note_codes"])
-    words = recal("fleet", "learn", "--dry-run", "-o", "words").stdout
-    assert words.endswith("words/priors.html\n")
-    page = Path("out/priors.html").read_text()
-    assert "turn-on, from one power-on to the next" in page and "recal fleet approve 1" in page
+    assert "recal fleet approve 1" in (folder / "out/priors.html").read_text()
 
     before = json.loads(recal("update", str(folder / "run-3"), "--json", "-o", "u").stdout)
     assert "priors" not in before and "rlg priors 1  open" in recal("fleet", "priors").stdout
@@ -78,14 +82,11 @@ def test_learnt_approved_used_and_taken_back(folder):
     used = recal("update", str(folder / "run-3"), "--json", "-o", "u")
     after = json.loads(used.stdout)
     assert (after["priors"]["source"], after["priors"]["revision"]) == ("approved", 1)
-    assert "revision 1" in after["priors"]["text"]
-    assert "priors of rlg, revision 1" in Path("u/update.html").read_text()
-    assert after["noise_model"]["source"] == "defaults of rlg, priors revision 1"
     assert after["noise_model"]["gyro"]["turn_on_deg_h"] != 0.003
     words = ("update", str(folder / "run-3"), "--json", "-o", "u", "--priors")
     assert "priors" not in json.loads(recal(*words, "default").stdout)
-    of_file = json.loads(recal(*words, "out/priors.json").stdout)
-    assert of_file["priors"]["source"] == "out/priors.json"
+    of_file = json.loads(recal(*words, str(kept)).stdout)
+    assert of_file["priors"]["source"] == str(kept)
     assert of_file["observability"] == after["observability"]
 
 
@@ -94,16 +95,15 @@ def _next_of_a_forecast():
     return re.search(r'<pre class="command">(.*?)</pre>', Path("f/forecast.html").read_text())[1]
 
 
-def test_what_is_learnt_is_the_same_with_more_threads(folder):
+@pytest.mark.slow  # that draws do not feel the last digits: infield/test_learning.py
+def test_what_is_learnt_is_the_same_with_more_threads(folder, learnt):
     """Two threads add in another order: values that differ at 4e-11 are kept as the same digits."""
-    found = []
-    for threads in ("1", "2"):
-        environment = os.environ | {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-        words = ("fleet", "learn", "--dry-run", "--json", "--store", URL, "-o", threads)
-        command = [sys.executable, "-m", "recal", *words]
-        done = subprocess.run(command, env=environment, capture_output=True, check=True)
-        found.append(json.loads(done.stdout)["technologies"])
-    assert found[0] == found[1]
+    environment = os.environ | {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
+    words = ("fleet", "learn", "--dry-run", "--json", "--store", URL, "-o", "two")
+    command = [sys.executable, "-m", "recal", *words]
+    done = subprocess.run(command, env=environment, capture_output=True, check=True)
+    (of_two,), (of_one,) = json.loads(done.stdout)["technologies"], learnt["technologies"]
+    assert {**of_two, "revision": 1} == of_one
 
 
 def test_what_cannot_be_learnt_from_is_named(folder):

@@ -38,6 +38,7 @@ def kill(pool, after_s=0.0):
     os.kill(worker.process.pid, signal.SIGKILL)
 
 
+@pytest.mark.slow  # a lost worker's run is taken again: test_fleet_update.py, without a process
 def test_a_worker_killed_midway_loses_nothing(fleet, task):
     pool = LocalPool(1)
     try:
