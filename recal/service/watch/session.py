@@ -3,7 +3,7 @@
 import multiprocessing
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from multiprocessing.connection import Connection
@@ -19,7 +19,7 @@ from recal.service.update import Update, UpdateRequest, update_in_store
 from recal.service.watch.interim import InterimRequest, begin, estimated
 from recal.service.watch.monitor import Monitor
 from recal.service.watch.recording import Recording
-from recal.service.watch.records import Estimated, WatchState
+from recal.service.watch.records import FIRST_S, Estimated, WatchState
 from trajectories.readers.conversion import run_header
 from trajectories.readers.live.mavlink_source import Fix, MavlinkSource
 from trajectories.readers.live.rows import Source
@@ -32,7 +32,6 @@ WAIT_S = 0.2  # for rows
 # of a core at real time, for estimates: of the 5 % that a session may take
 SHARE = 0.03
 LEAST_S = 10.0  # between two estimates, by the clock; chosen: 10 times what one takes
-FIRST_S = 90.0  # of a session, before its first one: 60 s of rest, and its start
 FIX_S = 10.0  # of messages in which a first fix is waited for: 10 of one a second
 PORTS = ("udp:", "tcp:", "serial:")
 
@@ -67,8 +66,9 @@ class WatchRequest:
         Who proposes and their note: the new table is kept for review, the active one stays.
     stopped : callable
         Whether the session is to end now.
-    shown, told, step : callable
-        Given the state every second; told of what happens; told as each step of the update begins.
+    shown, told : callable
+        Given the state every second, and as each step of the update at the end begins; told of what
+        happens.
     """
 
     source: str
@@ -92,7 +92,6 @@ class WatchRequest:
     stopped: Callable[[], bool] = field(default=lambda: False)
     shown: Callable[[WatchState], None] = field(default=lambda state: None)
     told: Callable[[str], None] = field(default=lambda line: None)
-    step: Callable[[str], None] = field(default=lambda words: None)
 
 
 def watch(request: WatchRequest) -> Update:
@@ -118,7 +117,7 @@ def watch(request: WatchRequest) -> Update:
     recording = Recording(source, request.run)
     try:
         with map_errors(request.map_):
-            _follow(request, source, recording)
+            last = _follow(request, source, recording)
     finally:
         recording.close()
         source.close()
@@ -139,7 +138,7 @@ def watch(request: WatchRequest) -> Update:
             output=request.output,
             keep_earlier=True,
             told=request.told,
-            step=request.step,
+            step=lambda words: request.shown(replace(last, ending=words)),
         )
     )
 
@@ -158,10 +157,13 @@ def _readable(parts: list[Path], told: Callable[[str], None]) -> list[Path]:
     return good or parts
 
 
-def _follow(request: WatchRequest, source: Source, recording: Recording) -> None:
-    """Record and show until the source ends, falls silent, or the session is stopped."""
+def _follow(request: WatchRequest, source: Source, recording: Recording) -> WatchState:
+    """Record and show until the source ends, falls silent, or the session is stopped; the state
+    then.
+    """
     monitor, worker = Monitor(), Worker(request)
     came_s = shown_s = time.monotonic()
+    request.shown(_state(monitor, recording, worker, 0.0))
     try:
         while not request.stopped():
             batch = source.read(WAIT_S)
@@ -183,6 +185,7 @@ def _follow(request: WatchRequest, source: Source, recording: Recording) -> None
                 request.shown(_state(monitor, recording, worker, now_s - came_s))
     finally:
         worker.close()
+    return _state(monitor, recording, worker, 0.0)
 
 
 def _state(monitor: Monitor, recording: Recording, worker: "Worker", silent_s: float) -> WatchState:
