@@ -1,12 +1,10 @@
-"""The update of the rows so far and what more would bring, in a process of its own.
+"""The update of the rows so far and what more would bring, in a process of its own (`worker`).
 
 Its rows are those of `part_rows`, summed to 10 Hz: the estimate has the sigmas of the whole log to
 their third digit and takes a second of CPU for an hour. What is stored in the end is estimated from
 all rows (`session`).
 """
 
-import os
-import signal
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +28,6 @@ from recal.service.watch.records import ALIGNING, FIRST_S, Estimated, GyroState
 from simreal.plan.ahead import TAXI, TURN, Outlook, outlook, stay
 from trajectories.runs.checks import Findings
 
-NICE = 10
 STAYS_MIN = (5.0, 10.0, 20.0, 40.0)
 GRID_MIN = np.arange(1.0, STAYS_MIN[-1] + 1.0)
 # of a sigma that ten more minutes bring: less is nothing; chosen: half of what makes a gyro
@@ -52,20 +49,22 @@ class InterimRequest:
     target_deg_h: float | None = None
 
 
-def begin() -> None:
-    """Of the process: it yields to others, and Ctrl-C is for the one that records."""
-    os.nice(NICE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 _PARTS: dict[Path, "PartRows"] = {}  # of the process, what it has read
 
 
+def read(parts: Sequence[Path]) -> None:
+    """Read what was recorded since."""
+    for path in parts:
+        if path not in _PARTS:
+            _PARTS[path] = PartRows(path)
+        _PARTS[path].read()
+
+
 def estimated(parts: Sequence[Path], request: InterimRequest) -> Estimated | None:
-    """The update of the rows so far; None where they are too few."""
+    """The update of the rows that were read; None where they are too few."""
     begun = time.process_time()
     findings = Findings()
-    runs = [_PARTS.setdefault(path, PartRows(path)).run(findings) for path in parts]
+    runs = [_PARTS[path].run(findings) for path in parts]
     known = [run for run in runs if run is not None and run.imu.end_s >= FIRST_S]
     if not known:
         return None

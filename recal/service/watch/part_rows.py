@@ -78,8 +78,7 @@ class PartRows:
         self._rows = 0  # in it
 
     def run(self, findings: Findings) -> Run | None:
-        """The run so far; what is wrong with it goes to `findings`."""
-        self._read()
+        """The run of the rows that were read; what is wrong with it goes to `findings`."""
         if self._rows < 2:
             return None
         imu = self._imu()
@@ -119,8 +118,10 @@ class PartRows:
             index_time_s=np.array([rows_at(self._file, row, 1)[0, 0] for row in begins]),
         )
 
-    def _read(self) -> None:
-        """Lay off what the recording holds now."""
+    def read(self) -> None:
+        """Lay off what the recording holds now, where there is one."""
+        if not (self._path / "imu.csv").exists():
+            return
         size = (self._path / "imu.csv").stat().st_size
         for _ in range(size // READ_BYTES + 1):  # not what comes meanwhile: it may come faster
             lines = self._lines.read()
