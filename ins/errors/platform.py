@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, radii_of_curvature
 from ins.errors.base import (
     ACCELS,
+    GYROS,
     AddedNoise,
     Coefficient,
     Shape,
@@ -32,7 +33,7 @@ from ins.errors.parts.recordings import lacking, over, span
 from ins.errors.prior import Prior
 from ins.errors.telemetry import Telemetry, Trace, on_axis
 from ins.records import InputError, VehicleNoise
-from ins.units import ARCSEC, HOUR, MICRO_G
+from ins.units import ARCSEC, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
 
 ARCMIN = 60.0 * ARCSEC
 MILLIGAL = 1e-5  # [m/s^2]
@@ -200,9 +201,20 @@ def engine_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise,
     return tuple(AddedNoise(channel, white=MICRO_G**2, profile=on) for channel in ACCELS)
 
 
+def engine_gyro_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """White noise of all gyros from the onset on."""
+    on = after(run, shape["onset_s"])
+    return tuple(AddedNoise(channel, white=DEG_PER_SQRT_HOUR**2, profile=on) for channel in GYROS)
+
+
 def vibration_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
     """White noise of all accelerometers from the first second to the last."""
     return tuple(AddedNoise(channel, white=MICRO_G**2) for channel in ACCELS)
+
+
+def vibration_gyro_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """White noise of all gyros from the first second to the last."""
+    return tuple(AddedNoise(channel, white=DEG_PER_SQRT_HOUR**2) for channel in GYROS)
 
 
 def latitude_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -352,6 +364,12 @@ ENGINE_WORDS = Words(
     size="Noise and bias step at the same instant.",
     remedy="Align before the start, or cut the session there.",
 )
+VIBRATION_WORDS = Words(
+    what="The vehicle shakes through the whole of one run.",
+    brought_on_by="A machine that runs from before the run to its end.",
+    size="As of an engine; there is no onset.",
+    remedy="Stop the machine, or align elsewhere.",
+)
 PLATFORM = (
     error(
         "P01",
@@ -434,6 +452,18 @@ PLATFORM = (
         words=ENGINE_WORDS,
     ),
     error(
+        "P06",
+        "engine_start",
+        VEHICLE_TARGETS,
+        (Coefficient("gyro_noise", "deg/sqrt(h)", 5e-4, 3e-3, signed=False),),
+        id="engine_start_gyro_noise",
+        shape=(ONSET,),
+        repeats="E",
+        noise_formula=engine_gyro_noise,
+        source="noise",
+        words=ENGINE_WORDS,
+    ),
+    error(
         "P09",
         "platform_vibration",
         VEHICLE_TARGETS,
@@ -441,12 +471,18 @@ PLATFORM = (
         repeats="E",
         noise_formula=vibration_noise,
         rivals=("engine_start", "accel_noise", "platform_sway"),
-        words=Words(
-            what="The vehicle shakes through the whole of one run.",
-            brought_on_by="A machine that runs from before the run to its end.",
-            size="As of an engine; there is no onset.",
-            remedy="Stop the machine, or align elsewhere.",
-        ),
+        words=VIBRATION_WORDS,
+    ),
+    error(
+        "P09",
+        "platform_vibration",
+        VEHICLE_TARGETS,
+        (Coefficient("gyro_noise", "deg/sqrt(h)", 5e-4, 3e-3, signed=False),),
+        id="platform_vibration_gyro_noise",
+        repeats="E",
+        noise_formula=vibration_gyro_noise,
+        rivals=("gyro_angle_random_walk",),
+        words=VIBRATION_WORDS,
     ),
     error(
         "P07",

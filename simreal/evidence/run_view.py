@@ -45,7 +45,13 @@ from simreal.evidence.at_range import share_at_range
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled
 from simreal.evidence.noise_model import channel_noises
 from simreal.evidence.seconds import Seconds, seconds_of
-from simreal.evidence.vehicle_motion import VehicleMotion, level_axes, motion_of, turned_back
+from simreal.evidence.vehicle_motion import (
+    VehicleMotion,
+    bends_of,
+    level_axes,
+    motion_of,
+    turned_back,
+)
 
 # beside movement: the vehicle may be on its way already; chosen: twice the longest sum of the
 # rows in which a start shows (3 s)
@@ -166,6 +172,7 @@ def view_run(
             C_nb,
             run.header.site,
             finds_north=not np.isfinite(sigma_heading),
+            bends=bends_of(run.imu, seconds.end_s),
         )
         motion = motion_of(
             _ten_second_means(seconds, start_s, end_s),

@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from ins.attitude import dcm_from_rotation_vector, skew
 from ins.earth import gravity_magnitude, omega_ie_n
-from ins.records import Site
+from ins.records import ImuSource, Site
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.evidence.seconds import Seconds
 
@@ -72,21 +72,46 @@ def to_the_end(bins: int) -> NDArray:
     return BIN_S * (np.triu(np.ones((bins, bins)), 1) + 0.5 * np.eye(bins))
 
 
+def bends_of(imu: ImuSource, end_s: NDArray) -> NDArray:
+    """How far the mean attitude of each second lies beyond half of the second's turn (n, 3) [rad].
+
+    A vehicle that rocks at a hertz turns back within the second: half turns alone would read its
+    rocking as a slow tilt, 40 micro-g on an airliner that rolls at 1.1 Hz in a gusty wind.
+    """
+    count, begin_s = end_s.size, float(end_s[0]) - 1.0
+    out = np.zeros((count, 3))
+    for rows in imu.pieces(begin_s, float(end_s[-1])):
+        middle_s = rows.time_s - 0.5 * rows.dt_s - begin_s
+        second = np.clip(np.floor(middle_s).astype(int), 0, count - 1)
+        left_s = second + 1.0 - middle_s
+        for axis in range(3):
+            weighed = (left_s - 0.5) * rows.dtheta_rad[:, axis]
+            out[:, axis] += np.bincount(second, weighed, minlength=count)
+    return out
+
+
 def turned_back(
-    seconds: Seconds, span: tuple[float, float], C_nb: NDArray, site: Site, *, finds_north: bool
+    seconds: Seconds,
+    span: tuple[float, float],
+    C_nb: NDArray,
+    site: Site,
+    *,
+    finds_north: bool,
+    bends: NDArray | None = None,
 ) -> tuple[Seconds, NDArray]:
     """The seconds as if the vehicle had stood as it stands at the end of the span, and its attitude
     there (3, 3): level and, where the unit finds_north, heading are those under which the force is
     level all the time. A mean of the gyros is off by the turns of the vehicle: of 0.4 deg of
     heading, 0.05 deg of level are made in an hour, which are 0.01 deg/h of Earth rate.
 
-    C_nb : about the attitude at the end.
+    C_nb : about the attitude at the end. bends : of each second (`bends_of`); None: none.
     """
     inside = np.flatnonzero((seconds.end_s > span[0] + 1e-6) & (seconds.end_s <= span[1] + 1e-6))
     rate, force = seconds.mean[inside, :3], seconds.mean[inside, 3:]
     earth_n = omega_ie_n(site.lat_rad)
-    half, whole = dcm_from_rotation_vector(0.5 * rate), dcm_from_rotation_vector(rate)
-    later = np.empty_like(half)  # takes what is fixed at the end into the body in a second's middle
+    to_end = 0.5 * rate if bends is None else 0.5 * rate - bends[inside]
+    half, whole = dcm_from_rotation_vector(to_end), dcm_from_rotation_vector(rate)
+    later = np.empty_like(half)  # takes what is fixed at the end into the body's mean of a second
     onward = np.eye(3)
     for k in range(len(inside) - 1, -1, -1):
         later[k] = half[k] @ onward

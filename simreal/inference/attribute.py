@@ -184,9 +184,9 @@ class Attributor:
         # of the fit that lost against a slow noise alone, or for it, and its probability
         self._instead: list[Slot] = []
         self._share_instead = 0.0
-        self.plain = self._under(())
-        self._plain_bank = Bank(self.plain, self.effects, tables=self._listed.tables)
-        self._set(self.plain, self._plain_bank)
+        self.plain_evidence = self._under(())
+        self._plain_bank = Bank(self.plain_evidence, self.effects, tables=self._listed.tables)
+        self._set(self.plain_evidence, self._plain_bank)
         self.plain_squares = self.squares
         self.not_testable = list(self.bank.not_testable)
         self._replicates(rng, replicates)
@@ -199,6 +199,8 @@ class Attributor:
         self.scorer, self.squares = Scorer(self.bank), Squares(evidence)
         self.noises = noise_hypotheses(evidence, self.squares, self.effects)
         self.hypotheses: list[AnyHypothesis] = [*self.bank.hypotheses, *self.noises]
+        self._terms: dict[tuple[object, ...], Term] = {}  # of shapes between those of the grid
+        self._noise_given: tuple[bytes, NDArray] | None = None
 
     def _under(self, noise: Sequence[ExtraNoise]) -> Evidence:
         """The evidence under the twin with more noise."""
@@ -257,7 +259,8 @@ class Attributor:
         tables = self._table_odds(self.bank.score[:, None])
         first = np.concatenate([self._odds(self.slots)[0], *tables])
         self._search()
-        if self._effects and phases_contradict(self.bank, self.evidence, self.columns):
+        looked = self._effects and not self._stopped
+        if looked and phases_contradict(self.bank, self.evidence, self.columns):
             self._parked_only = True
             self._begin_anew()
             self._search()
@@ -272,7 +275,7 @@ class Attributor:
             self.threshold,
             first,
             self.replicate_max,
-            self.plain,
+            self.plain_evidence,
             self.plain_squares,
             self._plain_residual(),
             self.replicate_z,
@@ -286,7 +289,7 @@ class Attributor:
             evidence = self._under(())
             self._set(evidence, self._plain_bank.under(evidence))
         else:
-            self._set(self.plain, self._plain_bank.anew())
+            self._set(self.plain_evidence, self._plain_bank.anew())
         self.slots = self._tables()
 
     def _is_found(self, slot: Slot) -> bool:
@@ -317,6 +320,8 @@ class Attributor:
         kept, total = list(self.slots), self._total()
         self._begin_anew()
         self._settle(channels)
+        if self._stopped:
+            return
         gained = self._total() - total
         lost = kept if gained >= 0.0 else list(self.slots)
         if gained < 0.0:
@@ -378,14 +383,14 @@ class Attributor:
 
     def _plain_residual(self) -> NDArray:
         """Rows under the twin's own noise less the named effects, for judging noise."""
-        out, columns = self.plain.z.copy(), self.columns
+        out, columns = self.plain_evidence.z.copy(), self.columns
         if not columns.size:
             return out
         beta, _ = fit(self.bank, columns)
-        for r, run in enumerate(self.plain.runs):
+        for r, run in enumerate(self.plain_evidence.runs):
             traces = [self.bank.traces_of(int(c), r) for c in columns]
             here = np.array([t is not None for t in traces])
-            out[self.plain.rows_of(r)] -= (
+            out[self.plain_evidence.rows_of(r)] -= (
                 run.whiten([t for t in traces if t is not None]) @ beta[here]
             )
         return out
@@ -396,18 +401,29 @@ class Attributor:
         """
         columns = columns_of(others)
         lp, groups = self.scorer.log_posterior(columns, self.bank.score[:, None])
-        z = self.evidence.z
-        if columns.size:
-            z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
         odds = np.concatenate([lp[:, 0], np.full(len(self.noises), -np.inf)])
         if noise:
-            ratio = self.squares.ratio(z[:, None])
-            of_noise = [self._noise_odds(h, ratio, z[:, None])[0] for h in self.noises]
-            odds[lp.shape[0] :] = of_noise
-            self._ratio, self._z = ratio, z[:, None]
+            odds[lp.shape[0] :] = self._odds_of_noise(columns)
         taken = {s.hypothesis.key for s in others if s.extra is not None or s.of_table}
         odds[[h.key in taken for h in self.hypotheses]] = -np.inf
         return odds, groups[:, 0]
+
+    def _odds_of_noise(self, columns: NDArray) -> NDArray:
+        """Log posterior odds (noises,) given columns; the last columns' are kept, for sources are
+        refined under the same ones.
+        """
+        if self._noise_given is None or self._noise_given[0] != columns.tobytes():
+            z = self._left(columns)[:, None]
+            self._ratio, self._z = self.squares.ratio(z), z
+            odds = [self._noise_odds(h, self._ratio, z)[0] for h in self.noises]
+            self._noise_given = columns.tobytes(), np.array(odds)
+        return self._noise_given[1]
+
+    def _left(self, columns: NDArray) -> NDArray:
+        """Whitened rows less what columns explain."""
+        if not columns.size:
+            return self.evidence.z
+        return self.evidence.z - self.bank.signature(columns, fit(self.bank, columns)[0])
 
     def _odds_with_room(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
         """`_odds`, without those of a kind that has no place left."""
@@ -545,9 +561,18 @@ class Attributor:
         """Where a noise of this shape shows: worked out for those of the grid before."""
         if shape in noise.shapes:
             return noise.terms[noise.shapes.index(dict(shape))]
-        return term_of(
-            self.evidence, self.squares, noise.effect, noise.target, dict(shape), noise.run
-        )
+        key = *noise.key, *sorted(shape.items())
+        if key not in self._terms:
+            self._terms[key] = term_of(
+                self.evidence, self.squares, noise.effect, noise.target, dict(shape), noise.run
+            )
+        return self._terms[key]
+
+    def _term_of_slot(self, slot: Slot) -> Term:
+        """Where the noise of a slot shows under the whitening of now."""
+        assert slot.extra is not None
+        noise = next(n for n in self.noises if n.key == slot.hypothesis.key)
+        return self._term(noise, slot.extra.shape)
 
     def _refine(self, number: int, groups: NDArray, others: Sequence[Slot]) -> None:
         """Enter a source's best member between those of the grid. The onset of an event becomes a
@@ -734,24 +759,19 @@ class Attributor:
         noisy = [s for s in self.slots if s.extra is not None]
         if len(self._effects) < 2 or not noisy:
             return
-        z = self.evidence.z
-        columns = self.columns
-        if columns.size:
-            z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
-        ratio = self.squares.ratio(z[:, None])
+        z = self._left(self.columns)[:, None]
+        ratio = self.squares.ratio(z)
         for slot in noisy:
-            h = next(n for n in self.noises if n.key == slot.hypothesis.key)
             assert slot.extra is not None
-            term = self._term(h, slot.extra.shape)
-            n, y, a = observed(term, self.squares, ratio, z[:, None])
+            n, y, a = observed(self._term_of_slot(slot), self.squares, ratio, z)
             gained = _gained_by(slot.extra.square, n, y[:, 0], a)
-            slot.log_odds = min(slot.log_odds, gained - _cost(h))
+            slot.log_odds = min(slot.log_odds, gained - _cost(slot.hypothesis))
 
     def _in_shadow(self, slot: Slot) -> bool:
         """Whether most of a slot lies where a much larger one may be off by as much in form."""
         own = self._energy(slot)
         for other in self._effects:
-            if other is slot:
+            if other is slot or _of_one_event(slot.hypothesis, other.hypothesis):
                 continue
             # of two noises, squares are compared: off by twice as much
             noises = slot.extra is not None and other.extra is not None
@@ -777,12 +797,17 @@ class Attributor:
             signature = self.bank.signature(slot.columns, beta[np.isin(columns, slot.columns)])
             place = self.evidence.rows.channel + 2 * count * self.evidence.followed
             return np.bincount(place, signature**2, minlength=3 * count)
-        h = next(n for n in self.noises if n.key == slot.hypothesis.key)
         assert slot.extra is not None
-        term = self._term(h, slot.extra.shape)
+        term = self._term_of_slot(slot)
         change = self.squares.dof[term.index] * (slot.extra.square * term.factor) ** 2
         share = np.bincount(self.squares.place[term.index], change, minlength=3 * count)
         return 2.0 * max(slot.log_odds, 0.0) * share / max(float(share.sum()), 1e-300)
+
+
+def _of_one_event(one: AnyHypothesis, other: AnyHypothesis) -> bool:
+    """Whether two sources are parts of one event: the shift and the noise that an engine makes."""
+    same = (one.name, one.target, one.run) == (other.name, other.target, other.run)
+    return same and one.run is not None
 
 
 def _cost(noise: AnyHypothesis) -> float:

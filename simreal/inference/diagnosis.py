@@ -18,7 +18,7 @@ from ins.documents import OMIT_NONE
 from ins.errors.base import Effect
 from ins.errors.catalogue import catalogue
 from ins.errors.telemetry import Trace
-from ins.records import InputError, Run, TwinModel
+from ins.records import InputError, Run, Site, TwinModel
 from simreal.declared.generic import Generic, table_errors
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
 from simreal.evidence.run_view import RunView, view_run
@@ -173,8 +173,11 @@ def diagnose(
     look = _Look(runs, twin, table, table_sha256, how)
     seen = look.at(0.0)
     attribution = look.attributed(seen, enough=look.needs_another)
-    wrong_rad, moved = entered_wrong_rad(attribution), tilting(attribution, look.turned_back)
-    if wrong_rad or moved:
+    wrong_rad = entered_wrong_rad(attribution)
+    if wrong_rad:  # it hides the rest, a mount that bends among it
+        seen = look.at(wrong_rad, seen.moved)
+        attribution = look.attributed(seen, enough=look.tilts)
+    if moved := tilting(attribution, look.turned_back):
         seen = look.at(wrong_rad, seen.moved | moved)
         attribution = look.attributed(seen)
     every = [*seen.views, *seen.held]
@@ -204,6 +207,7 @@ class _Look:
     table: ThermalTable | None
     table_sha256: str
     how: DiagnosisSettings
+    _turned: dict[tuple[str, Site], RunEvidence] = field(default_factory=dict)
 
     def at(self, wrong_rad: float, moved: frozenset[str] | None = None) -> _Seen:
         """The runs from a latitude this much less than the entered one. moved: those whose parked
@@ -225,18 +229,24 @@ class _Look:
 
     def turned_back(self, run: RunEvidence) -> RunEvidence:
         """The parked stretch of a run as that of a vehicle that moves."""
-        view = self._view(run.view.run, run.view.telemetry.run_index, moved=True)
-        assert isinstance(view, RunView)
-        return RunEvidence(replace(view, history=None), self.twin)
+        site = run.view.run.header.site
+        if (run.view.name, site) not in self._turned:
+            view = self._view(run.view.run, run.view.telemetry.run_index, moved=True)
+            assert isinstance(view, RunView)
+            made = RunEvidence(replace(view, history=None), self.twin)
+            self._turned[run.view.name, site] = made
+        return self._turned[run.view.name, site]
 
     def needs_another(self, found: Attributor) -> bool:
         """Whether what is left needs other views: from another latitude, or of a vehicle that
         moves.
         """
-        if entered_wrong_rad(found) != 0.0:
-            return True
+        return entered_wrong_rad(found) != 0.0 or self.tilts(found)
+
+    def tilts(self, found: Attributor) -> bool:
+        """Whether a vehicle moves beyond the first effects named."""
         named = sum(not s.of_table for s in found.slots)
-        return named == NAMED_FIRST and bool(tilting(found, self.turned_back))
+        return named >= NAMED_FIRST and bool(tilting(found, self.turned_back))
 
     def _view(self, run: Run, index: int, *, moved: bool) -> RunView | str:
         sha256 = self.table_sha256

@@ -22,7 +22,7 @@ from simreal.inference.scoring import fit
 ROCKS, QUICKER = 1.5, 1.3
 SHIP = 100.0  # of the squares of slow rows: a swell is as slow as they are (10 s)
 LOUD_SIGMA = 5.0  # of a sum of squares: 1e-6 of quiet ones lie beyond
-NAMED_FIRST = 2  # effects that may explain a tilt; what people do takes more
+NAMED_FIRST = 2  # effects that may explain a tilt; what people do takes 3 or more
 
 
 def rocking(runs: Sequence[RunEvidence]) -> frozenset[str]:
@@ -47,23 +47,24 @@ def tilting(
     found: Attribution | Attributor, turned_back: Callable[[RunEvidence], RunEvidence]
 ) -> frozenset[str]:
     """Names of the runs whose vehicles turn beyond what was found of them: what is loud in their
-    level accelerometers is far likelier once the turns that the gyros read are taken out.
+    level accelerometers, for the twin, is far likelier once the turns that the gyros read are taken
+    out than with what was found. A found noise makes nothing loud, and is judged by its likelihood.
     """
     columns = columns_of(s for s in found.slots if s.hypothesis.target == "vehicle")
     every = found.columns
     beta, _ = fit(found.bank, every)
     left = found.evidence.z - found.bank.signature(columns, beta[np.isin(every, columns)])
-    out = set()
+    plain, out = found.plain_evidence, set()
     for r, run in enumerate(found.evidence.runs):
         level = level_axes(run.view.C_nb)
         if level is None or not run.parked.steady.all():
             continue
         channels = 3 + np.flatnonzero(level)
-        own = left[found.evidence.rows_of(r)]
-        square = _square(run, own, channels)
         rows = channels.size * run.parked.bins
-        if square < rows + LOUD_SIGMA * np.sqrt(2.0 * rows):
+        loud = _square(run, plain.z[plain.rows_of(r)], channels)
+        if loud < rows + LOUD_SIGMA * np.sqrt(2.0 * rows):
             continue
+        square = _square(run, left[found.evidence.rows_of(r)], channels)
         other = turned_back(run)
         if not other.parked.steady.any():
             gain = 0.5 * (square - _square(other, other.z, channels))

@@ -9,12 +9,12 @@ import recal
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, rotation_vector_from_dcm
 from ins.earth import gravity_magnitude, omega_ie_n
 from ins.errors.telemetry import Trace
-from ins.records import Site
-from ins.units import ARCSEC, DEG, DEG_PER_HOUR
+from ins.records import ImuLog, Site
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.evidence.run_view import view_run
 from simreal.evidence.seconds import Seconds
-from simreal.evidence.vehicle_motion import BIN_S, motion_of, to_the_end, turned_back
+from simreal.evidence.vehicle_motion import BIN_S, bends_of, motion_of, to_the_end, turned_back
 from simreal.evidence.whitened import RunEvidence
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 
@@ -45,6 +45,39 @@ def test_turns_of_the_vehicle_are_taken_out():
     assert np.ptp(still.mean[:, 3:], axis=0).max() < 4e-5
     known, _ = turned_back(seconds, (0.0, float(N)), C_end, SITE, finds_north=False)
     assert np.ptp(known.mean[:, 3:], axis=0).max() < 4e-5
+
+
+def rolling(hz, arcsec, rate_hz=20):
+    """Seconds of a vehicle that rolls so fast, its rows, and its attitude at the end."""
+    g = np.array([0.0, 0.0, -float(gravity_magnitude(SITE.lat_rad, SITE.height_m))])
+    t = np.arange(2 * 600 * rate_hz + 1) / (2.0 * rate_hz)
+    C_nb = dcm_from_rotation_vector(
+        np.outer(arcsec * ARCSEC * np.sin(2 * np.pi * hz * t), [1, 0, 0])
+    )
+    C_ib = dcm_from_rotation_vector(np.outer(t, omega_ie_n(SITE.lat_rad))) @ C_nb
+    dtheta = rotation_vector_from_dcm(C_ib[:-1:2].transpose(0, 2, 1) @ C_ib[2::2])
+    force = C_nb[1::2].transpose(0, 2, 1) @ g
+    dt = np.full(len(dtheta), 1.0 / rate_hz)
+    rows = ImuLog(time_s=t[2::2], dt_s=dt, dtheta_rad=dtheta, dv_m_s=force / rate_hz)
+    mean = np.hstack([dtheta * rate_hz, force]).reshape(600, rate_hz, 6).mean(axis=1)
+    flat = np.zeros((600, 6))
+    seconds = Seconds(
+        1.0 + np.arange(600), mean, flat, np.full(600, rate_hz), 0.05, np.zeros(6, bool)
+    )
+    return seconds, rows, C_nb[-1]
+
+
+def test_a_roll_of_a_hertz_is_no_slow_tilt():
+    """Half turns sample it once a second: 0.99 Hz would read as a period of 100 s."""
+    seconds, rows, C_end = rolling(0.99, 40.0)
+
+    def slow_ug(bends):
+        at = (0.0, 600.0), C_end, SITE
+        still, _ = turned_back(seconds, *at, finds_north=False, bends=bends)
+        return float(np.ptp(still.mean[:, 4].reshape(-1, 20).mean(axis=1)) / MICRO_G)
+
+    assert slow_ug(None) > 200.0
+    assert slow_ug(bends_of(rows, seconds.end_s)) < 2.0
 
 
 def test_means_of_a_rate_become_means_of_its_integral_to_the_end():
