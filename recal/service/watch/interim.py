@@ -91,7 +91,11 @@ def _waiting(found: Estimated, wait: Reason | None) -> Estimated:
     if wait is None or found.verdict != Outcome.REFUSED:
         return found
     return replace(
-        found, verdict=ALIGNING, waits_for=sentence(wait), waits_s=wait.values.get("left_s")
+        found,
+        verdict=ALIGNING,
+        waits_for=sentence(wait),
+        waits_s=wait.values.get("left_s"),
+        document=None,  # its report would say refused
     )
 
 
