@@ -65,7 +65,7 @@ def changed_lines() -> Callable[[WatchState], list[str]]:
         estimate, now_s = state.estimate, time.monotonic()
         is_new = estimate is not None and estimate.until_s != until_s
         every_s = BEAT_S if known else EARLY_BEAT_S
-        if is_new or now_s - beat_s >= every_s:
+        if is_new or (state.ending is None and now_s - beat_s >= every_s):
             beat_s = now_s
             fresh += [f"{name}: {value}" for name, value in rows(state)[1:]]
         if estimate is not None and is_new:

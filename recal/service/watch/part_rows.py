@@ -5,6 +5,7 @@ piece.
 
 import os
 import tempfile
+import weakref
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -75,6 +76,7 @@ class PartRows:
         self._names: list[str] = []
         self._raw = np.zeros((0, 7))
         self._file = tempfile.TemporaryFile()
+        weakref.finalize(self, self._file.close)
         self._rows = 0  # in it
 
     def run(self, findings: Findings) -> Run | None:
@@ -86,7 +88,8 @@ class PartRows:
         header, errors, _ = header_from_json(data, name="run.json")
         if header is None:
             raise InputError(errors[0])
-        held = {name: self._stream(name, findings) for name in ("temperature", "gnss", "odometer")}
+        names = ("temperature", "gnss", "odometer")
+        held = {name: self._stream(name, imu.end_s, findings) for name in names}
         check_physics(
             imu,
             site=header.site,
@@ -157,11 +160,17 @@ class PartRows:
         self._rows += count
         self._raw = raw[first + count * each - 1 :]
 
-    def _stream(self, name: str, findings: Findings):
+    def _stream(self, name: str, end_s: float, findings: Findings):
+        """A stream until the last row of the imu that was read: it may have grown since."""
         path = self._path / f"{name}.csv"
         if not path.exists():
             return None
         try:
-            return streams.LOADERS[name](StreamFile(path), findings)[0]
+            log = streams.LOADERS[name](StreamFile(path), findings)[0]
         except InputError:  # not a row of it yet
             return None
+        if log is None or log.time_s[-1] <= end_s:
+            return log
+        known = log.time_s <= end_s
+        columns = {k: v[known] for k, v in vars(log).items() if isinstance(v, np.ndarray)}
+        return replace(log, **columns) if known.any() else None

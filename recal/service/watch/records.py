@@ -97,12 +97,10 @@ def rows(state: WatchState) -> list[Row]:
         found.append(("gyros", f"{now} degC; visited {low:.1f} to {high:.1f}{to_come}"))
     if state.estimate is not None:
         found += _estimate_rows(state, state.estimate)
-    else:
+    elif state.ending is None:
         left_s = FIRST_S - state.time_s
-        comes = (
-            f"the first one in {clock(left_s)} of rows" if left_s > 0 else "the first one is made"
-        )
-        found.append(("estimate", comes))
+        comes = f"comes in {clock(left_s)} of rows" if left_s > 0 else "is being made"
+        found.append(("estimate", f"the first one {comes}"))
     return found
 
 

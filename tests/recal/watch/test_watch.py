@@ -4,6 +4,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,6 +22,7 @@ from ins.verdicts import because
 from recal.service.update import UpdateRequest, update_in_store
 from recal.service.watch.interim import InterimRequest, advised, estimated, read
 from recal.service.watch.monitor import Monitor, Phase
+from recal.service.watch.part_rows import PartRows
 from recal.service.watch.reasons import Wait, waits
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import WatchState
@@ -28,6 +30,7 @@ from recal.service.watch.session import SHOWN_S, WAIT_S, WatchRequest, watch
 from simreal.plan.ahead import TURN, Outlook, outlook, stay
 from tests.recal.command import run as typed
 from trajectories.readers.live.text_source import RunSource
+from trajectories.runs.checks import Findings
 from trajectories.runs.directory import read_run, write_run
 
 MERGED_KEYS = ("observability", "points", "table_after", "heading_error", "runs", "verdict")
@@ -92,6 +95,19 @@ def test_the_interim_estimate_is_that_of_the_rows(recorded, interim):
     assert found.until_s == pytest.approx(4965.0, abs=1.0)
     # turned by 90, 90 and -90 deg
     assert abs((found.heading_deg - 90.0 + 180.0) % 360.0 - 180.0) < 4 * found.sigma_heading_deg
+
+
+def test_temperatures_that_came_later_are_not_of_the_estimate(recorded, tmp_path):
+    """The streams of a fast source grow while one after the other is read."""
+    part = tmp_path / "part"
+    shutil.copytree(recorded, part)
+    lines = (part / "imu.csv").read_text().splitlines(keepends=True)
+    (part / "imu.csv").write_text("".join(lines[:9001]))
+    rows = PartRows(part)
+    rows.read()
+    run = rows.run(Findings())
+    assert run.imu.end_s == pytest.approx(900.0, abs=0.2)
+    assert run.imu.end_s - 2.0 < run.temperature.time_s[-1] <= run.imu.end_s
 
 
 def test_a_stay_and_a_turn_bring_what_was_predicted(simulated):
