@@ -55,6 +55,7 @@ GRIDS = {
     "yaw_walk": WALKS,
     "swing_m": powers_of_two(2.0**-10, LARGEST_PLACE_M, fineness=FINENESS),
 }
+WALKS_FIRST = ("place_walk", "yaw_walk", "place", "yaw")
 SHOWN_BY = {"place": ("still", "stop"), "yaw": ("heading held",)}  # measurements of each level
 # mean squared innovation over its variance: 10 sigmas on end. A filter that believes in a quiet
 # level is led astray by what it is shown
@@ -309,13 +310,15 @@ class _Search:
         return scale, best
 
     def _needed(self, scale: Scale) -> Scale:
-        """The scale without jitter or walk whose loss the others make up for, to SURE_NATS: a walk
-        that gains less is chance, and makes the heading's sigma twice as large.
+        """The scale without jitter or walk whose loss the others make up for, to SURE_NATS.
+
+        A vehicle comes back to its place and heading: where jitter explains as much, it is no walk.
+        A walk that gains less is chance, and doubles the sigma of the vertical gyro.
         """
-        moved = [name for name in _moved(scale) if name != "swing_m"]
-        for name in moved:
-            others = tuple(other for other in moved if other != name)
-            without = self._climb(scale.sized(**{name: getattr(QUIET, name)}), others)
+        for name in (name for name in WALKS_FIRST if name in _moved(scale)):
+            others = {*_moved(scale), name.removesuffix("_walk")} - {name, "swing_m"}
+            quieter = scale.sized(**{name: getattr(QUIET, name)})
+            without = self._climb(quieter, tuple(n for n in WALKS_FIRST if n in others))
             if self._value(without) + SURE_NATS > self._value(scale):
                 return self._needed(without)
         return scale

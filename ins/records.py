@@ -130,33 +130,6 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
     return a
 
 
-def frozen_after(before: NDArray, more: NDArray) -> NDArray:
-    """Rows behind others, as an array that a record takes over without a copy.
-
-    Parameters
-    ----------
-    before, more : ndarray, shape (n, ...) and (m, ...)
-
-    Returns
-    -------
-    joined : ndarray of float64, shape (n + m, ...)
-        Not writeable.
-
-    Raises
-    ------
-    ValueError
-        Where their further dimensions differ.
-
-    Examples
-    --------
-    >>> frozen_after(np.zeros(2), np.ones(1))
-    array([0., 0., 1.])
-    """
-    joined = np.concatenate([before, more], dtype=np.float64)
-    joined.flags.writeable = False
-    return joined
-
-
 def _is_settled(values: NDArray) -> bool:
     """Whether an array is what a record holds already: nobody can write to it, and it owns its
     numbers, so that a long log need not be copied.

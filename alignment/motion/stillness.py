@@ -13,11 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from alignment.motion.disturbed_epochs import JOLT_RAD, DisturbedEpochs, find_disturbed_epochs
 from alignment.motion.excursions import (
     GUARD_S,
     LEAD_S,
+    PUSH_S,
     PUSHED_M,
     TAIL_S,
     find_excursions,
@@ -42,6 +44,9 @@ ROLL_EDGE_S = 5.0
 # 2.9 deg: a vehicle that turned by more on the spot rolls; a tug's push turns by 1 deg at most in
 # the simulator (tests/alignment/test_stillness.py)
 PUSH_TURN_RAD = 0.05
+# epochs of the median that a push of 15 is held against; chosen: four pushes, over which the gyro
+# error of `_displaced` bends a line by 1 mm/s
+RUNNING = 61
 # epochs of rest on either side of a disturbance, for the line between them, whose end is known to
 # 0.5 of an epoch's noise (2 / sqrt(15))
 BESIDE = 15
@@ -242,7 +247,8 @@ def _to_the_rest(kind: NDArray, felt: NDArray, edge: int, way: int) -> None:
 
 def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
     """Fastest epoch of each disturbed stretch that leaves the vehicle elsewhere, by the way about
-    the line between rests.
+    the line between rests. A gyro error of 0.01 deg/h bends that line by 1 m in 300 s: a stretch
+    longer than a push is looked through for a way in BESIDE epochs about its running median.
     """
     found = []
     for a, b in runs_of_true(kind == DISTURBED):
@@ -258,8 +264,17 @@ def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
         t0 = t[before].mean()
         t1 = t[after].mean()
         deviation = v[a:b] - (v0 + (v1 - v0) * ((t[a:b] - t0) / (t1 - t0))[:, None])
-        if np.linalg.norm((deviation * np.gradient(t)[a:b, None]).sum(axis=0)) > PUSHED_M:
-            found.append(a + int(np.argmax(np.linalg.norm(deviation, axis=1))))
+        step_s = np.gradient(t)[a:b, None]
+        epochs = b - a
+        if epochs * float(np.median(step_s)) > PUSH_S:
+            deviation = deviation - median_filter(deviation, (RUNNING, 1), mode="nearest")
+            epochs = BESIDE
+        way_m = np.cumsum(np.vstack([np.zeros(2), deviation * step_s]), axis=0)
+        moved_m = np.linalg.norm(way_m[epochs:] - way_m[:-epochs], axis=1)
+        first = int(np.argmax(moved_m))
+        if moved_m[first] > PUSHED_M:
+            speed = np.linalg.norm(deviation[first : first + epochs], axis=1)
+            found.append(a + first + int(np.argmax(speed)))
     return found
 
 

@@ -6,13 +6,15 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name, say
+from ins.user_input import one_line
+from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name
 from recal.cli.logs import LATITUDE
 from recal.cli.parameters.shared import PROPOSAL
 from recal.cli.parameters.verbs import made_from
@@ -121,6 +123,8 @@ def watch(
         The folder of the update's report. Default: recal-watch.
     """
     signed = _signed(propose, by, note, commit=commit)
+    if _in_lines(shown):
+        stamped(f"watching {source}, recording to {run}")  # what is imported next takes seconds
     from recal.service.watch.session import WatchRequest
     from recal.service.watch.session import watch as watched
 
@@ -174,26 +178,38 @@ def _until_interrupted() -> Iterator[Event]:
 
 @contextmanager
 def _screen(shown: Shown) -> Iterator[Any]:
-    """What shows the state: lines of JSON, a screen of a terminal, a line a minute, nothing."""
+    """What shows the state: lines of JSON, a screen of a terminal, lines with the time, nothing."""
     if shown.as_json:
         yield json_line
     elif shown.quiet:
         yield lambda state: None
-    elif sys.stderr.isatty():
-        from recal.cli.terminal.watch_screen import screen
-
-        with screen() as show:
-            yield show
-    else:
+    elif _in_lines(shown):
         from recal.cli.terminal.watch_screen import changed_lines
 
         lines = changed_lines()
 
         def print_new(state: "WatchState") -> None:
             for line in lines(state):
-                say(line)
+                stamped(line)
 
         yield print_new
+    else:
+        from recal.cli.terminal.watch_screen import screen
+
+        with screen() as show:
+            yield show
+
+
+def _in_lines(shown: Shown) -> bool:
+    """Whether the session is told line by line: somebody reads the output later, or elsewhere."""
+    on_terminal = sys.stdout.isatty() and sys.stderr.isatty()
+    return not (shown.as_json or shown.quiet or on_terminal)
+
+
+def stamped(line: str) -> None:
+    """A line with the time of day (UTC), at once: on standard output where that is no terminal."""
+    out = sys.stderr if sys.stdout.isatty() else sys.stdout
+    print(f"{datetime.now(UTC):%H:%M:%SZ} {one_line(line)}", file=out, flush=True)
 
 
 @contextmanager

@@ -128,13 +128,14 @@ def _answer(text: str, kind: str) -> Any:
 def told(state: WatchState) -> str:
     """The state as the page's script writes it, in JSON: texts alone."""
     estimate = state.estimate
+    drawable = estimate is not None and estimate.document is not None
     said = {
         "rows": rows(state),
         "head": GYRO_HEAD,
         "gyros": gyro_rows(estimate) if estimate is not None else [],
         "faults": list(state.faults),
         "advice": list(estimate.advice) if estimate is not None else [],
-        "report": estimate.until_s if estimate is not None else None,
+        "report": estimate.until_s if estimate is not None and drawable else None,
     }
     return json.dumps(said)
 

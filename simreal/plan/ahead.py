@@ -10,11 +10,12 @@ values that it is given, but on what is measured when and how well, so that the 
 continued session is the prediction.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from alignment.motion.kinds import ROLLING
 from infield.session.joint_update import Walk
@@ -25,10 +26,11 @@ from infield.session.pipeline import update_calibration
 from infield.session.points import AxisObservability, observability
 from infield.session.results import SessionResult, UpdateResult
 from infield.thermometer.gyro_temperature import gyro_temperature, plausible_range
-from ins.attitude import euler_from_dcm, level_angles
-from ins.records import ImuLog, Run, TemperatureLog, frozen_after
+from ins.attitude import euler_from_dcm, level_angles, rotation_vector_from_dcm
+from ins.records import ImuLog, ImuSource, Run, TemperatureLog
 from ins.units import MINUTE
 from trajectories.runs.checks import MIN_RATE_HZ
+from trajectories.runs.imu_stream import Columns, ImuParts
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Pivot, Segment, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
@@ -156,17 +158,10 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
     run, estimate = session.run, session.estimate
     if estimate is None or run.temperature is None:
         return None
-    rows = run.imu.whole()
-    rest = _last_rest(session, rows)
-    if rest is None:
+    rows = run.imu
+    still = _last_rest(session, rows)
+    if still is None:
         return None
-    still = ImuLog(
-        time_s=rows.time_s[rest],
-        dt_s=rows.dt_s[rest],
-        dtheta_rad=rows.dtheta_rad[rest],
-        dv_m_s=rows.dv_m_s[rest],
-        source=rows.source,
-    )
     roll, pitch, heading = _attitude(session, still)
     truth = build_truth(
         lay(candidate.segments),
@@ -177,19 +172,76 @@ def continued(session: SessionResult, candidate: Candidate) -> Run | None:
         wheel_reference_m=run.header.wheel_reference_m,
     )
     ideal = ideal_sensors(truth, max(rows.rate_hz, MIN_RATE_HZ))
-    imu = ImuLog(
-        time_s=frozen_after(rows.time_s, rows.time_s[-1] + ideal.time_s),
-        dt_s=frozen_after(rows.dt_s, np.full(ideal.time_s.size, ideal.dt_s)),
-        dtheta_rad=_joined(rows.dtheta_rad, ideal.dtheta_rad, still.dtheta_rad, backwards=-1.0),
-        dv_m_s=_joined(rows.dv_m_s, ideal.dv_m_s, still.dv_m_s, backwards=1.0),
+    more = ImuLog(
+        time_s=rows.end_s + ideal.time_s,
+        dt_s=np.full(ideal.time_s.size, ideal.dt_s),
+        dtheta_rad=_goes_on(
+            ideal.dtheta_rad, still.dtheta_rad, backwards=-1.0, net=_turned(session, still)
+        ),
+        dv_m_s=_goes_on(ideal.dv_m_s, still.dv_m_s, backwards=1.0),
         source=rows.source,
     )
+    imu = ContinuedImu(run.imu, more)
     warmer = _warmer(run.temperature, float(imu.end_s))
     header = replace(run.header, applied_table_sha256=None)  # the session's rows are raw
     return replace(run, header=header, imu=imu, temperature=warmer, sha256="")
 
 
-def _last_rest(session: SessionResult, rows: ImuLog) -> slice | None:
+@dataclass(frozen=True, eq=False)
+class ContinuedImu(ImuParts):
+    """A log, which stays where it is, and what follows it (an `ins.records.ImuSource`).
+
+    Parameters
+    ----------
+    before : ImuSource
+    more : ImuLog
+        Later than `before`.
+    """
+
+    before: ImuSource
+    more: ImuLog
+
+    @property
+    def source(self) -> str:  # type: ignore[override]
+        """That of the log."""
+        return self.before.source
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.before.rows + self.more.rows
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first row."""
+        return self.before.start_s
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last row."""
+        return self.more.end_s
+
+    @property
+    def rate_hz(self) -> float:
+        """That of the log."""
+        return self.before.rate_hz
+
+    def parts(self, start_s: float, end_s: float) -> Iterator[Columns]:
+        """The pieces of the one, then the other."""
+        split_s = self.before.end_s
+        pieces: Iterable[ImuLog] = [self.more]
+        if start_s < split_s:
+            # a log of one row is none
+            pieces = chain(self.before.pieces(min(start_s, split_s - 1.0)), pieces)
+        for piece in pieces:
+            a, b = np.searchsorted(piece.time_s, [start_s, end_s], side="right")
+            if a < b:
+                yield piece.time_s[a:b], piece.dt_s[a:b], piece.dtheta_rad[a:b], piece.dv_m_s[a:b]
+            if b < piece.rows:
+                return
+
+
+def _last_rest(session: SessionResult, rows: ImuSource) -> ImuLog | None:
     """The rows since the vehicle last moved, bumps and gusts among them; None where it moves, or
     moved a moment ago.
     """
@@ -202,7 +254,7 @@ def _last_rest(session: SessionResult, rows: ImuLog) -> slice | None:
     start_s = max(stands_s, rows.end_s - LONGEST_REST_S)
     if rows.end_s - start_s < SHORTEST_REST_S:
         return None
-    return slice(int(np.searchsorted(rows.time_s, start_s, side="right")), None)
+    return rows.between(start_s, np.inf)
 
 
 def _attitude(session: SessionResult, still: ImuLog) -> tuple[float, float, float]:
@@ -215,18 +267,30 @@ def _attitude(session: SessionResult, still: ImuLog) -> tuple[float, float, floa
     return *level_angles(still.dv_m_s.mean(axis=0)), 0.0
 
 
-def _joined(rows: NDArray, ideal: NDArray, still: NDArray, *, backwards: float) -> NDArray:
-    """Rows (n, 3), then the ideal ones with the mean of the rest beyond the ideal rest, and the
+def _turned(session: SessionResult, still: ImuLog) -> NDArray:
+    """By what the vehicle is turned at the end of a rest against its start (3,), body axes: people
+    and freight tilt it, and the unit's own mean rate is without that.
+    """
+    assert session.estimate is not None
+    solution = session.estimate.solution
+    if solution is None:
+        return np.zeros(3)
+    C_nb = solution.history.C_nb
+    start = int(np.searchsorted(solution.history.time_s, still.start_s))
+    return rotation_vector_from_dcm(C_nb[start].T @ C_nb[-1])
+
+
+def _goes_on(ideal: NDArray, still: NDArray, *, backwards: float, net: ArrayLike = 0.0) -> NDArray:
+    """The ideal rows (n, 3) with the mean of the rest beyond the ideal rest, and the
     scatter of the rest about its mean, backwards from its end, then forwards, as often as needed.
 
-    backwards: what a scatter is multiplied by where time runs backwards: -1 of rates, 1 of forces.
+    backwards: what a scatter is multiplied by where time runs backwards: -1 of rates, 1 of forces;
+    net: the part of the rest's sum that is the vehicle's.
     """
-    mean = still.mean(axis=0)
+    mean = (still.sum(axis=0) - net) / len(still)
     scatter = still - mean
     there_and_back = np.concatenate([backwards * scatter[::-1], scatter])
-    return np.concatenate(
-        [rows, ideal + (mean - ideal[0]) + np.resize(there_and_back, ideal.shape)]
-    )
+    return np.asarray(ideal + (mean - ideal[0]) + np.resize(there_and_back, ideal.shape))
 
 
 def _warmer(log: TemperatureLog, end_s: float) -> TemperatureLog:

@@ -25,9 +25,56 @@ from trajectories.runs.imu_scan import (
 from trajectories.runs.schema import imu_columns
 from trajectories.runs.stream_files import HELD_ROWS, PIECE_ROWS, StreamFile
 
+Columns = tuple[NDArray, NDArray, NDArray, NDArray]  # time_s, dt_s, dtheta_rad, dv_m_s
+
+
+class ImuParts:
+    """What an `ins.records.ImuSource` gives of its rows, by its parts.
+
+    Attributes
+    ----------
+    source : str
+        "increments" or "rates": what the rows were read from.
+    """
+
+    source: str
+
+    def parts(self, start_s: float, end_s: float) -> Iterator[Columns]:
+        """The rows whose interval ends in (start_s, end_s], as they come.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+
+        Returns
+        -------
+        parts : iterator of (time_s, dt_s, dtheta_rad, dv_m_s)
+            Shapes (n,), (n,), (n, 3), (n, 3), each of one row or more.
+        """
+        raise NotImplementedError
+
+    def between(self, start_s: float, end_s: float) -> ImuLog:
+        """The rows whose interval ends in (start_s, end_s], in memory."""
+        return _joined(list(self.parts(start_s, end_s)), self.source)
+
+    def whole(self) -> ImuLog:
+        """All rows, in memory."""
+        return self.between(-np.inf, np.inf)
+
+    def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
+        """The rows of `between` a piece at a time, each of two rows or more."""
+        held: list[Columns] = []
+        for part in self.parts(start_s, end_s):
+            if len(part[0]) > 1 and sum(len(p[0]) for p in held) > 1:
+                yield _joined(held, self.source)
+                held = []
+            held.append(part)
+        if held:
+            yield _joined(held, self.source)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ImuFile:
+class ImuFile(ImuParts):
     """Increments that stay in their file (an `ins.records.ImuSource`); each use reads what it
     needs.
 
@@ -58,29 +105,8 @@ class ImuFile:
         """Nominal sample rate: one over the median interval."""
         return float(1.0 / self.intervals.nominal_s)
 
-    def between(self, start_s: float, end_s: float) -> ImuLog:
-        """The rows whose interval ends in (start_s, end_s], in memory."""
-        return _joined(list(self._parts(start_s, end_s)), self.source)
-
-    def whole(self) -> ImuLog:
-        """All rows, in memory."""
-        return self.between(-np.inf, np.inf)
-
-    def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
-        """The rows of `between` a piece at a time, each of two rows or more."""
-        held: list[tuple[NDArray, ...]] = []
-        for part in self._parts(start_s, end_s):
-            if len(part[0]) > 1 and sum(len(p[0]) for p in held) > 1:
-                yield _joined(held, self.source)
-                held = []
-            held.append(part)
-        if held:
-            yield _joined(held, self.source)
-
-    def _parts(self, start_s: float, end_s: float) -> Iterator[tuple[NDArray, ...]]:
-        """time_s, dt_s, dtheta_rad, dv_m_s of the rows in (start_s, end_s], as the file's pieces
-        come.
-        """
+    def parts(self, start_s: float, end_s: float) -> Iterator[Columns]:
+        """As the file's pieces come."""
         first = max(int(np.searchsorted(self.index_time_s, start_s, side="right")) - 1, 0)
         before_s, nominal_s = self.index_before_s[first], self.intervals.nominal_s
         for row, columns in self.stream.pieces(
@@ -257,7 +283,7 @@ def _vectors(columns: dict[str, NDArray], names: tuple[str, ...]) -> NDArray:
     return np.stack([columns[name] for name in names], axis=1)
 
 
-def _joined(parts: list[tuple[NDArray, ...]], source: str) -> ImuLog:
+def _joined(parts: list[Columns], source: str) -> ImuLog:
     if not parts:
         parts = [(np.empty(0), np.empty(0), np.empty((0, 3)), np.empty((0, 3)))]
     time_s, dt_s, dtheta, dv = (

@@ -1,11 +1,16 @@
 """The screen of `recal watch` on a terminal, and its lines where there is none."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from ins.user_input import visible
 from recal.service.watch.records import GYRO_HEAD, WatchState, gyro_rows, rows
+
+BEAT_S, EARLY_BEAT_S = 60.0, 10.0  # chosen: a line a minute is read; before it one sees it lives
 
 
 @contextmanager
@@ -37,24 +42,34 @@ def drawn(state: WatchState) -> Any:
         parts.append(Text(f"! {visible(fault)}", style="bold red"))
     for line in _advice(state):
         parts.append(Text(f"> {line}", style="bold"))
-    parts.append(Text("Ctrl-C ends the session and updates the table", style="dim"))
+    if state.ending is None:
+        parts.append(Text("Ctrl-C ends the session and updates the table", style="dim"))
     return Group(*parts)
 
 
 def changed_lines() -> Callable[[WatchState], list[str]]:
-    """Gives the lines that were not said before: of a pipe or a log file."""
-    said: set[tuple[str, ...]] = set()
-    until_s = [-1.0]
+    """Gives the lines that were not said before, and every BEAT_S, before the first estimate
+    EARLY_BEAT_S, where the session is: of a pipe or a log file.
+    """
+    said: set[str] = set()
+    until_s, beat_s, known = -1.0, -np.inf, False
 
     def lines(state: WatchState) -> list[str]:
+        nonlocal until_s, beat_s, known
         found = [f"phase: {state.phase}", *(f"! {fault}" for fault in state.faults)]
-        fresh = [line for line in found if (line,) not in said]
-        said.difference_update([one for one in said if one[0].startswith("phase")])
-        said.update((line,) for line in found)
-        estimate = state.estimate
-        if estimate is not None and estimate.until_s != until_s[0]:
-            until_s[0] = estimate.until_s
+        if state.ending is not None:
+            found.append(f"session ended: {state.ending}")
+        fresh = [line for line in found if line not in said]
+        said.difference_update([one for one in said if one.startswith("phase")])
+        said.update(found)
+        estimate, now_s = state.estimate, time.monotonic()
+        is_new = estimate is not None and estimate.until_s != until_s
+        every_s = BEAT_S if known else EARLY_BEAT_S
+        if is_new or (state.ending is None and now_s - beat_s >= every_s):
+            beat_s = now_s
             fresh += [f"{name}: {value}" for name, value in rows(state)[1:]]
+        if estimate is not None and is_new:
+            until_s, known = estimate.until_s, True
             for row in gyro_rows(estimate):
                 cells = (f"{head} {cell}" for head, cell in zip(GYRO_HEAD, row))
                 fresh.append(", ".join(cells))

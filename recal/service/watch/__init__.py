@@ -1,4 +1,5 @@
 """`recal watch`: `session` (the verb), `recording` (rows to run directories), `monitor` (seconds,
-phase, faults), `interim` (estimates and predictions, in a process of its own), `advice` (what to
-do), `records` (what is said), `feed` (a run sent as MAVLink).
+phase, faults), `worker` (a process that estimates), `interim` (estimates, predictions, advice),
+`part_rows` (their rows), `reasons` (what is waited for), `records` (what is said), `feed` (a run
+sent as MAVLink).
 """

@@ -1,14 +1,11 @@
-"""The update of the rows so far and what more would bring, in a process of its own.
+"""The update of the rows so far and what more would bring, in a process of its own (`worker`).
 
-Rows are summed to about RATE_HZ as they are read, each once: the estimate at 10 Hz has the sigmas
-of the whole log to their third digit and takes a second of CPU for an hour. What is stored in the
-end is estimated from all rows (`session`).
+Its rows are those of `part_rows`, summed to 10 Hz: the estimate has the sigmas of the whole log to
+their third digit and takes a second of CPU for an hour. What is stored in the end is estimated from
+all rows (`session`).
 """
 
-import os
-import signal
 import time
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,28 +16,18 @@ from numpy.typing import NDArray
 from infield.session.estimate import SessionEstimate
 from infield.session.points import mean_rows
 from ins.attitude import euler_from_dcm
-from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.estimation.states import THETA
-from ins.json_file import Written, read_json_object
-from ins.records import AXES, ImuLog, InputError, Run, frozen_after
+from ins.records import AXES, InputError, Run
 from ins.units import DEG, MINUTE
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, Reason, sentence
 from recal.service.inputs.records import AnyTwin
 from recal.service.update import Update, update
-from recal.service.watch.records import Estimated, GyroState
+from recal.service.watch.part_rows import PartRows
+from recal.service.watch.reasons import waits
+from recal.service.watch.records import ALIGNING, FIRST_S, Estimated, GyroState
 from simreal.plan.ahead import TAXI, TURN, Outlook, outlook, stay
-from trajectories.readers.live.text_source import READ_BYTES, Lines, numbers
-from trajectories.runs import streams
-from trajectories.runs.checks import MIN_RATE_HZ, Findings
-from trajectories.runs.directory import run_sha256
-from trajectories.runs.imu_stream import imu_log
-from trajectories.runs.physics_gates import CoSensors, check_physics
-from trajectories.runs.schema import header_from_json
-from trajectories.runs.stream_files import StreamFile
+from trajectories.runs.checks import Findings
 
-RATE_HZ = MIN_RATE_HZ
-PART_S = 90.0  # of a part that is estimated: 60 s of rest, and its start
-NICE = 10
 STAYS_MIN = (5.0, 10.0, 20.0, 40.0)
 GRID_MIN = np.arange(1.0, STAYS_MIN[-1] + 1.0)
 # of a sigma that ten more minutes bring: less is nothing; chosen: half of what makes a gyro
@@ -62,21 +49,23 @@ class InterimRequest:
     target_deg_h: float | None = None
 
 
-def begin() -> None:
-    """Of the process: it yields to others, and Ctrl-C is for the one that records."""
-    os.nice(NICE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 _PARTS: dict[Path, "PartRows"] = {}  # of the process, what it has read
 
 
+def read(parts: Sequence[Path]) -> None:
+    """Read what was recorded since."""
+    for path in parts:
+        if path not in _PARTS:
+            _PARTS[path] = PartRows(path)
+        _PARTS[path].read()
+
+
 def estimated(parts: Sequence[Path], request: InterimRequest) -> Estimated | None:
-    """The update of the rows so far; None where they are too few."""
+    """The update of the rows that were read; None where they are too few."""
     begun = time.process_time()
     findings = Findings()
-    runs = [_PARTS.setdefault(path, PartRows(path)).run(findings) for path in parts]
-    known = [run for run in runs if run is not None and run.imu.end_s >= PART_S]
+    runs = [_PARTS[path].run(findings) for path in parts]
+    known = [run for run in runs if run is not None and run.imu.end_s >= FIRST_S]
     if not known:
         return None
     try:
@@ -93,105 +82,21 @@ def estimated(parts: Sequence[Path], request: InterimRequest) -> Estimated | Non
     return replace(found, cpu_s=time.process_time() - begun)
 
 
-class PartRows:
-    """The rows of a part that grows, read once and summed to about RATE_HZ."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._lines = path, Lines(path / "imu.csv")
-        self._names: list[str] = []
-        self._raw = np.zeros((0, 7))
-        self._imu: ImuLog | None = None
-        self._summed: list[NDArray] = []  # not yet in it
-
-    def run(self, findings: Findings) -> Run | None:
-        """The run so far; what is wrong with it goes to `findings`."""
-        self._read()
-        imu = self._imu
-        if imu is None:
-            return None
-        data = read_json_object(self._path / "run.json", number=Written)
-        header, errors, _ = header_from_json(data, name="run.json")
-        if header is None:
-            raise InputError(errors[0])
-        held = {name: self._stream(name, findings) for name in ("temperature", "gnss", "odometer")}
-        check_physics(
-            imu,
-            site=header.site,
-            technology=header.gyro_technology,
-            label="imu",
-            findings=findings,
-            beside=CoSensors(
-                gnss=held["gnss"],
-                odometer=held["odometer"],
-                accepted_scale=header.accepted_accel_scale,
-            ),
-        )
-        site = data["site"]
-        by_digits = isinstance(site, dict) and "sigma_lat_deg" not in site
-        if held["gnss"] is not None and by_digits:
-            header = streams.with_receiver(header, held["gnss"])
-        run = Run(header=header, imu=imu, **held)
-        return replace(run, sha256=run_sha256(run))
-
-    def _read(self) -> None:
-        """Add what the file holds now; a row is held once, in the log."""
-        size = (self._path / "imu.csv").stat().st_size
-        for _ in range(size // READ_BYTES + 1):  # not what comes meanwhile: it may come faster
-            lines = self._lines.read()
-            if lines:
-                self._take(lines)
-        if not self._summed:
-            return
-        rows = np.concatenate(self._summed)
-        columns = [rows[:, 0], rows[:, 1], rows[:, 2:5], rows[:, 5:8]]
-        if self._imu is not None:
-            log = self._imu
-            before = [log.time_s, log.dt_s, log.dtheta_rad, log.dv_m_s]
-            columns = list(map(frozen_after, before, columns))
-        time_s, dt_s, dtheta_rad, dv_m_s = columns
-        if len(time_s) > 1:
-            self._imu = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta_rad, dv_m_s=dv_m_s)
-            self._summed = []
-
-    def _take(self, lines: list[bytes]) -> None:
-        if not self._names:
-            self._names = lines.pop(0).decode().strip().split(",")
-        values = numbers(lines, len(self._names), Counter(), ",")
-        raw = np.concatenate([self._raw, values])
-        if len(raw) < 3:
-            self._raw = raw
-            return
-        is_rate = RATE_COLUMNS[0] in self._names
-        at = [0, *(self._names.index(n) for n in (RATE_COLUMNS if is_rate else INCREMENT_COLUMNS))]
-        ordered = raw[:, at]
-        w, f = ordered[:, 1:4].copy(), ordered[:, 4:7].copy()
-        log, _ = imu_log(ordered[:, 0].copy(), w, f, source="rates" if is_rate else "increments")
-        rows = np.column_stack([log.time_s, log.dt_s, log.dtheta_rad, log.dv_m_s])
-        each = max(int(log.rate_hz * (1.0 + 1e-6) // RATE_HZ), 1)
-        # the first row was the last of the block before: it is there for the interval after it
-        first = 1 if self._summed or self._imu is not None else 0
-        count = (len(rows) - first) // each
-        if not count:
-            self._raw = raw
-            return
-        used = rows[first : first + count * each].reshape(count, each, 8)
-        summed = used.sum(axis=1)
-        summed[:, 0] = used[:, -1, 0]
-        self._summed.append(summed)
-        self._raw = raw[first + count * each - 1 :]
-
-    def _stream(self, name: str, findings: Findings):
-        path = self._path / f"{name}.csv"
-        if not path.exists():
-            return None
-        try:
-            return streams.LOADERS[name](StreamFile(path), findings)[0]
-        except InputError:  # not a row of it yet
-            return None
-
-
 def _said(findings: Findings) -> list[str]:
     return [item.text for item in findings.items if item.level != "warning" or "stuck" in item.text]
+
+
+def _waiting(found: Estimated, wait: Reason | None) -> Estimated:
+    """The estimate, as of a session that is aligning where it waits for something."""
+    if wait is None or found.verdict != Outcome.REFUSED:
+        return found
+    return replace(
+        found,
+        verdict=ALIGNING,
+        waits_for=sentence(wait),
+        waits_s=wait.values.get("left_s"),
+        document=None,  # its report would say refused
+    )
 
 
 def _refused(run: Run, faults: Sequence[str], cpu_s: float) -> Estimated:
@@ -211,10 +116,11 @@ def _refused(run: Run, faults: Sequence[str], cpu_s: float) -> Estimated:
 def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | None) -> Estimated:
     """What an update says of the last part."""
     document, session = result.record, result.estimate.sessions[-1]
-    faults = [*_said(findings), *document.reasons]
+    wait = waits(session.verdict.reasons, run.imu.end_s)
+    faults = [*_said(findings), *(document.reasons if wait is None else ())]
     estimate = session.estimate
     if estimate is None or session.temperature is None:
-        return _refused(run, faults, 0.0)
+        return _waiting(_refused(run, faults, 0.0), wait)
     excluded: dict[str, float] = {}
     for span in document.excluded:
         why = str(span.reason)
@@ -238,7 +144,7 @@ def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | N
         for k, axis in enumerate(AXES)
     }
     doubted = getattr(document.sessions[-1], "doubted", None) or ()
-    return Estimated(
+    found = Estimated(
         until_s=float(run.imu.end_s),
         verdict=str(document.verdict),
         used_s=float(run.imu.end_s - run.imu.start_s - sum(excluded.values())),
@@ -253,6 +159,7 @@ def _found(result: Update, run: Run, findings: Findings, target_deg_h: float | N
         plan_min=advice.plan_min,
         document=document,
     )
+    return _waiting(found, wait)
 
 
 def _heading(estimate: SessionEstimate) -> tuple[float | None, float | None]:

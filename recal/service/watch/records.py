@@ -7,6 +7,8 @@ from infield.reports.documents.update_records import UpdateDocument
 from ins.documents import UNWRITTEN
 
 Row = tuple[str, str]
+FIRST_S = 90.0  # of a session, before its first estimate: 60 s of rest, and its start
+ALIGNING = "aligning"  # the verdict of a session that is only too short so far
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +29,11 @@ class GyroState:
 class Estimated:
     """An update of the rows so far.
 
-    until_s: of the session; excluded_s: seconds left out of it, by reason; at_end_degC: of the
-    gyros, at the end of the longest stay that was predicted; advice, faults: sentences; enough:
-    every gyro is below its target; plan_min: the stay that the advice names.
+    until_s: of the session; verdict: of the update, or ALIGNING where only time is lacking, then
+    waits_for says what is waited for, and waits_s how long, where that is known; excluded_s:
+    seconds left out of it, by reason; at_end_degC: of the gyros, at the end of the longest stay
+    that was predicted; advice, faults: sentences; enough: every gyro is below its target; plan_min:
+    the stay that the advice names.
     """
 
     until_s: float
@@ -43,6 +47,8 @@ class Estimated:
     faults: Sequence[str] = ()
     advice: Sequence[str] = ()
     enough: bool = False
+    waits_for: str | None = None
+    waits_s: float | None = None
     plan_min: float | None = None
     cpu_s: float = 0.0
     document: UpdateDocument | None = field(default=None, metadata=UNWRITTEN)
@@ -53,7 +59,8 @@ class WatchState:
     """The session at this moment.
 
     runs: its parts; time_s: of its last row; dropped: rows that were not recorded, by reason;
-    gyro_degC: now; visited_degC: lowest and highest; estimate: the last one, None before the first.
+    gyro_degC: now; visited_degC: lowest and highest; estimate: the last one, None before the first;
+    ending: what is done after the session's end.
     """
 
     schema: str = "recal.watch/1"
@@ -67,13 +74,15 @@ class WatchState:
     visited_degC: Sequence[float]
     faults: Sequence[str]
     estimate: Estimated | None
+    ending: str | None = None
 
 
 def rows(state: WatchState) -> list[Row]:
     """What is shown first: name and value."""
     rate = "" if state.rate_hz is None else f" at {state.rate_hz:.4g} Hz"
     dropped = ", ".join(f"{n} {why}" for why, n in state.dropped.items()) or "none"
-    found = [
+    found = [] if state.ending is None else [("ended", state.ending)]
+    found += [
         ("phase", f"{state.phase}, {clock(state.time_s)}"),
         ("rows", f"{state.rows}{rate}, dropped: {dropped}"),
     ]
@@ -88,16 +97,20 @@ def rows(state: WatchState) -> list[Row]:
         found.append(("gyros", f"{now} degC; visited {low:.1f} to {high:.1f}{to_come}"))
     if state.estimate is not None:
         found += _estimate_rows(state, state.estimate)
-    else:
-        found.append(("estimate", "the first one comes after 90 s"))
+    elif state.ending is None:
+        left_s = FIRST_S - state.time_s
+        comes = f"comes in {clock(left_s)} of rows" if left_s > 0 else "is being made"
+        found.append(("estimate", f"the first one {comes}"))
     return found
 
 
 def _estimate_rows(state: WatchState, found: Estimated) -> list[Row]:
     left_out = ", ".join(f"{s:.0f} s {why}" for why, s in found.excluded_s.items()) or "nothing"
     old = clock(state.time_s - found.until_s)
-    lines = [
-        ("estimate", f"{found.verdict}, of the rows until {clock(found.until_s)} ({old} ago)"),
+    verdict = "" if found.verdict == ALIGNING else f"{found.verdict}, "
+    lines = [] if found.waits_for is None else [("aligning", f"needs {found.waits_for}")]
+    lines += [
+        ("estimate", f"{verdict}of the rows until {clock(found.until_s)} ({old} ago)"),
         ("seconds", f"{found.used_s:.0f} used, left out: {left_out}"),
     ]
     if found.heading_deg is not None:

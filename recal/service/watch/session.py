@@ -1,14 +1,11 @@
 """`watch`: a session while it runs, recorded first, estimated on the way, updated at its end."""
 
-import multiprocessing
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 from ins.json_file import read_toml
 from ins.records import InputError, RunHeader
@@ -16,10 +13,11 @@ from recal.service.convert import map_errors
 from recal.service.inputs.records import AnyTwin
 from recal.service.inputs.unit_inputs import open_store
 from recal.service.update import Update, UpdateRequest, update_in_store
-from recal.service.watch.interim import InterimRequest, begin, estimated
+from recal.service.watch.interim import InterimRequest
 from recal.service.watch.monitor import Monitor
 from recal.service.watch.recording import Recording
-from recal.service.watch.records import Estimated, WatchState
+from recal.service.watch.records import WatchState
+from recal.service.watch.worker import Worker
 from trajectories.readers.conversion import run_header
 from trajectories.readers.live.mavlink_source import Fix, MavlinkSource
 from trajectories.readers.live.rows import Source
@@ -29,10 +27,6 @@ from trajectories.runs.directory import inspect_run
 
 SHOWN_S = 1.0  # how often rows go to the disk and the state is told: a kill costs 1 s
 WAIT_S = 0.2  # for rows
-# of a core at real time, for estimates: of the 5 % that a session may take
-SHARE = 0.03
-LEAST_S = 10.0  # between two estimates, by the clock; chosen: 10 times what one takes
-FIRST_S = 90.0  # of a session, before its first one: 60 s of rest, and its start
 FIX_S = 10.0  # of messages in which a first fix is waited for: 10 of one a second
 PORTS = ("udp:", "tcp:", "serial:")
 
@@ -67,8 +61,9 @@ class WatchRequest:
         Who proposes and their note: the new table is kept for review, the active one stays.
     stopped : callable
         Whether the session is to end now.
-    shown, told, step : callable
-        Given the state every second; told of what happens; told as each step of the update begins.
+    shown, told : callable
+        Given the state every second, and as each step of the update at the end begins; told of what
+        happens.
     """
 
     source: str
@@ -92,7 +87,6 @@ class WatchRequest:
     stopped: Callable[[], bool] = field(default=lambda: False)
     shown: Callable[[WatchState], None] = field(default=lambda state: None)
     told: Callable[[str], None] = field(default=lambda line: None)
-    step: Callable[[str], None] = field(default=lambda words: None)
 
 
 def watch(request: WatchRequest) -> Update:
@@ -118,7 +112,7 @@ def watch(request: WatchRequest) -> Update:
     recording = Recording(source, request.run)
     try:
         with map_errors(request.map_):
-            _follow(request, source, recording)
+            last = _follow(request, source, recording)
     finally:
         recording.close()
         source.close()
@@ -139,7 +133,7 @@ def watch(request: WatchRequest) -> Update:
             output=request.output,
             keep_earlier=True,
             told=request.told,
-            step=request.step,
+            step=lambda words: request.shown(replace(last, ending=words)),
         )
     )
 
@@ -158,10 +152,13 @@ def _readable(parts: list[Path], told: Callable[[str], None]) -> list[Path]:
     return good or parts
 
 
-def _follow(request: WatchRequest, source: Source, recording: Recording) -> None:
-    """Record and show until the source ends, falls silent, or the session is stopped."""
-    monitor, worker = Monitor(), Worker(request)
+def _follow(request: WatchRequest, source: Source, recording: Recording) -> WatchState:
+    """Record and show until the source ends, falls silent, or the session is stopped; the state
+    then.
+    """
+    monitor, worker = Monitor(), Worker(_interim(request))
     came_s = shown_s = time.monotonic()
+    request.shown(_state(monitor, recording, worker, 0.0))
     try:
         while not request.stopped():
             batch = source.read(WAIT_S)
@@ -183,9 +180,20 @@ def _follow(request: WatchRequest, source: Source, recording: Recording) -> None
                 request.shown(_state(monitor, recording, worker, now_s - came_s))
     finally:
         worker.close()
+    return _state(monitor, recording, worker, 0.0)
 
 
-def _state(monitor: Monitor, recording: Recording, worker: "Worker", silent_s: float) -> WatchState:
+def _interim(request: WatchRequest) -> InterimRequest:
+    return InterimRequest(
+        store_url=request.store_url,
+        twin=request.twin,
+        config=request.config,
+        thermal_model=request.thermal_model,
+        target_deg_h=request.target_deg_h,
+    )
+
+
+def _state(monitor: Monitor, recording: Recording, worker: Worker, silent_s: float) -> WatchState:
     estimate = worker.found
     faults = [*monitor.faults(silent_s), *worker.faults]
     return WatchState(
@@ -200,80 +208,6 @@ def _state(monitor: Monitor, recording: Recording, worker: "Worker", silent_s: f
         faults=[*faults, *(estimate.faults if estimate is not None else ())],
         estimate=estimate,
     )
-
-
-class Worker:
-    """The process that estimates, asked as often as its share of a core allows."""
-
-    def __init__(self, request: WatchRequest) -> None:
-        self._request = InterimRequest(
-            store_url=request.store_url,
-            twin=request.twin,
-            config=request.config,
-            thermal_model=request.thermal_model,
-            target_deg_h=request.target_deg_h,
-        )
-        self.found: Estimated | None = None
-        self.faults: list[str] = []
-        self._process: Any = None
-        self._link: Connection | None = None
-        self._asked_s, self._due_s, self._at_s, self._busy = 0.0, FIRST_S, 0.0, False
-
-    def look(self, time_s: float, parts: list[Path]) -> None:
-        """Take an answer that has come, and ask again where it is time."""
-        if time_s < self._asked_s:  # another part
-            self._due_s = time_s + FIRST_S
-            self._asked_s = time_s
-        try:
-            self._look(time_s, parts)
-        except (EOFError, OSError):
-            self.faults = ["the estimate broke down: it is begun again"]
-            self.close()
-            self._due_s = time_s + FIRST_S
-
-    def _look(self, time_s: float, parts: list[Path]) -> None:
-        if self._busy and self._link is not None and self._link.poll():
-            answer = self._link.recv()
-            self._busy, self._at_s = False, time.monotonic()
-            if isinstance(answer, str):
-                self.faults = [f"no estimate: {answer}"]
-            elif answer is not None:
-                self.found, self.faults = answer, []
-                self._due_s = self._asked_s + answer.cpu_s / SHARE
-        waited = time.monotonic() - self._at_s >= LEAST_S
-        if self._busy or not parts or time_s < self._due_s or not waited:
-            return
-        if self._link is None:
-            context = multiprocessing.get_context("spawn")
-            self._link, far = context.Pipe()
-            self._process = context.Process(target=_serve, args=(far,), daemon=True)
-            self._process.start()
-            far.close()
-        self._asked_s, self._due_s, self._busy = time_s, time_s + LEAST_S, True
-        self._link.send((list(parts), self._request))
-
-    def close(self) -> None:
-        """End the process."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-        if self._link is not None:
-            self._link.close()
-        self._process, self._link, self._busy = None, None, False
-
-
-def _serve(link: Connection) -> None:
-    """Answer until the other end is gone; a fault of the program is an answer, too."""
-    begin()
-    while True:
-        try:
-            parts, request = link.recv()
-        except EOFError:
-            return
-        try:
-            link.send(estimated(parts, request))
-        except Exception as error:
-            link.send(f"{type(error).__name__}: {error}")
 
 
 def opened(request: WatchRequest) -> Source:

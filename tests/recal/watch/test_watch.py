@@ -3,7 +3,10 @@
 import json
 import os
 import random
+import re
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -12,17 +15,22 @@ import numpy as np
 import pytest
 
 import recal
+from infield.session.reasons import SessionReason
 from infield.table.file import json_text
 from ins.records import InputError
+from ins.verdicts import because
 from recal.service.update import UpdateRequest, update_in_store
-from recal.service.watch.interim import InterimRequest, advised, estimated
+from recal.service.watch.interim import InterimRequest, advised, estimated, read
 from recal.service.watch.monitor import Monitor, Phase
+from recal.service.watch.part_rows import PartRows
+from recal.service.watch.reasons import Wait, waits
 from recal.service.watch.recording import Recording
 from recal.service.watch.records import WatchState
-from recal.service.watch.session import WatchRequest, watch
+from recal.service.watch.session import SHOWN_S, WAIT_S, WatchRequest, watch
 from simreal.plan.ahead import TURN, Outlook, outlook, stay
 from tests.recal.command import run as typed
 from trajectories.readers.live.text_source import RunSource
+from trajectories.runs.checks import Findings
 from trajectories.runs.directory import read_run, write_run
 
 MERGED_KEYS = ("observability", "points", "table_after", "heading_error", "runs", "verdict")
@@ -73,6 +81,7 @@ def test_the_end_is_the_update_of_the_file(grown, tmp_path):
 @pytest.fixture(scope="module")
 def interim(recorded):
     """The estimate of all rows."""
+    read([recorded])
     return estimated([recorded], InterimRequest(store_url="sqlite:///no.db"))
 
 
@@ -86,6 +95,19 @@ def test_the_interim_estimate_is_that_of_the_rows(recorded, interim):
     assert found.until_s == pytest.approx(4965.0, abs=1.0)
     # turned by 90, 90 and -90 deg
     assert abs((found.heading_deg - 90.0 + 180.0) % 360.0 - 180.0) < 4 * found.sigma_heading_deg
+
+
+def test_temperatures_that_came_later_are_not_of_the_estimate(recorded, tmp_path):
+    """The streams of a fast source grow while one after the other is read."""
+    part = tmp_path / "part"
+    shutil.copytree(recorded, part)
+    lines = (part / "imu.csv").read_text().splitlines(keepends=True)
+    (part / "imu.csv").write_text("".join(lines[:9001]))
+    rows = PartRows(part)
+    rows.read()
+    run = rows.run(Findings())
+    assert run.imu.end_s == pytest.approx(900.0, abs=0.2)
+    assert run.imu.end_s - 2.0 < run.temperature.time_s[-1] <= run.imu.end_s
 
 
 def test_a_stay_and_a_turn_bring_what_was_predicted(simulated):
@@ -112,7 +134,10 @@ def test_a_vehicle_that_people_left_is_predicted_to_stay_calm():
 
     ratios = np.array(list(predicted(18)["ratios"].values()))
     assert ratios.shape == (2, 3)
-    assert np.abs(np.log(ratios)).max() <= np.log1p(WITHIN)
+    worst = np.abs(np.log(ratios)).max(axis=1)
+    assert worst[0] <= np.log1p(WITHIN)
+    # the jolts of boarding stand out more, the longer it is calm: 11 % after 20 min
+    assert worst[1] <= np.log1p(1.5 * WITHIN)
 
 
 def test_phases_and_a_gap_are_seen_from_the_rows(simulated, recorded):
@@ -180,6 +205,94 @@ def test_kills_lose_nothing(grown, tmp_path):
     process.communicate(timeout=300)
     assert process.returncode == 0
     assert read_run(out).sha256 == read_run(grown).sha256
+
+
+def sent_rows(count, first_s):
+    """HIGHRES_IMU at 100 Hz from a second of the boot clock on, in real time, to who listens."""
+    from pymavlink.dialects.v20 import common
+
+    encoder = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    bits = 0x3F | 1 << 12
+    rest = (0.0, 0.0, -9.80665, 1e-5, 2e-5, -5e-5)
+    for k in range(count):
+        time_s = first_s + 0.01 * k
+        message = encoder.highres_imu_encode(round(1e6 * time_s), *rest, *[0.0] * 6, 25.0, bits)
+        yield time_s, message.pack(encoder)
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_a_kill_of_a_live_source_loses_a_second(tmp_path, kind, kills):
+    """What was sent more than a second (`SHOWN_S`) before the kill is on the disk; the same command
+    goes on, and the rows that came meanwhile are those of another part.
+    """
+    out, rng = tmp_path / "out", random.Random(kills)
+    with socket.socket(type=socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    options = "--serial SN-1 --technology rlg --lat-deg 45.0 -q".split()
+    begin_s = 100.0
+    for kill in range(kills):
+        words = [*COMMAND, f"{kind}:127.0.0.1:{port}", "-o", str(out), *options]
+        words += ["--report", str(tmp_path / "report")]
+        if kind == "tcp":
+            listener = socket.create_server(("127.0.0.1", port))
+            process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+            listener.settimeout(60.0)
+            link = listener.accept()[0]
+            listener.close()
+        else:
+            process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+            link = socket.socket(type=socket.SOCK_DGRAM)
+            link.connect(("127.0.0.1", port))
+        imu = (out if kill == 0 else out.with_name(f"out-{kill + 1}")) / "imu.csv"
+        until_s = rng.uniform(2.0, 5.0)  # after the first row is on the disk
+        sent, begun_s = [], None
+        for time_s, packet in sent_rows(100_000, begin_s):
+            try:
+                link.send(packet)
+            except ConnectionRefusedError:  # it does not listen yet
+                pass
+            sent.append((time.monotonic(), time_s))
+            if begun_s is None and imu.exists():
+                begun_s = time.monotonic()
+            if begun_s is not None and time.monotonic() - begun_s > until_s:
+                break
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        killed_s = time.monotonic()
+        process.wait()
+        link.close()
+        shift_s = json.loads((imu.parent / "run.json").read_text())["conversion"]["time_shift_s"]
+        last_s = read_run(imu.parent).imu.end_s + shift_s
+        lost = [at for at, time_s in sent if time_s > last_s + 0.005]
+        # a second, and what a busy machine needs to write it
+        assert killed_s - min(lost, default=killed_s) < SHOWN_S + WAIT_S + 1.0
+        begin_s = sent[-1][1] + 10.0
+    assert len(list(tmp_path.glob("out*"))) == kills
+
+
+def test_a_young_session_waits_and_is_not_refused(simulated):
+    from benchmarks.outlook import seen_until
+
+    young = recal.update(seen_until(simulated.run, 200.0), simulated.table, simulated.twin)
+    [session] = young.estimate.sessions
+    wait = waits(session.verdict.reasons, 200.0)
+    assert wait.code is Wait.REST
+    assert wait.values["left_s"] == pytest.approx(300.0 - 200.0, abs=2.0)
+    # nothing but its length
+    other = because(SessionReason.FILTER_LOST, fault="")
+    assert waits([*session.verdict.reasons, other], 200.0) is None
+
+
+def test_lines_come_at_once_and_with_the_time(grown, tmp_path):
+    process = begun(grown, tmp_path / "out", "--idle-s", "0.5")
+    first = process.stdout.readline()
+    rest, _ = process.communicate(timeout=300)
+    lines = [first, *rest.splitlines()]
+    stamped = [line for line in lines if re.match(r"\d\d:\d\d:\d\dZ ", line)]
+    assert stamped[0] == first
+    assert len(stamped) > 5
 
 
 def test_an_interrupt_ends_with_the_update(grown, tmp_path):
@@ -260,7 +373,6 @@ def test_the_page_is_guarded_and_tells_the_state(interim, tmp_path):
 
 def test_a_recorded_log_is_sent_as_mavlink(grown, tmp_path):
     """Row by row, to who connects."""
-    import socket
     import threading
 
     from pymavlink.dialects.v20 import common
