@@ -57,7 +57,8 @@ def tilting(
     plain, out = found.plain_evidence, set()
     for r, run in enumerate(found.evidence.runs):
         level = level_axes(run.view.C_nb)
-        if level is None or not run.parked.steady.all():
+        finds_north = run.view.telemetry.heading_known
+        if level is None or not finds_north or not run.parked.steady.all():
             continue
         channels = 3 + np.flatnonzero(level)
         rows = channels.size * run.parked.bins
