@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
 from ins.errors.base import SLOW_NAME, Effect
+from ins.errors.platform import SHAKEN_GYROS
 from ins.errors.table import TABLE_AGED
 from ins.errors.telemetry import Trace
 from ins.records import TwinModel
@@ -405,7 +406,13 @@ class Attributor:
         if noise:
             odds[lp.shape[0] :] = self._odds_of_noise(columns)
         taken = {s.hypothesis.key for s in others if s.extra is not None or s.of_table}
-        odds[[h.key in taken for h in self.hypotheses]] = -np.inf
+        events = {(s.hypothesis.name, s.hypothesis.run) for s in others}
+        odds[
+            [
+                h.key in taken or (h.key[0] in SHAKEN_GYROS and (h.name, h.run) not in events)
+                for h in self.hypotheses
+            ]
+        ] = -np.inf
         return odds, groups[:, 0]
 
     def _odds_of_noise(self, columns: NDArray) -> NDArray:
