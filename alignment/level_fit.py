@@ -266,7 +266,7 @@ class _Search:
     def likeliest(self, units: tuple[float, ...], near: Scale = QUIET) -> Scale:
         """The likeliest scale, each parameter beyond its quiet value penalised."""
         if near != QUIET and near.unit == 1.0 and not self._wanders(near._replace(free=True)):
-            again = self._climb(near, _moved(near))
+            again = self._needed(self._climb(near, _moved(near)))
             if self._value(again) - _penalty(again) > self._value(QUIET):
                 return again
         scale, best = self._with_unit(QUIET, self._value(QUIET))
@@ -302,10 +302,23 @@ class _Search:
                 key=self._value,
             )
             found = self._swung(found) if self._wanders(found) else found._replace(free=False)
+            found = self._needed(found)
             penalty = _penalty(found) - _penalty(scale)
             if self._value(found) - penalty > best:
                 best, scale = self._value(found) - penalty, found
         return scale, best
+
+    def _needed(self, scale: Scale) -> Scale:
+        """The scale without jitter or walk whose loss the others make up for, to SURE_NATS: a walk
+        that gains less is chance, and makes the heading's sigma twice as large.
+        """
+        moved = [name for name in _moved(scale) if name != "swing_m"]
+        for name in moved:
+            others = tuple(other for other in moved if other != name)
+            without = self._climb(scale.sized(**{name: getattr(QUIET, name)}), others)
+            if self._value(without) + SURE_NATS > self._value(scale):
+                return self._needed(without)
+        return scale
 
     def _wanders(self, scale: Scale) -> bool:
         """Whether a place that may walk freely walks farther than a vehicle that stands can."""

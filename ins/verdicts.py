@@ -7,6 +7,7 @@ into JSON.
 Decision: docs/decisions/0091-one-codec.md.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -60,6 +61,11 @@ class Observability(StrEnum):
         return cls.WEAK if ratio < WEAK_BELOW else cls.NOT_OBSERVABLE
 
 
+_NUMBER = r"\d+(?:\.\d+)?"
+# a value and its sigma in a sentence; one with an exponent stands as it is
+_MEASURED = re.compile(
+    rf"(?P<value>[-+]?{_NUMBER}(?:e[-+]\d+)?) \+- (?P<sigma>{_NUMBER})(?![\de.])"
+)
 SIGMAS_APART = 2.0  # 95 % of normal errors lie within; U(k=2) of the reports is the same band
 MEASURED, NOT_FROM_ZERO = "measured", "measured, not different from zero"
 
@@ -205,7 +211,17 @@ def sentence(reason: Reason) -> str:
     for name, value in reason.values.items():
         if isinstance(value, ReasonCode):
             values[name] = _TEMPLATES.vformat(value.whole, (), reason.values)
-    return _TEMPLATES.vformat(reason.code.whole, (), values)
+    return _MEASURED.sub(_as_fine_as_sigma, _TEMPLATES.vformat(reason.code.whole, (), values))
+
+
+def _as_fine_as_sigma(measured: re.Match[str]) -> str:
+    """A value without the decimals that its sigma does not show."""
+    value, sigma = measured["value"], measured["sigma"]
+    decimals = len(sigma.partition(".")[2])
+    if "e" in value or len(value.partition(".")[2]) <= decimals:
+        return measured[0]
+    rounded = f"{float(value):{'+' if value[0] == '+' else ''}.{decimals}f}"
+    return f"{rounded} +- {sigma}"
 
 
 def sentences(reasons: Iterable[Reason | str]) -> list[str]:

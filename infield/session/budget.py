@@ -193,7 +193,8 @@ def _merged(
     W = np.linalg.inv(np.eye(len(P)) + P @ H.T @ M @ H)
     gain = W @ P @ H.T
     last = np.eye(len(P)) if last is None else last
-    moved = last - common_parts(table, held) @ last
+    reduction = last @ (np.eye(len(P)) - W) @ P @ last.T
+    moved = last - common_parts(table, held, reduction) @ last
     K, left = moved @ gain @ M, last - moved @ (np.eye(len(P)) - W)
     G = moved @ gain @ (np.eye(len(T)) - M @ T)
     after: Parts = {source: left @ D @ left.T for source, D in parts.items()}

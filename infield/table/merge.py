@@ -192,17 +192,30 @@ def hold_common(
     if not axes:
         return change, P_plus
     # P - M G - G M' + M G M' with M = I - T, G = P - P+
-    T = common_parts(table, axes)
-    return change - T @ change, P_plus + T @ (table.covariance - P_plus) @ T.T
+    reduction = table.covariance - P_plus
+    T = common_parts(table, axes, reduction)
+    return change - T @ change, P_plus + T @ reduction @ T.T
 
 
-def common_parts(table: ThermalTable, axes: Sequence[str]) -> NDArray:
-    """Projector (n, n) of a change onto the common parts of some axes."""
+def common_parts(table: ThermalTable, axes: Sequence[str], reduction: NDArray) -> NDArray:
+    """Projector (n, n) of a change onto what the common parts of some axes bring with them.
+
+    With w the weights of the common part and G the reduction (n, n) of the table's covariance by
+    the whole update, the part of a change that goes with w' change is G w / (w' G w), taken within
+    the axis. What is left of the axis is P - G + G w w' G / (w' G w), at most P by Cauchy and
+    Schwarz: no node becomes less sure than it was.
+    """
     T = np.zeros((table.n_parameters, table.n_parameters))
     for axis in axes:
-        ones = np.zeros(table.n_parameters)
-        ones[table.values_of(axis)] = 1.0
-        T += np.outer(ones, table.common_weights(axis))
+        own, weights = table.block(axis), table.common_weights(axis)
+        along = np.zeros(table.n_parameters)
+        along[own] = reduction[own] @ weights
+        removed = float(weights @ along)
+        if removed <= NEGLIGIBLE_VARIANCE * (weights @ table.covariance @ weights):
+            removed = 1.0
+            along[:] = 0.0
+            along[table.values_of(axis)] = 1.0
+        T += np.outer(along / removed, weights)
     return T
 
 

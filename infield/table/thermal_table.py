@@ -338,7 +338,7 @@ class ThermalTable(TemperatureModel):
         years = max(days, 0.0) / DAYS_PER_YEAR
         Q = np.zeros_like(self.covariance)
         for axis in AXES:
-            block = self._block(axis)
+            block = self.block(axis)
             smooth = smooth_kernel(
                 self.temperature_degC[axis_number(axis)],
                 model.length_degC,
@@ -396,8 +396,8 @@ class ThermalTable(TemperatureModel):
         row[nodes] = weights / weights.sum()
         return row
 
-    def _block(self, axis: str | int) -> NDArray:
-        """Indices of an axis's values, then its slopes."""
+    def block(self, axis: str | int) -> NDArray:
+        """Indices of an axis's values, then its slopes, shape (k,)."""
         values = np.r_[self.values_of(axis)]
         if self.interpolation == "hermite":
             return np.r_[values, np.r_[self.slopes_of(axis)]]

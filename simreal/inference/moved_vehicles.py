@@ -22,7 +22,7 @@ from simreal.inference.scoring import fit
 ROCKS, QUICKER = 1.5, 1.3
 SHIP = 100.0  # of the squares of slow rows: a swell is as slow as they are (10 s)
 LOUD_SIGMA = 5.0  # of a sum of squares: 1e-6 of quiet ones lie beyond
-NAMED_FIRST = 2  # effects that may explain a tilt; what people do takes more
+NAMED_FIRST = 2  # effects that may explain a tilt; what people do takes 3 or more
 
 
 def rocking(runs: Sequence[RunEvidence]) -> frozenset[str]:

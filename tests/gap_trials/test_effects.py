@@ -7,8 +7,9 @@ import pytest
 
 from benchmarks.gap_trials import runs
 from benchmarks.gap_trials.effects import EFFECTS, FORMS, effect_named, possible
-from benchmarks.gap_trials.seen import streams_of, turned_back
+from benchmarks.gap_trials.seen import moved, streams_of, turned_back
 from benchmarks.gap_trials.trial import draw_trial
+from ins.earth import displacement_ned
 from ins.errors.catalogue import catalogue
 from ins.records import VehicleNoise
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
@@ -92,6 +93,155 @@ def test_a_unit_set_askew_is_a_crab_of_the_vehicle():
     assert np.abs(theirs.dv_m_s - ideal.dv_m_s).max() > 500 * MICRO_G * seen.dt_s
     assert np.abs(ours.dv_m_s - theirs.dv_m_s).max() < 0.02 * MICRO_G * seen.dt_s
     assert np.abs(ours.dtheta_rad - theirs.dtheta_rad).max() < 1e-4 * DEG_PER_HOUR * seen.dt_s
+
+
+def way_of_fixes(run, plain):
+    """North, east, down from the fixes of one run to those of another [m], (n, 3)."""
+    now, log = run.gnss, plain.gnss
+    level = displacement_ned(
+        now.lat_rad, now.lon_rad, lat0_rad=log.lat_rad, lon0_rad=log.lon_rad, height0_m=log.height_m
+    )
+    return np.column_stack([level, log.height_m - now.height_m])
+
+
+def test_fixes_go_the_way_of_a_vehicle_that_is_moved(short):
+    seen, plain = short.seen[0], short.runs_without[0]
+    v_n = np.array([1.0, 2.0, -0.5])
+    dv_n = np.tile(v_n, (seen.rows, 1))
+    run = replace(plain, gnss=moved(streams_of(plain), seen, dv_n).gnss)
+    # the velocity begins in the middle of the first row
+    way_n = np.outer(plain.gnss.time_s - 0.5 * seen.dt_s, v_n)
+    np.testing.assert_allclose(way_of_fixes(run, plain), way_n, rtol=1e-3, atol=0.06)
+    np.testing.assert_allclose(run.gnss.v_n_m_s - plain.gnss.v_n_m_s, dv_n[: len(way_n)])
+
+
+def taxi_rows(seen, log):
+    """Rows of a stream while the vehicle rolls, and those of the truth nearest to them."""
+    rows = seen.nearest(log.time_s)
+    rolling = np.abs(seen.speed_m_s[rows]) > 1.0
+    return rolling, rows[rolling]
+
+
+def test_an_antenna_elsewhere_shifts_and_swings_the_fixes(short):
+    """At (1.5, 0.4, 0): C_nb arm, and its velocity w x arm."""
+    seen, plain = short.seen[1], short.runs_without[1]
+    arm = np.array([1.5, 0.4, 0.0])
+    p = {"kind": "arm", "arm_m": arm.tolist()}
+    *_, run = change(short, 1, planted("gnss_lever_arm_or_latency", "gnss", **p))
+    rows = seen.nearest(plain.gnss.time_s)
+    way_b = turned_back(seen.C_nb[rows], way_of_fixes(run, plain))
+    np.testing.assert_allclose(way_b, np.tile(arm, (len(rows), 1)), atol=1e-3)
+    swing_b = turned_back(seen.C_nb[rows], run.gnss.v_n_m_s - plain.gnss.v_n_m_s)
+    np.testing.assert_allclose(swing_b, np.cross(seen.omega_nb_b[rows], arm), atol=0.01)
+    assert np.abs(swing_b).max() > 0.1
+
+
+def test_a_late_fix_is_where_and_as_fast_as_the_vehicle_was(short):
+    seen, plain = short.seen[0], short.runs_without[0]
+    late = {"kind": "latency", "late_s": 0.2}
+    *_, run = change(short, 0, planted("gnss_lever_arm_or_latency", "gnss", **late))
+    rolling, rows = taxi_rows(seen, plain.gnss)
+    before = seen.v_n_m_s[rows - 2]  # of 0.1 s each
+    change_n = (run.gnss.v_n_m_s - plain.gnss.v_n_m_s)[rolling]
+    np.testing.assert_allclose(change_n, before - seen.v_n_m_s[rows], atol=1e-9)
+    assert np.abs(change_n).max() > 0.1
+    way_n = way_of_fixes(run, plain)[rolling]
+    np.testing.assert_allclose(way_n, -0.1 * (before + seen.v_n_m_s[rows]), atol=2e-3)
+
+
+def test_a_late_odometer_reads_the_speed_of_before(short):
+    seen, plain = short.seen[0], short.runs_without[0].odometer
+    run = change(short, 0, planted("odometer_time_offset", "odometer", late_s=0.1))[2]
+    rows = np.maximum(seen.nearest(plain.time_s), 1)
+    more = run.odometer.speed_m_s - plain.speed_m_s
+    before = seen.speed_m_s[rows - 1] - seen.speed_m_s[rows]
+    np.testing.assert_allclose(more[1:], before[1:], atol=1e-9)
+    assert np.abs(more).max() > 0.05
+
+
+def test_a_wheel_slips_with_thrust_and_brakes(short):
+    """It turns faster under thrust, slower under braking: c a V, a fifth less under thrust."""
+    seen, plain = short.seen[0], short.runs_without[0].odometer
+    run = change(short, 0, planted("wheel_slip", "odometer", slip_s2_m=0.015))[2]
+    rows = seen.nearest(plain.time_s)
+    pull, more = seen.acceleration_m_s2[rows], run.odometer.speed_m_s - plain.speed_m_s
+    slip = 0.015 * pull * seen.speed_m_s[rows]
+    np.testing.assert_allclose(more[pull < 0], slip[pull < 0], atol=1e-9)
+    np.testing.assert_allclose(more[pull > 0], 0.8 * slip[pull > 0], atol=1e-9)
+    assert more.min() < -0.02 and more.max() > 0.02
+
+
+@pytest.mark.parametrize("name", ["side_slip", "tyre_cornering"])
+def test_in_a_right_turn_tyres_let_the_vehicle_drift_left(short, name):
+    """The lateral velocity is against the turn, V c a; tyres of finite grip slip more, up to 2.5
+    times at 0.6 of it.
+    """
+    seen, plain = short.seen[1], short.runs_without[1]
+    p = {"deg_s2_m": 0.4, "wind_rad": 0.0, "grip_m_s2": 4.0, "road_m": 1.0}
+    *_, run = change(short, 1, planted(name, "vehicle", **p))
+    rolling, rows = taxi_rows(seen, plain.gnss)
+    drift_n = (run.gnss.v_n_m_s - plain.gnss.v_n_m_s)[rolling]
+    lateral = turned_back(seen.C_nb[rows], drift_n)[:, 1]
+    expected = -(seen.speed_m_s[rows] ** 2) * seen.omega_at_ends[rows, 2]
+    turning = np.abs(seen.omega_at_ends[rows, 2]) > 0.05
+    assert np.corrcoef(lateral[turning], expected[turning])[0, 1] > 0.9
+    times = np.abs(lateral[turning]).max() / (0.4 * DEG * np.abs(expected[turning]).max())
+    assert 0.8 < times < 2.5
+
+
+def test_a_unit_pitched_askew_rolls_off_its_axis_downward(short):
+    """Pitch of 0.5 deg: at V the unit moves along its own z by V times that."""
+    seen, plain = short.seen[0], short.runs_without[0]
+    p = {"yaw_deg": 0.0, "pitch_deg": 0.5}
+    *_, run = change(short, 0, planted("odometer_boresight", "vehicle", **p))
+    rolling, rows = taxi_rows(seen, plain.gnss)
+    off_n = (run.gnss.v_n_m_s - plain.gnss.v_n_m_s)[rolling]
+    off_b = turned_back(seen.C_nb[rows], off_n)
+    np.testing.assert_allclose(off_b[:, 2], 0.5 * DEG * seen.speed_m_s[rows], rtol=1e-6)
+
+
+def test_stronger_gravity_is_felt_upward(short):
+    """30 mGal more: an accelerometer at rest reads -g down, 30.6 micro-g more of it."""
+    p = {"arcsec_north_east": [0.0, 0.0], "anomaly_mgal": 30.0}
+    gyro, accel, _ = change(short, 0, planted("vertical_deflection", "site", **p))
+    assert not gyro.any()
+    np.testing.assert_allclose(accel[:, 2], -30e-5 / 9.80665 * 1e6, rtol=1e-3)
+
+
+def test_the_field_points_east_of_north_and_down(short):
+    """0.222 Gauss horizontally, 3 deg east of north, 0.42 down."""
+    seen, field_b = short.seen[1], np.empty((short.seen[1].rows, 3))
+    for k, row in enumerate(np.eye(3)):
+        p = {"deg_h_gauss": 1.0, "direction": list(row)}
+        field_b[:, k] = change(short, 1, planted("gyro_magnetic_sensitivity", "gyro_x", **p))[0][
+            :, 0
+        ]
+    north, east, down = np.einsum("nij,nj->ni", seen.C_nb, field_b).T
+    np.testing.assert_allclose(np.arctan2(east, north) / DEG, 3.0, atol=1e-3)
+    np.testing.assert_allclose(np.hypot(east, north), 0.222, atol=1e-5)
+    np.testing.assert_allclose(down, 0.42, atol=1e-5)
+
+
+def test_an_engine_shifts_the_sensors_from_its_start_on(short):
+    p = {
+        "run": 0,
+        "onset_s": 100.0,
+        "gyro_deg_h": [0.002, 0.0, -0.004],
+        "accel_ug": [15.0, -30.0, 0.0],
+        "gyro_deg_sqrt_h": 0.0,
+        "accel_ug_sqrt_hz": 0.0,
+        "seed": 1,
+    }
+    gyro, accel, _ = change(short, 0, planted("engine_start", "vehicle", **p))
+    assert np.abs(gyro[:500]).max() < 1e-5 and np.abs(accel[:500]).max() < 1e-2
+    np.testing.assert_allclose(gyro[1500], p["gyro_deg_h"], atol=1e-5)
+    np.testing.assert_allclose(accel[1500], p["accel_ug"], atol=1e-2)
+    noise = {"gyro_deg_sqrt_h": 0.0015, "accel_ug_sqrt_hz": 60.0}
+    still = {"gyro_deg_h": [0.0] * 3, "accel_ug": [0.0] * 3}
+    gyro, accel, _ = change(short, 0, planted("engine_start", "vehicle", **{**p, **still, **noise}))
+    # rows of 0.1 s; 1 deg/sqrt(h) is 60 deg/h/sqrt(Hz)
+    assert np.std(gyro[1500:2900]) == pytest.approx(0.0015 * 60.0 * np.sqrt(10.0), rel=0.05)
+    assert np.std(accel[1500:2900]) == pytest.approx(60.0 * np.sqrt(10.0), rel=0.05)
 
 
 @pytest.mark.parametrize("kind, key", [("to and fro", "accel"), ("rocking", "gyro")])

@@ -167,6 +167,20 @@ def test_a_held_axis_keeps_its_common_part_and_how_sure_that_is(axes):
     assert np.linalg.eigvalsh(less).min() > -1e-12
 
 
+@pytest.mark.parametrize("interpolation", ["linear", "hermite"])
+@pytest.mark.parametrize(("low", "high"), [(-8.0, 2.0), (18.0, 24.0), (30.0, 50.0)])
+def test_no_node_of_a_held_axis_becomes_less_sure(interpolation, low, high):
+    """A session at a few temperatures moves near nodes more than far ones."""
+    table = table_with(interpolation=interpolation)
+    points, own = session(table, shift=(0.01, -0.02, 0.01), low=low, high=high)
+    held = merge_posterior(table, points.H, *filtered(table, points, own), held_axes="yz")
+    before, after = table.covariance, held.candidate.covariance
+    assert np.all(np.diag(after) <= np.diag(before) * (1 + 1e-9))
+    for axis in "yz":
+        own_block = np.ix_(table.block(axis), table.block(axis))
+        assert np.linalg.eigvalsh(before[own_block] - after[own_block])[0] > -1e-12
+
+
 def test_unobserved_directions_do_not_add_up_over_many_points():
     table = table_with()
     points, own = session(table, bins=100)

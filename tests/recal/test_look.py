@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import recal
-from ins.records import AXES, ImuLog
+from ins.records import AXES, GnssLog, ImuLog, Survey
 from ins.units import DEG_PER_HOUR
 from recal.cli.app import app
 from recal.service.look.opened import reads_earth_rate
@@ -160,6 +160,35 @@ def test_dither_does_not_hide_the_earths_rate():
             dv_m_s=f * dt,
         )
         assert reads_earth_rate(imu, quiet_means(imu)) is finds
+
+
+@pytest.mark.parametrize("speed_m_s, fit", [(0.3, Fit.NO), (3.0, Fit.YES)])
+def test_fixes_that_never_move_start_no_replay(simulated, tmp_path, speed_m_s, fit):
+    """A MEMS unit on a table: `look` said yes, `replay` refused."""
+    run = recal.read_run(simulated / "run")
+    rng = np.random.default_rng(3)
+    imu = run.imu.between(-np.inf, 100.0)
+    turned = imu.dtheta_rad + 0.01 * imu.dt_s[:, None]
+    time_s = np.arange(1.0, 99.0)
+    v = 0.02 * rng.standard_normal((time_s.size, 3))
+    v[:, 0] += speed_m_s * np.sin(0.3 * time_s)
+    site = run.header.site
+    still = np.ones(time_s.size)
+    gnss = GnssLog(
+        time_s=time_s,
+        lat_rad=site.lat_rad * still,
+        lon_rad=site.lon_rad * still,
+        height_m=site.height_m * still,
+        v_n_m_s=v,
+        sigma_velocity_m_s=0.02 * still,
+    )
+    header = replace(run.header, gyro_technology="mems", survey=Survey())
+    made = replace(
+        run, header=header, imu=replace(imu, dtheta_rad=turned), gnss=gnss, temperature=None
+    )
+    write_run(tmp_path / "run", replace(made, odometer=None))
+    uses = {use.use: use.fit for use in recal.look(tmp_path / "run").uses}
+    assert uses[Use.REPLAY] is fit
 
 
 def test_a_log_that_is_fit_for_nothing_is_refused(simulated, tmp_path, monkeypatch):

@@ -95,8 +95,8 @@ def _choices(known: Sequence[Reader]) -> tuple[str, ...]:
     names = [reader.name for reader in known]
     rows = [names[k : k + 6] for k in range(0, len(names), 6)]
     return (
-        "  A table (text, Parquet): recal look FILE writes a column map to begin with, for --map.",
-        "  Raw numbers, MATLAB: a map is written by hand (docs/log_formats.md).",
+        "  A table (text, Parquet, MATLAB): recal look FILE writes a column map to begin with.",
+        "  Raw numbers: a map is written by hand (docs/log_formats.md).",
         "  --format NAME forces one of",
         *(f"    {', '.join(row)}" for row in rows),
     )

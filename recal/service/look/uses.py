@@ -8,11 +8,14 @@ import numpy as np
 
 from alignment.reasons import AlignmentVerdict
 from infield.aided.flight import FEWEST_FIXES
+from infield.aided.headings import LEAST_MOVED_M_S
 from infield.reports.documents.alignment import AlignmentDocument
 from infield.session.acceptance import MIN_MERGED_REST_S
 from infield.session.parked.stretches import stationary_segments
+from ins.filters.aided_records import fixes_of
 from ins.json_file import Written
-from ins.records import PARKED_PHASES, Run
+from ins.records import PARKED_PHASES, GnssLog, Run
+from ins.twin_file import default_twin
 from ins.verdicts import Reason, ReasonCode, because, sentence
 from recal.service.look.records import Assumption, Fit, LogUse, Use
 from simreal.twin.fit.result import TwinFit
@@ -75,6 +78,11 @@ class UseReason(ReasonCode):
         "no_fixes",
         "There are fewer than {needed} satellite fixes, so a replay shows the free-inertial drift"
         " alone.",
+    )
+    NO_MOTION = (
+        "no_motion",
+        "The fixes never move by {needed_m_s:g} m/s beyond their noise, and without motion only a"
+        " heading found at rest, or given (survey), starts the navigation.",
     )
     NO_START = "no_start", "Without fixes the navigation needs a heading to start from."
     TWIN_FIRST = (
@@ -203,13 +211,37 @@ def _still_s(aligned: AlignmentDocument) -> float:
 def _replay(judged: LookFindings) -> LogUse:
     words = ("recal", "replay", judged.run_path)
     gnss = judged.run.gnss
+    is_aligned = judged.aligned.verdict is AlignmentVerdict.ALIGNED
     if gnss is not None and gnss.time_s.size >= FEWEST_FIXES:
+        starts_still = is_aligned or judged.run.header.survey.heading_rad is not None
+        if not starts_still and not _moves(judged.run, gnss):
+            still = because(UseReason.NO_MOTION, needed_m_s=LEAST_MOVED_M_S)
+            return _use(Use.REPLAY, Fit.NO, still)
         aided = because(UseReason.FIXES, fixes=gnss.time_s.size)
         return _use(Use.REPLAY, Fit.YES, aided, words)
-    if judged.aligned.verdict is AlignmentVerdict.ALIGNED:
+    if is_aligned:
         alone = because(UseReason.NO_FIXES, needed=FEWEST_FIXES)
         return _use(Use.REPLAY, Fit.PARTLY, alone, words)
     return _use(Use.REPLAY, Fit.NO, because(UseReason.NO_START))
+
+
+def _moves(run: Run, gnss: GnssLog) -> bool:
+    """Whether the velocities of the fixes are ever more than noise, as `infield.aided.headings`
+    asks before it seeks a heading.
+    """
+    declared = default_twin(run.header.gyro_technology).gnss
+    fixes = fixes_of(
+        gnss,
+        horizontal_m=declared.sigma_horizontal_m,
+        vertical_m=declared.sigma_vertical_m,
+        velocity_m_s=declared.sigma_velocity_m_s,
+    )
+    speed = np.linalg.norm(fixes.v_n_m_s[:, :2], axis=1)
+    seen = np.isfinite(speed)
+    if not seen.any():
+        return False
+    noise = 4.0 * np.median(fixes.sigma_velocity_m_s[seen, 0])
+    return bool(np.max(speed[seen]) - noise > LEAST_MOVED_M_S)
 
 
 def _diagnosis(judged: LookFindings) -> LogUse:

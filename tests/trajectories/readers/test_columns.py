@@ -8,7 +8,7 @@ import pytest
 from ins.records import InputError
 from ins.units import DEG
 from tests.trajectories.run_cases import F_B, W_B
-from trajectories.readers.columns.imu_columns import converted
+from trajectories.readers.columns.imu_columns import converted, second_means
 from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
@@ -119,6 +119,16 @@ def test_temperatures_follow_their_gyro():
     np.testing.assert_allclose(turned.temperature.gyro_degC[1], [20.0, 10.0, 30.1], atol=1e-9)
     one = convert(columns, temperature={"columns": ["Ty"], "unit": "K"})
     np.testing.assert_allclose(one.temperature.gyro_degC, 20.0, atol=1e-9)
+
+
+def test_temperatures_are_means_of_whole_seconds_at_the_mean_of_their_times():
+    """Readings at 4 Hz of a ramp of 1 degC/s, one of them missing."""
+    time_s = 0.25 * np.arange(1, 9)
+    degC = np.repeat(20.0 + time_s[:, None], 3, axis=1)
+    degC[5] = np.nan
+    found = second_means(time_s, degC)
+    np.testing.assert_allclose(found.time_s, [0.5, (1.0 + 1.25 + 1.75) / 3, 2.0])
+    np.testing.assert_allclose(found.gyro_degC[:, 0], 20.0 + found.time_s)
 
 
 def test_damaged_rows_are_dropped_and_listed():

@@ -2,14 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ins.records import FixType
 from tests.trajectories.readers.known_motion import (
     GIVEN,
+    HEADING_DEG,
     HEIGHT_M,
     LAT_DEG,
     LON_DEG,
+    PITCH_DEG,
     PLACELESS,
+    ROLL_DEG,
     Output,
     check_parked,
     check_right_turn,
@@ -39,7 +43,8 @@ def xsens(
 ):
     """Rows of MT Manager, or with `fine` "dot" or None of DOT or of an MTw without a clock.
 
-    turned: quaternions (n, 4); known_from: row from which UTC and a place are known.
+    turned: quaternions (n, 4) or matrices (n, 3, 3); known_from: row from which UTC and a place
+    are known.
     """
     n = output.rows
     dt = float(output.time_s[1] - output.time_s[0])
@@ -59,9 +64,12 @@ def xsens(
     ]
     w, f = output.dtheta / dt * FLU * gyro, output.dv / dt * FLU
     columns = [texts(count, "{:05.0f}"), texts(clock, "{:.0f}"), *map(texts, f.T), *map(texts, w.T)]
-    if turned is not None:
+    if turned is not None and turned.ndim == 2:
         names += [f"Quat_q{k}" for k in range(4)]
-        columns += [texts(q) for q in np.asarray(turned).T]
+        columns += [texts(q) for q in turned.T]
+    elif turned is not None:
+        names += [f"Mat[{i}][{j}]" for j in (1, 2, 3) for i in (1, 2, 3)]
+        columns += [texts(turned[:, i, j]) for j in range(3) for i in range(3)]
     k = np.arange(n)
     late = k >= known_from
     second = 10 + k // 100
@@ -95,19 +103,36 @@ def test_xsens_turns_right(tmp_path, sign):
 
 
 @pytest.mark.parametrize("gyro", [1.0, 180 / np.pi])
-def test_the_orientation_tells_the_unit_of_the_gyros(tmp_path, gyro):
-    """Quaternions of the same turn, left about z by a negative angle."""
+@pytest.mark.parametrize("as_matrix", [False, True])
+def test_the_orientation_tells_the_unit_of_the_gyros(tmp_path, gyro, as_matrix):
+    """Orientations of the same turn, left about z by a negative angle."""
     out = parked_and_turned(dt=0.05)
     angle = np.cumsum(out.dtheta[:, 2]) / 2
-    q = np.column_stack([np.cos(angle), 0 * angle, 0 * angle, -np.sin(angle)])
-    made = convert_log(xsens(tmp_path / "log.txt", out, gyro=gyro, turned=q), {}, {})
+    turned = np.column_stack([np.cos(angle), 0 * angle, 0 * angle, -np.sin(angle)])
+    if as_matrix:
+        turned = Rotation.from_quat(turned[:, [1, 2, 3, 0]]).as_matrix()
+    made = convert_log(xsens(tmp_path / "log.txt", out, gyro=gyro, turned=turned), {}, {})
     check_right_turn(made.run)
     unit = "rad/s" if gyro == 1.0 else "deg/s"
     assert any(f"gyros in {unit}, as the orientation turns" in n for n in made.record.notes)
 
 
-def vectornav(path, output: Output = OUT, *, style="sdk", kind="raw", week_from=0, fixes=True):
-    """A CSV of the SDK, or of INSTINCT; week_from: row from which the GPS week is known."""
+def test_a_counter_that_goes_back_is_a_late_row(tmp_path):
+    """One step back, not 65,535 ahead: the late row is put back, those behind keep their times."""
+    path = xsens(tmp_path / "log.txt", fine=None)
+    lines = path.read_text().splitlines()
+    lines[500], lines[501] = lines[501], lines[500]
+    path.write_text("\n".join([*lines, ""]))
+    run = convert_log(path, {}, {}).run
+    assert run.imu.end_s == pytest.approx(10.0) and run.imu.rows == OUT.rows
+
+
+def vectornav(
+    path, output: Output = OUT, *, style="sdk", kind="raw", week_from=0, fixes=True, solution=False
+):
+    """A CSV of the SDK, or of INSTINCT; week_from: row from which the GPS week is known; solution:
+    with the unit's own solution, and with rates and forces less its bias estimates.
+    """
     n, dt = output.rows, float(output.time_s[1] - output.time_s[0])
     tow = np.round((200_000.0 + dt * np.arange(n)) * 1e9)
     week = np.where(np.arange(n) >= week_from, 2400, 0)
@@ -121,9 +146,14 @@ def vectornav(path, output: Output = OUT, *, style="sdk", kind="raw", week_from=
         names = names + VN_FIXES[style]
         k = np.arange(n) // 20  # every 0.2 s, 50 ms old where it comes
         fix_tow = np.round((200_000.0 + 0.2 * k - 0.05) * 1e9)
-        fix = [texts(fix_tow, "{:.0f}"), np.full(n, 2400), np.where(np.arange(n) < 100, 0, 3)]
+        fix = [texts(fix_tow, "{:.0f}"), np.full(n, 2400), np.where(np.arange(n) < 100, 2, 3)]
         fix += [texts(LAT_DEG + 1e-6 * k), texts(np.full(n, LON_DEG)), texts(np.full(n, HEIGHT_M))]
         columns += [*fix, *(texts(np.full(n, v)) for v in (1.0, 2.0, -0.5, 0.3, 0.4, 0.9, 0.05))]
+    if solution:
+        names = names + VN_SOLUTION
+        less = np.hstack([w - 1e-3, f + 0.1])
+        place = [LAT_DEG, LON_DEG, HEIGHT_M, 1.0, 2.0, -0.5, HEADING_DEG - 360, PITCH_DEG, ROLL_DEG]
+        columns += [*map(texts, less.T), *(texts(np.full(n, v)) for v in place)]
     return table(path, names, columns, sign=",")
 
 
@@ -142,6 +172,8 @@ VN_NAMES = {
     + [f"IMU::UncompAccel::{a} [m/s^2]" for a in _XYZ]
     + ["IMU::Temp [Celsius]"],
 }
+VN_SOLUTION = [f"{k}{a}" for k in ("angularRate", "accel") for a in _XYZ]
+VN_SOLUTION += ["lat", "lon", "alt", *(f"velNed{a}" for a in _XYZ), "yaw", "pitch", "roll"]
 VN_FIXES = {
     "sdk": ["gps1Tow", "gps1Week", "gnss1Fix", "gnss1PosLat", "gnss1PosLon", "gnss1PosAlt"]
     + [f"gnss1VelNed{a}" for a in _XYZ]
@@ -157,7 +189,9 @@ VN_FIXES = {
 
 @pytest.mark.parametrize(("style", "kind"), VN_NAMES)
 def test_vectornav_parked(tmp_path, style, kind):
-    """Fixes from the second second on, each 50 ms before the row that brings it."""
+    """Fixes from the second second on, those before in two dimensions; each 50 ms before the row
+    that brings it.
+    """
     path = vectornav(tmp_path / "log.csv", style=style, kind=kind, week_from=500)
     given = {k: v for k, v in PLACELESS.items() if k == "imu_serial"}
     made = convert_log(path, {}, given)
@@ -180,3 +214,15 @@ def test_vectornav_turns_right_with_fixes_in_a_file_of_their_own(tmp_path):
     made = convert_log(path, {"gnss": {"file": "gnss.csv"}}, GIVEN)
     check_right_turn(made.run)
     assert made.run.gnss.time_s.size == 45 and made.record.other_sources[0].source == "gnss.csv"
+
+
+def test_vectornav_takes_raw_values_and_the_units_solution_as_reference_alone(tmp_path):
+    made = convert_log(vectornav(tmp_path / "log.csv", solution=True), {}, GIVEN)
+    check_parked(made.run, OUT)
+    np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [1.0, 2.0, -0.5])
+    truth = made.reference
+    angles = np.degrees([truth.roll_rad[5], truth.pitch_rad[5], truth.heading_rad[5]])
+    np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
+    np.testing.assert_allclose(truth.v_n_m_s[5], [1.0, 2.0, -0.5])
+    assert np.degrees(truth.lat_rad[5]) == pytest.approx(LAT_DEG)
+    assert truth.height_m[5] == HEIGHT_M

@@ -27,14 +27,15 @@ def write_imu(path, output=OUT, *, sign=1.0):
     return path
 
 
-def write_gnss(path, *, velocity=False, seconds=60, start_s=SOW):
+def write_gnss(path, *, velocity=False, speed_sigmas=True, seconds=60, start_s=SOW):
     """North at 1 m/s, climbing at 0.5 m/s: metres by the radius of a degree on this parallel."""
     t = start_s + np.arange(seconds)
     k = np.arange(seconds)
     columns = [t, LAT_DEG + k / 110_922.0, np.full(seconds, LON_DEG), HEIGHT_M + 0.5 * k]
     columns += [np.full(seconds, v) for v in ((1.0, 0.0, -0.5) if velocity else ())]
     columns += [np.full(seconds, s) for s in (0.012, 0.009, 0.02)]
-    columns += [np.full(seconds, s) for s in ((0.03, 0.03, 0.03) if velocity else ())]
+    if velocity and speed_sigmas:
+        columns += [np.full(seconds, 0.03)] * 3
     np.savetxt(
         path, np.column_stack(columns), fmt="%.3f %.12f %.12f" + " %.4f" * (len(columns) - 3)
     )
@@ -88,12 +89,18 @@ def test_fixes_of_another_file_give_the_place(tmp_path):
     assert made.record.other_sources[0].source == gnss.name
 
 
-def test_fixes_with_velocity(tmp_path):
-    write_gnss(tmp_path / "gnss.txt", velocity=True)
+@pytest.mark.parametrize("speed_sigmas", [False, True])
+def test_fixes_with_velocity(tmp_path, speed_sigmas):
+    """10 columns, or 13."""
+    write_gnss(tmp_path / "gnss.txt", velocity=True, speed_sigmas=speed_sigmas)
     made = convert_log(write_imu(tmp_path / "imu.txt"), {"gnss": {"file": "gnss.txt"}}, PLACELESS)
-    np.testing.assert_allclose(made.run.gnss.v_n_m_s, np.tile([1.0, 0.0, -0.5], (60, 1)))
-    np.testing.assert_allclose(made.run.gnss.sigma_velocity_m_s, 0.03)
-    assert "gnss.txt: 13 columns: velocity north, east, down, then sigmas" in str(made.record.notes)
+    gnss = made.run.gnss
+    np.testing.assert_allclose(gnss.v_n_m_s, np.tile([1.0, 0.0, -0.5], (60, 1)))
+    np.testing.assert_allclose(gnss.sigma_vertical_m, 0.02)
+    if speed_sigmas:
+        np.testing.assert_allclose(gnss.sigma_velocity_m_s, 0.03)
+    else:
+        assert gnss.sigma_velocity_m_s is None
 
 
 def test_truth_gives_reference_date_and_place(tmp_path):

@@ -202,10 +202,16 @@ FIXES = {
     "v3": np.full(60, 0.5),
     "s": np.full(60, 0.4),
     "sv": np.full(60, 0.9),
+    "sw": np.full(60, 0.36),
 }
 GNSS = {
     "position": {"columns": ["lat", "lon", "h"], "sigma": ["s", "s", "sv"]},
-    "velocity": {"columns": ["v1", "v2", "v3"], "frame": "enu", "unit": "km/h"},
+    "velocity": {
+        "columns": ["v1", "v2", "v3"],
+        "frame": "enu",
+        "unit": "km/h",
+        "sigma": ["sw", "sw", "sw"],
+    },
 }
 
 
@@ -258,13 +264,13 @@ def test_numbers_of_quality_are_types_of_fixes(tmp_path, scale, numbers):
 
 
 def check_fixes(gnss, time_s):
-    """East 2, north 3, up 0.5 km/h; one sigma a level axis."""
+    """East 2, north 3, up 0.5 km/h, to 0.36 km/h; one sigma a level axis."""
     np.testing.assert_allclose(gnss.time_s, time_s, atol=1e-6)
     np.testing.assert_allclose(np.degrees(gnss.lat_rad), FIXES["lat"], atol=1e-9)
     np.testing.assert_allclose(gnss.v_n_m_s, np.tile([3 / 3.6, 2 / 3.6, -0.5 / 3.6], (60, 1)))
     np.testing.assert_allclose(gnss.sigma_horizontal_m, 0.4)
     np.testing.assert_allclose(gnss.sigma_vertical_m, 0.9)
-    assert gnss.sigma_velocity_m_s is None
+    np.testing.assert_allclose(gnss.sigma_velocity_m_s, 0.1)
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])

@@ -150,6 +150,18 @@ def test_fixes_of_the_first_antenna(tmp_path):
     assert any("6 logs of the second antenna left out" in note for note in made.record.notes)
 
 
+# OEM7 documentation, table "Position or Velocity Type": with the filter's own position in them
+INERTIAL = {53: "INS_PSRSP", 56: "INS_RTKFIXED", 74: "INS_PPP", 80: "INS_PPP_BASIC"}
+
+
+@pytest.mark.parametrize("kind", INERTIAL)
+def test_inertial_solutions_are_no_fixes(tmp_path, kind):
+    fixes = [position(SECONDS + k, k, number=42, kind=kind if k < 4 else 16) for k in range(1, 10)]
+    speeds = [velocity(SECONDS + k, 2.0, number=99) for k in range(1, 10)]
+    made = convert(tmp_path, [*raw_frames(), *fixes, *speeds], given=PLACELESS)
+    np.testing.assert_allclose(made.run.gnss.time_s, np.arange(4.0, 10.0))
+
+
 def test_damage_costs_the_frame_that_it_hits(tmp_path):
     """A wrong bit, a frame cut off by the next, a wild length, bytes that look like a head."""
     frames = raw_frames()

@@ -116,7 +116,7 @@ def ulog(
     gyro_every=1,
 ) -> list[bytes]:
     """Two IMUs at 100 Hz, the second one's accelerometer read 2 ms later; temperatures rise by 1
-    degC in 10 s.
+    degC in 10 s; the first fix is one in two dimensions.
     """
     out = [
         head({"CAL_GYRO0_XOFF": 0.001, "SENS_BOARD_ROT": 0} if parameters is None else parameters)
@@ -173,7 +173,7 @@ def ulog(
                     1.0,
                     2.0,
                     -0.5,
-                    3,
+                    2 if k == 5 else 3,
                 )
             )
             made.append(
@@ -192,7 +192,7 @@ def ulog(
                     1.0,
                     2.0,
                     -0.5,
-                    3,
+                    2 if k == 5 else 3,
                 )
             )
         out += [data(*m) for m in made if m[0] in topics]
@@ -227,6 +227,7 @@ def test_raw_topics_come_first(tmp_path):
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [1.0, 2.0, -0.5])
     np.testing.assert_allclose(made.run.gnss.sigma_vertical_m, 1.2, rtol=1e-6)
     np.testing.assert_array_equal(made.run.gnss.fix_type, FixType.SINGLE)
+    assert made.run.gnss.time_s[0] == pytest.approx(0.26)
     assert any("nearest sensor_accel row, 2.0 ms apart" in n for n in made.record.notes)
     T = made.run.temperature
     np.testing.assert_allclose(T.gyro_degC[:, 1], 30.0 + (T.time_s - 0.01) * 0.1, atol=1e-4)

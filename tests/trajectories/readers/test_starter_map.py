@@ -40,7 +40,7 @@ def rocked():
     f, held = np.empty((ROWS, 3)), REST_F.copy()
     for k in range(ROWS):
         held = held - np.cross((w[k] - [0.02, -0.01, 0.015]) / RATE_HZ, held)
-        f[k] = held
+        f[k] = held * np.linalg.norm(REST_F) / np.linalg.norm(held)
     return time_s, w, f
 
 
@@ -164,6 +164,96 @@ def test_a_steady_turn_is_no_rest_and_a_slow_column_perhaps_a_temperature(tmp_pa
     assert '[temperature]\ncolumn = "board"\nunit = "?"' in text
 
 
+def table(path, names, rows, before=""):
+    """A log in the form of a public one: its head as it stands, then the rows."""
+    text = [before + names, *(",".join(f"{v:.9g}" for v in row) for row in rows)]
+    path.write_text("\n".join(text) + "\n")
+    return path
+
+
+def test_forces_of_an_odd_name_are_found_beside_a_quaternion_and_a_magnetometer(tmp_path):
+    """`tx ty tz wx wy wz mx my mz qx qy qz qw`, as a public MEMS log has it: its magnetometer was
+    taken for the accelerometers and its quaternion for the gyros.
+    """
+    time_s, w, f = rocked()
+    turned = np.full((len(w), 4), 0.5) + 0.1 * w[:, [0, 1, 2, 0]]
+    rows = np.column_stack([time_s, f, w, 0.03 * f, turned])
+    names = "time,tx,ty,tz,wx,wy,wz,mx,my,mz,qx,qy,qz,qw"
+    keys = read_toml_of(starter_map(table(tmp_path / "l.csv", names, rows)), tmp_path)
+    assert keys["accel"] == {"columns": ["tx", "ty", "tz"], "unit": "m/s2"}
+    assert keys["gyro"] == {"columns": ["wx", "wy", "wz"], "unit": "rad/s"}
+    assert "temperature" not in keys
+
+
+def test_names_of_two_lines_are_those_of_the_group_and_its_part(tmp_path):
+    """As RepoIMU has it: empty orientations were taken for the gyros, the time among them."""
+    time_s, w, f = rocked()
+    rows = np.column_stack([time_s, np.zeros((len(w), 4)), f, w])
+    names = (
+        "Time (s),Vicon Orientation,,,,IMU Acceleration,,,IMU Gyroscope,,,\n,W,X,Y,Z,X,Y,Z,X,Y,Z,"
+    )
+    keys = read_toml_of(starter_map(table(tmp_path / "l.csv", names, rows)), tmp_path)
+    assert keys["accel"]["columns"] == [f"IMU Acceleration {axis}" for axis in "XYZ"]
+    assert keys["gyro"] == {"columns": [f"IMU Gyroscope {axis}" for axis in "XYZ"], "unit": "rad/s"}
+    assert keys["time"]["column"] == "Time (s)"
+
+
+def test_rows_that_end_with_empty_columns_keep_their_names(tmp_path):
+    """As MicroStrain writes it: fields that are never filled, and one sign more than names."""
+    time_s, w, f = rocked()
+    rows = ["GPS TOW,X Accel [x8004],Y Accel,Z Accel,X Gyro,Y Gyro,Z Gyro,Lat,Long,Height,A,B,C,D"]
+    for row in np.column_stack([time_s, f / STANDARD_GRAVITY, w]):
+        rows.append(",".join(f"{v:.9g}" for v in row) + "," * 8)
+    path = tmp_path / "l.csv"
+    path.write_text("FILE_INFO\nModelName,3DM\n\nDATA_START\n" + "\n".join(rows) + "\n")
+    keys = read_toml_of(starter_map(path), tmp_path)
+    assert keys["accel"] == {"columns": ["X Accel [x8004]", "Y Accel", "Z Accel"], "unit": "g"}
+    assert "gnss" not in keys
+
+
+@pytest.mark.parametrize("off", [1.08, 0.6])
+def test_a_mean_near_the_earths_rate_in_some_unit_is_chance_where_no_name_says_it(tmp_path, off):
+    """Biases of MEMS of 0.0045 rad/s are 16 deg/h if they were deg/s; with the noise of a log of
+    a minute any size near it is.
+    """
+    time_s, w, f = at_rest(2e-5)
+    w = (w - REST_W + np.array([0.0, 0.0, OMEGA * off])) / DEG
+    path = written(tmp_path / "l.csv", named_table(time_s, w, f, ("t", "g{}", "a{}")), decimals=9)
+    assert "gyro.unit" in starter_map(path).missing
+
+
+def test_accelerometers_a_sixth_off_gravity_are_named_so(tmp_path):
+    time_s, w, f = rocked()
+    rows = np.column_stack([time_s, 0.85 * f / STANDARD_GRAVITY, w])
+    path = table(tmp_path / "l.csv", "t,Ax,Ay,Az,Gx,Gy,Gz", rows)
+    found = starter_map(path)
+    assert "accel.unit" not in found.missing and "15 %" in dict(found.guesses)["accel"]
+
+
+@pytest.mark.parametrize(
+    "names, gravity",
+    [("\nTime,z-accel,stage,drag,x-accel,y-accel,k", 1.0), ("a,b,c,d,e,f,g", 0.03)],
+)
+def test_a_table_without_gyros_or_without_gravity_says_so(tmp_path, names, gravity):
+    time_s, w, f = rocked()
+    rows = np.column_stack([time_s, gravity * f, w])
+    with pytest.raises(InputError, match="a table of 7 columns"):
+        starter_map(table(tmp_path / "l.csv", names, rows))
+
+
+def test_matrices_of_a_matlab_file_are_named_by_column(tmp_path):
+    from scipy.io import savemat
+
+    _, w, f = rocked()
+    path = tmp_path / "l.mat"
+    savemat(path, {"imu_gyr": w, "imu_acc": f, "opt_pos": np.cumsum(f, axis=0) * 1e-3})
+    keys = read_toml_of(starter_map(path), tmp_path)
+    assert keys["gyro"]["columns"] == ["imu_gyr[0]", "imu_gyr[1]", "imu_gyr[2]"]
+    assert keys["accel"] == {"columns": ["imu_acc[0]", "imu_acc[1]", "imu_acc[2]"], "unit": "m/s2"}
+    savemat(path, {"vals": w.T, "ts": f[:, 0]})
+    assert starter_map(path) is None
+
+
 def read_toml_of(found, tmp_path):
     (tmp_path / "map.toml").write_text(found.text)
     return read_toml(tmp_path / "map.toml")
@@ -207,6 +297,9 @@ def test_a_completed_map_is_never_written_over(tmp_path):
         ("mag_x", "", "", ""),
         ("q0", "", "", ""),
         ("sigma_horizontal_m", "", "", ""),
+        ("raw_angular_rate_x_deg_per_s", "gyro", "x", "deg/s"),
+        ("raw_acceleration_y_gs", "accel", "y", "g"),
+        ("est_acceleration_z", "", "", ""),
     ],
 )
 def test_names_say_quantity_axis_and_unit(name, quantity, axis, unit):

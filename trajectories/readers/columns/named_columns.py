@@ -45,7 +45,7 @@ WAYS = {"n": "n", "e": "e", "d": "d", "u": "u", "north": "n", "east": "e", "down
 WAYS |= {"nord": "n", "ost": "e"}
 XYZ = {"x": "x", "y": "y", "z": "z", "n": "x", "e": "y", "d": "z"}  # of a unit that lies north
 AXES_OF: dict[str, dict[str, str]] = {"velocity": WAYS, "time": {}, "lat": {}, "lon": {}}
-OTHER = r"(mag|magnetometer|mfd|quat|quaternion|q[0-3]|roll|pitch|yaw|heading|bias|std|sigma|raw)"
+OTHER = r"(mag|magnetometer|mfd|quat|quaternion|q[0-3]|roll|pitch|yaw|heading|bias|std|sigma|est)"
 PER_HOUR = {"degh": "deg/h", "dph": "deg/h", "deghr": "deg/h", "degperh": "deg/h"}
 SPELLINGS: dict[str, dict[str, str]] = {  # letters and digits of a unit: as a map writes it
     "time": {
@@ -53,14 +53,15 @@ SPELLINGS: dict[str, dict[str, str]] = {  # letters and digits of a unit: as a m
         "millis": "ms", "us": "us", "usec": "us", "micros": "us", "ns": "ns", "nsec": "ns",
     },
     "gyro": {
-        "rads": "rad/s", "radsec": "rad/s", "radps": "rad/s", "mrads": "mrad/s", "degs": "deg/s",
-        "degsec": "deg/s", "degps": "deg/s", "dps": "deg/s", "grads": "deg/s",
+        "rads": "rad/s", "radsec": "rad/s", "radps": "rad/s", "radpers": "rad/s",
+        "mrads": "mrad/s", "degs": "deg/s",
+        "degsec": "deg/s", "degps": "deg/s", "dps": "deg/s", "grads": "deg/s", "degpers": "deg/s",
         "arcsecs": "arcsec/s", "rad": "rad", "mrad": "mrad", "urad": "urad", "deg": "deg",
         "arcsec": "arcsec", **PER_HOUR,
     },
     "accel": {
         "ms2": "m/s2", "mps2": "m/s2", "msec2": "m/s2", "mss": "m/s2", "cms2": "cm/s2",
-        "mms2": "mm/s2", "fts2": "ft/s2", "g": "g", "gee": "g", "mg": "mg", "ug": "ug",
+        "mms2": "mm/s2", "fts2": "ft/s2", "g": "g", "gs": "g", "gee": "g", "mg": "mg", "ug": "ug",
         "ms": "m/s", "mps": "m/s", "cms": "cm/s", "mms": "mm/s", "fts": "ft/s",
     },
     "temperature": {
@@ -116,6 +117,11 @@ def named(name: str) -> NamedColumn:
         words = [words[0][:-1], *words[1:]]
     stem = "_".join(word for word in words if word not in {*AXES, *WAYS})
     return NamedColumn(name, quantity, axis, unit, stem)
+
+
+def says_other(name: str) -> bool:
+    """Whether a name says what no sensor of a run reads: a magnetometer, a quaternion, a place."""
+    return any(re.fullmatch(f"{OTHER}|pos|position", word) for word in _words(name)[0])
 
 
 def _words(name: str) -> tuple[list[str], str]:

@@ -194,8 +194,10 @@ def _refuse_one_column(lines: bytes, layout: LayoutKeys, delimiter: str, label: 
     """InputError where a line, the last before the rows or the first of them, has one field only,
     and what would part it.
     """
-    whole = [line for line in lines.split(b"\n", 50)[:50] if line.strip()]
-    line = whole[0 if layout.columns else (layout.names_line or 0) - 1] if whole else b""
+    empty_count = layout.columns is None and layout.comment is None  # as in _split_header
+    whole = [line for line in lines.split(b"\n", 50)[:50] if line.strip() or empty_count]
+    place = 0 if layout.columns else (layout.names_line or _header_count(layout)) - 1
+    line = whole[place] if place < len(whole) else b""
     if len(_names(line, delimiter)) != 1:
         return
     best = max(SEPARATORS, key=lambda sign: len(_names(line, sign)))

@@ -17,7 +17,7 @@ from trajectories.readers.columns.rtklib_solution import is_solution, on_clock, 
 from trajectories.readers.columns.side_streams import with_fixes, with_side_streams
 from trajectories.readers.columns.text_columns import header_names
 from trajectories.readers.containers.mat_file import is_matlab
-from trajectories.readers.registry import ConvertedLog, Reader
+from trajectories.readers.registry import ConvertedLog, Reader, UnknownLog
 from trajectories.readers.rows.column_map import LogOptions, column_map, used_columns
 
 OWN_UNITS = (("rad/s", "m/s2", RATE_COLUMNS), ("rad", "m/s", INCREMENT_COLUMNS))
@@ -81,7 +81,7 @@ def _own_map(path: Path, name: str) -> LogOptions:
     if name == "mat":
         values, notes = leaves(path)
         why = f" ({notes[0]})" if notes else ""
-        raise InputError(
+        raise UnknownLog(
             f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(values)}{why}"
         )
     names = _names(path, name) if name in ("csv", "parquet") else []
