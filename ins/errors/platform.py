@@ -270,6 +270,9 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
 ROTATIONS = frozenset(
     {"platform_settling", "platform_step", "platform_yaw_creep", "platform_mount_sag"}
 )
+# noise of gyros that comes with vibration, by id: accelerometers feel it first, and what gyros
+# alone read is their own
+SHAKEN_GYROS = frozenset({"engine_start_gyro_noise", "platform_vibration_gyro_noise"})
 YAW_WORDS = Words(
     what="The parked heading creeps as tyres and a tow bar unwind.",
     brought_on_by="A tight turn just before parking, a tow bar under load.",

@@ -68,6 +68,10 @@ MOVED = (
     "people, wind or loads moved the parked vehicle: its turns are taken out as an update takes"
     " them out, and the noise of this stretch is not judged"
 )
+SHAKEN = (
+    "people, wind or loads moved the parked vehicle: the noise of this stretch is theirs, and is"
+    " not judged"
+)
 
 
 @dataclass(frozen=True)
@@ -165,22 +169,24 @@ def view_run(
         )
     C_nb, sigma_heading = _best_attitude(imu, run, seconds, (start_s, end_s))
     motion = None
-    if moved and knows_north and not dead.any() and level_axes(C_nb) is not None:
-        seconds, C_nb = turned_back(
-            seconds,
-            (start_s, end_s),
-            C_nb,
-            run.header.site,
-            finds_north=not np.isfinite(sigma_heading),
-            bends=bends_of(run.imu, seconds.end_s),
-        )
+    if moved and not dead.any() and level_axes(C_nb) is not None:
+        if knows_north:
+            seconds, C_nb = turned_back(
+                seconds,
+                (start_s, end_s),
+                C_nb,
+                run.header.site,
+                finds_north=not np.isfinite(sigma_heading),
+                bends=bends_of(run.imu, seconds.end_s),
+            )
         motion = motion_of(
             _ten_second_means(seconds, start_s, end_s),
             C_nb,
             run.header.site,
             channel_noises(twin, float(run.imu.end_s - run.imu.start_s), C_nb),
+            turned=knows_north,
         )
-        notes.append(MOVED)
+        notes.append(MOVED if knows_north else SHAKEN)
     history = None
     if moves.size and knows_north and not dead.any():
         history = _navigation(imu, run, end_s, C_nb)

@@ -143,16 +143,25 @@ def level_axes(C_nb: NDArray) -> NDArray | None:
 
 
 def motion_of(
-    means: NDArray, C_nb: NDArray, site: Site, noises: tuple[ChannelNoise, ...]
+    means: NDArray,
+    C_nb: NDArray,
+    site: Site,
+    noises: tuple[ChannelNoise, ...],
+    *,
+    turned: bool = True,
 ) -> VehicleMotion:
-    """How the vehicle strays, from ten-second means (6, bins) that are turned back."""
+    """How the vehicle strays, from ten-second means (6, bins) that are turned back.
+
+    turned : false of a unit that finds no north, whose gyros are too noisy to turn anything back:
+        what the vehicle does is then noise of all sensors, with a mean where a level leans.
+    """
     level = level_axes(C_nb)
     assert level is not None
     jitter, white = np.zeros((2, *means.shape))
     up = int(np.flatnonzero(~level)[0])
-    for c in (up, 3, 4, 5):
+    for c in (up, 3, 4, 5) if turned else range(6):
         (square, own), walk = _differences(means[c], noises[c], 1), 0.0
-        if c == up:
+        if c == up or not turned:
             # differences of means over n bins: 6 s / (10 n)^2 + 2 q / (10 n)
             typical = [_typical(means[c], noises[c], n) for n in (1, LONG)]
             beyond = typical[1] - typical[0] / LONG**2
@@ -164,7 +173,10 @@ def motion_of(
         stray = (means[c] - median_filter(means[c], NEAR, mode="nearest")) ** 2
         white[c] = walk + np.where(stray > STRAY_SIGMA**2 * quiet, stray, 0.0)
     g = float(gravity_magnitude(site.lat_rad, site.height_m))
-    return VehicleMotion(level, skew(C_nb.T @ np.array([0.0, 0.0, -g])), jitter, white)
+    force_of_turn = skew(C_nb.T @ np.array([0.0, 0.0, -g]))
+    if not turned:
+        level, force_of_turn = np.zeros(3, bool), np.zeros((3, 3))
+    return VehicleMotion(level, force_of_turn, jitter, white)
 
 
 def _differences(means: NDArray, noise: ChannelNoise, bins: int) -> tuple[NDArray, float]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
 from ins.errors.base import SLOW_NAME, Effect
+from ins.errors.platform import SHAKEN_GYROS
 from ins.errors.table import TABLE_AGED
 from ins.errors.telemetry import Trace
 from ins.records import TwinModel
@@ -62,6 +63,10 @@ IN_SHADOW = 0.5
 # of a slot's energy, for a channel to be one of its own; chosen: 1/50, as in addback. Without whole
 # channels for a noise of the vehicle, an engine's start had ten companions (trial two 3038)
 TOUCHED = 0.02
+# of the squares of a machine's noise, which has one level for all axes and frequencies; chosen: a
+# half, as the simulator's engines make 3 of the declared squares of level axes and 18 of vertical
+# ones above 0.5 Hz (docs/environments.md has the sources)
+OFF_OF_MACHINE = 0.5
 MOST_MISSING = 0.99  # of a declared noise
 ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
 NO_COLUMNS = np.zeros(0, dtype=int)
@@ -405,7 +410,13 @@ class Attributor:
         if noise:
             odds[lp.shape[0] :] = self._odds_of_noise(columns)
         taken = {s.hypothesis.key for s in others if s.extra is not None or s.of_table}
-        odds[[h.key in taken for h in self.hypotheses]] = -np.inf
+        events = {(s.hypothesis.name, s.hypothesis.run) for s in others}
+        odds[
+            [
+                h.key in taken or (h.key[0] in SHAKEN_GYROS and (h.name, h.run) not in events)
+                for h in self.hypotheses
+            ]
+        ] = -np.inf
         return odds, groups[:, 0]
 
     def _odds_of_noise(self, columns: NDArray) -> NDArray:
@@ -776,6 +787,8 @@ class Attributor:
             # of two noises, squares are compared: off by twice as much
             noises = slot.extra is not None and other.extra is not None
             off = (2.0 if noises else 1.0) * OFF_IN_FORM
+            if noises and other.hypothesis.run is not None:
+                off = OFF_OF_MACHINE
             room = off**2 * self._energy(other)
             hidden = float(np.minimum(own, room).sum())
             if other.extra is not None and other.hypothesis.target == "vehicle":

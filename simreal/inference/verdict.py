@@ -59,8 +59,7 @@ class KeptOut(ReasonCode):
     NOT_UNIQUE = (
         "not_unique",
         "another answer would leave another table, and an update would take it out of the log",
-        "Renew the table with recal update and diagnose later runs: what is left then is no"
-        " ageing.",
+        "Let recal update learn the table and diagnose later runs: what is left then is no ageing.",
     )
 
 

@@ -227,7 +227,8 @@ def contender(text: str, *, beside: str = "") -> Contender:
         near = get_close_matches(name, known, n=3, cutoff=0.5)
         hint = f"nearest: {', '.join(near)}" if near else f"needed one of {', '.join(known)}"
         raise InputError(f"effect {name!r} is not in the catalogue; {hint}")
-    signed = [e for e in found if e.repeats != "S"]
+    # noise of one run, a machine's, is an event without a signature
+    signed = [e for e in found if e.repeats != "S" and not getattr(e, "noise_formula", None)]
     if not signed:
         raise InputError(
             f"effect {name!r} is noise: it has no signature to compare, needed an effect that"

@@ -207,7 +207,7 @@ def summary(document: GapReport) -> list[str]:
     if document.causes and document.shrink is not None:
         lines.append(_excess_line(document))
     for found in gathered(document.causes):
-        lines += _cause_lines(found)
+        lines += _cause_lines(found, has_table=bool(document.table_sha256))
     if document.expected_drift is not None:
         lines.append(f"  {drift_words(document.expected_drift)}")
     if document.simulator is not None:
@@ -268,7 +268,7 @@ def _excess_line(document: GapReport) -> str:
     )
 
 
-def _cause_lines(found: Found) -> list[str]:
+def _cause_lines(found: Found, *, has_table: bool) -> list[str]:
     cause, others = found.first, found.causes[1:]
     at = f", run {', '.join(c.run_id or '' for c in found.causes)}" if cause.run_id else ""
     lines = [
@@ -287,7 +287,7 @@ def _cause_lines(found: Found) -> list[str]:
     if cause.kept_out is not None:
         lines.append(f"    not in twin.json: {cause.kept_out.template}")
     if cause.advice is not None:
-        lines.append(f"    renew the table: {cause.advice}")
+        lines.append(f"    {'renew the table' if has_table else 'make a table'}: {cause.advice}")
     return lines
 
 

@@ -153,7 +153,9 @@ def _actions(document: GapReport) -> list[Action]:
     if any(c.effect == WRONG_LATITUDE for c in document.causes):
         out.append(Action("Correct site.lat_deg in run.json of these runs, and run it again."))
     if renewed_by := [c.advice for c in document.causes if c.advice is not None]:
-        out.append(Action("Renew the table: an update learns what has changed.", renewed_by[0]))
+        first = "Make a first table: an update learns what the gyros read."
+        again = "Renew the table: an update learns what has changed."
+        out.append(Action(again if document.table_sha256 else first, renewed_by[0]))
     usable = [c for c in document.causes if c.kept_out is None]
     if any(c.named and c.rms and c.run_id is None for c in usable):
         out.append(

@@ -83,6 +83,8 @@ def test_an_aged_table_asks_for_an_update_and_is_never_taken_out_of_a_log(found)
     assert document.causes[0].advice == "recal update 'run 1' run-2"
     assert document.causes[0].advice in "\n".join(summary(document))
     assert document.open == ()
+    of_a_table = summary(replace(document, table_sha256="0" * 64))
+    assert summary(document) != of_a_table  # a first table is made, an old one renewed
 
 
 def test_a_wide_sigma_alone_is_no_gap():

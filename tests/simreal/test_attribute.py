@@ -16,7 +16,8 @@ from infield.table.file import table_from_dict
 from ins.errors.base import SLOW_NAME
 from ins.errors.catalogue import catalogue
 from ins.units import ARCSEC
-from simreal.inference.attribute import Attributor
+from simreal.evidence.run_view import view_run
+from simreal.inference.attribute import Attributor, Slot
 from simreal.inference.causes import UNLISTED, _rivals, shares_of, unlisted
 from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from simreal.inference.tails import tail_probability, tail_quantile
@@ -305,3 +306,19 @@ def test_a_vehicle_that_settles_in_every_run_is_not_taken_for_warm_ups(shares):
     for name, size in true.items():
         value = first.parameters[name]
         assert abs(value.value - size) < 4.0 * value.sigma, name
+
+
+def test_only_what_shakes_accelerometers_shakes_gyros():
+    """Noise of three gyros in one run is theirs, unless accelerometers feel a machine."""
+    made = small.trial(None, 0.0, 4, "one_cold", 0)
+    views = [view_run(run, k, None, made.twin) for k, run in enumerate(made.runs)]
+    names = ("platform_vibration", "gyro_angle_random_walk")
+    effects = [e for e in catalogue() if e.name in names]
+    rng = np.random.default_rng(0)
+    looked = Attributor(views, made.twin, effects, alpha=0.01, rng=rng, replicates=20)
+    ids = [h.effect.id if h.effect else h.name for h in looked.hypotheses]
+    of_gyros = ids.index("platform_vibration_gyro_noise")
+    alone, _ = looked._odds(looked.slots)
+    felt = Slot(looked.hypotheses[ids.index("platform_vibration")])
+    beside, _ = looked._odds([*looked.slots, felt])
+    assert np.isneginf(alone[of_gyros]) and np.isfinite(beside[of_gyros])

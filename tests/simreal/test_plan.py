@@ -344,6 +344,7 @@ def test_pairs_are_read_with_their_channels():
         ("gyro_rate_ramp,gyro_rate_ramp", "two different"),
         ("gyro_rate_ramp@accel_x,clock_rate", "needed one of gyro_x"),
         ("gyro_angle_random_walk,gyro_rate_ramp", "is noise"),
+        ("platform_vibration,gyro_rate_ramp", "is noise"),
         ("zzz,gyro_rate_ramp", "needed one of"),
     ],
 )

@@ -17,6 +17,8 @@ from simreal.evidence.seconds import Seconds
 from simreal.evidence.vehicle_motion import BIN_S, bends_of, motion_of, to_the_end, turned_back
 from simreal.evidence.whitened import RunEvidence
 from simreal.inference.diagnosis import DiagnosisSettings, diagnose
+from tests.infield import mems_sessions
+from trajectories.simulator.environments.kinds import Environment
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=0.1, height_m=200.0)
 N = 1800
@@ -139,3 +141,14 @@ def test_people_on_board_are_no_effect_of_a_gyro(boarded, kind):
     assert {c.effect for c in found.causes} <= {"table_aged"}
     assert not found.unexplained.present
     assert any("people" in note for note in found.notes)
+
+
+def test_wind_on_a_unit_that_finds_no_north_is_no_noise_of_its_gyros():
+    gusty = (Environment(kind="gusty", strength=2.0),)
+    made = mems_sessions.session(3, heading_deg=30.0, environments=gusty)
+    view = view_run(made.run, 0, None, mems_sessions.TWIN, moved=True)
+    assert not view.motion.level.any() and np.median(view.motion.jitter[0]) > 0.0
+    how = DiagnosisSettings(replicates=100)
+    found = diagnose([made.run], mems_sessions.TWIN, mems_sessions.blank(), how)
+    assert not {c.effect for c in found.causes if c.target.startswith("gyro")}
+    assert any("wind" in note for note in found.notes)
