@@ -22,7 +22,7 @@ COMPUTED_SHARE = 1e-9
 # part of the vertical that a gyro must see to be told by the vertical Earth rate; an axis 17 deg
 # above the horizon
 LEVELLED = 0.3
-FIRST_S = 300.0  # of the log: the vehicle stands, as a rule
+FIRST_S = 300.0  # of the log: the vehicle stands for 5 min, as a rule
 
 
 def dead_columns(imu: ImuSource) -> NDArray:
