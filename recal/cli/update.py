@@ -4,6 +4,7 @@ session while it runs.
 
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -14,13 +15,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ins.user_input import one_line
-from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name
+from recal.cli.console import DEFAULT_STORE, Shown, json_line, login_name, say
 from recal.cli.logs import LATITUDE
 from recal.cli.parameters.shared import PROPOSAL
 from recal.cli.parameters.verbs import made_from
 
 if TYPE_CHECKING:
     from recal.service.watch.records import WatchState
+
+# chosen: an interrupt that comes twice within 1 s is one (timeout sends it to the process and to
+# its group), and nobody changes their mind so soon
+SAME_S = 1.0
 
 
 @made_from(
@@ -150,7 +155,11 @@ def watch(
             told=shown.say,
             **asked,
         )
-        result = watched(request)
+        try:
+            result = watched(request)
+        except KeyboardInterrupt:
+            say(f"broken off before the update was through; recal update {run} makes it")
+            raise
     if shown.as_json:
         json_line(result.document)
         shown = Shown(as_json=False, quiet=True, verbose=shown.verbose)
@@ -159,13 +168,17 @@ def watch(
 
 @contextmanager
 def _until_interrupted() -> Iterator[Event]:
-    """Set by the first Ctrl-C, or a request to end; the second one breaks off as ever."""
-    stop = Event()
+    """Set by the first Ctrl-C, or a request to end; one that comes SAME_S later breaks off."""
+    stop, asked_s = Event(), 0.0
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def ask(number: int, frame: Any) -> None:
-        stop.set()
-        signal.signal(number, before[signal.Signals(number)])
+        nonlocal asked_s
+        if not stop.is_set():
+            asked_s = time.monotonic()
+            stop.set()
+        elif time.monotonic() - asked_s > SAME_S:
+            raise KeyboardInterrupt
 
     for number in before:
         signal.signal(number, ask)

@@ -19,6 +19,7 @@ from infield.session.reasons import SessionReason
 from infield.table.file import json_text
 from ins.records import InputError
 from ins.verdicts import because
+from recal.cli import update as commands
 from recal.service.update import UpdateRequest, update_in_store
 from recal.service.watch.interim import InterimRequest, advised, estimated, read
 from recal.service.watch.monitor import Monitor, Phase
@@ -310,6 +311,38 @@ def test_an_interrupt_ends_with_the_update(grown, tmp_path):
     assert states[0]["schema"] == "recal.watch/1"
     assert (last["verdict"], last["imu_serial"]) == ("proposed", "SN-0042")
     assert json.loads((tmp_path / "report" / "update.json").read_text()) == last
+
+
+def test_an_interrupt_that_comes_twice_at_once_is_one(grown, tmp_path):
+    process = begun(grown, tmp_path / "out", "--json")
+    for line in process.stdout:
+        if json.loads(line).get("rows", 0) >= 49_000:
+            break
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=300)
+    assert process.returncode == 0, said
+    assert (tmp_path / "report" / "update.json").exists()
+
+
+def test_a_second_interrupt_breaks_off(monkeypatch):
+    monkeypatch.setattr(commands, "SAME_S", 0.0)
+    with commands._until_interrupted() as stop:
+        signal.raise_signal(signal.SIGINT)
+        assert stop.is_set()
+        time.sleep(0.01)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_what_was_broken_off_says_how_to_go_on(grown, tmp_path, monkeypatch):
+    def broken_off(request):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("recal.service.watch.session.watch", broken_off)
+    done = typed("watch", grown, "-o", tmp_path / "out", "--report", tmp_path / "report", "-q")
+    assert done.exit_code == 130
+    assert f"recal update {tmp_path / 'out'}" in done.stderr
 
 
 def test_a_unit_of_another_serial_is_refused_with_commit(grown, simulated, tmp_path):
