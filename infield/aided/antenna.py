@@ -126,10 +126,6 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
         return as_declared
     at = with_types(found[0], fly)
     loud = misfits(at.history)
-    if loud:  # what shakes it so may be in the rows that a sum hides: a walker's steps
-        fly = fly.on_own_rows()
-        found = choose(fly, first, sigma_position_m, refit=False) or found
-        at = with_types(found[0], fly)
     scales = _noise(fly, first, at, loud=loud)
     narrow = narrower(at, fly)
     if narrow is not at:
@@ -198,9 +194,7 @@ def _stirred(fly: Fly, first: Model, steady: Flown) -> Flown:
     least, most = steady.history.shaking
     if fly.technology not in STIRRED_UNITS or most < SHAKING_CHANGES * least:
         return steady
-    fly = fly.on_own_rows()
-    base = flown(steady.model, fly) or steady
-    best, lead = steady, CHANGE_GAIN_NATS
+    base, best, lead = steady, steady, CHANGE_GAIN_NATS
     if steady.model.scales.accelerometers_as_declared:
         if raised_noise(base, fly, ("stirred",), strides=STIRRED_STRIDES) is base:
             return steady

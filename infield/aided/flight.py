@@ -4,7 +4,7 @@ sigmas that were tested::
     compensated log -> where it stands
         -> start (gyrocompass while parked, else satellite velocities) -> filter -> noise judged
 
-Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part of the free-inertial
+Errors, filter and gate: `ins.filters.aided_tape`. It is causal, and no part of the free-inertial
 flights.
 """
 
@@ -41,7 +41,7 @@ from infield.aided.noise import (
     capped_nis,
     flown,
 )
-from infield.aided.open_heading import fly_open
+from infield.aided.open_heading import causal_weights, mixed
 from infield.aided.reasons import (
     AidedGrade,
     AidedNote,
@@ -453,9 +453,8 @@ def _from_all_headings(flights: Flights, fitted: Fitted) -> tuple[Fitted, Reason
     assert isinstance(heading, HeadingOpen)
     late = flights.fixes.earlier(model.antenna.velocity_delay_s)
     starts = heading.starts(flights.begin.sky.with_antenna(late, model.antenna.lever_arm_m))
-    pieces = flights.pieces(starts[0].start.state.time_s, whole=True)
-    history = fly_open([flights.navigator(found, model) for found in starts], pieces)
-    return replace(fitted, history=flights.as_timed(history, model)), heading.why
+    histories = flights.from_headings(starts, model)
+    return replace(fitted, history=mixed(histories, causal_weights(histories))), heading.why
 
 
 def _refused(reason: Reason, role: str) -> AidedResult:

@@ -2,7 +2,6 @@
 part of it.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from infield.aided.headings import HeadingFound, HeadingOpen, Sky, find_heading
 from infield.aided.left_out import UsualMotion, of_receiver, with_usual_motion
 from infield.aided.noise import Model
 from infield.aided.start import FoundStart, moving_start, parked_start, surveyed_start
-from ins.filters.aided_filter import AidedNavigator
+from ins.filters.aided_filter import FromHeadings, first_about, solved, without_start
 from ins.filters.aided_records import (
     NO_WHEELS,
     USED,
@@ -24,38 +23,16 @@ from ins.filters.aided_records import (
     Fixes,
     Wheels,
 )
-from ins.filters.aided_tape import AidedTape
-from ins.records import ImuLog, ImuSource, RunHeader
+from ins.filters.aided_tape import Task
+from ins.filters.reference import About, Rows
+from ins.records import ImuSource, RunHeader
 from ins.robust import chi2
-from ins.strapdown.increments import SAME_STEP, summed
 from ins.verdicts import Reason
 
-HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
-# of log that noise and antenna are fitted on, from the first time on that the vehicle moves
+# chosen, of log that noise and antenna are fitted on from the first time on that the vehicle moves:
+# of white noise 1,800 fixes of one a second show 1.0 % of its sigma
 FIT_S = 1800.0
-# rows that noise and antenna are fitted on are summed to this length where they are half as long or
-# less: a model that fixes once a second tell needs no 200 rows between them; 50 Hz is what
-# autopilots log
-FIT_ROW_S = 0.02
-# of flights of a part of the log that are kept; chosen: 79 models of two hours of fixes once a
-# second are 55 MB
-TRIED_BYTES = 64_000_000
-# arrays of a history: what its fixes say, and what such a flight does not keep
-KEPT_ARRAYS = ("nis", "used", "loglik", "residual")
-LEFT_ARRAYS = (
-    "time_s",
-    "lat_rad",
-    "lon_rad",
-    "height_m",
-    "v_n_m_s",
-    "C_nb",
-    "gyro_bias_rad_s",
-    "accel_bias_m_s2",
-    "variance",
-    "phi_covariance",
-    "covariance",
-    "sigma",
-)
+KEPT_FLIGHTS = 32  # of a part of the log; chosen: half an hour of ten fixes a second has 3 MB each
 # of log under way before a start by matching, which needs 60 s of it at most and tries every 20 s;
 # beyond it the heading is sought from the beginning on
 LATE_S = 75.0
@@ -126,9 +103,10 @@ class Given:
 
 @dataclass(frozen=True)
 class Flights:
-    """Flies the log as often as it is asked to; a start is looked for once for each antenna, and a
-    part of the log flown once for each model: of such a flight what the fixes say is kept alone. A
-    copy with something replaced begins with nothing found.
+    """Flies the log as often as it is asked to; a start is looked for once for each antenna, the
+    solution that flights are linearised about once for each start, and a part of the log flown once
+    for each model: of such a flight what the fixes say is kept alone. A copy with something
+    replaced keeps `references` alone.
     """
 
     imu: ImuSource
@@ -141,10 +119,9 @@ class Flights:
     wheels: Wheels = NO_WHEELS
     usual: UsualMotion | None = None
     declared_other_m: tuple[float, float] = (0.0, 0.0)
-    row_s: float = FIT_ROW_S
+    references: dict[tuple[float, float], About] = field(default_factory=dict)
     starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict, init=False)
-    held: list[ImuLog] = field(default_factory=list, init=False)
-    summed: dict[float, tuple[ImuLog, ...]] = field(default_factory=dict, init=False)
+    abouts: dict[tuple[float, ...], About] = field(default_factory=dict, init=False)
     tried: dict[bytes, AidedHistory] = field(default_factory=dict, init=False)
 
     def by_type(self) -> "Flights":
@@ -159,10 +136,6 @@ class Flights:
             declared_m=(*of_type, self.declared_m[2]),
             declared_other_m=_typical_m(self.fixes, other=True),
         )
-
-    def on_own_rows(self) -> "Flights":
-        """The same without sums of rows."""
-        return replace(self, row_s=0.0)
 
     @property
     def two_types(self) -> bool:
@@ -210,30 +183,41 @@ class Flights:
             return self.from_start(found, model, whole=True)
         key = _key(model)
         if key not in self.tried:
-            self.tried[key] = _of_fixes(self.from_start(found, model, whole=False))
-            while len(self.tried) > 1 and sum(map(_bytes, self.tried.values())) > TRIED_BYTES:
+            self.tried[key] = self.from_start(found, model, whole=False)
+            while len(self.tried) > KEPT_FLIGHTS:
                 del self.tried[next(iter(self.tried))]
         history = self.tried[key]
         antenna = replace(history.antenna, estimated=model.antenna.estimated)
         return replace(history, antenna=antenna)
 
-    def from_start(self, found: FoundStart, model: Model, *, whole: bool) -> AidedHistory:
+    def from_start(
+        self, found: FoundStart, model: Model, *, whole: bool, smooth: bool = False
+    ) -> AidedHistory:
         """A flight from a start."""
-        navigator = self.navigator(found, model)
-        start_s = found.start.state.time_s
-        for piece in self.pieces(start_s, whole=whole, sums=model.scales.stirred == 0.0):
-            navigator.feed(piece)
-        return self.as_timed(navigator.finish(), model)
+        task = self.task(found, model)
+        about = self.about(task, model, whole=whole)
+        history = solved(about, task, smooth=smooth, rows=whole)
+        timed = replace(history, antenna=history.antenna.later(_base_s(model)))
+        return of_receiver(timed, self.rows_of_receiver)
 
-    def taped(self, found: FoundStart, model: Model) -> tuple[AidedHistory, AidedTape]:
-        """All of the log from a start with the antenna estimated, and what a smoother needs;
-        delays are those beyond the lesser one.
-        """
-        estimated = replace(model, antenna=replace(model.antenna, estimated=True))
-        navigator = self.navigator(found, estimated, keep_tape=True)
-        for piece in self.pieces(found.start.state.time_s, whole=True):
-            navigator.feed(piece)
-        return navigator.finish(), navigator.tape
+    def from_headings(
+        self, starts: list[FoundStart], model: Model, *, smooth: bool = False
+    ) -> list[AidedHistory]:
+        """Flights from starts that differ in heading, each about the same solution turned."""
+        tasks = [self.task(found, model) for found in starts]
+        about = self.about(tasks[0], model, whole=True)
+        fan = FromHeadings(about, tasks[0], record=True)
+        found = []
+        for task in tasks:
+            history = fan.flown(task.start)
+            if smooth:
+                near = about.along(Rows.of(history), task.fixes.time_s, task.noise.vrw)
+                history = solved(near, task, smooth=True)
+            else:
+                history = without_start(history)
+            timed = replace(history, antenna=history.antenna.later(_base_s(model)))
+            found.append(of_receiver(timed, self.rows_of_receiver))
+        return found
 
     def given(self, model: Model) -> Given:
         """What the filter is given under a model."""
@@ -243,60 +227,32 @@ class Flights:
             fixes=self.fixes.scaled(scales.position, scales.velocity),
         )
 
-    def navigator(
-        self, found: FoundStart, model: Model, *, keep_tape: bool = False
-    ) -> AidedNavigator:
-        """The filter under a model, from a start; its delays are those beyond the lesser one."""
+    def task(self, found: FoundStart, model: Model) -> Task:
+        """What is flown under a model, from a start; its delays are those beyond the lesser one."""
         base_s, given = _base_s(model), self.given(model)
         fixes, _ = with_usual_motion(given.fixes, self.usual, self.imu.end_s)
-        options = options_of(self.technology, self.stands)
-        return AidedNavigator(
-            found.start,
-            given.noise,
-            fixes.earlier(base_s),
+        return Task(
+            start=found.start,
+            noise=given.noise,
+            fixes=fixes.earlier(base_s),
             antenna=model.antenna.later(-base_s),
-            options=replace(options, keep_tape=keep_tape, wheels=self.wheels),
+            options=replace(options_of(self.technology, self.stands), wheels=self.wheels),
         )
 
-    def as_timed(self, history: AidedHistory, model: Model) -> AidedHistory:
-        """The history with the delays that the fixes have."""
-        timed = replace(history, antenna=history.antenna.later(_base_s(model)))
-        return of_receiver(timed, self.rows_of_receiver)
-
-    def pieces(self, start_s: float, *, whole: bool, sums: bool = False) -> Iterable[ImuLog]:
-        """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in
-        memory if it is not long. sums: whether rows of a part may be summed to row_s; not where
-        biases go with the shaking, which sums have less of.
+    def about(self, task: Task, model: Model, *, whole: bool) -> About:
+        """What flights are linearised about: all of the log, or FIT_S, counted from the end of a
+        stand at the start.
         """
-        first_s = start_s - 2.0
-        if whole:
-            return self.imu.pieces(first_s, np.inf)
-        end_s = next((b for a, b in self.stands if a <= start_s + 1.0 < b), start_s) + FIT_S
-        if end_s - self.imu.start_s > HELD_S:
-            return self.imu.pieces(first_s, end_s)
-        if not self.held:
-            self.held.extend(self.imu.pieces(-np.inf, end_s))
-        sums = sums and 2.0 / self.held[0].rate_hz < (1.0 + SAME_STEP) * self.row_s
-        return self._summed(start_s) if sums else self._held(first_s)
-
-    def _summed(self, start_s: float) -> Iterable[ImuLog]:
-        """What is held from two seconds before a start on, in rows of row_s that meet there."""
-        if start_s not in self.summed:
-            self.summed.clear()
-            pieces = self._held(start_s - 2.0)
-            self.summed[start_s] = tuple(summed(piece, start_s, self.row_s) for piece in pieces)
-        return self.summed[start_s]
-
-    def _held(self, start_s: float) -> Iterator[ImuLog]:
-        """What is held from a time on, in logs of two or more rows.
-
-        A row that is alone is left out: a start is two seconds later.
-        """
-        for piece in self.held:
-            if piece.start_s > start_s:
-                yield piece
-            elif piece.time_s[-2] > start_s:
-                yield from piece.pieces(start_s)
+        start_s = task.start.state.time_s
+        stands_s = next((b for a, b in self.stands if a <= start_s + 1.0 < b), start_s)
+        end_s = np.inf if whole or stands_s + FIT_S >= self.imu.end_s else stands_s + FIT_S
+        if (start_s, end_s) not in self.references:
+            self.references[start_s, end_s] = first_about(self.imu, task, end_s)
+        first = self.references[start_s, end_s]
+        key = start_s, end_s, _base_s(model)
+        if key not in self.abouts:
+            self.abouts[key] = first.along(first.rows, task.fixes.time_s, task.noise.vrw)
+        return self.abouts[key]
 
 
 def _typical_m(fixes: Fixes, *, other: bool) -> tuple[float, float]:
@@ -316,18 +272,6 @@ def _key(model: Model) -> bytes:
     free = antenna.estimated and antenna.covariance.any()
     values = [*vars(scales).values(), antenna.delay_s, antenna.velocity_delay_s, free]
     return np.concatenate([values, antenna.lever_arm_m, antenna.covariance.ravel()]).tobytes()
-
-
-def _of_fixes(history: AidedHistory) -> AidedHistory:
-    """The history without its rows: what its fixes say of the model, and where it ends."""
-    without = {name: getattr(history, name)[:0].copy() for name in LEFT_ARRAYS}
-    of_fixes = {name: getattr(history, name).copy() for name in KEPT_ARRAYS}
-    return replace(history, **without, **of_fixes)
-
-
-def _bytes(history: AidedHistory) -> int:
-    """What a kept flight holds."""
-    return sum(getattr(history, name).nbytes for name in KEPT_ARRAYS)
 
 
 def _comes_late(found: FoundStart, fixes: Fixes, stands: tuple[Where, ...]) -> bool:

@@ -41,8 +41,10 @@ from infield.aided.start import (
 from infield.aided.velocity_match import Pairs, pairs_of, whole_fixes
 from ins.attitude import dcm_from_rotation_vector, wrap_pi
 from ins.estimation.choice import Level, Sizes, climb
-from ins.filters.aided_filter import AidedNavigator
+from ins.filters.aided_filter import FromHeadings, first_about
 from ins.filters.aided_records import USED, AidedHistory, AidedNoise, AidedOptions, Antenna, Fixes
+from ins.filters.aided_tape import Task
+from ins.filters.reference import About
 from ins.filters.states import AIDED_THETA
 from ins.records import ImuLog, ImuSource, TwinModel
 from ins.units import DEG
@@ -287,6 +289,8 @@ class Bank:
     ground: Stretch
     pairs: Pairs
     noise: Sizes = field(default_factory=FIRST_NOISE.copy)
+    about: About | None = None
+    flights: dict[tuple[float, ...], FromHeadings] = field(default_factory=dict)
 
     def attitude(self, turn_rad: float, sigma_rad: float) -> tuple[NDArray, NDArray]:
         """C_nb at the end of the first window, turned about the vertical from its match and
@@ -305,13 +309,14 @@ class Bank:
 
     def look(self, log: ImuLog) -> Seen:
         """What a stretch shows of the heading."""
+        self.about = None
         turns = np.arange(COARSE) * 2.0 * np.pi / COARSE
         logliks = self._logliks(log, turns)
         for _ in range(NOISE_ROUNDS):
             noise = self._noise(log, turns[int(np.argmax(logliks))])
             if noise == self.noise:
                 break
-            self.noise = noise
+            self.noise, self.about = noise, None
             logliks = self._logliks(log, turns)
         top = float(turns[int(np.argmax(logliks))])
         off = np.asarray(wrap_pi(turns - top))
@@ -322,7 +327,7 @@ class Bank:
             more, fine = _moments(steps, self._logliks(log, top + mean + steps), FINE_RAD)
             mean, sigma = mean + more, fine
         rival = _rival(turns - top - mean, logliks)
-        flight = self._fly(log, top + mean, WIDEST_RAD)
+        flight = self._fly(log, top + mean, WIDEST_RAD, rows=True)
         sigma = max(sigma, float(np.sqrt(flight.variance[:, HEADING].min())))
         colour = colour_of(flight)
         return Seen(
@@ -351,7 +356,13 @@ class Bank:
         return started(self.ground, C_nb, self.pairs.rate_b, theta)
 
     def _fly(
-        self, log: ImuLog, turn_rad: float, sigma_rad: float, noise: Sizes | None = None
+        self,
+        log: ImuLog,
+        turn_rad: float,
+        sigma_rad: float,
+        noise: Sizes | None = None,
+        *,
+        rows: bool = False,
     ) -> AidedHistory:
         """A stretch from a heading."""
         sky = self.sky
@@ -367,15 +378,20 @@ class Bank:
             accel_walk=walk * sky.noise.accel_walk,
         )
         late = np.diag([0.0, 0.0, 0.0, DELAY_S, DELAY_S]) ** 2
-        navigator = AidedNavigator(
-            found.start,
-            louder,
-            sky.fixes.scaled(receiver, receiver),
+        task = Task(
+            start=found.start,
+            noise=louder,
+            fixes=sky.fixes.scaled(receiver, receiver),
             antenna=Antenna(lever_arm_m=sky.lever_arm_m, covariance=late, estimated=True),
             options=sky.options,
         )
-        navigator.feed(log)
-        return navigator.finish()
+        if self.about is None:
+            self.about = first_about(log, task)
+            self.flights.clear()
+        key = (*times.values(), rows)
+        if key not in self.flights:
+            self.flights[key] = FromHeadings(self.about, task, record=rows)
+        return self.flights[key].flown(found.start)
 
 
 def _loglik(history: AidedHistory) -> float:

@@ -200,10 +200,6 @@ class Fly(Protocol):
         """
         ...
 
-    def on_own_rows(self) -> "Fly":
-        """The same on the log's own rows, however short they are."""
-        ...
-
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
 
 

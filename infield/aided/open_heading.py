@@ -12,7 +12,6 @@ which nothing is known has a sigma of 104 deg (pi / sqrt(3)).
 Decision: docs/decisions/0060-unknown-heading.md.
 """
 
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +20,8 @@ from numpy.typing import NDArray
 from infield.aided.headings import colour_of, fix_logliks
 from ins.attitude import rotation_vector_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
-from ins.filters.aided_filter import AidedNavigator
 from ins.filters.aided_records import AidedHistory
 from ins.filters.states import AIDED_ACCEL, AIDED_GYRO, AIDED_POS, AIDED_THETA, AIDED_VEL
-from ins.records import ImuLog
 
 # second singular value of the weighed mean of C_nb, above which there is a mean attitude: headings
 # that spread by more than 60 deg have less (cos 60 deg), and the likeliest flight's is put out
@@ -32,15 +29,6 @@ MEAN_EXISTS = 0.5
 # cosine of a turn below which the axis is taken from C + 1, 8 deg from half a turn: there the
 # other formula still has 12 digits, here C + 1 is along the axis to 0.5 % (1 - cos 8 deg / 2)
 NEARLY_OPPOSITE = -0.99
-
-
-def fly_open(navigators: Sequence[AidedNavigator], pieces: Iterable[ImuLog]) -> AidedHistory:
-    """All of a log from all headings, each by its own filter."""
-    for piece in pieces:
-        for navigator in navigators:
-            navigator.feed(piece)
-    histories = [navigator.finish() for navigator in navigators]
-    return mixed(histories, causal_weights(histories))
 
 
 def causal_weights(histories: list[AidedHistory]) -> NDArray:

@@ -25,6 +25,7 @@ from ins.estimation.tape import (
     LOST,
     MEASURE,
     MOVING,
+    RECORD,
     REFUSED,
     USED,
     Compiled,
@@ -32,6 +33,7 @@ from ins.estimation.tape import (
     Tape,
 )
 
+NOTHING = np.zeros((0, 6))
 GATE_SIGMA = 6.0  # a residual beyond this many sigmas is left out and listed, not used
 
 
@@ -101,6 +103,9 @@ class ErrorFilter:
     filtered : ndarray, shape (bins, 2, 3)
         Bias and variance of each bin as they stood when its time was over.
     tally : Tally
+    considered_from : int
+        The state from which on they are considered: they widen what is estimated and are left as
+        they are. None by default.
     """
 
     def __init__(
@@ -129,6 +134,7 @@ class ErrorFilter:
         self.filtered = np.full((bias_mean.size // 3, 2, 3), np.nan)
         self.clone_start()
         self.tally = Tally()
+        self.considered_from = n
 
     def clone_start(self) -> None:
         """Copy theta as it stands now into its clone at the start, fully correlated with it."""
@@ -214,7 +220,57 @@ class ErrorFilter:
             raise ValueError(f"step {step} is linearised about the filter's own velocity error")
         return self._sweep(compiled, keep_gains=True)
 
-    def _sweep(self, tape: Tape | Compiled, *, keep_gains: bool) -> "Response":
+    def run_for_records(
+        self,
+        tape: Tape | Compiled,
+        states: NDArray,
+        *,
+        smooth: bool = False,
+        fed_back: "FedBack | None" = None,
+    ) -> tuple["Response", NDArray, NDArray]:
+        """Work through a tape, in place, and keep what it records.
+
+        Parameters
+        ----------
+        tape : Tape or Compiled
+        states : ndarray of int, shape (q,)
+            States whose errors are recorded.
+        smooth : bool
+            Given all measurements of the tape, those that come later too.
+        fed_back : FedBack, optional
+            Where attitudes are fed back at each step: not to be smoothed.
+
+        Returns
+        -------
+        response : Response
+        x, P : ndarray, shapes (records, q), (records, q, q)
+
+        Raises
+        ------
+        ArithmeticError, ValueError
+            As `run`.
+        """
+        recorded = None if smooth else states
+        found = self._sweep(tape, keep_gains=smooth, recorded=recorded, fed_back=fed_back)
+        kept = np.isin(states, found.own)
+        x, P = (
+            np.zeros((len(found.x_rows), kept.size)),
+            np.zeros((len(found.x_rows), kept.size, kept.size)),
+        )
+        of_own = found.smoothed(states[kept]) if smooth else (found.x_rows, found.P_rows)
+        at = found.placed.of[states[kept]]
+        x[:, kept] = of_own[0][:, at]
+        P[:, kept[:, None] & kept] = of_own[1].reshape(len(x), at.size**2)
+        return found, x, P
+
+    def _sweep(
+        self,
+        tape: Tape | Compiled,
+        *,
+        keep_gains: bool,
+        recorded: NDArray | None = None,
+        fed_back: "FedBack | None" = None,
+    ) -> "Response":
         """The sweep over the states in use."""
         from ins.estimation import kernel
 
@@ -231,6 +287,11 @@ class ErrorFilter:
         outcome, gain = np.zeros(count, dtype=np.int64), np.full(count, np.nan)
         normalised, spread = np.zeros(len(c.z)), np.ones(len(c.z))
         gains = np.zeros((len(c.z) if keep_gains else 0, own.size))
+        alone, records = np.zeros((len(c.z), 2)), int((c.ops[:, 0] == RECORD).sum())
+        kept = np.arange(own.size) if recorded is None else placed.of[recorded[use[recorded]]]
+        x_rows, P_rows = np.zeros((records, own.size)), np.zeros((records, kept.size, kept.size))
+        pushes, levers = (NOTHING, NOTHING) if fed_back is None else vars(fed_back).values()
+        turns = np.tile(np.eye(3), (records, 1, 1))
         stopped = kernel.sweep(
             x,
             P,
@@ -250,7 +311,7 @@ class ErrorFilter:
             c.first_entry,
             placed.index,
             placed.value,
-            c.z,
+            c.z if fed_back is None else c.z.copy(),
             c.variance,
             c.gate,
             placed.of[em.THETA_CLONE.stop - 1],
@@ -261,6 +322,15 @@ class ErrorFilter:
             gain,
             self.filtered,
             gains,
+            alone,
+            int(use[: self.considered_from].sum()),
+            kept,
+            x_rows,
+            P_rows,
+            pushes,
+            levers,
+            np.eye(3),
+            turns,
         )
         self.x[own], self.P[np.ix_(own, own)] = x, P
         if stopped >= 0:
@@ -269,7 +339,20 @@ class ErrorFilter:
                 raise ArithmeticError(f"{where}: the covariance has lost its digits")
             raise ValueError(f"{where}: measurement, state or covariance is not finite")
         self._book(c, outcome, normalised, spread, gain)
-        return Response(c, placed, own, self.noise, outcome, normalised, spread, gains)
+        return Response(
+            c,
+            placed,
+            own,
+            self.noise,
+            outcome,
+            normalised,
+            spread,
+            gains,
+            alone,
+            x_rows,
+            P_rows,
+            turns,
+        )
 
     def _book(
         self, c: Compiled, outcome: NDArray, normalised: NDArray, spread: NDArray, gain: NDArray
@@ -305,6 +388,24 @@ class ErrorFilter:
     def bias(self) -> tuple[NDArray, NDArray]:
         """Mean (3 bins,) [rad/s] and covariance (3 bins, 3 bins) of the gyro bias bins."""
         return self.x[self._bins].copy(), self.P[self._bins, self._bins].copy()
+
+
+@dataclass(frozen=True)
+class FedBack:
+    """A reference whose attitude the errors are taken off at each step, so that they are small
+    from whatever heading they begin.
+
+    Parameters
+    ----------
+    pushes : ndarray, shape (K, 6)
+        Velocity that the specific force adds to the reference over each step, and the velocity at
+        its end that w is about [m/s], navigation axes.
+    levers : ndarray, shape (rows, 6)
+        Vectors a, b of each row: of an attitude turned by R its z is larger by a' (R - 1) b.
+    """
+
+    pushes: NDArray
+    levers: NDArray
 
 
 @dataclass(frozen=True)
@@ -368,6 +469,12 @@ class Response:
     spread : ndarray, shape (rows,)
         Variances of the innovations.
     gains : ndarray, shape (rows, k)
+    alone : ndarray, shape (rows, 2)
+        Innovation of each row as if it were measured alone, and its variance.
+    x_rows, P_rows : ndarray, shapes (records, k), (records, q, q)
+        As recorded.
+    turns : ndarray, shape (records, 3, 3)
+        From the reference to the attitudes that x_rows are errors of.
     """
 
     tape: Compiled
@@ -378,6 +485,69 @@ class Response:
     normalised: NDArray
     spread: NDArray
     gains: NDArray
+    alone: NDArray
+    x_rows: NDArray
+    P_rows: NDArray
+    turns: NDArray
+
+    def smoothed(self, states: NDArray) -> tuple[NDArray, NDArray]:
+        """What was recorded of all states in use, given all measurements.
+
+        Parameters
+        ----------
+        states : ndarray of int, shape (q,)
+            States in use, whose covariance is wanted.
+
+        Returns
+        -------
+        x, P : ndarray, shapes (records, k), (records, q, q)
+        """
+        from ins.estimation import kernel
+
+        c, placed, k = self.tape, self.placed, self.own.size
+        kept = placed.of[states]
+        x, P = self.x_rows.copy(), np.zeros((len(self.x_rows), kept.size, kept.size))
+        kernel.smooth(
+            placed.moves,
+            placed.core,
+            c.steps,
+            c.flags,
+            self.noise.values(),
+            placed.drives.first,
+            placed.drives.state,
+            placed.drives.target,
+            placed.drives.value,
+            placed.ops,
+            c.first_entry,
+            placed.index,
+            placed.value,
+            self.outcome,
+            self.normalised,
+            self.spread,
+            self.gains,
+            np.zeros(k),
+            np.zeros((k, k)),
+            kept,
+            x,
+            self.P_rows,
+            P,
+        )
+        return x, P
+
+    def counted(self, name: str) -> tuple[int, int]:
+        """Measurements of a kind that were used, and those refused.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        used, refused : int
+        """
+        c = self.tape
+        became = self.outcome[(c.ops[:, 0] == MEASURE) & (np.array(c.names)[c.name] == name)]
+        return int((became == USED).sum()), int((became == REFUSED).sum())
 
     @property
     def used_rows(self) -> NDArray:

@@ -11,7 +11,7 @@ accelerometers 3-5 in body axes, acceleration north, east, down 6-8. All other s
 drive through the tape's entries, or are set by its operations.
 """
 
-from math import sqrt
+from math import cos, sin, sqrt
 
 import numpy as np
 
@@ -19,14 +19,19 @@ from ins.estimation import states
 from ins.estimation.tape import (
     ADD,
     ADVANCE,
+    ASSIGN,
     BIN,
     INPUTS,
     KEEP,
+    LEAPT,
     LOST,
     MEASURE,
     MOVING,
     NOT_FINITE,
+    RECORD,
     REFUSED,
+    RENEW,
+    RENEWED,
     ROLLING,
     SOLUTION,
     USED,
@@ -41,6 +46,11 @@ ARW, VRW, LATERAL_RMS, LATERAL_TIME = 0, 1, 2, 3  # of the noise
 W, POS, THETA = states.W.start, states.POS.start, states.THETA.start
 S, LATERAL, CORE = states.S.start, states.LATERAL, states.CORE
 GYROS, ACCELS, NED = 0, 3, 6  # first input of each kind
+# what a solution that is begun anew is known to: attitude [rad]; m or m/s where it was not seen
+RENEWED_TILT_RAD, UNSEEN_OFF = 0.02, 10.0
+# gaps between refused positions that make a filter lost, however long they are: an outage counts
+# as a fifth of the time at most; chosen
+FEWEST_GAPS = 5.0
 # only kernels call it: less to compile, but a call from Python would end the process
 inner = jit(no_cpython_wrapper=True)
 
@@ -309,10 +319,11 @@ def expected(x, P, first, last, index, value, R, v):
 
 
 @inner
-def correct(x, P, v, residual, variance):
+def correct(x, P, v, residual, variance, considered):
     """The optimal update by one scalar: x += v residual / S, P -= v v' / S.
 
-    Symmetric to the last bit. v becomes the gain over the innovation's sigma. Returns the
+    Symmetric to the last bit. States from `considered` on are left as they are (Schmidt's filter;
+    Jazwinski 1970, section 8.2). v becomes the gain over the innovation's sigma. Returns the
     innovation over its sigma.
     """
     n = x.size
@@ -322,19 +333,38 @@ def correct(x, P, v, residual, variance):
     y = residual / root
     for i in range(n):
         a = v[i]
-        x[i] += a * y
+        if i < considered:
+            x[i] += a * y
         if a != 0.0:
-            for j in range(n):
+            for j in range(n if i < considered else considered):
                 P[i, j] -= a * v[j]
     return y
 
 
 @inner
-def measure(x, P, first, last, first_entry, index, value, z, R, gate, v, normalised, spread, gains):
+def measure(
+    x,
+    P,
+    first,
+    last,
+    first_entry,
+    index,
+    value,
+    z,
+    R,
+    gate,
+    v,
+    normalised,
+    spread,
+    gains,
+    alone,
+    considered,
+):
     """Rows first to last - 1 with independent noise, one after another; all or none pass the gate.
 
     Of refused rows, the innovations stand in `normalised` at the gate at most, each as if it were
-    alone. gains (rows, n): written where it has rows. Returns what became of them.
+    alone. gains (rows, n): written where it has rows; alone (rows, 2): innovation of each row as if
+    it were alone, and its variance. Returns what became of them.
     """
     refused = False
     for r in range(first, last):
@@ -348,6 +378,7 @@ def measure(x, P, first, last, first_entry, index, value, z, R, gate, v, normali
             refused = True
         spread[r] = variance
         normalised[r] = min(max(residual / sqrt(variance), -gate), gate)
+        alone[r, 0], alone[r, 1] = residual, variance
     if refused:
         return REFUSED
     for r in range(first, last):
@@ -355,11 +386,97 @@ def measure(x, P, first, last, first_entry, index, value, z, R, gate, v, normali
         if variance < 0.9 * R[r] or variance <= 0.0:
             return LOST
         spread[r] = variance
-        normalised[r] = correct(x, P, v, z[r] - hx, variance)
+        normalised[r] = correct(x, P, v, z[r] - hx, variance, considered)
         if gains.shape[0] > 0:
-            for j in range(x.size):
+            for j in range(considered):
                 gains[r, j] = v[j]
     return USED
+
+
+@inner
+def rotation_of(a, E):
+    """E (3, 3) = exp([a x])."""
+    square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+    size = sqrt(square)
+    # their limits to 2e-9 of themselves below 1e-4 rad
+    s = sin(size) / size if size > 1e-4 else 1.0 - square / 6.0
+    c = (1.0 - cos(size)) / square if size > 1e-4 else 0.5
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for m in range(3):
+            E[i, m] = c * a[i] * a[m]
+        E[i, i] += 1.0 - c * square
+        E[i, j] -= s * a[k]
+        E[i, k] += s * a[j]
+
+
+@inner
+def turn_by(E, turn, M, left, right):
+    """turn (3, 3) <- E turn, turn E' or E turn E'; M (3, 3) is room."""
+    for side in range(2):
+        if (side == 0 and left) or (side == 1 and right):
+            for i in range(3):
+                for m in range(3):
+                    M[m, i] = E[i, 0] * turn[0, m] + E[i, 1] * turn[1, m] + E[i, 2] * turn[2, m]
+        else:
+            for i in range(3):
+                for m in range(3):
+                    M[m, i] = turn[i, m]
+        for i in range(3):
+            for m in range(3):
+                turn[i, m] = M[i, m]  # transposed: from its other side next, and back
+
+
+@inner
+def feed_back(x, place, travels, turn, room):
+    """The attitude's error goes into turn (3, 3), by which the solution is off its reference.
+
+    w is then about an attitude without it; travels (3,): the velocity that w is about.
+    """
+    a = room[2, 0]
+    for i in range(3):
+        a[i] = -x[place[THETA + i]]
+        x[place[THETA + i]] = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        x[place[W + i]] -= a[j] * travels[k] - a[k] * travels[j]
+    rotation_of(a, room[0])
+    turn_by(room[0], turn, room[1], True, False)
+
+
+@inner
+def turn_step(step, turn):
+    """The attitude of a step, turned."""
+    for m in range(3):
+        a, b, c = step[C_NB + m], step[C_NB + 3 + m], step[C_NB + 6 + m]
+        for i in range(3):
+            step[C_NB + 3 * i + m] = turn[i, 0] * a + turn[i, 1] * b + turn[i, 2] * c
+
+
+@inner
+def set_turned(x, place, step, shift, push, turn, room):
+    """Errors of a turned solution at the end of a step: it is set to velocity and place of its
+    reference there, and keeps the attitude that its gyros give it.
+
+    shift (9,): as of the reference; push (6,): velocity that the reference gains by its specific
+    force over the step, and the velocity at its end that w is about.
+    """
+    dt, a = step[DT], room[2, 0]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        less = push[i] - turn[i, 0] * push[0] - turn[i, 1] * push[1] - turn[i, 2] * push[2]
+        jump = shift[THETA + j] * push[3 + k] - shift[THETA + k] * push[3 + j]
+        x[place[W + i]] += shift[W + i] + jump + less
+        x[place[POS + i]] += shift[POS + i] + 0.5 * dt * less
+    a[0] = -dt * (step[OMEGA_IE] + step[TRANSPORT] * step[V_N + 1])
+    a[1] = -dt * (step[OMEGA_IE + 1] - step[TRANSPORT + 1] * step[V_N])
+    a[2] = -dt * (step[OMEGA_IE + 2] - step[TRANSPORT + 2] * step[V_N + 1])
+    rotation_of(a, room[0])
+    turn_by(room[0], turn, room[1], True, True)
+    for i in range(3):
+        a[i] = shift[THETA + i]
+    rotation_of(a, room[0])
+    turn_by(room[0], turn, room[1], False, True)
 
 
 # ways in for `ins.estimation.error_model`
@@ -377,6 +494,93 @@ def assign(x, P, target, first, last, index, value, variance, v):
         P[target, j] = v[j]
         P[j, target] = v[j]
     P[target, target] = total + variance
+
+
+@inner
+def renew(
+    x,
+    P,
+    place,
+    ops,
+    m,
+    first_entry,
+    index,
+    value,
+    z,
+    R,
+    after_s,
+    clock_s,
+    lost,
+    leapt,
+    v,
+    outcome,
+    normalised,
+    spread,
+    gains,
+    alone,
+    considered,
+):
+    """Begin a lost filter anew: one that refuses the positions of fixes for after_s (0: none).
+
+    Operation m follows the measurements of its fix: position, and velocity where there is one; its
+    row names the states of the position's slow error. Where the velocity fits, the positions leapt:
+    either those before or those from now on are off, and position and slow error take what was
+    seen, both alike. Else velocity and position are known no better than they were seen to be off.
+    lost (2,): seconds between refused positions, and when the last one was (0: none); leapt (n,):
+    variance that keeps slow errors as large for their time constant. Returns what became of it.
+    """
+    count = ops[m, 1]
+    first = ops[m - count, 2]
+    if outcome[m - count] == USED:
+        lost[0] = lost[1] = 0.0
+        return USED
+    if lost[1] != 0.0:
+        lost[0] += min(clock_s - lost[1], after_s / FEWEST_GAPS)
+    lost[1] = clock_s
+    if not 0.0 < after_s <= lost[0]:
+        return REFUSED
+    lost[0] = lost[1] = 0.0
+    became = RENEWED
+    if count == 2 and outcome[m - 1] == USED:
+        became = LEAPT
+        count = 1
+        for i in range(3):
+            seen = alone[first + i, 0]
+            slow = index[first_entry[ops[m, 2]] + i]
+            P[place[POS + i], place[POS + i]] += seen * seen
+            P[slow, slow] += seen * seen
+            leapt[slow] = max(leapt[slow], seen * seen)
+    else:
+        for i in range(6):
+            c = place[W + i]
+            seen = alone[first + i - POS, 0] if i >= POS else UNSEEN_OFF
+            if i < POS and count == 2:
+                seen = alone[ops[m - 1, 2] + i, 0]
+            for j in range(x.size):
+                P[c, j] = P[j, c] = 0.0
+            P[c, c] = seen * seen + 1.0
+        for i in range(3):
+            P[place[THETA + i], place[THETA + i]] += RENEWED_TILT_RAD * RENEWED_TILT_RAD
+    for o in range(m - ops[m, 1], m - ops[m, 1] + count):
+        measure(
+            x,
+            P,
+            ops[o, 2],
+            ops[o, 2] + ops[o, 3],
+            first_entry,
+            index,
+            value,
+            z,
+            R,
+            np.inf,
+            v,
+            normalised,
+            spread,
+            gains,
+            alone,
+            considered,
+        )
+    return became
 
 
 @jit
@@ -410,6 +614,15 @@ def sweep(
     gain,
     filtered,
     gains,
+    alone,
+    considered,
+    recorded,
+    x_rows,
+    P_rows,
+    pushes,
+    levers,
+    turn,
+    turns,
 ):
     """Work through a tape.
 
@@ -460,6 +673,23 @@ def sweep(
         Bias and variance of each bin when it ended; written.
     gains : ndarray, shape (rows, n) or (0, n)
         Gain of each row over its innovation's sigma; written where it has rows.
+    alone : ndarray, shape (rows, 2)
+        Innovation of each row as if it were measured alone, and its variance; written.
+    considered : int
+        The place from which on states are not estimated.
+    recorded : ndarray of int64, shape (q,)
+        Places of the states whose covariance is recorded.
+    x_rows, P_rows : ndarray, shapes (records, n), (records, q, q)
+        Written at each RECORD.
+    pushes : ndarray, shape (K, 6) or (0, 6)
+        Where it has rows, attitudes are fed back: velocity that the specific force adds over each
+        step, and the velocity at its end that w is about.
+    levers : ndarray, shape (rows, 6) or (0, 6)
+        Vectors a, b of each row, whose z changes by a' (turn - 1) b; z is changed in place.
+    turn : ndarray, shape (3, 3)
+        From the reference to the attitude that is fed back; changed in place.
+    turns : ndarray, shape (records, 3, 3)
+        Written at each RECORD where attitudes are fed back.
 
     Returns
     -------
@@ -471,7 +701,8 @@ def sweep(
     Phi, Q, Gamma = np.zeros((CORE, CORE)), np.zeros((CORE, CORE)), np.zeros((CORE, INPUTS))
     driven, G = np.zeros(n, np.int64), np.zeros((CORE, n))
     T, block, v = np.zeros((CORE, n)), np.zeros((CORE, CORE)), np.zeros(n)
-    step = np.empty(STEP_COLUMNS)
+    step, turning, closed = np.empty(STEP_COLUMNS), np.zeros((3, 3, 3)), pushes.shape[0] > 0
+    clock_s, lost, leapt, written = 0.0, np.zeros(2), np.zeros(n), 0
     for m in range(ops.shape[0]):
         kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
         outcome[m] = USED
@@ -483,6 +714,9 @@ def sweep(
                 for i in moves:
                     if i < POS:
                         step[V_N + i] -= x[place[i]]
+            if closed:
+                feed_back(x, place, pushes[max(which - 1, 0), 3:], turn, turning)
+                turn_step(step, turn)
             now_bin = flags[which, BIN]
             transition(step, flags[which], noise, moves, room, Phi, Gamma, Q)
             used = drive(
@@ -499,11 +733,20 @@ def sweep(
             propagate(
                 x, P, moves, place, Phi, Q, driven, used, G, walk, density_of, step[DT], T, block
             )
-            if shifts.shape[0] > 0:
+            clock_s += step[DT]
+            if closed:
+                set_turned(x, place, step, shifts[which], pushes[which], turn, turning)
+            elif shifts.shape[0] > 0:
                 for i in moves:
                     if i < SOLUTION:
                         x[place[i]] += shifts[which, i]
         elif kind == MEASURE:
+            if closed:
+                for r in range(first, first + count):
+                    for i in range(3):
+                        for k in range(3):
+                            one = 1.0 if i == k else 0.0
+                            z[r] += levers[r, i] * (turn[i, k] - one) * levers[r, 3 + k]
             before = P[watched, watched]
             outcome[m] = measure(
                 x,
@@ -520,6 +763,8 @@ def sweep(
                 normalised,
                 spread,
                 gains,
+                alone,
+                considered,
             )
             if outcome[m] < 0:
                 return m
@@ -527,10 +772,48 @@ def sweep(
                 gain[m] = np.log(before / P[watched, watched])
         elif kind == ADD:
             P[which, which] += R[first]
-        else:
-            assign(
-                x, P, which, first_entry[first], first_entry[first + 1], index, value, R[first], v
+        elif kind == RENEW:
+            outcome[m] = renew(
+                x,
+                P,
+                place,
+                ops,
+                m,
+                first_entry,
+                index,
+                value,
+                z,
+                R,
+                gate[m],
+                clock_s,
+                lost,
+                leapt,
+                v,
+                outcome,
+                normalised,
+                spread,
+                gains,
+                alone,
+                considered,
             )
+        elif kind == RECORD:
+            for i in range(n):
+                x_rows[written, i] = x[i]
+            for i in range(recorded.size):
+                for j in range(recorded.size):
+                    P_rows[written, i, j] = P[recorded[i], recorded[j]]
+            if closed:
+                for i in range(3):
+                    for k in range(3):
+                        turns[written, i, k] = turn[i, k]
+            written += 1
+        else:
+            added = R[first]
+            if leapt[which] > 0.0:  # an error that fades: what a leap made it goes on for as long
+                kept = value[first_entry[first]]
+                added += leapt[which] * (1.0 - kept * kept)
+                leapt[which] *= kept * kept
+            assign(x, P, which, first_entry[first], first_entry[first + 1], index, value, added, v)
         if (kind == ADVANCE or kind == MEASURE) and now_bin < bins.shape[0]:
             for k in range(3):
                 b = bins[now_bin, k]
@@ -627,7 +910,7 @@ first_entry, index, value : as of `sweep`
                     out[r, j] = nu[j]
                 for i in range(n):
                     add_row(E[i], -gains[r, i], nu)
-        elif kind != ADD:
+        elif kind == ASSIGN:
             for j in range(m):
                 nu[j] = 0.0
             for k in range(first_entry[first], first_entry[first + 1]):
@@ -642,3 +925,191 @@ def add_row(to, factor, row):
     if factor != 0.0:
         for j in range(to.size):
             to[j] += factor * row[j]
+
+
+@inner
+def back_through_row(first, last, index, value, normalised, spread, gain, lam, Lam, u):
+    """The adjoints before a scalar measurement with row h, innovation y of variance s, gain K::
+
+        lam <- (1 - K h)' lam + h' y / s,    Lam <- (1 - K h)' Lam (1 - K h) + h' h / s
+
+    One side after the other: multiplied out, the rounding of what a fix knows to a centimetre would
+    stay beside what is left of it after an outage.
+    """
+    n, root = lam.size, sqrt(spread)
+    seen = normalised
+    for i in range(n):
+        seen -= gain[i] * lam[i]
+        u[i] = 0.0
+    for i in range(n):
+        add_row(u, gain[i] / root, Lam[i])
+    for k in range(first, last):
+        lam[index[k]] += value[k] * seen / root
+        add_row(Lam[index[k]], -value[k], u)
+    for i in range(n):
+        u[i] = 0.0
+        for j in range(n):
+            u[i] -= Lam[i, j] * gain[j] / root
+    for k in range(first, last):
+        u[index[k]] += value[k] / spread
+    for k in range(first, last):
+        for i in range(n):
+            Lam[i, index[k]] += u[i] * value[k]
+
+
+@inner
+def back_through_map(Phi, moves, place, driven, count, G, X, M):
+    """X (n, m) <- Phi' X of a step: its rows; M (12, m) is room."""
+    for k in moves:
+        for j in range(X.shape[1]):
+            M[k, j] = 0.0
+        for i in moves:
+            add_row(M[k], Phi[i, k], X[place[i]])
+    for d in range(count):
+        for i in moves:
+            add_row(X[driven[d]], G[i, d], X[place[i]])
+    for k in moves:
+        for j in range(X.shape[1]):
+            X[place[k], j] = M[k, j]
+
+
+@inner
+def back_through_assignment(target, first, last, index, value, X, u):
+    """X (n, m) <- its rows before state `target` became a combination of the others."""
+    for j in range(X.shape[1]):
+        u[j] = X[target, j]
+        X[target, j] = 0.0
+    for k in range(first, last):
+        add_row(X[index[k]], value[k], u)
+
+
+@inner
+def transpose(X):
+    """X to X' in place."""
+    for i in range(X.shape[0]):
+        for j in range(i):
+            X[i, j], X[j, i] = X[j, i], X[i, j]
+
+
+@jit
+def smooth(
+    moves,
+    place,
+    steps,
+    flags,
+    noise,
+    drive_first,
+    drive_state,
+    drive_target,
+    drive_value,
+    ops,
+    first_entry,
+    index,
+    value,
+    outcome,
+    normalised,
+    spread,
+    gains,
+    lam,
+    Lam,
+    kept,
+    x_rows,
+    P_rows,
+    P_kept,
+):
+    """From the end of a tape to its beginning: what was recorded, given all measurements.
+
+    The modified form of Bryson and Frazier: adjoints lam (n,) and Lam (n, n) gather what later
+    measurements say of the errors, and at each record::
+
+        x_s = x + P lam,    P_s = P - P Lam P
+
+    No covariance is inverted, and process noise does not enter. Bierman (1977), section X.5;
+    Bierman, Automatica 9 (1973), 503-511, for scalar measurements.
+
+    Parameters
+    ----------
+    moves, place, steps, flags, noise, drive_first, drive_state, drive_target, drive_value, ops, \
+first_entry, index, value : as of `sweep`
+    outcome, normalised, spread, gains : as `sweep` wrote them
+    lam, Lam : ndarray, shapes (n,), (n, n)
+        Zero; at the end what all measurements say of the start.
+    kept : ndarray of int64, shape (q,)
+        Places of the states whose covariance is wanted.
+    x_rows : ndarray, shape (records, n)
+        As recorded; changed in place.
+    P_rows : ndarray, shape (records, n, n)
+        As recorded of all states.
+    P_kept : ndarray, shape (records, q, q)
+        Written.
+    """
+    n, row = lam.size, x_rows.shape[0]
+    room = np.zeros((5, CORE, CORE))
+    Phi, Q, Gamma = np.zeros((CORE, CORE)), np.zeros((CORE, CORE)), np.zeros((CORE, INPUTS))
+    driven, G, M = np.zeros(n, np.int64), np.zeros((CORE, n)), np.zeros((CORE, n))
+    u, column = np.zeros(n), lam.reshape(n, 1)
+    for m in range(ops.shape[0] - 1, -1, -1):
+        kind, which, first = ops[m, 0], ops[m, 1], ops[m, 2]
+        if kind == RECORD:
+            row -= 1
+            P = P_rows[row]
+            for i in range(n):
+                for j in range(n):
+                    x_rows[row, i] += P[i, j] * lam[j]
+            for i in range(kept.size):
+                for j in range(n):
+                    u[j] = 0.0
+                for j in range(n):
+                    add_row(u, P[kept[i], j], Lam[j])
+                for k in range(kept.size):
+                    total = P[kept[i], kept[k]]
+                    for j in range(n):
+                        total -= u[j] * P[j, kept[k]]
+                    P_kept[row, i, k] = total
+        elif kind == ADVANCE:
+            transition(steps[which], flags[which], noise, moves, room, Phi, Gamma, Q)
+            used = drive(
+                Gamma,
+                moves,
+                drive_first[which],
+                drive_first[which + 1],
+                drive_state,
+                drive_target,
+                drive_value,
+                driven,
+                G,
+            )
+            back_through_map(Phi, moves, place, driven, used, G, column, M)
+            for _ in range(2):
+                back_through_map(Phi, moves, place, driven, used, G, Lam, M)
+                transpose(Lam)
+        elif kind == ASSIGN:
+            a, b = first_entry[first], first_entry[first + 1]
+            back_through_assignment(which, a, b, index, value, column, u)
+            for _ in range(2):
+                back_through_assignment(which, a, b, index, value, Lam, u)
+                transpose(Lam)
+        elif (kind == MEASURE and outcome[m] == USED) or (kind == RENEW and outcome[m] > USED):
+            of_fix = which if kind == RENEW else 0  # operations back to the first of its fix
+            for o in range(m - min(of_fix, 1), m - of_fix - 1, -1):
+                if o > m - of_fix and outcome[m] == LEAPT:
+                    continue  # the velocity had been used
+                for r in range(ops[o, 2] + ops[o, 3] - 1, ops[o, 2] - 1, -1):
+                    back_through_row(
+                        first_entry[r],
+                        first_entry[r + 1],
+                        index,
+                        value,
+                        normalised[r],
+                        spread[r],
+                        gains[r],
+                        lam,
+                        Lam,
+                        u,
+                    )
+            if kind == RENEW and outcome[m] == RENEWED:
+                for i in range(6):
+                    c = place[W + i]
+                    lam[c] = 0.0
+                    for j in range(n):
+                        Lam[c, j] = Lam[j, c] = 0.0

@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ins.estimation.states import THETA, YAW
 
-ADVANCE, MEASURE, ADD, ASSIGN = 0, 1, 2, 3  # operations
-REFUSED, USED, LOST, NOT_FINITE = 0, 1, -1, -2  # what became of one
+ADVANCE, MEASURE, ADD, ASSIGN, RENEW, RECORD = 0, 1, 2, 3, 4, 5  # operations
+# what became of one, below 0 the sweep stops; of RENEW: position and velocity were begun anew, or
+# the positions had leapt
+REFUSED, USED, RENEWED, LEAPT, LOST, NOT_FINITE = 0, 1, 2, 3, -1, -2
 BIN, ROLLING, KEEP, MOVING = 0, 1, 2, 3  # columns 0 to 3 of a step's flags
 # what the core errors are driven by: wrong rates of the gyros (0 to 2) and specific forces of the
 # accelerometers (3 to 5), body axes, and a wrong acceleration north, east, down (6 to 8)
@@ -123,9 +125,23 @@ class Steps:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Block:
-    """Operations of one call: kind of operation, steps (m,), rows (m, r, nz), z and variance (m,
-    r); target: the state that is changed.
+class Block:
+    """Operations of one call.
+
+    Parameters
+    ----------
+    operation : int
+        Their kind.
+    at : ndarray of int, shape (m,)
+        The steps.
+    index, value : ndarray, shape (m, r, nz)
+        States and coefficients of the rows.
+    z, variance : ndarray, shape (m, r)
+    name : str
+    target : int
+        The state that is changed.
+    gate : float
+        In sigmas.
     """
 
     operation: int
@@ -329,8 +345,28 @@ class Tape:
         ValueError
             Where z, rows and variance are not as many, or a step or state is below zero.
         """
-        if len(at):
-            self._blocks.append(_block(MEASURE, at, rows, z, variance, name=name, gate=gate))
+        self.lay(unweighed(name, at, z, rows, gate), variance)
+
+    def lay(self, block: Block, variance: Sequence[ArrayLike]) -> None:
+        """Measure what several tapes of the same steps do, each with its own noise.
+
+        Parameters
+        ----------
+        block : Block
+            As of `unweighed`.
+        variance : sequence of array_like, () or (m,)
+            As of `measure`.
+
+        Raises
+        ------
+        ValueError
+            Of another number of variances than rows.
+        """
+        noise = _of_each_step(variance, len(block.at))
+        if noise.shape != block.z.shape:
+            raise ValueError(f"{block.z.shape[1]} values and {len(variance)} variances")
+        if len(block.at):
+            self._blocks.append(replace(block, variance=noise))
 
     def widen(self, at: NDArray, index: int, variance: ArrayLike) -> None:
         """Add independent variance to a state, at several steps.
@@ -363,6 +399,35 @@ class Tape:
         """
         if len(at):
             self._blocks.append(_block(ASSIGN, at, [row], [0.0], [variance], target=index))
+
+    def renew(self, at: NDArray, slow: Sequence[int], measured: int, after_s: float) -> None:
+        """Begin a filter anew that refuses the positions of fixes one after the other.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps of the fixes, whose measurements were asked for last.
+        slow : sequence of int
+            States of the slow error of the positions, north, east, down.
+        measured : int
+            How many measurements each fix has: 2, the second its velocity, or 1.
+        after_s : float
+            How long it refuses them; 0: for ever.
+        """
+        if len(at):
+            row = dict.fromkeys(slow, 1.0)
+            block = _block(RENEW, at, [row], [0.0], [0.0], target=measured, gate=after_s)
+            self._blocks.append(block)
+
+    def record(self, at: NDArray) -> None:
+        """Record states and covariances as they stand at the end of steps.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps.
+        """
+        self._blocks.append(_block(RECORD, at, [{}], [0.0], [0.0]))
 
     def clone(self, at: NDArray, target: slice) -> None:
         """Copy theta as it stands at the end of steps.
@@ -438,6 +503,28 @@ class Tape:
         return Drives(first, state[order], target[order], value[order])
 
 
+def unweighed(
+    name: str, at: NDArray, z: Sequence[ArrayLike] | NDArray, rows: Sequence[Row], gate: float
+) -> Block:
+    """A measurement of a tape without its noise, for `Tape.lay`.
+
+    Parameters
+    ----------
+    name, at, z, rows, gate
+        As of `Tape.measure`.
+
+    Returns
+    -------
+    block : Block
+
+    Raises
+    ------
+    ValueError
+        Where z and rows are not as many, or a step or state is below zero.
+    """
+    return _block(MEASURE, at, rows, z, [0.0] * len(rows), name=name, gate=gate)
+
+
 def _block(
     operation: int,
     at: ArrayLike,
@@ -445,7 +532,7 @@ def _block(
     z: Sequence[ArrayLike] | NDArray,
     variance: Sequence[ArrayLike],
     **more: Any,
-) -> _Block:
+) -> Block:
     """The operation at the steps `at`; more: its name, target and gate, where it has them."""
     if not len(z) == len(rows) == len(variance):
         raise ValueError(f"{len(z)} values, {len(rows)} rows and {len(variance)} variances")
@@ -459,7 +546,7 @@ def _block(
             value[:, i, k] = coefficient
     if min(steps.min(initial=0), index.min(initial=0)) < 0:
         raise ValueError(f"step {steps.min(initial=0)}, state {index.min(initial=0)}: below zero")
-    return _Block(
+    return Block(
         operation=operation,
         at=steps,
         index=index,

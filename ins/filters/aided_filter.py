@@ -1,366 +1,388 @@
-"""Loosely coupled navigation: increments, satellite fixes and standstills to a solution with sigmas
-(`ins.filters.aided_kernel`).
+"""Satellite-aided navigation: increments, fixes and standstills to a solution with sigmas.
 
-The filter steps at each fix and at least every STEP_S, so that attitude and specific force are the
-step's own. It is causal: a row holds what was known at its time, and what its start was found with
-(a gyrocompass uses all of its rest). Fed in parts, it gives the same bits however the log is cut.
+The errors of a reference are estimated by one sweep of the estimator (`ins.filters.aided_tape`).
+The reference is a solution of the same log, set anew each second: nothing that it was found with
+counts. The first one (`first_about`) is fed back, a window of some seconds after the other, each
+begun where the last one ended; the next is what all fixes make of it. A solution (`solved`) is
+causal: a row holds what was known at its time, and what its start and its reference were found
+with; or, smoothed, what the whole log tells.
 
 Decision: docs/decisions/0076-mean-specific-force.md.
 Decision: docs/decisions/0063-leaps.md.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.filters.aided_records import (
-    REJECTED,
-    UNSEEN,
-    USED,
-    AidedHistory,
-    AidedNoise,
-    AidedOptions,
-    AidedStart,
-    Antenna,
-    Fixes,
+from ins.attitude import dcm_from_rotation_vector, skew
+from ins.earth import SEMI_MAJOR_AXIS_M, dcm_en, ecef_from_geodetic, geodetic_from_ecef
+from ins.estimation.error_filter import ErrorFilter, FedBack, Response
+from ins.estimation.states import BASE
+from ins.estimation.tape import LEAPT, RENEW, RENEWED, USED
+from ins.filters import aided_records as records
+from ins.filters.aided_records import NO_WHEELS, AidedHistory, AidedNoise, AidedStart
+from ins.filters.aided_tape import (
+    ANTENNA,
+    GATE_NIS,
+    MOTION,
+    ROLL,
+    SCALES,
+    STAND,
+    Laid,
+    Task,
+    aided_filter,
+    aided_tape,
+    fed_back,
 )
-from ins.filters.aided_tape import TAPED_PHI, AidedTape, TapedPiece
-from ins.filters.states import (
-    AIDED_ACCEL_SCALE,
-    AIDED_DEFLECTION,
-    AIDED_GYRO_SCALE,
-    AIDED_LEVER,
-    AIDED_MISALIGNED,
-    AIDED_MOTION,
-    AIDED_SLOW_OTHER,
-    AIDED_SLOW_POS,
-    AIDED_SLOW_VEL,
-    AIDED_STATES,
-)
-from ins.records import ImuLog, InputError, frozen_array
-from ins.robust import chi2
-from ins.strapdown.start import check_initial, check_rows, earth_frame_state, interval_at
+from ins.filters.reference import SHAKEN_S, About, Rows
+from ins.filters.states import AIDED_GYRO, AIDED_MOTION, AIDED_POS, AIDED_THETA, AIDED_VEL
+from ins.records import ImuSource
+from ins.strapdown.start import check_rows
 
-STEP_S = 0.2
 KINDS = ("position", "velocity")
-# of the trace: how negative an eigenvalue of a covariance may be; a file of ten digits has 1e-10
-ROUNDING = 1e-9
-REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three components
-ANTENNA = slice(AIDED_LEVER.start, AIDED_STATES)  # states of lever arm and delays
-OF_SCALES = slice(AIDED_MOTION, AIDED_DEFLECTION.start)  # of scales and misalignments
-ON_UNIT = Antenna(lever_arm_m=np.zeros(3))
-DEFAULTS = AidedOptions()
+ROW_FIELDS = (
+    "time_s",
+    "lat_rad",
+    "lon_rad",
+    "height_m",
+    "v_n_m_s",
+    "C_nb",
+    "gyro_bias_rad_s",
+    "accel_bias_m_s2",
+    "variance",
+    "phi_covariance",
+    "covariance",
+)
+# of an antenna that is free: flights, each linearised about what the last one found; what it may
+# still be off, m and s: 0.01 s at a change of 3 m/s^2 is a velocity's sigma
+ANTENNA_PASSES, SETTLED = 3, np.array([0.3, 0.3, 0.3, 0.01, 0.01])
+# of a reference: nothing of it counts, so it follows the fixes whatever the sensors do
+LOUDER, WIDEST_WALK = (8.0, 64.0, 512.0, 4096.0), 32.0
+# of fixes, a log with 28 of 679 (0.04) wild ones needed no more noise; and of those that were
+# rejected before, chosen
+MOST_REJECTED, LESS_REJECTED = 0.05, 0.7
+POLE_TAN = 1e6  # of the latitude
 
 
-class AidedNavigator:
-    """Aided navigation of a log that comes in parts: `feed` each in turn, then `finish`.
+def solved(about: About, task: Task, *, smooth: bool = False, rows: bool = True) -> AidedHistory:
+    """The solution of a log under a task.
 
     Parameters
     ----------
-    start : AidedStart
-    noise : AidedNoise
-    fixes : Fixes
-    antenna : Antenna
-        Where and when the fixes are measured.
-    options : AidedOptions
+    about : About
+        What its errors are linearised about.
+    task : Task
+    smooth : bool
+        Given all fixes; the antenna is then estimated, else as the task says.
+    rows : bool
+        Else what the fixes say alone, which a search of noise asks for.
+
+    Returns
+    -------
+    history : AidedHistory
 
     Raises
     ------
     InputError
         Where the start is no state, or a covariance not positive semidefinite.
     """
+    if smooth:
+        task = replace(task, antenna=replace(task.antenna, estimated=True))
+    free = task.antenna.estimated and task.antenna.covariance.any()
+    prior = np.append(task.antenna.values, task.antenna.covariance).tobytes()
+    if free:
+        task = replace(task, near=about.near.get(prior))
+    whole = _with_start(about, task, smooth=smooth, rows=rows)
+    for _ in range(ANTENNA_PASSES if free else 0):
+        if (np.abs(whole.antenna.values - task.linearised.values) < SETTLED).all():
+            break
+        task = replace(task, near=whole.antenna)
+        about.near[prior] = whole.antenna
+        whole = _with_start(about, task, smooth=smooth, rows=rows)
+    return without_start(whole)
 
-    def __init__(
-        self,
-        start: AidedStart,
-        noise: AidedNoise,
-        fixes: Fixes,
-        *,
-        antenna: Antenna = ON_UNIT,
-        options: AidedOptions = DEFAULTS,
-    ) -> None:
-        from ins.filters import aided_kernel as kernel
-        from ins.strapdown.kernel import BEFORE, CORRECTION, HISTORY_COLUMNS, STATE_SIZE, U
 
-        check_initial(start.state)
-        self._kernel, self._start, self._before = kernel, start.state, slice(BEFORE, U)
-        self._state, self._opened = np.zeros(STATE_SIZE), np.zeros(HISTORY_COLUMNS)
-        self._state[:CORRECTION] = earth_frame_state(start.state)
-        self._bias = _taken_off(start, antenna)
-        self._trail = np.zeros((kernel.TRAIL_ROWS, kernel.TRAIL))
-        self._x, self._P = np.zeros(kernel.N), _prior(start, noise, antenna)
-        self._carry = np.zeros(kernel.CARRY)
-        self._carry[kernel.V_BEFORE : kernel.V_BEFORE + 3] = start.state.v_n_m_s
-        self._carry[kernel.STEPS] = 1.0  # the first row of the trail is the start
-        self._noise = _noise_values(noise)
-        self._settings = _settings(
-            options, antenna, scaled=bool(self._P[OF_SCALES, OF_SCALES].any())
-        )
-        self._antenna, self._fixes = antenna, fixes
-        self._fix_rows = np.column_stack(
-            [
-                fixes.r_e_m,
-                fixes.v_n_m_s,
-                fixes.sigma_position_m**2,
-                fixes.sigma_velocity_m_s**2,
-                fixes.other_type,
-            ]
-        )
-        self._fix_out = np.full((fixes.time_s.size, kernel.FIX), np.nan)
-        self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = UNSEEN
-        self._wheels = options.wheels
-        self._rolled, self._mount = options.wheels.rows, options.wheels.mount
-        self._roll_out = np.zeros(options.wheels.time_s.size, dtype=np.int64)
-        self._stands = np.asarray(options.stands, dtype=float).reshape(-1, 2)
-        self._output_s, self._keep = options.output_s, options.keep_covariance
-        self._last_s, self._started = start.state.time_s, False
-        self._step_from_s = start.state.time_s
-        self._rows: list[NDArray] = []
-        self._times_s: list[NDArray] = []
-        self._P_rows: list[NDArray] = []
-        self._tape: list[TapedPiece] = []
-        self._P_start, self._taping = self._P.copy(), options.keep_tape
+def without_start(history: AidedHistory) -> AidedHistory:
+    """A solution without where it starts.
 
-    def feed(self, imu: ImuLog) -> None:
-        """Use the rows of a part of the log after those used before (at first: after the start).
+    Parameters
+    ----------
+    history : AidedHistory
+
+    Returns
+    -------
+    history : AidedHistory
+    """
+    columns = {k: v[1:] for k, v in vars(history).items() if k in ROW_FIELDS}
+    return replace(history, **columns)
+
+
+def first_about(imu: ImuSource, task: Task, end_s: float = np.inf) -> About:
+    """A reference for a log: fed back, then smoothed.
+
+    Parameters
+    ----------
+    imu : ImuSource
+    task : Task
+    end_s : float
+        Of the log that is asked for.
+
+    Returns
+    -------
+    about : About
+
+    Raises
+    ------
+    InputError
+        Where the log ends within a second of the start, or a row is not finite.
+    """
+    before = 0
+    for piece in imu.pieces():
+        check_rows(piece, 0, before)
+        before += piece.rows
+    known = replace(task.antenna, covariance=np.zeros((5, 5)), estimated=True)
+    plain = replace(task, antenna=known, options=replace(task.options, wheels=NO_WHEELS))
+    until_s, start, vrw = min(end_s, imu.end_s), task.start, task.noise.vrw
+    crude = About.by_fixes(imu, start, task.fixes, until_s, vrw)
+    given, first = _steadiest(crude, plain)
+    rows, taken_off = Rows.of(first), _mean_biases(first)
+    for _ in range(2):
+        about = About.of(imu, rows, taken_off, task.fixes.time_s, given.noise.vrw)
+        best = _with_start(about, given, smooth=True)
+        rows, taken_off = Rows.of(best), _mean_biases(best)
+    return About.of(imu, rows, taken_off, task.fixes.time_s, task.noise.vrw)
+
+
+def _steadiest(crude: About, task: Task) -> tuple[Task, AidedHistory]:
+    """The task with noise of the accelerometers that explains the fixes, and its solution with
+    attitudes fed back.
+    """
+    given, least = task, np.inf
+    found: AidedHistory | None = None
+    for louder in LOUDER:
+        tried = replace(task, noise=_louder(task, louder))
+        history = FromHeadings(crude, tried, record=True).flown(task.start)
+        seen = history.used != records.UNSEEN
+        rejected = float((history.used == records.REJECTED).sum() / max(seen.sum(), 1))
+        if found is not None and rejected > LESS_REJECTED * least:
+            break  # what is rejected is wild, whatever the sensors do
+        given, found, least = tried, history, rejected
+        if least <= MOST_REJECTED:
+            break
+    assert found is not None  # of the first one
+    return given, found
+
+
+def _mean_biases(history: AidedHistory) -> NDArray:
+    return np.concatenate(
+        [history.gyro_bias_rad_s.mean(axis=0), history.accel_bias_m_s2.mean(axis=0)]
+    )
+
+
+def _louder(task: Task, times: float) -> AidedNoise:
+    """The noise of a task with that of the accelerometers so many times as large: what shakes them
+    turns the gyros little, and they keep the attitude.
+    """
+    noise, walk = task.noise, min(times, WIDEST_WALK)
+    return replace(
+        noise,
+        arw=LOUDER[0] * noise.arw,
+        vrw=times * noise.vrw,
+        gyro_walk=LOUDER[0] * noise.gyro_walk,
+        accel_walk=walk * noise.accel_walk,
+    )
+
+
+def without_errors(about: About, x: NDArray, P: NDArray) -> Rows:
+    """The rows of a reference after its first less their errors.
+
+    Parameters
+    ----------
+    about : About
+    x : ndarray, shape (k, 15)
+        Errors, computed - true, in the order of `MOTION`.
+    P : ndarray, shape (k, 15, 15)
+
+    Returns
+    -------
+    rows : Rows
+    """
+    ref, rows = about.reference, about.rows
+    last = slice(rows.time_s.size - len(x), None)
+    travels = ref.travels_n[ref.closes][last]
+    place, v_n, C_nb = (a[last] for a in (rows.place, rows.v_n_m_s, rows.C_nb))
+    theta = x[:, AIDED_THETA]
+    C_en = dcm_en(place[:, 0], place[:, 1])
+    r_e = ecef_from_geodetic(*place.T) - np.einsum("kij,kj->ki", C_en, x[:, AIDED_POS])
+    off = x[:, AIDED_VEL] + np.cross(theta, travels)
+    v_e = np.einsum("kij,kj->ki", C_en, v_n - off)
+    C_eb = C_en @ dcm_from_rotation_vector(-theta) @ C_nb
+    lat, lon, height = geodetic_from_ecef(r_e)
+    now = dcm_en(lat, lon)
+    return Rows(
+        rows.time_s[last],
+        np.column_stack([lat, lon, height]),
+        np.einsum("kji,kj->ki", now, v_e),
+        np.swapaxes(now, 1, 2) @ C_eb,
+        np.diagonal(P, axis1=1, axis2=2)[:, AIDED_VEL],
+    )
+
+
+@dataclass
+class FromHeadings:
+    """Flights of a log that differ in where they start, and how wide, about one solution of it.
+
+    Their attitudes are fed back at each step, so that a heading may be wrong by any angle.
+
+    Parameters
+    ----------
+    about : About
+    task : Task
+        Of any of the starts: what is measured, under which noise.
+    record : bool
+        At each row.
+    """
+
+    about: About
+    task: Task
+    record: bool = False
+
+    @cached_property
+    def _laid(self) -> tuple[Laid, FedBack]:
+        flt = aided_filter(self.task, self.about)
+        gyro_sigma = np.sqrt(np.diag(flt.P)[BASE : BASE + 3])
+        laid = aided_tape(self.task, self.about, gyro_sigma, record=self.record)
+        return laid, fed_back(self.task, self.about, laid)
+
+    def flown(self, start: AidedStart) -> AidedHistory:
+        """The flight from a start.
 
         Parameters
         ----------
-        imu : ImuLog
-            The next part.
-
-        Raises
-        ------
-        InputError
-            Where a row is not finite.
-        """
-        first = int(np.searchsorted(imu.time_s, self._last_s, side="right"))
-        if first == imu.time_s.size:
-            return
-        check_rows(imu, first, 0)
-        time_s, dt = imu.time_s[first:], imu.dt_s[first:]
-        dtheta, dv = imu.dtheta_rad[first:], imu.dv_m_s[first:]
-        if not self._started:
-            before = interval_at(imu, max(first - 1, 0))
-            self._state[self._before] = interval_at(imu, first) if before is None else before
-            self._started = True
-        ends, fix_of, late_s, stands, emits, roll_of = self._steps(time_s)
-        rows = np.zeros((int(emits.sum()), self._kernel.OUT))
-        kept = AIDED_STATES if self._taping else AIDED_MOTION
-        P_rows = np.zeros((len(rows) if self._keep or self._taping else 0, kept, kept))
-        used = 6 * int(stands.sum()) + 7 * int((fix_of >= 0).sum()) + 3 * int((roll_of >= 0).sum())
-        taped = TapedPiece(
-            step_s=np.diff(np.concatenate([[self._step_from_s], time_s[ends - 1]])),
-            phis=np.zeros((ends.size if self._taping else 0, *TAPED_PHI)),
-            measurements=np.zeros((used if self._taping else 0, self._kernel.TAPE)),
-            ends=np.zeros(ends.size if self._taping else 0, dtype=np.int64),
-            emits=emits,
-            P_rows=P_rows,
-        )
-        turned, pushed = np.empty(dtheta.shape), np.empty(dv.shape)
-        self._kernel.run(
-            dt,
-            dtheta,
-            dv,
-            ends,
-            fix_of,
-            late_s,
-            stands,
-            emits,
-            self._state,
-            self._opened,
-            self._carry,
-            self._bias,
-            self._x,
-            self._P,
-            self._noise,
-            self._settings,
-            self._trail,
-            self._fix_rows,
-            self._fix_out,
-            rows,
-            P_rows,
-            taped.phis,
-            taped.measurements,
-            taped.ends,
-            turned,
-            pushed,
-            _read_only(turned),
-            _read_only(pushed),
-            roll_of,
-            self._rolled,
-            self._mount,
-            self._roll_out,
-        )
-        self._rows.append(rows)
-        self._P_rows.append(P_rows[:, :AIDED_MOTION, :AIDED_MOTION] if self._keep else P_rows[:0])
-        if self._taping:
-            self._tape.append(taped.shortened())
-        self._step_from_s = float(time_s[ends[-1] - 1]) if ends.size else self._step_from_s
-        self._times_s.append(time_s[ends - 1][emits])
-        self._last_s = float(time_s[-1])
-
-    def _steps(self, time_s: NDArray) -> tuple[NDArray, ...]:
-        """Where steps end in this piece, the fix at each end, how late it is, whether it stands,
-        whether it is put out.
-        """
-        since = np.append(self._last_s, time_s) - self._start.time_s
-        ticks, second = _passes(since, STEP_S), _passes(since, 1.0)
-        put_out = second if self._output_s == 1.0 else _passes(since, self._output_s)
-        # the first row not before the fix
-        fix_row = np.searchsorted(time_s, self._fixes.time_s - 1e-6)
-        here = np.flatnonzero((self._fixes.time_s > self._last_s + 1e-6) & (fix_row < time_s.size))
-        fix_at = np.full(time_s.size, -1, dtype=np.int64)
-        fix_at[fix_row[here]] = here  # of several between two rows, the last
-        roll_row = np.searchsorted(time_s, self._wheels.time_s - 1e-6)
-        there = np.flatnonzero(
-            (self._wheels.time_s > self._last_s + 1e-6) & (roll_row < time_s.size)
-        )
-        roll_at = np.full(time_s.size, -1, dtype=np.int64)
-        roll_at[roll_row[there]] = there
-        rows = np.flatnonzero(ticks | (fix_at >= 0) | (roll_at >= 0) | put_out)
-        ends_s, fix = time_s[rows], fix_at[rows]
-        late = np.zeros(rows.size)
-        if here.size:
-            late = np.where(fix >= 0, np.minimum(self._fixes.time_s[fix] - ends_s, 0.0), 0.0)
-        stands = np.zeros(rows.size, dtype=bool)
-        if self._stands.size:
-            number = np.searchsorted(self._stands[:, 0], ends_s, side="left") - 1
-            stands = (number >= 0) & (ends_s <= self._stands[number, 1]) & second[rows]
-        return rows + 1, fix, late, stands, put_out[rows], roll_at[rows]
-
-    @property
-    def tape(self) -> AidedTape:
-        """What `ins.filters.aided_smoother` needs, up to here.
-
-        Raises
-        ------
-        InputError
-            Where none was kept (`AidedOptions.keep_tape`).
-        """
-        if not self._taping:
-            raise InputError("AidedOptions.keep_tape: needed for a smoother")
-        return AidedTape(pieces=tuple(self._tape), P_start=self._P_start, noise=self._noise)
-
-    def finish(self) -> AidedHistory:
-        """The solution up to here.
+        start : AidedStart
 
         Returns
         -------
         history : AidedHistory
-
-        Raises
-        ------
-        InputError
-            Where the log ends within a second of the start.
         """
-        if not any(len(rows) for rows in self._rows):
-            raise InputError(
-                f"imu: ends at {self._last_s:.6g} s, needed a second of rows after"
-                f" {self._start.time_s:.6g} s"
-            )
-        k, rows, fix = self._kernel, np.concatenate(self._rows), self._fix_out
-        return AidedHistory(
-            time_s=np.concatenate(self._times_s),
-            lat_rad=rows[:, 0],
-            lon_rad=rows[:, 1],
-            height_m=rows[:, 2],
-            v_n_m_s=rows[:, 3:6],
-            C_nb=rows[:, 6:15].reshape(-1, 3, 3),
-            gyro_bias_rad_s=rows[:, k.O_BIAS : k.O_BIAS + 3],
-            accel_bias_m_s2=rows[:, k.O_BIAS + 3 : k.O_VAR],
-            variance=rows[:, k.O_VAR : k.O_PHI],
-            phi_covariance=rows[:, k.O_PHI :].reshape(-1, 3, 3),
-            covariance=np.concatenate([p[:, :AIDED_MOTION, :AIDED_MOTION] for p in self._P_rows]),
-            fix_time_s=self._fixes.time_s,
-            residual=fix[:, : k.F_SIGMA],
-            sigma=fix[:, k.F_SIGMA : k.F_NIS],
-            nis=fix[:, k.F_NIS : k.F_USED],
-            used=fix[:, k.F_USED : k.F_LOGLIK].astype(int),
-            loglik=fix[:, k.F_LOGLIK :],
-            stand_nis=float(self._carry[k.STAND_NIS]),
-            stand_dof=int(self._carry[k.STOOD]),
-            rolled=(int((self._roll_out == USED).sum()), int((self._roll_out == REJECTED).sum())),
-            antenna=replace(
-                self._antenna,
-                lever_arm_m=self._bias[k.B_LEVER : k.B_DELAY].copy(),
-                delay_s=float(self._bias[k.B_DELAY]),
-                velocity_delay_s=float(self._bias[k.B_VELOCITY_DELAY]),
-                covariance=self._P[k.L_ :, k.L_ :].copy(),
-            ),
-            scales=self._bias[k.B_SCALE : k.B_SLOW].copy(),
-            scales_covariance=self._P[OF_SCALES, OF_SCALES].copy(),
-            shaking=(float(self._carry[k.SHAKEN_LEAST]), float(self._carry[k.SHAKEN_MOST])),
+        laid, back = self._laid
+        task = replace(self.task, start=start)
+        flt = aided_filter(task, self.about)
+        found, x, P = flt.run_for_records(laid.tape, MOTION, fed_back=back)
+        about = self.about
+        if self.record:
+            turned = replace(about.rows, C_nb=found.turns @ about.rows.C_nb)
+            about = replace(about, rows=turned)
+        return _history(about, task, laid, flt, (found, x, P))
+
+
+def _with_start(about: About, task: Task, *, smooth: bool, rows: bool = True) -> AidedHistory:
+    """The solution with where it starts as its first row."""
+    flt = aided_filter(task, about)
+    gyro_sigma = np.sqrt(np.diag(flt.P)[BASE : BASE + 3])
+    laid = aided_tape(task, about, gyro_sigma, record=rows)
+    return _history(about, task, laid, flt, flt.run_for_records(laid.tape, MOTION, smooth=smooth))
+
+
+def _history(
+    about: About, task: Task, laid: Laid, flt: ErrorFilter, swept: tuple[Response, NDArray, NDArray]
+) -> AidedHistory:
+    """What a sweep found."""
+    found, x, P = swept
+    tally, antenna = flt.tally, task.linearised.values + flt.x[np.array(ANTENNA)]
+    rolled = found.counted(ROLL)
+    since_s = about.reference.end_s[0] + 2.0 * SHAKEN_S
+    shaking = about.shaking[about.reference.end_s > since_s]
+    return AidedHistory(
+        **_of_rows(about, x, P),
+        fix_time_s=task.fixes.time_s,
+        **_of_fixes(found, laid, task.fixes.time_s.size),
+        stand_nis=tally.nis.get(STAND, 0.0),
+        stand_dof=tally.dof.get(STAND, 0),
+        rolled=rolled,
+        antenna=replace(
+            task.antenna,
+            lever_arm_m=antenna[:3],
+            delay_s=float(antenna[3]),
+            velocity_delay_s=float(antenna[4]),
+            covariance=flt.P[np.ix_(ANTENNA, ANTENNA)],
+        ),
+        scales=flt.x[SCALES],
+        scales_covariance=flt.P[np.ix_(SCALES, SCALES)],
+        shaking=(float(shaking.min(initial=np.inf)), float(shaking.max(initial=0.0))),
+    )
+
+
+def _of_rows(about: About, x: NDArray, P: NDArray) -> dict[str, NDArray]:
+    """Rows of a solution, from what was recorded: fields of `AidedHistory`."""
+    travels = about.reference.travels_n[about.reference.closes][: len(x)]
+    to_dv = np.tile(np.eye(AIDED_MOTION), (len(x), 1, 1))
+    to_dv[:, AIDED_VEL, AIDED_THETA] = -skew(travels)
+    rows, P = without_errors(about, x, P), to_dv @ P @ np.swapaxes(to_dv, 1, 2)
+    biases = about.taken_off + x[:, AIDED_GYRO.start :]
+    lat, lon, height = rows.place.T
+    return {
+        "time_s": rows.time_s,
+        "lat_rad": lat,
+        "lon_rad": lon,
+        "height_m": height,
+        "v_n_m_s": rows.v_n_m_s,
+        "C_nb": rows.C_nb,
+        "gyro_bias_rad_s": biases[:, :3],
+        "accel_bias_m_s2": biases[:, 3:],
+        "variance": np.diagonal(P, axis1=1, axis2=2).copy(),
+        "phi_covariance": _phi_covariance(lat, height, P),
+        "covariance": P,
+    }
+
+
+def _of_fixes(found: Response, laid: Laid, count: int) -> dict[str, NDArray]:
+    """What became of each fix: fields of `AidedHistory`."""
+    ops, of_row = found.tape.ops, found.tape.operation_of_row
+    residual, sigma = np.full((count, 6), np.nan), np.full((count, 6), np.nan)
+    nis, loglik = np.full((count, 2), np.nan), np.full((count, 2), np.nan)
+    used = np.full((count, 2), records.UNSEEN)
+    renewed = ops[:, 0] == RENEW
+    # what was begun anew at the fix of an operation, by its first row
+    anew = np.zeros(len(found.normalised), dtype=np.int64)
+    at = np.flatnonzero(renewed & (found.outcome > USED))
+    anew[ops[at - ops[at, 1], 2]] = found.outcome[at]
+    for kind, (fix, first) in enumerate(zip(laid.fixes, laid.rows)):
+        rows = first[:, None] + np.arange(3)
+        alone, variance = found.alone[rows, 0], found.alone[rows, 1]
+        took = found.outcome[of_row[first]] == USED
+        took |= anew[first] > 0
+        own = slice(3 * kind, 3 * kind + 3)
+        residual[fix, own], sigma[fix, own] = alone, np.sqrt(variance)
+        normalised, spread = found.normalised[rows], found.spread[rows]
+        nis[fix, kind] = np.where(
+            took, np.sum(normalised**2, axis=1), np.sum(alone**2 / variance, axis=1)
         )
+        loglik[fix, kind] = -0.5 * np.where(
+            took,
+            np.sum(normalised**2 + np.log(spread), axis=1),
+            GATE_NIS + np.sum(np.log(variance), axis=1),
+        )
+        became = np.where(took, records.USED, records.REJECTED)
+        became[anew[first] == RENEWED], became[anew[first] == LEAPT] = records.RESET, records.JUMPED
+        used[fix, kind] = became
+    return {"residual": residual, "sigma": sigma, "nis": nis, "used": used, "loglik": loglik}
 
 
-def _passes(since_s: NDArray, step_s: float) -> NDArray:
-    """Which rows (n,) are the first at or after a multiple of a step; since_s (n + 1,): their
-    times, the last one before them first.
+def _phi_covariance(lat_rad: NDArray, height_m: NDArray, P: NDArray) -> NDArray:
+    """Covariance (k, 3, 3) of the NED attitude error: phi_N = theta_N - p_E / R, phi_E = theta_E +
+    p_N / R, phi_D = theta_D + p_E tan(lat) / R.
     """
-    step = np.floor(since_s / step_s + 1e-6)
-    return np.asarray(step[1:] > step[:-1])
-
-
-def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
-    """Covariance (43, 43) of all errors at the start."""
-    P = np.zeros((AIDED_STATES, AIDED_STATES))
-    motion = slice(0, AIDED_MOTION)
-    P[motion, motion] = _covariance(start.covariance, AIDED_MOTION, "AidedStart.covariance")
-    for part, sigma in (
-        (AIDED_GYRO_SCALE, noise.gyro_scale),
-        (AIDED_MISALIGNED, noise.misalignment_rad),
-        (AIDED_ACCEL_SCALE, noise.accel_scale),
-        (AIDED_DEFLECTION, noise.deflection_rad),
-    ):
-        P[part, part] = sigma**2 * np.eye(part.stop - part.start)
-    slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
-    P[AIDED_SLOW_POS, AIDED_SLOW_POS] = np.diag(slow_m**2)
-    other_m = np.array(
-        [noise.slow_other_level_m, noise.slow_other_level_m, noise.slow_other_down_m]
-    )
-    P[AIDED_SLOW_OTHER, AIDED_SLOW_OTHER] = np.diag(other_m**2)
-    P[AIDED_SLOW_VEL, AIDED_SLOW_VEL] = noise.slow_velocity_m_s**2 * np.eye(3)
-    P[ANTENNA, ANTENNA] = _covariance(antenna.covariance, 5, "Antenna.covariance")
-    return P
-
-
-def _taken_off(start: AidedStart, antenna: Antenna) -> NDArray:
-    """What the kernel takes off: biases, scales and slow errors (none yet), lever arm,
-    delays, deflection (none yet) (34,).
-    """
-    biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
-    delays = antenna.delay_s, antenna.velocity_delay_s
-    return np.concatenate([*biases, np.zeros(21), antenna.lever_arm_m, delays, np.zeros(2)]).astype(
-        float
-    )
-
-
-def _noise_values(noise: AidedNoise) -> NDArray:
-    """The noise in the order of the kernel."""
-    densities = noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk
-    slow_positions = noise.slow_level_m, noise.slow_down_m, noise.slow_s
-    slow_velocities = noise.slow_velocity_m_s, noise.slow_velocity_s
-    vertical = noise.deflection_rad, noise.deflection_m
-    others = vertical + (noise.slow_other_level_m, noise.slow_other_down_m)
-    return np.array([*densities, *slow_positions, *slow_velocities, noise.stirred, *others])
-
-
-def _settings(options: AidedOptions, antenna: Antenna, *, scaled: bool) -> NDArray:
-    """The settings in the order of the kernel."""
-    gate = chi2.isf(REJECT_PROBABILITY, 3)
-    consider = float(not antenna.estimated)
-    stand = options.stand_sigma_m_s
-    rate = options.stand_rate_rad_s
-    return np.array([gate, stand, options.reset_s, rate, consider, float(scaled)])
-
-
-def _covariance(P: NDArray, size: int, name: str) -> NDArray:
-    P = frozen_array(P, (size, size), name)
-    if not (np.isfinite(P).all() and np.linalg.eigvalsh(P).min() >= -ROUNDING * np.trace(P)):
-        raise InputError(f"{name}: needed finite and positive semidefinite")
-    return P
+    radius = SEMI_MAJOR_AXIS_M + height_m
+    rows = np.zeros((lat_rad.size, 3, AIDED_MOTION))
+    rows[:, :, AIDED_THETA] = np.eye(3)
+    rows[:, 0, 1] = -1.0 / radius
+    rows[:, 1, 0] = 1.0 / radius
+    rows[:, 2, 1] = np.clip(np.tan(lat_rad), -POLE_TAN, POLE_TAN) / radius
+    return np.asarray(rows @ P @ np.swapaxes(rows, 1, 2))
 
 
 def level_sigmas(phi_covariance: NDArray, C_nb: NDArray) -> NDArray:
@@ -392,10 +414,3 @@ def level_sigmas(phi_covariance: NDArray, C_nb: NDArray) -> NDArray:
         [np.sqrt(np.einsum("ki,kij,kj->k", r, phi_covariance, r)) for r in (roll, pitch, heading)],
         axis=1,
     )
-
-
-def _read_only(rows: NDArray) -> NDArray:
-    """The same memory, not to be written through."""
-    seen = rows.view()
-    seen.flags.writeable = False
-    return seen

@@ -12,6 +12,9 @@ from ins.records import GnssLog, NavState
 # what became of a fix: from 2 on it was used
 UNSEEN, REJECTED, USED, RESET, JUMPED = 0, 1, 2, 3, 4
 FEWEST_OF_TYPE = 10  # chosen: fixes, as many as a flight needs (10)
+# of a fix, m or m/s: a tenth of what a carrier-phase solution has; beside a start that is known to
+# 100 m its square keeps six digits of the covariance
+LEAST_SIGMA = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +45,7 @@ class AidedNoise:
     stirred : float
         How far the accelerometers' biases go with the shaking, which is the root mean square of the
         changes of the specific force from row to row (of white noise: its sigma): where that jumps,
-        each bias moves by a draw of stirred times the jump (`ins.filters.aided_kernel.shaken_by`).
+        each bias moves by a draw of stirred times the jump (`About.stirs`).
         Where it is above 0, the shaking is white noise of the accelerometers beside vrw. 0:
         neither.
     """
@@ -76,7 +79,7 @@ class AidedStart:
     gyro_bias_rad_s, accel_bias_m_s2 : ndarray, shape (3,)
         Biases that are still in the increments.
     covariance : ndarray, shape (15, 15)
-        Of the errors; order and signs: `ins.filters.states`, `ins.filters.aided_kernel`.
+        Of the errors; order and signs: `ins.filters.states`.
     """
 
     state: NavState
@@ -106,6 +109,16 @@ class Antenna:
     velocity_delay_s: float = 0.0
     covariance: NDArray = field(default_factory=lambda: np.zeros((5, 5)))
     estimated: bool = False
+
+    @property
+    def values(self) -> NDArray:
+        """Lever arm and delays.
+
+        Returns
+        -------
+        values : ndarray, shape (5,) [m], [s]
+        """
+        return np.array([*self.lever_arm_m, self.delay_s, self.velocity_delay_s], dtype=float)
 
     def later(self, seconds: float) -> "Antenna":
         """The same antenna, both delays longer.
@@ -212,26 +225,6 @@ class Wheels:
     C_vb: NDArray = field(default_factory=lambda: np.eye(3))
     arm_m: NDArray = field(default_factory=lambda: np.zeros(3))
 
-    @property
-    def rows(self) -> NDArray:
-        """Speeds and variances in the order of the kernel.
-
-        Returns
-        -------
-        rows : ndarray, shape (m, 4)
-        """
-        return np.column_stack([self.speed_m_s, self.variance])
-
-    @property
-    def mount(self) -> NDArray:
-        """Axes and arm in the order of the kernel.
-
-        Returns
-        -------
-        mount : ndarray, shape (12,)
-        """
-        return np.concatenate([self.C_vb.ravel(), self.arm_m])
-
 
 NO_WHEELS = Wheels()
 
@@ -250,24 +243,15 @@ class AidedOptions:
     reset_s : float
         A solution whose positions are rejected one after the other for so long is begun anew; a
         gap between two of them counts for a fifth of that at most.
-    output_s : float
-        Interval of the rows.
-    keep_covariance : bool
-        Also all of P at each row.
     wheels : Wheels
         Of a vehicle that rolls; none by default.
-    keep_tape : bool
-        Also what a smoother needs: the steps, the measurements and P of all errors at each row.
     """
 
     stands: ArrayLike = ()
     stand_sigma_m_s: float = 0.01
     stand_rate_rad_s: float = 0.0
     reset_s: float = 120.0
-    output_s: float = 1.0
-    keep_covariance: bool = False
     wheels: Wheels = NO_WHEELS
-    keep_tape: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,7 +270,7 @@ class AidedHistory:
     phi_covariance : ndarray, shape (k, 3, 3)
         Of the NED attitude error.
     covariance : ndarray, shape (k, 15, 15)
-        Of the errors, where asked; else k is 0.
+        Of the errors.
     fix_time_s : ndarray, shape (n,)
     residual, sigma : ndarray, shape (n, 6)
         Of the fixes, position then velocity, NED; NaN where unseen.
@@ -347,9 +331,10 @@ def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m
     """
 
     def sigma(logged: NDArray | None, declared: float) -> NDArray:
-        if logged is None:
-            return np.full(log.time_s.size, declared)
-        return np.where(np.isfinite(logged) & (logged > 0), logged, declared)
+        sigmas = np.full(log.time_s.size, declared)
+        if logged is not None:
+            sigmas = np.where(np.isfinite(logged) & (logged > 0), logged, declared)
+        return np.maximum(sigmas, LEAST_SIGMA)
 
     level = sigma(log.sigma_horizontal_m, horizontal_m)
     down = sigma(log.sigma_vertical_m, vertical_m)

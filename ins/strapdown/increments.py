@@ -23,8 +23,6 @@ from ins.records import ImuLog
 # of an interval to the one before: above it a gap; one lost row makes 2, jitter 2.5
 # (tests/ins/test_strapdown_kernel.py holds it to that of the loop)
 MAX_INTERVAL_RATIO = 2.5
-# of a step; stamps in microseconds that are whole multiples of 20 ms, but for their last 3 digits
-SAME_STEP = 1e-6
 SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
 
 
@@ -177,42 +175,3 @@ def joined(imu: ImuLog, ends: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
         dv[of] += pushed
         C[of] = C[of] @ dcm_from_rotation_vector(angles[row])
     return C, dv, way
-
-
-def summed(imu: ImuLog, start_s: float, step_s: float) -> ImuLog:
-    """The log as a unit of a lower rate writes it: rows added up, nothing corrected between them.
-
-    Parameters
-    ----------
-    imu : ImuLog
-        n rows.
-    start_s : float
-        A time that one of the new rows ends at [s], where a row does.
-    step_s : float
-        Length of the new rows [s]. A row longer than MAX_INTERVAL_RATIO of them, a gap, stays one.
-
-    Returns
-    -------
-    imu : ImuLog
-        Rows that end where a row of the log is the last within start_s + k step_s; the log itself
-        where that would leave one.
-
-    Notes
-    -----
-    What coning and sculling within step_s do is left to those who integrate the new rows, which see
-    it up to half their rate.
-    """
-    number = np.ceil((imu.time_s - start_s) / step_s - SAME_STEP)
-    gap = imu.dt_s > MAX_INTERVAL_RATIO * step_s
-    begins = np.append(True, (np.diff(number) != 0) | gap[1:] | gap[:-1])
-    first = np.flatnonzero(begins)
-    if first.size < 2:
-        return imu
-    last = np.append(first[1:], imu.time_s.size) - 1
-    return ImuLog(
-        time_s=imu.time_s[last],
-        dt_s=np.add.reduceat(imu.dt_s, first),
-        dtheta_rad=np.add.reduceat(imu.dtheta_rad, first),
-        dv_m_s=np.add.reduceat(imu.dv_m_s, first),
-        source=imu.source,
-    )

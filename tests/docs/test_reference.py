@@ -25,7 +25,7 @@ FORMATS = (REFERENCE / "formats.md").read_text("utf-8")
 EFFECTS = (REFERENCE / "effects.md").read_text("utf-8")
 REQUIREMENTS = (REFERENCE / "requirements.md").read_text("utf-8")
 CONVENTIONS = (ROOT / "CONVENTIONS.md").read_text("utf-8")
-STATE_COUNTS = {"CORE", "BASE", "AIDED_MOTION", "AIDED_DRIVING", "AIDED_STATES"}
+STATE_COUNTS = {"CORE", "BASE", "AIDED_MOTION"}
 PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
 SCHEMA = re.compile(r'"(recal\.[a-z_]+/\d)"')
 

@@ -114,7 +114,7 @@ def flown(
 
 
 def errors(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
-    """Errors (k, 15) of a solution, order and signs of `ins.filters.aided_kernel`."""
+    """Errors (k, 15) of a solution, order and signs of `ins.filters.states`."""
     motion = motion_errors(made.reference, history)
     gyro, accel = (
         np.stack([np.interp(history.time_s, made.bias_time_s, axis) for axis in bias.T], axis=1)

@@ -13,7 +13,6 @@ from infield.aided.flight import navigate_aided
 from infield.reports.documents.aided import aided_document
 from infield.session.log import find_rest
 from ins.records import Run
-from ins.strapdown.increments import summed
 from ins.verdicts import codes, sentences
 from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
 from trajectories.simulator.segments import Straight
@@ -139,25 +138,3 @@ def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology,
         assert result.antenna.freed == (False, False) and "slow error" in sentences(result.notes)[0]
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60)[0])
     assert 0.05 < np.mean(ratios) < 2.0
-
-
-def test_a_log_of_many_rows_is_fitted_as_the_same_log_of_fewer():
-    """200 Hz, an arm 4 m off and fixes 0.2 s late: arm, delays and noise are those of the log that
-    its rows summed to 50 Hz are; its own rows are flown, so that the solutions end within a
-    fifth of their sigmas of each other.
-    """
-    made = flown(ideal(PARK_S, rate_hz=200.0), twin_of("mems"), 4)
-    arm = LEVER_M[0] + 4.0, *LEVER_M[1:]
-    run = late(replace(made.run, header=replace(made.run.header, gnss_lever_arm_m=arm)), 0.2)
-    many = fly(made, "mems", run)
-    few = fly(made, "mems", replace(run, imu=summed(run.imu.whole(), run.imu.start_s, 0.02)))
-    assert many.antenna.freed == few.antenna.freed
-    assert many.antenna.freed.arm and many.antenna.freed.delay
-    between = off_of(many.antenna.antenna, 0.2) - off_of(few.antenna.antenna, 0.2)
-    assert np.abs(between).max() < 0.2
-    assert many.scales == replace(
-        few.scales, position=many.scales.position, velocity=many.scales.velocity
-    )
-    assert np.all(np.abs(off_of(many.antenna.antenna, 0.2)) < 4.0)
-    off_m_s = many.history.v_n_m_s[-1] - few.history.v_n_m_s[-1]
-    assert np.abs(off_m_s / many.history.sigma[-1, 3:6]).max() < 0.2

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from infield.session.flown.aided_reference import reference
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import SEMI_MAJOR_AXIS_M
 from ins.estimation.error_filter import ErrorFilter
 from ins.estimation.error_model import ProcessNoise
 from ins.estimation.measurements.antenna import moved_by
 from ins.estimation.tape import Tape
+from ins.filters.reference import Rows, reference
 from ins.records import ImuLog
 from tests.infield import mems_away
 
@@ -45,15 +45,12 @@ def solution(truth, dp=0.0, dv=0.0, phi=0.0):
     rows = slice(first, int(np.searchsorted(truth.time_s, UNTIL_S)), step)
     v_n, C_nb = truth.v_n[rows] + dv, truth.C_nb[rows]
     place = moved_by(truth.place[rows], np.broadcast_to(dp, v_n.shape))
-    lat, lon, height = place.T
-    return SimpleNamespace(
-        time_s=truth.time_s[rows],
-        lat_rad=lat,
-        lon_rad=lon,
-        height_m=height,
-        v_n_m_s=v_n,
-        C_nb=dcm_from_rotation_vector(np.broadcast_to(phi, v_n.shape)) @ C_nb,
-        variance=np.full((v_n.shape[0], 15), SIGMA_V_M_S**2),
+    return Rows(
+        truth.time_s[rows],
+        place,
+        v_n,
+        dcm_from_rotation_vector(np.broadcast_to(phi, v_n.shape)) @ C_nb,
+        np.full(v_n.shape, SIGMA_V_M_S**2),
     )
 
 
@@ -87,7 +84,7 @@ def test_errors_of_the_solution_are_carried_from_row_to_row():
     phi = 1e-3 * rng.standard_normal((count, 3))
     rows = solution(truth, dp, dv, phi)
     north, east, _ = dp.T / SEMI_MAJOR_AXIS_M
-    theta = phi - np.column_stack([-east, north, east * np.tan(rows.lat_rad)])
+    theta = phi - np.column_stack([-east, north, east * np.tan(rows.place[:, 0])])
     made = over(imu, rows)
     about = made.travels_n[made.closes]
     errors = np.hstack([dv - np.cross(theta, about), dp, theta])
@@ -134,14 +131,12 @@ def test_the_axes_of_a_step_are_their_mean_over_it():
         dv_m_s=np.zeros((t.size, 3)),
     )
     s = np.arange(1.0, 4.0)
-    rows = SimpleNamespace(
-        time_s=s,
-        lat_rad=np.full(3, 0.7),
-        lon_rad=np.zeros(3),
-        height_m=np.zeros(3),
-        v_n_m_s=np.zeros((3, 3)),
-        C_nb=np.stack([C @ dcm_from_rotation_vector(angle * of) for of in s]),
-        variance=np.full((3, 15), SIGMA_V_M_S**2),
+    rows = Rows(
+        s,
+        np.tile([0.7, 0.0, 0.0], (3, 1)),
+        np.zeros((3, 3)),
+        np.stack([C @ dcm_from_rotation_vector(angle * of) for of in s]),
+        np.full((3, 3), SIGMA_V_M_S**2),
     )
     made = reference(imu, rows, np.zeros(0), [slice(0, 3)], VRW)
     share = (np.arange(1000) + 0.5) / 1000

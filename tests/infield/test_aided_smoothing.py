@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from infield.aided.flight import Aiding, navigate_aided
-from infield.aided.noise import CHANGE_GAIN_NATS
 from infield.aided.smoothing import LEAST_WEIGHT
 from infield.replay.free_inertial import TableChoice, replay
-from ins.filters.aided_smoother import smoothed
 from ins.units import DEG
 from tests.cut import cut_run
 from tests.infield.aided_cases import errors, flown, ideal, normalised, twin_of
@@ -69,33 +67,6 @@ def test_all_headings_are_smoothed_by_their_last_weights():
     off = errors(made, found.smoothed)
     assert np.abs(off[:, 8] / sigma).max() < 3.0
     assert (np.abs(off[:, :3]) / np.sqrt(found.smoothed.variance[:, :3])).max() < 5.0
-
-
-def test_a_start_that_the_fixes_contradict_is_not_taken(monkeypatch):
-    """A linearisation that leads away by 60 deg of heading: the flight from there is less likely,
-    so the solution stays, and the sigma of its heading holds what was taken off it.
-    """
-    made, twin = flown(ideal(60.0), twin_of("mems"), 302), twin_of("mems")
-    run = made.run
-    found = navigate_aided(run, run.imu, twin, rest=None, gyro_sigma_deg_h=None)
-    right, away = found.with_smoothed().smoothed, np.array([0.0, 0.0, 60.0 * DEG])
-    flights = []
-
-    def led_away(history, tape):
-        best, taken, start = smoothed(history, tape)
-        flights.append(history)
-        if len(flights) == 1:
-            taken, start = taken.copy(), start.copy()
-            taken[:, 6:9], start[6:9] = taken[:, 6:9] + away, start[6:9] + away
-        return best, taken, start
-
-    monkeypatch.setattr("infield.aided.smoothing.smoothed", led_away)
-    doubted = found.with_smoothed().smoothed
-    assert len(flights) == 2
-    assert np.nansum(flights[1].loglik) < np.nansum(flights[0].loglik) - CHANGE_GAIN_NATS
-    sigma = np.sqrt(doubted.variance[:, 8])
-    assert (sigma >= 55.0 * DEG).all() and (np.abs(errors(made, doubted)[:, 8]) < 3 * sigma).all()
-    assert np.sqrt(right.variance[0, 8]) < 1.0 * DEG
 
 
 def test_smoothing_is_asked_for():

@@ -20,8 +20,7 @@ OF_ALL = {FOLDER / f"errors/{name}.py" for name in ("catalogue", "prior", "refer
 FORMULAS = set((FOLDER / "errors").rglob("*.py")) - OF_ALL
 MODULES = sorted(set(FOLDER.rglob("*.py")) - {*KERNELS, *FORMULAS})
 CALLED_FROM_PYTHON = {
-    "filters/aided_kernel.py": {"run"},
-    "estimation/kernel.py": {"sweep", "respond", "system", "transition"},
+    "estimation/kernel.py": {"sweep", "respond", "smooth", "system", "transition"},
     "strapdown/body_forces.py": {"turned_forces"},
     "strapdown/loop.py": {"integrate"},
 }

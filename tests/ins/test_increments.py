@@ -193,29 +193,3 @@ def test_joined_intervals_turn_and_push_as_their_rows_do():
     np.testing.assert_allclose(dv[0], expected, atol=1e-9)
     expected = force / rate**2 * np.array([1.0 - np.cos(angle), angle - np.sin(angle), 0.0])
     np.testing.assert_allclose(way[0], expected, atol=force * rate * n * dt**3 / 6.0)
-
-
-def test_summed_rows_meet_at_the_start_and_leave_gaps_alone():
-    """5 ms rows to 20 ms: sums of four that end at the start, times of the last, nothing lost; a
-    row of half a second stays itself.
-    """
-    rng = np.random.default_rng(6)
-    dt = np.full(101, 0.005)
-    dt[40] = 0.5
-    t = 10.0 + np.cumsum(dt)
-    imu = ImuLog(
-        time_s=t,
-        dt_s=dt,
-        dtheta_rad=rng.standard_normal((101, 3)),
-        dv_m_s=rng.standard_normal((101, 3)),
-    )
-    few = increments.summed(imu, t[10], 0.02)
-    assert t[10] in few.time_s and t[14] in few.time_s and t[12] not in few.time_s
-    at = int(np.searchsorted(few.time_s, t[14]))
-    np.testing.assert_allclose(few.dv_m_s[at], imu.dv_m_s[11:15].sum(axis=0))
-    np.testing.assert_allclose(few.dtheta_rad.sum(axis=0), imu.dtheta_rad.sum(axis=0))
-    assert few.dt_s.sum() == pytest.approx(dt.sum()) and few.time_s[-1] == t[-1]
-    gap = int(np.searchsorted(few.time_s, t[40]))
-    np.testing.assert_array_equal(few.dtheta_rad[gap], imu.dtheta_rad[40])
-    np.testing.assert_allclose(np.diff(few.time_s), few.dt_s[1:], atol=1e-12)
-    assert increments.summed(few.between(few.time_s[0], few.time_s[2]), 0.0, 1e3).rows == 2

@@ -1,6 +1,13 @@
 """What lies between the rests of a unit whose own solution does not stand free for a flight (MEMS),
 as a tape: the errors of an aided solution that is set anew each second, the biases of a session's
 bins among its states.
+
+The aided solution (`infield.aided`) says where a stretch begins, where gravity and Coriolis are
+looked up, and what the errors are linearised about; no bias of the aided filter is used, and what
+its rows are counts for nothing (`ins.filters.reference`). States: those of
+`ins.estimation.states` that move, the accelerometers, the bins, then what comes and goes (slow
+errors of the receiver, flicker of the gyros) and the constants of a flight. Motion and slow errors
+begin anew with each stretch.
 """
 
 from dataclasses import dataclass
@@ -8,19 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.flown.aided_reference import Reference
 from infield.session.flown.flight import OF_POSITION, OF_VELOCITY
 from infield.session.flown.priors import Further, Layout
 from ins.attitude import skew
-from ins.earth import geodetic_from_ecef
 from ins.estimation import error_model as em
 from ins.estimation import sensors
 from ins.estimation.error_filter import GATE_SIGMA, ErrorFilter
 from ins.estimation.measurements import fix
-from ins.estimation.measurements.antenna import Antenna, Epoch, RowSums, motion_from
+from ins.estimation.measurements.antenna import Antenna
 from ins.estimation.states import ACCEL_Z, BASE, POS, POS_DOWN, THETA, W_DOWN, W
 from ins.estimation.tape import GYRO, Tape
 from ins.filters.aided_records import AidedNoise, Fixes
+from ins.filters.aided_tape import Receiver, measure_fixes
+from ins.filters.reference import About
 from ins.units import DEG
 
 # flicker of the gyros within a bin: Gauss-Markov processes of these shares of its length, a factor
@@ -93,13 +100,12 @@ class Believed:
 class Way:
     """Stretches under way, over the K steps of their reference.
 
-    rows: of the log; bins (K,): number of the gyros' bin; flies (K,): in the air or on wheels,
+    bins (K,): number of the gyros' bin; flies (K,): in the air or on wheels,
     where vibration may change what gyros read; warmer_degC (K,): than at the start of the log;
     stands: steps at whose end the vehicle stands.
     """
 
-    reference: Reference
-    rows: RowSums
+    about: About
     fixes: Fixes
     bins: NDArray
     flies: NDArray
@@ -138,12 +144,12 @@ def first_fading(believed: Believed) -> int:
 
 
 def _tape(way: Way, believed: Believed) -> Tape:
-    tape = Tape(way.reference.steps(way.bins))
+    tape = Tape(way.about.reference.steps(way.bins))
     _begin_and_fade(tape, believed)
     _drive(tape, way, believed)
     _measure_fixes(tape, way, believed)
     at = way.stands
-    z = way.reference.end.v_n[at].T
+    z = way.about.reference.end.v_n[at].T
     tape.measure(STAND, at, z, [{k: 1.0} for k in range(3)], [STAND_M_S**2] * 3, gate=GATE_SIGMA)
     return tape
 
@@ -170,7 +176,7 @@ def _begin_and_fade(tape: Tape, believed: Believed) -> None:
 
 def _drive(tape: Tape, way: Way, believed: Believed) -> None:
     """Let the sensors' errors act."""
-    states, force_b = believed.layout.indices, way.reference.force_b
+    states, force_b = believed.layout.indices, way.about.reference.force_b
     turns_b = _turns(way, believed)
     sensors.bin_biases(tape, BASE)
     for k, state in enumerate(FLICKER):
@@ -189,48 +195,30 @@ def _turns(way: Way, believed: Believed) -> NDArray:
     mean = believed.bias_mean.reshape(-1, 3)[way.bins]
     variance = np.diag(believed.bias_covariance).reshape(-1, 3)[way.bins]
     variance = variance + believed.flicker_process_rad_s**2 * FLICKER_SHARES.size
-    dt, rate_b = way.reference.dt_s[:, None], way.reference.rate_b
+    dt, rate_b = way.about.reference.dt_s[:, None], way.about.reference.rate_b
     variance = variance + believed.noise.arw**2 / np.where(dt > 0.0, dt, np.inf)
     return np.where(np.abs(rate_b - mean) > TURNS_SIGMAS * np.sqrt(variance), rate_b, 0.0)
 
 
 def _measure_fixes(tape: Tape, way: Way, believed: Believed) -> None:
     """Positions and velocities, where a fix has them."""
-    fixes, antenna, layout = way.fixes, believed.antenna, believed.layout
-    delays, first = layout.indices(Further.DELAY), first_fading(believed)
-    steps = np.flatnonzero(way.reference.fix >= 0)
-    k = way.reference.fix[steps]
-
-    def motion(whole: NDArray, delay_s: float) -> tuple:
-        at, of = steps[whole], k[whole]
-        epoch = Epoch(*(column[at] for column in vars(way.reference.end).values()))
-        measured_s = fixes.time_s[of] - delay_s
-        pull = way.reference.pull_n[at]
-        return at, of, motion_from(epoch, pull, way.rows, antenna.arm_m, measured_s)
-
-    def states(slow: range) -> fix.ReceiverStates:
-        of = [first + state for state in slow]
-        return fix.ReceiverStates(
-            arm=layout.indices(Further.ANTENNA),
-            delay=delays[:1],
-            velocity_delay=delays[1:],
-            slow_position=of,
-            slow_velocity=of,
-        )
-
-    whole = np.isfinite(fixes.r_e_m[k]).all(axis=1)
-    for of_type, slow in ((~fixes.other_type[k], SLOW_POSITION), (fixes.other_type[k], SLOW_OTHER)):
-        at, of, moved = motion(whole & of_type, antenna.delay_s)
-        places = geodetic_from_ecef(fixes.r_e_m[of])
-        z, rows = fix.position(moved, antenna, places, states(slow), level=False)
-        variance = fixes.sigma_position_m[of].T ** 2
-        tape.measure(OF_POSITION, at, z, rows, list(variance), gate=GATE_SIGMA)
-    whole = np.isfinite(fixes.v_n_m_s[k]).all(axis=1)
-    at, of, moved = motion(whole, antenna.velocity_delay_s)
-    swing = moved.swing_n(antenna.arm_m)
-    about = way.reference.travels_n[at] + swing
-    z, rows = fix.velocity(
-        moved, antenna, fixes.v_n_m_s[of], states(SLOW_VELOCITY), about_n=about, level=False
+    layout, first = believed.layout, first_fading(believed)
+    delays = layout.indices(Further.DELAY)
+    states = fix.ReceiverStates(
+        arm=layout.indices(Further.ANTENNA),
+        delay=delays[:1],
+        velocity_delay=delays[1:],
+        slow_position=[first + state for state in SLOW_POSITION],
+        slow_velocity=[first + state for state in SLOW_VELOCITY],
     )
-    variance = fixes.sigma_velocity_m_s[of].T ** 2 + (SWING_SHARE * swing.T) ** 2
-    tape.measure(OF_VELOCITY, at, z, rows, list(variance), gate=GATE_SIGMA)
+    antenna = believed.antenna
+    receiver = Receiver(
+        antenna=antenna,
+        delays_s=(antenna.delay_s, antenna.velocity_delay_s),
+        states=states,
+        slow_other=[first + state for state in SLOW_OTHER],
+        names=(OF_POSITION, OF_VELOCITY),
+        gate=GATE_SIGMA,
+        swing_share=SWING_SHARE,
+    )
+    measure_fixes(tape, way.about, way.fixes, receiver)

@@ -22,7 +22,6 @@ from infield.aided.flight import AidedResult, navigate_aided, warmed_accel_walk
 from infield.aided.reasons import AidedVerdict
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import BegunInMotion, ParkedEvidence, SessionEarth, SessionEstimate
-from infield.session.flown.aided_reference import reference
 from infield.session.flown.flight import Flight, RunInputs
 from infield.session.flown.gates import (
     FlightEvidence,
@@ -41,6 +40,7 @@ from infield.session.reasons import FlightReason
 from ins.estimation import error_model as em
 from ins.estimation.measurements.antenna import Antenna, RowSums
 from ins.filters.aided_records import AidedHistory, AidedNoise
+from ins.filters.reference import About, Rows, reference
 from ins.records import ImuSource, Span
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, PPM
 from ins.verdicts import because
@@ -202,15 +202,15 @@ def _way(
     """The stretches as one way. bin_ends_s (N,): of the bins under way."""
     assert result.history is not None and result.given is not None
     fixes, temperature = result.given.fixes, known.temperature
-    along = reference(imu, result.history, fixes.time_s, stretches, result.given.noise.vrw)
+    rows = Rows.of(result.history)
+    along = reference(imu, rows, fixes.time_s, stretches, result.given.noise.vrw)
     middle_s = along.end_s - 0.5 * along.dt_s
     degC = temperature.temperature_degC.mean(axis=1)
     standing = np.zeros(along.end_s.size, dtype=bool)
     for start_s, end_s in result.stands:
         standing |= (along.end_s > start_s) & (along.end_s <= end_s)
     return Way(
-        reference=along,
-        rows=RowSums(imu),
+        about=About(rows, along, RowSums(imu), imu, np.zeros(6)),
         fixes=fixes,
         bins=np.minimum(np.searchsorted(bin_ends_s, middle_s), bin_ends_s.size - 1),
         flies=~standing,
