@@ -33,7 +33,6 @@ from ins.estimation.tape import (
     Tape,
 )
 
-NOTHING = np.zeros((0, 6))
 GATE_SIGMA = 6.0  # a residual beyond this many sigmas is left out and listed, not used
 
 
@@ -290,7 +289,7 @@ class ErrorFilter:
         alone, records = np.zeros((len(c.z), 2)), int((c.ops[:, 0] == RECORD).sum())
         kept = np.arange(own.size) if recorded is None else placed.of[recorded[use[recorded]]]
         x_rows, P_rows = np.zeros((records, own.size)), np.zeros((records, kept.size, kept.size))
-        pushes, levers = (NOTHING, NOTHING) if fed_back is None else vars(fed_back).values()
+        back = FedBack(np.zeros((0, 9)), np.zeros((0, 6))) if fed_back is None else fed_back
         turns = np.tile(np.eye(3), (records, 1, 1))
         stopped = kernel.sweep(
             x,
@@ -327,8 +326,8 @@ class ErrorFilter:
             kept,
             x_rows,
             P_rows,
-            pushes,
-            levers,
+            back.pushes,
+            back.levers,
             np.eye(3),
             turns,
         )
@@ -397,9 +396,10 @@ class FedBack:
 
     Parameters
     ----------
-    pushes : ndarray, shape (K, 6)
-        Velocity that the specific force adds to the reference over each step, and the velocity at
-        its end that w is about [m/s], navigation axes.
+    pushes : ndarray, shape (K, 9)
+        Velocity that the specific force adds to the reference over each step, the velocity at its
+        end that w is about [m/s], and by how much the specific force takes it further than by the
+        mean of its velocities [m], navigation axes.
     levers : ndarray, shape (rows, 6)
         Vectors a, b of each row: of an attitude turned by R its z is larger by a' (R - 1) b.
     """

@@ -458,19 +458,28 @@ def set_turned(x, place, step, shift, push, turn, room):
     """Errors of a turned solution at the end of a step: it is set to velocity and place of its
     reference there, and keeps the attitude that its gyros give it.
 
-    shift (9,): as of the reference; push (6,): velocity that the reference gains by its specific
-    force over the step, and the velocity at its end that w is about.
+    shift (9,): as of the reference; push (9,): velocity that the reference gains by its specific
+    force over the step, the velocity at its end that w is about, and by how much it gets further
+    than by the mean of its velocities.
     """
-    dt, a = step[DT], room[2, 0]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        less = push[i] - turn[i, 0] * push[0] - turn[i, 1] * push[1] - turn[i, 2] * push[2]
-        jump = shift[THETA + j] * push[3 + k] - shift[THETA + k] * push[3 + j]
-        x[place[W + i]] += shift[W + i] + jump + less
-        x[place[POS + i]] += shift[POS + i] + 0.5 * dt * less
+    dt, a, less = step[DT], room[2, 0], room[2, 1]
     a[0] = -dt * (step[OMEGA_IE] + step[TRANSPORT] * step[V_N + 1])
     a[1] = -dt * (step[OMEGA_IE + 1] - step[TRANSPORT + 1] * step[V_N])
     a[2] = -dt * (step[OMEGA_IE + 2] - step[TRANSPORT + 2] * step[V_N + 1])
+    for i in range(3):
+        less[i] = push[i]
+        lag = push[6 + i]
+        for k in range(3):
+            less[i] -= turn[i, k] * push[k]
+            lag -= turn[i, k] * push[6 + k]
+        x[place[POS + i]] += shift[POS + i] + lag
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # half of the rotation of the frame
+        gained = less[i] + 0.5 * (a[j] * less[k] - a[k] * less[j])
+        jump = shift[THETA + j] * push[3 + k] - shift[THETA + k] * push[3 + j]
+        x[place[W + i]] += shift[W + i] + jump + gained
+        x[place[POS + i]] += 0.5 * dt * gained
     rotation_of(a, room[0])
     turn_by(room[0], turn, room[1], True, True)
     for i in range(3):
@@ -681,9 +690,8 @@ def sweep(
         Places of the states whose covariance is recorded.
     x_rows, P_rows : ndarray, shapes (records, n), (records, q, q)
         Written at each RECORD.
-    pushes : ndarray, shape (K, 6) or (0, 6)
-        Where it has rows, attitudes are fed back: velocity that the specific force adds over each
-        step, and the velocity at its end that w is about.
+    pushes : ndarray, shape (K, 9) or (0, 9)
+        Where it has rows, attitudes are fed back: as of `ins.estimation.error_filter.FedBack`.
     levers : ndarray, shape (rows, 6) or (0, 6)
         Vectors a, b of each row, whose z changes by a' (turn - 1) b; z is changed in place.
     turn : ndarray, shape (3, 3)
@@ -715,7 +723,7 @@ def sweep(
                     if i < POS:
                         step[V_N + i] -= x[place[i]]
             if closed:
-                feed_back(x, place, pushes[max(which - 1, 0), 3:], turn, turning)
+                feed_back(x, place, pushes[max(which - 1, 0), 3:6], turn, turning)
                 turn_step(step, turn)
             now_bin = flags[which, BIN]
             transition(step, flags[which], noise, moves, room, Phi, Gamma, Q)

@@ -59,6 +59,7 @@ ROW_FIELDS = (
 # of an antenna that is free: flights, each linearised about what the last one found; what it may
 # still be off, m and s: 0.01 s at a change of 3 m/s^2 is a velocity's sigma
 ANTENNA_PASSES, SETTLED = 3, np.array([0.3, 0.3, 0.3, 0.01, 0.01])
+SEARCHED = 5.0  # times that in a search of noise: 0.05 s are off by 0.013 m/s at 10 m/s^3
 # of a reference: nothing of it counts, so it follows the fixes whatever the sensors do
 LOUDER, WIDEST_WALK = (8.0, 64.0, 512.0, 4096.0), 32.0
 # of fixes, a log with 28 of 679 (0.04) wild ones needed no more noise; and of those that were
@@ -96,8 +97,9 @@ def solved(about: About, task: Task, *, smooth: bool = False, rows: bool = True)
     if free:
         task = replace(task, near=about.near.get(prior))
     whole = _with_start(about, task, smooth=smooth, rows=rows)
+    settled = SETTLED if rows else SEARCHED * SETTLED
     for _ in range(ANTENNA_PASSES if free else 0):
-        if (np.abs(whole.antenna.values - task.linearised.values) < SETTLED).all():
+        if (np.abs(whole.antenna.values - task.linearised.values) < settled).all():
             break
         task = replace(task, near=whole.antenna)
         about.near[prior] = whole.antenna
@@ -255,7 +257,7 @@ class FromHeadings:
         flt = aided_filter(self.task, self.about)
         gyro_sigma = np.sqrt(np.diag(flt.P)[BASE : BASE + 3])
         laid = aided_tape(self.task, self.about, gyro_sigma, record=self.record)
-        return laid, fed_back(self.task, self.about, laid)
+        return laid, fed_back(self.about, laid)
 
     def flown(self, start: AidedStart) -> AidedHistory:
         """The flight from a start.

@@ -56,7 +56,9 @@ GATE_SIGMA = float(np.sqrt(chi2.isf(REJECT_PROBABILITY / 3.0, 1)))
 # A gyro's noise turns the attitude once for each unit of it, as a scale error of 1 would: on
 # straight ways a scale is found that is as much of 1 as the noise tells of it
 TURNS_SIGMAS = 4.0
-KEPT_TAPES = 3  # of a reference; chosen: a search goes from one to the next, 35 MB each in 2 h
+# of tapes along a reference that are kept, chosen: a search has a dozen of them, and a row with its
+# entries takes 100 bytes
+KEPT_ROWS = 400_000
 # of the trace: how negative an eigenvalue of a covariance may be; a file of ten digits has 1e-10
 ROUNDING = 1e-9
 
@@ -114,15 +116,14 @@ class Laid:
         The first row of each on the tape.
     fades : dict of int
         The first row that says how a state of the receiver fades, by its number.
-    swing : ndarray, shape (3, k)
-        As of `Compared`.
+    compared : Compared
     """
 
     tape: Compiled
     fixes: tuple[NDArray, NDArray]
     rows: tuple[NDArray, NDArray]
     fades: dict[int, int]
-    swing: NDArray
+    compared: "Compared"
 
 
 def aided_filter(task: Task, about: About) -> ErrorFilter:
@@ -197,7 +198,7 @@ def aided_tape(task: Task, about: About, gyro_sigma_rad_s: NDArray, *, record: b
     """
     key = (record, gyro_sigma_rad_s.tobytes(), *_laid_by(task))
     if key not in about.laid:
-        while len(about.laid) >= KEPT_TAPES:
+        while sum(laid.tape.z.size for laid in about.laid.values()) > KEPT_ROWS:
             del about.laid[next(iter(about.laid))]
         about.laid[key] = _laid(task, about, gyro_sigma_rad_s, record=record)
     return _weighed(about.laid[key], task, about)
@@ -239,7 +240,9 @@ def _weighed(laid: Laid, task: Task, about: About) -> Laid:
     (placed, moving), (of_place, of_velocity) = laid.fixes, laid.rows
     for i in range(3):
         variance[of_place + i] = fixes.sigma_position_m[placed, i] ** 2
-        variance[of_velocity + i] = fixes.sigma_velocity_m_s[moving, i] ** 2 + laid.swing[i]
+        variance[of_velocity + i] = (
+            fixes.sigma_velocity_m_s[moving, i] ** 2 + laid.compared.swing[i]
+        )
     return replace(laid, tape=replace(tape, variance=variance, value=value))
 
 
@@ -263,16 +266,15 @@ def _laid(task: Task, about: About, gyro_sigma_rad_s: NDArray, *, record: bool) 
     numbers, rows = _measure_fixes(tape, task, about)
     if record:
         tape.record(np.flatnonzero(ref.closes))
-    swing = next(iter(about.measured.values())).swing
-    return Laid(tape.compiled(), numbers, rows, fades, swing)
+    compared = next(iter(about.measured.values()))
+    return Laid(tape.compiled(), numbers, rows, fades, compared)
 
 
-def fed_back(task: Task, about: About, laid: Laid) -> FedBack:
+def fed_back(about: About, laid: Laid) -> FedBack:
     """What a sweep needs that feeds the errors of attitude back at each step.
 
     Parameters
     ----------
-    task : Task
     about : About
     laid : Laid
 
@@ -280,23 +282,12 @@ def fed_back(task: Task, about: About, laid: Laid) -> FedBack:
     -------
     fed_back : FedBack
     """
-    ref, arm_m = about.reference, task.linearised.lever_arm_m
-    step_of = np.zeros(task.fixes.time_s.size, dtype=np.int64)
-    steps = np.flatnonzero(ref.fix >= 0)
-    step_of[ref.fix[steps]] = steps
-    levers = np.zeros((laid.tape.z.size, 6))
-    for kind, (fix_numbers, first) in enumerate(zip(laid.fixes, laid.rows)):
-        at = step_of[fix_numbers]
-        C_nb = ref.end.C_nb[at]
-        arm_n = (
-            C_nb @ arm_m
-            if kind == 0
-            else np.einsum("kij,kj->ki", C_nb, np.cross(ref.rate_b[at], arm_m))
-        )
+    ref, levers = about.reference, np.zeros((laid.tape.z.size, 6))
+    for first, vectors in zip(laid.rows, laid.compared.levers):
         for i in range(3):
             levers[first + i, i] = 1.0
-            levers[first + i, 3:] = arm_n
-    return FedBack(np.column_stack([ref.push_n, ref.travels_n]), levers)
+            levers[first + i, 3:] = vectors
+    return FedBack(np.column_stack([ref.push_n, ref.travels_n, ref.lag_n]), levers)
 
 
 def _come_and_go(tape: Tape, task: Task, about: About) -> dict[int, int]:
@@ -480,12 +471,15 @@ class Compared:
         Numbers of the fixes that have velocities.
     swing : ndarray, shape (3, k)
         What turning adds to the variances of the velocities.
+    levers : (ndarray, ndarray), shapes (m, 3), (k, 3)
+        The arms [m], of all types, and what turning adds to the velocities [m/s].
     """
 
     positions: list[tuple[Block, NDArray]]
     velocities: Block
     moving: NDArray
     swing: NDArray
+    levers: tuple[NDArray, NDArray]
 
 
 def _measured_by(fixes: Fixes, receiver: Receiver) -> tuple[object, ...]:
@@ -506,7 +500,7 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
     steps = np.flatnonzero(about.reference.fix >= 0)
     k = about.reference.fix[steps]
     own = receiver.states, replace(receiver.states, slow_position=receiver.slow_other)
-    positions = []
+    positions, arms = [], [np.zeros((0, 3))]
     for of_states, of_type in zip(own, _placed_by_type(fixes, k)):
         at, of = steps[of_type], k[of_type]
         if not at.size:
@@ -514,6 +508,7 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
         motion = about.motion(at, arm.arm_m, fixes.time_s[of] - delay_s)
         places = geodetic_from_ecef(fixes.r_e_m[of])
         z, rows = fix.position(motion, arm, places, of_states, level=False)
+        arms.append(motion.C_nb @ arm.arm_m)
         positions.append((unweighed(receiver.names[0], at, z, rows, receiver.gate), of))
     moves = np.isfinite(fixes.v_n_m_s[k]).all(axis=1)
     at, of = steps[moves], k[moves]
@@ -528,6 +523,7 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
         velocities=unweighed(receiver.names[1], at, z, rows, receiver.gate),
         moving=of,
         swing=(receiver.swing_share * swing.T) ** 2,
+        levers=(np.concatenate(arms), swing),
     )
 
 

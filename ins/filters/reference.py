@@ -74,8 +74,9 @@ class Reference:
         Of the errors w, p, theta at a row, as of `ins.estimation.tape.Steps`.
     rate_b, force_b : ndarray, shape (K, 3)
         Means that the sensors read [rad/s], [m/s^2].
-    push_n : ndarray, shape (K, 3)
-        Velocity that the specific force adds [m/s].
+    push_n, lag_n : ndarray, shape (K, 3)
+        Velocity that the specific force adds [m/s], and by how much it leads further than by the
+        mean of the velocities [m].
     omega_ie_n, pull_n : ndarray, shape (K, 3)
         Earth rate [rad/s], gravity with Coriolis [m/s^2].
     gravity, transport, radius_m : ndarray, shapes (K,), (K, 3), (K,)
@@ -95,6 +96,7 @@ class Reference:
     rate_b: NDArray
     force_b: NDArray
     push_n: NDArray
+    lag_n: NDArray
     omega_ie_n: NDArray
     pull_n: NDArray
     gravity: NDArray
@@ -490,7 +492,8 @@ def _over(log: "_Increments", solution: Rows, vrw: float) -> Reference:
     gravity = gravity_n(lat, height)
     pull = gravity - np.cross(2.0 * earth + transport_n, v_mid)
     transport = transport_by_speed(lat, height)
-    end, C_mean, push = _integrated(log, row, (v_n, C_nb), (earth + transport_n, pull))
+    end, C_mean, C_begin = _integrated(log, row, (v_n, C_nb), (earth + transport_n, pull))
+    lag_b = log.way_b_m - 0.5 * log.dt_s[:, None] * log.dv_b_m_s
     reached = Epoch(log.end_s, moved_by(place[row], end.way_n), end.v_n, end.C_nb)
     last = np.flatnonzero(log.closes)
     travels = _travels(t, v_n, solution.v_variance, vrw)
@@ -518,7 +521,8 @@ def _over(log: "_Increments", solution: Rows, vrw: float) -> Reference:
         shift=from_start(shift, 0.0),
         rate_b=from_start(log.angle_b_rad / log.dt_s[:, None], 0.0),
         force_b=from_start(log.dv_b_m_s / log.dt_s[:, None], REST_B),
-        push_n=from_start(push, 0.0),
+        push_n=from_start(np.einsum("kij,kj->ki", C_begin, log.dv_b_m_s), 0.0),
+        lag_n=from_start(np.einsum("kij,kj->ki", C_begin, lag_b), 0.0),
         omega_ie_n=from_start(earth[row], earth[0]),
         pull_n=from_start(pull[row], pull[0]),
         gravity=from_start(gravity[row, 2], gravity[0, 2]),
@@ -545,8 +549,8 @@ def _integrated(
     begins: tuple[NDArray, NDArray],
     pulls: tuple[NDArray, NDArray],
 ) -> tuple[_Ends, NDArray, NDArray]:
-    """Where each step ends, the mean attitude over it (K, 3, 3), and what its specific force adds
-    to the velocity (K, 3). row (K,).
+    """Where each step ends, and the attitudes (K, 3, 3) over it: the mean, and at its beginning.
+    row (K,).
     """
     count, dt = row.size, log.dt_s[:, None]
     begin = _Ends(np.zeros((count, 3)), begins[0][row], begins[1][row])
@@ -568,7 +572,7 @@ def _integrated(
     # of a car that turns by 20 deg in a step the sensors' axes at its start are 10 deg off
     turned = skew(log.angle_b_rad)
     C_mean = begin.C_nb @ (UNIT_MATRIX + 0.5 * turned + turned @ turned / 6.0)
-    return end, C_mean, np.einsum("kij,kj->ki", begin.C_nb, log.dv_b_m_s)
+    return end, C_mean, begin.C_nb
 
 
 def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> NDArray:
