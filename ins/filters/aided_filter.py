@@ -283,10 +283,12 @@ class FromHeadings:
 
 def _with_start(about: About, task: Task, *, smooth: bool, rows: bool = True) -> AidedHistory:
     """The solution with where it starts as its first row."""
+    if not smooth:
+        return FromHeadings(about, task, record=rows).flown(task.start)
     flt = aided_filter(task, about)
     gyro_sigma = np.sqrt(np.diag(flt.P)[BASE : BASE + 3])
     laid = aided_tape(task, about, gyro_sigma, record=rows)
-    return _history(about, task, laid, flt, flt.run_for_records(laid.tape, MOTION, smooth=smooth))
+    return _history(about, task, laid, flt, flt.run_for_records(laid.tape, MOTION, smooth=True))
 
 
 def _history(
