@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.attitude import skew
-from ins.earth import geodetic_from_ecef
+from ins.earth import displacement_ned, geodetic_from_ecef
 from ins.estimation import error_model as em
 from ins.estimation import sensors
 from ins.estimation.error_filter import ErrorFilter, FedBack
@@ -51,7 +51,7 @@ SCALES = np.array([*GYRO_SCALE, *MISALIGNED, *ACCEL_SCALE])
 POSITION, VELOCITY, STAND, STAND_RATE, ROLL = "position", "velocity", "stand", "stand rate", "roll"
 REJECT_PROBABILITY = 1e-6  # of a good fix: one of its three components is beyond the gate
 GATE_NIS = float(chi2.isf(REJECT_PROBABILITY, 3))
-GATE_SIGMA = float(np.sqrt(chi2.isf(REJECT_PROBABILITY / 3.0, 1)))
+GATE_SIGMA = float(np.sqrt(GATE_NIS))
 # a body turns where a gyro reads more than so many sigmas of its bias and noise: 6e-5 of noise do.
 # A gyro's noise turns the attitude once for each unit of it, as a scale error of 1 would: on
 # straight ways a scale is found that is as much of 1 as the noise tells of it
@@ -472,7 +472,9 @@ class Compared:
     swing : ndarray, shape (3, k)
         What turning adds to the variances of the velocities.
     levers : (ndarray, ndarray), shapes (m, 3), (k, 3)
-        The arms [m], of all types, and what turning adds to the velocities [m/s].
+        What turns with the attitude: of positions, of all types, the arm and the way by the
+        specific force since the end of the step [m]; of velocities what turning and that force
+        add [m/s].
     """
 
     positions: list[tuple[Block, NDArray]]
@@ -508,12 +510,15 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
         motion = about.motion(at, arm.arm_m, fixes.time_s[of] - delay_s)
         places = geodetic_from_ecef(fixes.r_e_m[of])
         z, rows = fix.position(motion, arm, places, of_states, level=False)
-        arms.append(motion.C_nb @ arm.arm_m)
+        late_s = (fixes.time_s[of] - delay_s - about.reference.end_s[at])[:, None]
+        arms.append(motion.C_nb @ arm.arm_m + _way_by_force(about, at, late_s, motion))
         positions.append((unweighed(receiver.names[0], at, z, rows, receiver.gate), of))
     moves = np.isfinite(fixes.v_n_m_s[k]).all(axis=1)
     at, of = steps[moves], k[moves]
     motion = about.motion(at, arm.arm_m, fixes.time_s[of] - velocity_delay_s)
     swing = motion.swing_n(arm.arm_m)
+    late_s = (fixes.time_s[of] - velocity_delay_s - about.reference.end_s[at])[:, None]
+    by_force = motion.v_n - about.reference.end.v_n[at] - about.reference.pull_n[at] * late_s
     about_n = about.reference.travels_n[at] + swing
     z, rows = fix.velocity(
         motion, arm, fixes.v_n_m_s[of], receiver.states, about_n=about_n, level=False
@@ -523,8 +528,19 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
         velocities=unweighed(receiver.names[1], at, z, rows, receiver.gate),
         moving=of,
         swing=(receiver.swing_share * swing.T) ** 2,
-        levers=(np.concatenate(arms), swing),
+        levers=(np.concatenate(arms), swing + by_force),
     )
+
+
+def _way_by_force(
+    about: About, at: NDArray, late_s: NDArray, motion: at_antenna.AntennaMotion
+) -> NDArray:
+    """The way (m, 3) since the end of steps that is not of the velocity there nor of gravity."""
+    end, pull_n = about.reference.end, about.reference.pull_n[at]
+    (lat, lon, height), (lat0, lon0, height0) = motion.place.T, end.place[at].T
+    level = displacement_ned(lat, lon, lat0_rad=lat0, lon0_rad=lon0, height0_m=height0)
+    way_n = np.column_stack([level, height0 - height])
+    return np.asarray(way_n - (end.v_n[at] + 0.5 * pull_n * late_s) * late_s)
 
 
 def _placed_by_type(fixes: Fixes, k: NDArray) -> tuple[NDArray, NDArray]:
