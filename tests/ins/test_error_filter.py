@@ -283,7 +283,7 @@ def test_covariance_stays_symmetric_and_positive_over_an_hour_and_a_taxi():
 def test_layouts_leave_no_gap_and_share_no_state():
     of_errors = [value for name, value in vars(states).items() if name in STATE_NAMES]
     of_aided = [value for name, value in vars(aided).items() if name in AIDED_NAMES]
-    for parts, count in ((of_errors, states.BASE), (of_aided, aided.AIDED_STATES)):
+    for parts, count in ((of_errors, states.BASE), (of_aided, aided.AIDED_MOTION)):
         taken = [np.atleast_1d(np.arange(count)[part]) for part in parts]
         assert sorted(np.concatenate(taken)) == list(range(count))
 
