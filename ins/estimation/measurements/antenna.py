@@ -9,10 +9,15 @@ from scipy.interpolate import CubicSpline
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import omega_ie_n, radii_of_curvature
 from ins.records import ImuSource, NavHistory
+from ins.strapdown.increments import rotation_vectors, velocity_increments
 
 # over which rows are summed for the rate at a fix; chosen: it leaves 99.8 % of turbulence at
 # 0.35 Hz and averages what shakes the unit
 RATE_OVER_S = 0.1
+# columns of the sums of rows: angles; velocity, its integral and attitude in the axes that the body
+# had at the start of the log
+ANGLE, VELOCITY, WAY, ATTITUDE, SUMS = slice(3), slice(3, 6), slice(6, 9), slice(9, 18), 18
+STRETCH_ROWS = 128  # whose attitudes are multiplied side by side with those of other stretches
 
 
 @dataclass(frozen=True)
@@ -116,10 +121,10 @@ class RowSums:
 
     def __init__(self, imu: ImuSource) -> None:
         self._imu = imu
-        self._newest = (np.zeros(0), np.zeros((0, 6)))  # ten hours of 10 Hz: 0.2 GB
+        self._newest = (np.zeros(0), np.zeros((0, SUMS)))  # ten hours of 10 Hz: 0.4 GB
 
     def at(self, time_s: NDArray) -> NDArray:
-        """Sums from the start of the log, straight within a row.
+        """Sums from the start of the log, each row's rates even.
 
         Parameters
         ----------
@@ -127,8 +132,9 @@ class RowSums:
 
         Returns
         -------
-        sums : ndarray, shape (m, 6)
-            Turn [rad] and velocity [m/s], body axes.
+        sums : ndarray, shape (m, 18)
+            Angles [rad], body axes; velocity by the specific force [m/s], its integral [m] and
+            C (3, 3) of the body, in the axes that it had at the start.
         """
         if not np.array_equal(time_s, self._newest[0]):
             self._newest = time_s.copy(), self._read(time_s)
@@ -136,17 +142,55 @@ class RowSums:
 
     def _read(self, time_s: NDArray) -> NDArray:
         order = np.argsort(time_s)
-        ordered_s, sums, total, done = time_s[order], np.zeros((time_s.size, 6)), np.zeros(6), 0
+        ordered_s, sums = time_s[order], np.zeros((time_s.size, SUMS))
+        total, done = np.zeros(SUMS), 0
+        total[ATTITUDE] = np.eye(3).ravel()
         for piece in self._imu.pieces():
             t = np.append(piece.time_s[0] - piece.dt_s[0], piece.time_s)
-            rows = np.hstack([piece.dtheta_rad, piece.dv_m_s])
-            grown = np.cumsum(np.vstack([total, rows]), axis=0)
             until = int(np.searchsorted(ordered_s, t[-1], side="right"))
             here = order[done:until]  # with those that no row holds, since the piece before
-            sums[here] = np.column_stack([np.interp(time_s[here], t, column) for column in grown.T])
-            total, done = grown[-1], until
+            dt, turns, pushes = np.diff(t), rotation_vectors(piece), velocity_increments(piece)
+            C = total[ATTITUDE].reshape(3, 3) @ _multiplied(dcm_from_rotation_vector(turns))
+            gained = _summed(total[VELOCITY], np.einsum("kij,kj->ki", C[:-1], pushes))
+            went = _summed(total[WAY], 0.5 * (gained[1:] + gained[:-1]) * dt[:, None])
+            angles = _summed(total[ANGLE], piece.dtheta_rad)
+            edges = np.hstack([angles, gained, went, C.reshape(-1, 9)])
+            sums[here] = _within(edges, t, turns, time_s[here])
+            total, done = edges[-1], until
         sums[order[done:]] = total
         return sums
+
+
+def _within(edges: NDArray, t: NDArray, turns: NDArray, time_s: NDArray) -> NDArray:
+    """Sums (m, 18) at times, from those (n + 1, 18) at the ends t of rows; turns (n, 3)."""
+    k = np.clip(np.searchsorted(t, time_s, side="right") - 1, 0, t.size - 2)
+    dt = np.diff(t)[k]
+    share = np.clip((time_s - t[k]) / dt, 0.0, 1.0)[:, None]
+    sums = (1.0 - share) * edges[k] + share * edges[k + 1]
+    # of velocity even in a row, its integral is a parabola
+    bent = 0.5 * share * (1.0 - share) * dt[:, None] * (edges[k + 1] - edges[k])[:, VELOCITY]
+    sums[:, WAY] -= bent
+    C = edges[k, ATTITUDE].reshape(-1, 3, 3) @ dcm_from_rotation_vector(share * turns[k])
+    sums[:, ATTITUDE] = C.reshape(-1, 9)
+    return sums
+
+
+def _summed(first: NDArray, rows: NDArray) -> NDArray:
+    """Sums (n + 1, 3) of rows (n, 3) and what was before."""
+    return np.cumsum(np.vstack([first, rows]), axis=0)
+
+
+def _multiplied(C: NDArray) -> NDArray:
+    """Products (n + 1, 3, 3) of the first k matrices of C (n, 3, 3)."""
+    stretches = -(-len(C) // STRETCH_ROWS)
+    products = np.tile(np.eye(3), (stretches * STRETCH_ROWS, 1, 1))
+    products[: len(C)] = C
+    products = products.reshape(stretches, STRETCH_ROWS, 3, 3)
+    for k in range(1, STRETCH_ROWS):
+        products[:, k] = products[:, k - 1] @ products[:, k]
+    for k in range(1, stretches):
+        products[k] = products[k - 1, -1] @ products[k]
+    return np.concatenate([np.eye(3)[None], products.reshape(-1, 3, 3)[: len(C)]])
 
 
 def motion_at(history: NavHistory, rows: RowSums, arm_m: NDArray, time_s: NDArray) -> AntennaMotion:
@@ -174,10 +218,10 @@ def motion_at(history: NavHistory, rows: RowSums, arm_m: NDArray, time_s: NDArra
     k = np.clip(np.searchsorted(h.time_s, time_s, side="right") - 1, 0, h.time_s.size - 2)
     begins, ends, *about = _sums(rows, [h.time_s[k], h.time_s[k + 1]], time_s)
     epoch = Epoch(h.time_s[k], place[k], h.v_n_m_s[k], h.C_nb[k])
-    gained = h.v_n_m_s[k + 1] - h.v_n_m_s[k] - _pushed_n(epoch, ends - begins)
+    gained = h.v_n_m_s[k + 1] - h.v_n_m_s[k] - _pushed_n(epoch, begins, ends)
     left = gained / (h.time_s[k + 1] - h.time_s[k])[:, None]
     return replace(
-        _moved(epoch, left, [sums - begins for sums in about], arm_m, time_s),
+        _moved(epoch, left, [begins, *about], arm_m, time_s),
         place=CubicSpline(h.time_s, place)(time_s),
     )
 
@@ -204,8 +248,10 @@ def motion_from(
     motion : AntennaMotion
     """
     begins, *about = _sums(rows, [epoch.time_s], time_s)
-    motion = _moved(epoch, pull_n, [sums - begins for sums in about], arm_m, time_s)
-    way = 0.5 * (epoch.v_n + motion.v_n) * (time_s - epoch.time_s)[:, None]
+    motion, late_s = _moved(epoch, pull_n, [begins, *about], arm_m, time_s), time_s - epoch.time_s
+    late, now = late_s[:, None], about[1]
+    way_b = _since(begins, now[:, WAY] - begins[:, WAY] - late * begins[:, VELOCITY])
+    way = (epoch.v_n + 0.5 * pull_n * late) * late + np.einsum("kij,kj->ki", epoch.C_nb, way_b)
     return replace(motion, place=moved_by(epoch.place, way))
 
 
@@ -237,28 +283,35 @@ def _sums(rows: RowSums, epochs: list[NDArray], time_s: NDArray) -> list[NDArray
     return np.split(rows.at(np.concatenate(asked)), len(asked))
 
 
-def _pushed_n(epoch: Epoch, sums: NDArray) -> NDArray:
-    """Velocity (m, 3) that rows add since an epoch. sums (m, 6): of them."""
-    turned, pushed = np.split(sums, 2, axis=1)
-    return np.einsum("kij,kj->ki", epoch.C_nb, pushed + 0.5 * np.cross(turned, pushed))
+def _since(begins: NDArray, vectors: NDArray) -> NDArray:
+    """Vectors (m, 3) of the start of the log, in the axes of the body where sums are begins."""
+    return np.einsum("kji,kj->ki", begins[:, ATTITUDE].reshape(-1, 3, 3), vectors)
+
+
+def _pushed_n(epoch: Epoch, begins: NDArray, sums: NDArray) -> NDArray:
+    """Velocity (m, 3) that rows add since an epoch. begins, sums (m, 18): there, and later."""
+    pushed_b = _since(begins, sums[:, VELOCITY] - begins[:, VELOCITY])
+    return np.einsum("kij,kj->ki", epoch.C_nb, pushed_b)
 
 
 def _moved(
     epoch: Epoch, left_n: NDArray, sums: list[NDArray], arm_m: NDArray, time_s: NDArray
 ) -> AntennaMotion:
     """From the epoch's place. left_n (m, 3): acceleration beside what rows add; sums: of the rows
-    since the epoch, RATE_OVER_S / 2 before the times, at them and after them.
+    at the epoch, RATE_OVER_S / 2 before the times, at them and after them.
     """
-    before, now, after = sums
-    C_nb = epoch.C_nb @ dcm_from_rotation_vector(now[:, :3])
+    begins, before, now, after = sums
+    of_log = [rows[:, ATTITUDE].reshape(-1, 3, 3) for rows in (begins, now)]
+    C_nb = epoch.C_nb @ np.swapaxes(of_log[0], 1, 2) @ of_log[1]
     earth_b = np.einsum("kji,kj->ki", C_nb, omega_ie_n(epoch.place[:, 0]))
-    rate = (after - before)[:, :3] / RATE_OVER_S - earth_b
-    faster = (after - 2.0 * now + before)[:, :3] / (0.5 * RATE_OVER_S) ** 2
+    rate = (after - before)[:, ANGLE] / RATE_OVER_S - earth_b
+    faster = (after - 2.0 * now + before)[:, ANGLE] / (0.5 * RATE_OVER_S) ** 2
     pull = np.cross(faster, arm_m) + np.cross(rate, np.cross(rate, arm_m))
-    pushed = (_pushed_n(epoch, after) - _pushed_n(epoch, before)) / RATE_OVER_S
+    pushed = (_pushed_n(epoch, begins, after) - _pushed_n(epoch, begins, before)) / RATE_OVER_S
+    pushed_n = _pushed_n(epoch, begins, now)
     return AntennaMotion(
         place=epoch.place,
-        v_n=epoch.v_n + _pushed_n(epoch, now) + left_n * (time_s - epoch.time_s)[:, None],
+        v_n=epoch.v_n + pushed_n + left_n * (time_s - epoch.time_s)[:, None],
         C_nb=C_nb,
         rate_b=rate,
         acceleration_n=pushed + left_n + np.einsum("kij,kj->ki", C_nb, pull),

@@ -141,6 +141,6 @@ def test_sums_between_two_pieces_of_a_log_are_those_of_the_rows_before(monkeypat
     monkeypatch.setattr("ins.records.PIECE_ROWS", 4)
     ends, rows = np.array([1.0, 2.0, 3.0, 4.0, 10.0, 11.0, 12.0, 13.0]), np.ones((8, 3))
     log = ImuLog(time_s=ends, dt_s=np.ones(8), dtheta_rad=rows, dv_m_s=2.0 * rows)
-    sums = RowSums(log).at(np.array([12.5, 6.0, -1.0, 2.5, 20.0, 8.9]))
+    sums = RowSums(log).at(np.array([12.5, 6.0, -1.0, 2.5, 20.0, 8.9]))[:, :6]
     seconds = np.array([7.5, 4.0, 0.0, 2.5, 8.0, 4.0])
     assert sums == pytest.approx(seconds[:, None] * np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]))
