@@ -289,7 +289,7 @@ class ErrorFilter:
         alone, records = np.zeros((len(c.z), 2)), int((c.ops[:, 0] == RECORD).sum())
         kept = np.arange(own.size) if recorded is None else placed.of[recorded[use[recorded]]]
         x_rows, P_rows = np.zeros((records, own.size)), np.zeros((records, kept.size, kept.size))
-        back = FedBack(np.zeros((0, 9)), np.zeros((0, 6))) if fed_back is None else fed_back
+        back = FedBack(np.zeros((0, 9)), np.zeros((0, 9))) if fed_back is None else fed_back
         turns = np.tile(np.eye(3), (records, 1, 1))
         stopped = kernel.sweep(
             x,
@@ -309,7 +309,7 @@ class ErrorFilter:
             placed.ops,
             c.first_entry,
             placed.index,
-            placed.value,
+            placed.value if fed_back is None else placed.value.copy(),
             c.z if fed_back is None else c.z.copy(),
             c.variance,
             c.gate,
@@ -400,8 +400,9 @@ class FedBack:
         Velocity that the specific force adds to the reference over each step, the velocity at its
         end that w is about [m/s], and by how much the specific force takes it further than by the
         mean of its velocities [m], navigation axes.
-    levers : ndarray, shape (rows, 6)
-        Vectors a, b of each row: of an attitude turned by R its z is larger by a' (R - 1) b.
+    levers : ndarray, shape (rows, 9)
+        Vectors a, b, c of each row: of an attitude turned by R its z is larger by a' (R - 1) b, and
+        it holds c times the velocity.
     """
 
     pushes: NDArray

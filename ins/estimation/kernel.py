@@ -445,6 +445,33 @@ def feed_back(x, place, travels, turn, room):
 
 
 @inner
+def set_about(x, P, place, off, new):
+    """w is from now on about the reference's velocity less `new`, not less off (3,), in place."""
+    d = (new[0] - off[0], new[1] - off[1], new[2] - off[2])
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        w, a, b = place[W + i], place[THETA + j], place[THETA + k]
+        x[w] += d[k] * x[a] - d[j] * x[b]
+        for m in range(x.size):
+            P[w, m] += d[k] * P[a, m] - d[j] * P[b, m]
+        for m in range(x.size):
+            P[m, w] += d[k] * P[m, a] - d[j] * P[m, b]
+        off[i] = new[i]
+
+
+@inner
+def row_about(first, last, index, value, place, along, off):
+    """Entries of a row that holds `along` (3,) times the velocity, about one that is off (3,) less,
+    in place.
+    """
+    for e in range(first, last):
+        for i in range(3):
+            if index[e] == place[THETA + i]:
+                j, k = (i + 1) % 3, (i + 2) % 3
+                value[e] -= off[j] * along[k] - off[k] * along[j]
+
+
+@inner
 def turn_step(step, turn):
     """The attitude of a step, turned."""
     for m in range(3):
@@ -692,8 +719,9 @@ def sweep(
         Written at each RECORD.
     pushes : ndarray, shape (K, 9) or (0, 9)
         Where it has rows, attitudes are fed back: as of `ins.estimation.error_filter.FedBack`.
-    levers : ndarray, shape (rows, 6) or (0, 6)
-        Vectors a, b of each row, whose z changes by a' (turn - 1) b; z is changed in place.
+    levers : ndarray, shape (rows, 9) or (0, 9)
+        Vectors a, b, c of each row, whose z changes by a' (turn - 1) b and which holds c times the
+        velocity; z and value are changed in place.
     turn : ndarray, shape (3, 3)
         From the reference to the attitude that is fed back; changed in place.
     turns : ndarray, shape (records, 3, 3)
@@ -711,6 +739,7 @@ def sweep(
     T, block, v = np.zeros((CORE, n)), np.zeros((CORE, CORE)), np.zeros(n)
     step, turning, closed = np.empty(STEP_COLUMNS), np.zeros((3, 3, 3)), pushes.shape[0] > 0
     clock_s, lost, leapt, written = 0.0, np.zeros(2), np.zeros(n), 0
+    off, none, own = np.zeros(3), np.zeros(3), np.zeros(3)
     for m in range(ops.shape[0]):
         kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
         outcome[m] = USED
@@ -723,8 +752,15 @@ def sweep(
                     if i < POS:
                         step[V_N + i] -= x[place[i]]
             if closed:
-                feed_back(x, place, pushes[max(which - 1, 0), 3:6], turn, turning)
+                for i in range(3):
+                    own[i] = pushes[max(which - 1, 0), 3 + i] - off[i]
+                feed_back(x, place, own, turn, turning)
                 turn_step(step, turn)
+                for i in range(3):
+                    own[i] = x[place[W + i]]
+                set_about(x, P, place, off, own)
+                for i in range(3):
+                    step[V_N + i] -= off[i]
             now_bin = flags[which, BIN]
             transition(step, flags[which], noise, moves, room, Phi, Gamma, Q)
             used = drive(
@@ -744,6 +780,8 @@ def sweep(
             clock_s += step[DT]
             if closed:
                 set_turned(x, place, step, shifts[which], pushes[which], turn, turning)
+                for i in range(3):
+                    off[i] = x[place[W + i]]
             elif shifts.shape[0] > 0:
                 for i in moves:
                     if i < SOLUTION:
@@ -755,6 +793,8 @@ def sweep(
                         for k in range(3):
                             one = 1.0 if i == k else 0.0
                             z[r] += levers[r, i] * (turn[i, k] - one) * levers[r, 3 + k]
+                    a, b = first_entry[r], first_entry[r + 1]
+                    row_about(a, b, index, value, place, levers[r, 6:9], off)
             before = P[watched, watched]
             outcome[m] = measure(
                 x,
@@ -805,6 +845,8 @@ def sweep(
                 considered,
             )
         elif kind == RECORD:
+            if closed:
+                set_about(x, P, place, off, none)
             for i in range(n):
                 x_rows[written, i] = x[i]
             for i in range(recorded.size):
@@ -827,6 +869,8 @@ def sweep(
                 b = bins[now_bin, k]
                 filtered[now_bin, 0, k] = x[b]
                 filtered[now_bin, 1, k] = P[b, b]
+    if closed:
+        set_about(x, P, place, off, none)
     return -1
 
 

@@ -282,11 +282,12 @@ def fed_back(about: About, laid: Laid) -> FedBack:
     -------
     fed_back : FedBack
     """
-    ref, levers = about.reference, np.zeros((laid.tape.z.size, 6))
-    for first, vectors in zip(laid.rows, laid.compared.levers):
+    ref, levers = about.reference, np.zeros((laid.tape.z.size, 9))
+    for kind, (first, vectors) in enumerate(zip(laid.rows, laid.compared.levers)):
         for i in range(3):
             levers[first + i, i] = 1.0
-            levers[first + i, 3:] = vectors
+            levers[first + i, 3:6] = vectors
+            levers[first + i, 6 + i] = float(kind)
     return FedBack(np.column_stack([ref.push_n, ref.travels_n, ref.lag_n]), levers)
 
 
