@@ -289,7 +289,12 @@ class ErrorFilter:
         alone, records = np.zeros((len(c.z), 2)), int((c.ops[:, 0] == RECORD).sum())
         kept = np.arange(own.size) if recorded is None else placed.of[recorded[use[recorded]]]
         x_rows, P_rows = np.zeros((records, own.size)), np.zeros((records, kept.size, kept.size))
-        back = FedBack(np.zeros((0, 9)), np.zeros((0, 9))) if fed_back is None else fed_back
+        back = (
+            FedBack(np.zeros((0, 10)), np.zeros((0, 15)), np.zeros((0, 2), np.int64))
+            if fed_back is None
+            else fed_back
+        )
+        turning = back.turning[use[back.turning[:, 0]]]
         turns = np.tile(np.eye(3), (records, 1, 1))
         stopped = kernel.sweep(
             x,
@@ -328,6 +333,7 @@ class ErrorFilter:
             P_rows,
             back.pushes,
             back.levers,
+            np.column_stack([placed.of[turning[:, 0]], turning[:, 1]]),
             np.eye(3),
             turns,
         )
@@ -396,17 +402,22 @@ class FedBack:
 
     Parameters
     ----------
-    pushes : ndarray, shape (K, 9)
+    pushes : ndarray, shape (K, 10)
         Velocity that the specific force adds to the reference over each step, the velocity at its
         end that w is about [m/s], and by how much the specific force takes it further than by the
-        mean of its velocities [m], navigation axes.
-    levers : ndarray, shape (rows, 9)
-        Vectors a, b, c of each row: of an attitude turned by R its z is larger by a' (R - 1) b, and
-        it holds c times the velocity.
+        mean of its velocities [m], navigation axes; 1: the mean velocity of the step is by that
+        force, 0: by none.
+    levers : ndarray, shape (rows, 15)
+        Vectors a, b, c, d, e of each row: of an attitude turned by R its z is larger by
+        a' (R - 1) b; it holds c times the velocity; theta x d is in it, d turned; e: see below.
+    turning : ndarray of int, shape (q, 2)
+        States whose coefficients in three rows are a vector that turns with the attitude; 1: all
+        but e of it.
     """
 
     pushes: NDArray
     levers: NDArray
+    turning: NDArray
 
 
 @dataclass(frozen=True)

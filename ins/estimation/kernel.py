@@ -460,15 +460,49 @@ def set_about(x, P, place, off, new):
 
 
 @inner
-def row_about(first, last, index, value, place, along, off):
-    """Entries of a row that holds `along` (3,) times the velocity, about one that is off (3,) less,
-    in place.
+def turn_rows(first, count, first_entry, index, value, z, levers, states, place, turn, off):
+    """Rows of a measurement of a turned solution, z and value in place; of its velocity is off (3,)
+    less than that of the reference. levers, states: as of `sweep`.
     """
-    for e in range(first, last):
+    for r in range(first, first + count):
+        of, a, b = levers[r], first_entry[r], first_entry[r + 1]
         for i in range(3):
-            if index[e] == place[THETA + i]:
-                j, k = (i + 1) % 3, (i + 2) % 3
-                value[e] -= off[j] * along[k] - off[k] * along[j]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            # turned less not turned, of what turns
+            more_j, more_k = -of[9 + j], -of[9 + k]
+            for m in range(3):
+                one = 1.0 if i == m else 0.0
+                z[r] += of[i] * (turn[i, m] - one) * of[3 + m]
+                more_j += turn[j, m] * of[9 + m]
+                more_k += turn[k, m] * of[9 + m]
+            # theta x d of row a is theta times d x a
+            added = more_j * of[k] - more_k * of[j] - (off[j] * of[6 + k] - off[k] * of[6 + j])
+            if added != 0.0:
+                for e in range(a, b):
+                    if index[e] == place[THETA + i]:
+                        value[e] += added
+                        break
+    if count != 3 or (levers[first, 0] == 0.0):
+        return
+    entry = np.zeros(3, np.int64)
+    for s in range(states.shape[0]):
+        found = 0
+        for i in range(3):
+            for e in range(first_entry[first + i], first_entry[first + i + 1]):
+                if index[e] == states[s, 0]:
+                    entry[i] = e
+                    found += 1
+                    break
+        if found < 3:
+            continue
+        rest = float(states[s, 1])
+        x = value[entry[0]] - rest * levers[first, 12]
+        y = value[entry[1]] - rest * levers[first, 13]
+        w = value[entry[2]] - rest * levers[first, 14]
+        for i in range(3):
+            value[entry[i]] = (
+                rest * levers[first, 12 + i] + turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * w
+            )
 
 
 @inner
@@ -657,6 +691,7 @@ def sweep(
     P_rows,
     pushes,
     levers,
+    turning_states,
     turn,
     turns,
 ):
@@ -717,11 +752,12 @@ def sweep(
         Places of the states whose covariance is recorded.
     x_rows, P_rows : ndarray, shapes (records, n), (records, q, q)
         Written at each RECORD.
-    pushes : ndarray, shape (K, 9) or (0, 9)
+    pushes : ndarray, shape (K, 10) or (0, 10)
         Where it has rows, attitudes are fed back: as of `ins.estimation.error_filter.FedBack`.
-    levers : ndarray, shape (rows, 9) or (0, 9)
-        Vectors a, b, c of each row, whose z changes by a' (turn - 1) b and which holds c times the
-        velocity; z and value are changed in place.
+    levers : ndarray, shape (rows, 15) or (0, 15)
+        As of `FedBack`; z and value are changed in place.
+    turning_states : ndarray of int64, shape (q, 2)
+        Places of those of `FedBack`, and whether all turns.
     turn : ndarray, shape (3, 3)
         From the reference to the attitude that is fed back; changed in place.
     turns : ndarray, shape (records, 3, 3)
@@ -740,6 +776,7 @@ def sweep(
     step, turning, closed = np.empty(STEP_COLUMNS), np.zeros((3, 3, 3)), pushes.shape[0] > 0
     clock_s, lost, leapt, written = 0.0, np.zeros(2), np.zeros(n), 0
     off, none, own = np.zeros(3), np.zeros(3), np.zeros(3)
+    less = np.zeros(3)
     for m in range(ops.shape[0]):
         kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
         outcome[m] = USED
@@ -760,7 +797,10 @@ def sweep(
                     own[i] = x[place[W + i]]
                 set_about(x, P, place, off, own)
                 for i in range(3):
-                    step[V_N + i] -= off[i]
+                    less[i] = pushes[which, i]
+                    for k in range(3):
+                        less[i] -= turn[i, k] * pushes[which, k]
+                    step[V_N + i] -= off[i] + 0.5 * pushes[which, 9] * less[i]
             now_bin = flags[which, BIN]
             transition(step, flags[which], noise, moves, room, Phi, Gamma, Q)
             used = drive(
@@ -788,13 +828,19 @@ def sweep(
                         x[place[i]] += shifts[which, i]
         elif kind == MEASURE:
             if closed:
-                for r in range(first, first + count):
-                    for i in range(3):
-                        for k in range(3):
-                            one = 1.0 if i == k else 0.0
-                            z[r] += levers[r, i] * (turn[i, k] - one) * levers[r, 3 + k]
-                    a, b = first_entry[r], first_entry[r + 1]
-                    row_about(a, b, index, value, place, levers[r, 6:9], off)
+                turn_rows(
+                    first,
+                    count,
+                    first_entry,
+                    index,
+                    value,
+                    z,
+                    levers,
+                    turning_states,
+                    place,
+                    turn,
+                    off,
+                )
             before = P[watched, watched]
             outcome[m] = measure(
                 x,

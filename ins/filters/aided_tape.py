@@ -26,7 +26,7 @@ from ins.estimation.measurements import fix
 from ins.estimation.states import ACCEL, ACCEL_Z, BASE, POS, THETA, W
 from ins.estimation.tape import Block, Compiled, Tape, unweighed
 from ins.filters.aided_records import AidedNoise, AidedOptions, AidedStart, Antenna, Fixes
-from ins.filters.reference import About
+from ins.filters.reference import About, Reference
 from ins.records import InputError, frozen_array
 from ins.robust import chi2
 
@@ -282,13 +282,19 @@ def fed_back(about: About, laid: Laid) -> FedBack:
     -------
     fed_back : FedBack
     """
-    ref, levers = about.reference, np.zeros((laid.tape.z.size, 9))
-    for kind, (first, vectors) in enumerate(zip(laid.rows, laid.compared.levers)):
+    ref, levers = about.reference, np.zeros((laid.tape.z.size, 15))
+    for first, columns in zip(laid.rows, laid.compared.levers):
+        turned, held, shown, rest = np.split(columns, 4, axis=1)
         for i in range(3):
             levers[first + i, i] = 1.0
-            levers[first + i, 3:6] = vectors
-            levers[first + i, 6 + i] = float(kind)
-    return FedBack(np.column_stack([ref.push_n, ref.travels_n, ref.lag_n]), levers)
+            levers[first + i, 3:6] = turned
+            levers[first + i, 6 + i] = held[:, i]
+            levers[first + i, 9:12] = shown
+            levers[first + i, 12:] = rest
+    whole = [(state, 0) for state in (*ACCELEROMETERS, *ANTENNA[:3])]
+    turning = np.array([*whole, *((state, 1) for state in ANTENNA[3:])])
+    pushes = np.column_stack([ref.push_n, ref.travels_n, ref.lag_n, ~ref.plain])
+    return FedBack(pushes, levers, turning)
 
 
 def _come_and_go(tape: Tape, task: Task, about: About) -> dict[int, int]:
@@ -377,6 +383,7 @@ def _receiver(task: Task) -> "Receiver":
         delays_s=(antenna.delay_s, antenna.velocity_delay_s),
         states=states,
         slow_other=SLOW_OTHER,
+        accelerometers=ACCELEROMETERS,
     )
 
 
@@ -413,6 +420,8 @@ class Receiver:
         In sigmas.
     swing_share : float
         Sigma of a velocity over what turning adds to it.
+    accelerometers : sequence of int
+        States of their biases: what delays lead back over has them.
     """
 
     antenna: at_antenna.Antenna
@@ -422,6 +431,7 @@ class Receiver:
     names: tuple[str, str] = (POSITION, VELOCITY)
     gate: float = GATE_SIGMA
     swing_share: float = 0.0
+    accelerometers: Sequence[int] = ()
 
 
 def measure_fixes(
@@ -472,10 +482,9 @@ class Compared:
         Numbers of the fixes that have velocities.
     swing : ndarray, shape (3, k)
         What turning adds to the variances of the velocities.
-    levers : (ndarray, ndarray), shapes (m, 3), (k, 3)
-        What turns with the attitude: of positions, of all types, the arm and the way by the
-        specific force since the end of the step [m]; of velocities what turning and that force
-        add [m/s].
+    levers : (ndarray, ndarray), shapes (m, 12), (k, 12)
+        Of positions, of all types, and of velocities, as of `FedBack.levers`: b, what of the
+        velocity each component holds, d and e.
     """
 
     positions: list[tuple[Block, NDArray]]
@@ -494,7 +503,8 @@ def _measured_by(fixes: Fixes, receiver: Receiver) -> tuple[object, ...]:
     columns = b"".join(values.tobytes() for values in (numbers, *seen, fixes.other_type))
     states = tuple(tuple(states) for states in vars(receiver.states).values())
     named = receiver.names, receiver.gate, receiver.swing_share
-    return columns, states, tuple(receiver.slow_other), named
+    others = tuple(receiver.slow_other), tuple(receiver.accelerometers)
+    return columns, states, others, named
 
 
 def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
@@ -503,7 +513,8 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
     steps = np.flatnonzero(about.reference.fix >= 0)
     k = about.reference.fix[steps]
     own = receiver.states, replace(receiver.states, slow_position=receiver.slow_other)
-    positions, arms = [], [np.zeros((0, 3))]
+    ref, biases = about.reference, receiver.accelerometers
+    positions, levers = [], [np.zeros((0, 12))]
     for of_states, of_type in zip(own, _placed_by_type(fixes, k)):
         at, of = steps[of_type], k[of_type]
         if not at.size:
@@ -511,26 +522,74 @@ def _compared(about: About, fixes: Fixes, receiver: Receiver) -> Compared:
         motion = about.motion(at, arm.arm_m, fixes.time_s[of] - delay_s)
         places = geodetic_from_ecef(fixes.r_e_m[of])
         z, rows = fix.position(motion, arm, places, of_states, level=False)
-        late_s = (fixes.time_s[of] - delay_s - about.reference.end_s[at])[:, None]
-        arms.append(motion.C_nb @ arm.arm_m + _way_by_force(about, at, late_s, motion))
+        late = (fixes.time_s[of] - delay_s - ref.end_s[at])[:, None]
+        by_force = _way_by_force(about, at, late, motion)
+        way = _shown(ref, at, by_force, -0.5 * ref.pull_n[at] * late**2)
+        _lead_back(rows, ref, at, late * ref.travels_n[at] + way, 0.5 * late**2, biases)
+        for i, row in enumerate(rows):
+            row[W.start + i] = late[:, 0]
+        arm_n = motion.C_nb @ arm.arm_m
+        held = np.broadcast_to(late, arm_n.shape)
+        levers.append(
+            np.hstack([arm_n + by_force, held, arm_n + _shown(ref, at, by_force), motion.v_n])
+        )
         positions.append((unweighed(receiver.names[0], at, z, rows, receiver.gate), of))
     moves = np.isfinite(fixes.v_n_m_s[k]).all(axis=1)
     at, of = steps[moves], k[moves]
     motion = about.motion(at, arm.arm_m, fixes.time_s[of] - velocity_delay_s)
-    swing = motion.swing_n(arm.arm_m)
-    late_s = (fixes.time_s[of] - velocity_delay_s - about.reference.end_s[at])[:, None]
-    by_force = motion.v_n - about.reference.end.v_n[at] - about.reference.pull_n[at] * late_s
-    about_n = about.reference.travels_n[at] + swing
+    swing, pull_n = motion.swing_n(arm.arm_m), ref.pull_n[at]
+    late = (fixes.time_s[of] - velocity_delay_s - ref.end_s[at])[:, None]
+    by_force = motion.v_n - ref.end.v_n[at] - pull_n * late
+    gained = swing + _shown(ref, at, by_force, -pull_n * late)
     z, rows = fix.velocity(
-        motion, arm, fixes.v_n_m_s[of], receiver.states, about_n=about_n, level=False
+        motion,
+        arm,
+        fixes.v_n_m_s[of],
+        receiver.states,
+        about_n=ref.travels_n[at] + gained,
+        level=False,
     )
+    _lead_back(rows, ref, at, np.zeros_like(swing), late, biases)
     return Compared(
         positions=positions,
         velocities=unweighed(receiver.names[1], at, z, rows, receiver.gate),
         moving=of,
         swing=(receiver.swing_share * swing.T) ** 2,
-        levers=(np.concatenate(arms), swing + by_force),
+        levers=(
+            np.concatenate(levers),
+            np.hstack(
+                [swing + by_force, np.ones_like(swing), swing + _shown(ref, at, by_force), pull_n]
+            ),
+        ),
     )
+
+
+def _shown(
+    ref: Reference, at: NDArray, by_force_n: NDArray, steady_n: NDArray | float = 0.0
+) -> NDArray:
+    """What the specific force adds (m, 3), or where that may be noise what a steady one does."""
+    return np.where(ref.plain[at, None], steady_n, by_force_n)
+
+
+def _lead_back(
+    rows: fix.Rows,
+    ref: Reference,
+    at: NDArray,
+    way_n: NDArray,
+    by_bias: NDArray,
+    biases: Sequence[int],
+) -> None:
+    """Add to rows, in place, what errors do between a measurement and the end of its step.
+
+    way_n (m, 3): turns with the attitude; by_bias (m, 1): of one unit of the accelerometers.
+    """
+    C_nb, of_theta = ref.end.C_nb[at], -skew(way_n)
+    for i, row in enumerate(rows):
+        for m in range(3):
+            theta = THETA.start + m
+            row[theta] = row.get(theta, 0.0) + of_theta[:, i, m]
+        for m, state in enumerate(biases):
+            row[state] = by_bias[:, 0] * C_nb[:, i, m]
 
 
 def _way_by_force(

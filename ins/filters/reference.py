@@ -74,6 +74,8 @@ class Reference:
         Of the errors w, p, theta at a row, as of `ins.estimation.tape.Steps`.
     rate_b, force_b : ndarray, shape (K, 3)
         Means that the sensors read [rad/s], [m/s^2].
+    plain : ndarray of bool, shape (K,)
+        Within the second of the step the velocity changes by no more than noise may.
     push_n, lag_n : ndarray, shape (K, 3)
         Velocity that the specific force adds [m/s], and by how much it leads further than by the
         mean of the velocities [m].
@@ -95,6 +97,7 @@ class Reference:
     shift: NDArray
     rate_b: NDArray
     force_b: NDArray
+    plain: NDArray
     push_n: NDArray
     lag_n: NDArray
     omega_ie_n: NDArray
@@ -496,7 +499,13 @@ def _over(log: "_Increments", solution: Rows, vrw: float) -> Reference:
     lag_b = log.way_b_m - 0.5 * log.dt_s[:, None] * log.dv_b_m_s
     reached = Epoch(log.end_s, moved_by(place[row], end.way_n), end.v_n, end.C_nb)
     last = np.flatnonzero(log.closes)
-    travels = _travels(t, v_n, solution.v_variance, vrw)
+    travels, plain = _travels(t, v_n, solution.v_variance, vrw)
+    slow = plain[row + 1, None]
+    travels_end = np.where(slow, _at(log.end_s, t, travels), travels[row] + reached.v_n - v_n[row])
+    begins = np.concatenate([travels[:1], travels_end[:-1]])
+    begins[np.append(0, last[:-1] + 1)] = travels[:-1]
+    travels_mean = 0.5 * (begins + travels_end)
+    travels_end[last] = travels[1:]
     shift = np.zeros((log.dt_s.size, 9))
     shift[last] = _shift(reached, last, (place[1:], v_n[1:], C_nb[1:]), travels[1:])
     for values, of_rows in zip((reached.place, reached.v_n, reached.C_nb), (place, v_n, C_nb)):
@@ -516,8 +525,9 @@ def _over(log: "_Increments", solution: Rows, vrw: float) -> Reference:
             from_start(reached.C_nb, C_nb[0]),
         ),
         C_mean=from_start(C_mean, C_nb[0]),
-        travels_n=from_start(_at(log.end_s, t, travels), travels[0]),
-        travels_mean_n=from_start(_at(log.end_s - 0.5 * log.dt_s, t, travels), travels[0]),
+        travels_n=from_start(travels_end, travels[0]),
+        plain=from_start(plain[row + 1], True),
+        travels_mean_n=from_start(travels_mean, travels[0]),
         shift=from_start(shift, 0.0),
         rate_b=from_start(log.angle_b_rad / log.dt_s[:, None], 0.0),
         force_b=from_start(log.dv_b_m_s / log.dt_s[:, None], REST_B),
@@ -575,9 +585,9 @@ def _integrated(
     return end, C_mean, begin.C_nb
 
 
-def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> NDArray:
+def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> tuple[NDArray, NDArray]:
     """The velocity (R, 3) of rows of a solution without the noise of its fixes and accelerometers,
-    which the errors are linearised about.
+    which the errors are linearised about, and whether it may be noise that it changed by (R,).
 
     Where the velocity changes by less than noise may, the slow part of it: a filter that takes
     noise for motion of a known size sees a heading in it that fixes do not confirm (of gyro z the
@@ -588,7 +598,8 @@ def _travels(t: NDArray, v_n: NDArray, variance: NDArray, vrw: float) -> NDArray
     white = variance + vrw**2 * np.diff(t, prepend=t[0])[:, None] + LEAST_NOISE_M_S**2
     plain = np.sum(change**2 / white, axis=1) < CHANGES_SQUARES
     at_once = np.cumsum(np.where(plain[:, None], 0.0, change), axis=0)
-    return at_once + gaussian_filter1d(v_n - at_once, SLOW_ROWS, axis=0, mode="nearest")
+    slow = gaussian_filter1d(v_n - at_once, SLOW_ROWS, axis=0, mode="nearest")
+    return at_once + slow, plain
 
 
 def _amid(rows: NDArray) -> NDArray:
