@@ -196,6 +196,9 @@ class Flights:
         """A flight from a start."""
         task = self.task(found, model)
         about = self.about(task, model, whole=whole)
+        if smooth:  # over an outage the solution may be far off that of other delays and noise
+            rows = Rows.of(FromHeadings(about, task, record=True).flown(task.start))
+            about = about.along(rows, task.fixes.time_s, task.noise.vrw)
         history = solved(about, task, smooth=smooth, rows=whole)
         timed = replace(history, antenna=history.antenna.later(_base_s(model)))
         return of_receiver(timed, self.rows_of_receiver)
