@@ -193,7 +193,7 @@ def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | HeadingO
     still = because(
         AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_MOVED_M_S, longest_s=STRETCHES_S[-1]
     )
-    if first is None or not _moves(sky.fixes):
+    if first is None or not fixes_move(sky.fixes):
         return still
     ground, pairs = first
     begin_s = float(ground.log.time_s[-1])
@@ -235,8 +235,18 @@ def find_heading(sky: Sky, stands: tuple[Where, ...]) -> HeadingFound | HeadingO
     )
 
 
-def _moves(fixes: Fixes) -> bool:
-    """Whether the satellite velocities are ever more than noise; a parked log has no flight."""
+def fixes_move(fixes: Fixes) -> bool:
+    """Whether the satellite velocities are ever more than noise; a parked log has no flight.
+
+    Parameters
+    ----------
+    fixes : Fixes
+
+    Returns
+    -------
+    moves : bool
+        True where a level speed is by LEAST_MOVED_M_S beyond four sigmas.
+    """
     speed = np.linalg.norm(fixes.v_n_m_s[:, :2], axis=1)
     seen = np.isfinite(speed)
     noise = 4.0 * float(np.median(fixes.sigma_velocity_m_s[seen, 0])) if seen.any() else 0.0

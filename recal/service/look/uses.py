@@ -8,7 +8,7 @@ import numpy as np
 
 from alignment.reasons import AlignmentVerdict
 from infield.aided.flight import FEWEST_FIXES
-from infield.aided.headings import LEAST_MOVED_M_S
+from infield.aided.headings import LEAST_MOVED_M_S, fixes_move
 from infield.reports.documents.alignment import AlignmentDocument
 from infield.session.acceptance import MIN_MERGED_REST_S
 from infield.session.parked.stretches import stationary_segments
@@ -226,8 +226,8 @@ def _replay(judged: LookFindings) -> LogUse:
 
 
 def _moves(run: Run, gnss: GnssLog) -> bool:
-    """Whether the velocities of the fixes are ever more than noise, as `infield.aided.headings`
-    asks before it seeks a heading.
+    """Whether the velocities of the fixes, with the noise of an unknown twin, are ever more than
+    that.
     """
     declared = default_twin(run.header.gyro_technology).gnss
     fixes = fixes_of(
@@ -236,12 +236,7 @@ def _moves(run: Run, gnss: GnssLog) -> bool:
         vertical_m=declared.sigma_vertical_m,
         velocity_m_s=declared.sigma_velocity_m_s,
     )
-    speed = np.linalg.norm(fixes.v_n_m_s[:, :2], axis=1)
-    seen = np.isfinite(speed)
-    if not seen.any():
-        return False
-    noise = 4.0 * np.median(fixes.sigma_velocity_m_s[seen, 0])
-    return bool(np.max(speed[seen]) - noise > LEAST_MOVED_M_S)
+    return fixes_move(fixes)
 
 
 def _diagnosis(judged: LookFindings) -> LogUse:
